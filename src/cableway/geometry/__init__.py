@@ -1,0 +1,1 @@
+"""Plane geometry: rigid motions, polylines, convex shapes and signed distance. Arrays in, arrays out."""

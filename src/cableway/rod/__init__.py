@@ -1,0 +1,1 @@
+"""The planar elastic rod clamped at both ends: equilibria, their stability, and inverse problems."""

@@ -1,0 +1,228 @@
+"""Convex obstacles packed for the compiled kernels, and signed distance to them and to the walls.
+
+An obstacle is a convex polygon with its vertices counter-clockwise, grown by a rounding radius; a disc is one
+vertex with a rounding. Signed distance is positive outside, and negative inside by the depth below the surface.
+The walls of the workspace count as obstacles; their indices follow those of the obstacles in the order
+left, bottom, right, top.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from cableway.geometry.compiled import kernel
+
+WALLS = ("left wall", "bottom wall", "right wall", "top wall")
+
+
+@dataclass(frozen=True)
+class ConvexWorld:
+    """Convex obstacles inside a rectangle, packed.
+
+    Attributes:
+        vertices: (k, v, 2) [m], counter-clockwise, rows past `counts` unused.
+        counts: (k,) number of vertices of each obstacle.
+        rounding: (k,) [m] by which each polygon is grown.
+        size: (2,) [m] extent of the workspace, whose lower left corner is the origin.
+    """
+
+    vertices: Float[np.ndarray, "k v 2"]
+    counts: Int[np.ndarray, "k"]
+    rounding: Float[np.ndarray, "k"]
+    size: Float[np.ndarray, "2"]
+
+
+def pack(
+    polygons: Sequence[Float[np.ndarray, "_ 2"]], rounding: Sequence[float], size: Sequence[float]
+) -> ConvexWorld:
+    """Pack convex polygons [m] (counter-clockwise) with their rounding radii [m] into a `ConvexWorld`."""
+    most = max((len(polygon) for polygon in polygons), default=1)
+    vertices = np.zeros((len(polygons), most, 2))
+    for row, polygon in zip(vertices, polygons, strict=True):
+        row[: len(polygon)] = polygon
+    counts = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
+    return ConvexWorld(vertices, counts, np.array(rounding, dtype=float), np.array(size, dtype=float))
+
+
+def signed_distance(
+    points: Float[np.ndarray, "... 2"], world: ConvexWorld
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... 2"], Int[np.ndarray, "..."]]:
+    """Signed distance [m] of points to the nearest obstacle or wall, its gradient, and which one that is."""
+    points = np.asarray(points, float)
+    flat = np.ascontiguousarray(points.reshape(-1, 2))
+    d, gradient, index = _point_distances(flat, world.vertices, world.counts, world.rounding, world.size)
+    shape = points.shape[:-1]
+    return d.reshape(shape), gradient.reshape(points.shape), index.reshape(shape)
+
+
+def polyline_distance(
+    polylines: Float[np.ndarray, "b m 2"], world: ConvexWorld
+) -> tuple[Float[np.ndarray, "b"], Int[np.ndarray, "b"]]:
+    """Least signed distance [m] over all points of each polyline, vertices and segments, and to which obstacle.
+
+    Exact: along a segment the signed distance to a convex set is a convex function, so a segment that cuts
+    through a corner is found, and by how much.
+    """
+    lines = np.ascontiguousarray(polylines, dtype=float)
+    return _polyline_distances(lines, world.vertices, world.counts, world.rounding, world.size)
+
+
+@kernel
+def convex_distance(px, py, polygon, count, rounding):
+    """Signed distance of one point to one rounded convex polygon, and its gradient."""
+    if count == 1:
+        dx, dy = px - polygon[0, 0], py - polygon[0, 1]
+        r = math.sqrt(dx * dx + dy * dy)
+        if r < 1e-15:
+            return -rounding, 1.0, 0.0
+        return r - rounding, dx / r, dy / r
+    deepest, nx, ny = -np.inf, 1.0, 0.0
+    nearest, gx, gy = np.inf, 1.0, 0.0
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        ax, ay = polygon[i, 0], polygon[i, 1]
+        ex, ey = polygon[j, 0] - ax, polygon[j, 1] - ay
+        squared = ex * ex + ey * ey
+        edge = math.sqrt(squared)
+        ox, oy = px - ax, py - ay
+        outward = (ey * ox - ex * oy) / edge
+        if outward > deepest:
+            deepest, nx, ny = outward, ey / edge, -ex / edge
+        t = min(1.0, max(0.0, (ox * ex + oy * ey) / squared))
+        dx, dy = ox - t * ex, oy - t * ey
+        d2 = dx * dx + dy * dy
+        if d2 < nearest:
+            nearest, gx, gy = d2, dx, dy
+    if deepest <= 0.0:
+        return deepest - rounding, nx, ny
+    r = math.sqrt(nearest)
+    if r < 1e-15:
+        return -rounding, nx, ny
+    return r - rounding, gx / r, gy / r
+
+
+@kernel
+def wall_distance(px, py, size):
+    """Signed distance of one point to the walls (positive inside the workspace), its gradient, which wall."""
+    d, gx, gy, wall = px, 1.0, 0.0, 0
+    if py < d:
+        d, gx, gy, wall = py, 0.0, 1.0, 1
+    if size[0] - px < d:
+        d, gx, gy, wall = size[0] - px, -1.0, 0.0, 2
+    if size[1] - py < d:
+        d, gx, gy, wall = size[1] - py, 0.0, -1.0, 3
+    return d, gx, gy, wall
+
+
+@kernel
+def point_distance(px, py, vertices, counts, rounding, size):
+    """Signed distance of one point to everything, its gradient, and the index of the nearest."""
+    d, gx, gy, wall = wall_distance(px, py, size)
+    index = len(counts) + wall
+    for k in range(len(counts)):
+        dk, ux, uy = convex_distance(px, py, vertices[k], counts[k], rounding[k])
+        if dk < d:
+            d, gx, gy, index = dk, ux, uy, k
+    return d, gx, gy, index
+
+
+@kernel
+def _point_distances(points, vertices, counts, rounding, size):
+    m = len(points)
+    d, gradient, index = np.empty(m), np.empty((m, 2)), np.empty(m, np.int64)
+    for i in range(m):
+        d[i], gradient[i, 0], gradient[i, 1], index[i] = point_distance(
+            points[i, 0], points[i, 1], vertices, counts, rounding, size
+        )
+    return d, gradient, index
+
+
+@kernel
+def _segment_point_squared(ax, ay, bx, by, px, py):
+    ex, ey = bx - ax, by - ay
+    squared = ex * ex + ey * ey
+    t = 0.0
+    if squared > 0.0:
+        t = min(1.0, max(0.0, ((px - ax) * ex + (py - ay) * ey) / squared))
+    dx, dy = px - ax - t * ex, py - ay - t * ey
+    return dx * dx + dy * dy
+
+
+@kernel
+def _depth_along(ax, ay, bx, by, polygon, count):
+    """Least over a segment of the largest signed distance to the edge lines: below 0 where it cuts the polygon."""
+    best = np.inf
+    slopes, starts = np.empty(count), np.empty(count)
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        ex, ey = polygon[j, 0] - polygon[i, 0], polygon[j, 1] - polygon[i, 1]
+        edge = math.sqrt(ex * ex + ey * ey)
+        starts[i] = (ey * (ax - polygon[i, 0]) - ex * (ay - polygon[i, 1])) / edge
+        slopes[i] = (ey * (bx - polygon[i, 0]) - ex * (by - polygon[i, 1])) / edge - starts[i]
+    for i in range(count):
+        for j in range(-2, i):
+            if j < 0:
+                t = float(j + 2)
+            else:
+                change = slopes[i] - slopes[j]
+                if change == 0.0:
+                    continue
+                t = (starts[j] - starts[i]) / change
+                if t < 0.0 or t > 1.0:
+                    continue
+            top = -np.inf
+            for k in range(count):
+                top = max(top, starts[k] + t * slopes[k])
+            best = min(best, top)
+    return best
+
+
+@kernel
+def segment_distance(ax, ay, bx, by, polygon, count, rounding):
+    """Least signed distance over the points of a segment to one rounded convex polygon."""
+    if count == 1:
+        return math.sqrt(_segment_point_squared(ax, ay, bx, by, polygon[0, 0], polygon[0, 1])) - rounding
+    da = convex_distance(ax, ay, polygon, count, 0.0)[0]
+    db = convex_distance(bx, by, polygon, count, 0.0)[0]
+    d = min(da, db)
+    if d > 0.0:
+        depth = _depth_along(ax, ay, bx, by, polygon, count)
+        if depth <= 0.0:
+            return depth - rounding
+        for i in range(count):
+            d = min(d, math.sqrt(_segment_point_squared(ax, ay, bx, by, polygon[i, 0], polygon[i, 1])))
+        return d - rounding
+    return _depth_along(ax, ay, bx, by, polygon, count) - rounding
+
+
+@kernel
+def polyline_clearance(line, vertices, counts, rounding, size):
+    """Least signed distance over one polyline (m, 2) to everything, and the index of the nearest."""
+    d, index = np.inf, 0
+    m = len(line)
+    for i in range(m):
+        dw, _, _, wall = wall_distance(line[i, 0], line[i, 1], size)
+        if dw < d:
+            d, index = dw, len(counts) + wall
+    for k in range(len(counts)):
+        for i in range(m - 1):
+            ds = segment_distance(
+                line[i, 0], line[i, 1], line[i + 1, 0], line[i + 1, 1], vertices[k], counts[k], rounding[k]
+            )
+            if ds < d:
+                d, index = ds, k
+    return d, index
+
+
+@kernel
+def _polyline_distances(lines, vertices, counts, rounding, size):
+    b = len(lines)
+    d, index = np.empty(b), np.empty(b, np.int64)
+    for i in range(b):
+        d[i], index[i] = polyline_clearance(lines[i], vertices, counts, rounding, size)
+    return d, index

@@ -1,0 +1,72 @@
+"""Polylines: length, resampling at equal arc length, area, self-crossing."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+
+def arc_length(points: Float[np.ndarray, "... m 2"]) -> Float[np.ndarray, "... m"]:
+    """Arc length [m] from the first vertex to each vertex.
+
+    >>> arc_length(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])).tolist()
+    [0.0, 5.0, 6.0]
+    """
+    steps = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
+    zero = np.zeros((*steps.shape[:-1], 1))
+    return np.concatenate([zero, np.cumsum(steps, axis=-1)], axis=-1)
+
+
+def length(points: Float[np.ndarray, "... m 2"]) -> Float[np.ndarray, "..."]:
+    """Length [m] of each polyline; 0 for a single vertex."""
+    return arc_length(points)[..., -1]
+
+
+def point_at(points: Float[np.ndarray, "m 2"], s: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
+    """The points at arc lengths `s` [m] along one polyline, held at its ends outside."""
+    arc = arc_length(points)
+    return np.column_stack([np.interp(s, arc, points[:, 0]), np.interp(s, arc, points[:, 1])])
+
+
+def resample(points: Float[np.ndarray, "m 2"], count: int) -> Float[np.ndarray, "count 2"]:
+    """`count` points at equal arc length along one polyline, both ends included.
+
+    >>> resample(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), 3).tolist()
+    [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]
+    """
+    return point_at(points, np.linspace(0.0, float(length(points)), count))
+
+
+def remove_repeated(points: Float[np.ndarray, "m 2"], tolerance: float = 1e-9) -> Float[np.ndarray, "k 2"]:
+    """The polyline without vertices closer than `tolerance` [m] to the one before; the first one stays."""
+    keep = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > tolerance])
+    return points[keep]
+
+
+def signed_area(points: Float[np.ndarray, "m 2"]) -> float:
+    """Area [m^2] between a polyline and its chord, positive where the polyline lies left of the chord.
+
+    >>> signed_area(np.array([[0.0, 0.0], [0.5, 1.0], [1.0, 0.0]]))
+    0.5
+    """
+    x, y = (points - points[0]).T
+    return float(0.5 * np.sum(x[1:] * y[:-1] - x[:-1] * y[1:]))
+
+
+def crosses_itself(points: Float[np.ndarray, "m 2"]) -> bool:
+    """Whether two segments of a polyline that are not neighbours meet.
+
+    >>> crosses_itself(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.5, -1.0]]))
+    True
+    """
+    a, b = points[:-1], points[1:]
+    d = b - a
+
+    def side(origin: np.ndarray, along: np.ndarray, p: np.ndarray) -> np.ndarray:
+        offset = p[None, :] - origin[:, None]
+        return along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]
+
+    straddles = side(a, d, a) * side(a, d, b) <= 0
+    meet = straddles & straddles.T
+    i, j = np.triu_indices(len(a), 2)
+    return bool(meet[i, j].any())

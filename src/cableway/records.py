@@ -1,0 +1,406 @@
+"""The records that pass from stage to stage, in pipeline order.
+
+Task -> PathSet -> DeformationSequence -> Plan (+ Verdict) -> Rollout -> Report. Records hold arrays and scalars
+only. A record with `save` and `load` goes to an `.npz` file; nothing in such a file is ever executed.
+
+Units are metres, radians and seconds throughout; T is the number of plan steps, K of control steps, n of
+keypoints.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.errors import FileFormatError, InputError
+
+
+# ------------------------------------------------------------------------------------------------ files
+def write_atomically(path: Path, write: Any) -> None:
+    """Call `write(file)` on a temporary file beside `path`, then move it there: all of it or nothing.
+
+    Args:
+        path: Where the content goes; its folder is made if missing.
+        write: Called with a binary file object.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            write(file)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write indented JSON atomically; not-a-number is refused."""
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def read_arrays(path: Path | str) -> dict[str, np.ndarray]:
+    """All arrays of an `.npz` file, without executing anything in it.
+
+    Raises:
+        FileFormatError: The file is missing or is no archive of plain arrays.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise FileFormatError(f"{path}: not an .npz archive")
+            return {name: archive[name] for name in archive.files}
+    except FileNotFoundError:
+        raise FileFormatError(f"{path}: no such file") from None
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
+        raise FileFormatError(f"{path}: not a readable .npz archive ({error})") from None
+
+
+class ArrayRecord:
+    """Base of the records that save to `.npz`. Subclasses are frozen dataclasses."""
+
+    kind: ClassVar[str]
+
+    def save(self, path: Path | str) -> None:
+        """Write all fields to an `.npz` file, atomically."""
+        arrays: dict[str, Any] = {}
+        for entry in fields(self):  # pyright: ignore[reportArgumentType]
+            value = getattr(self, entry.name)
+            arrays[entry.name] = json.dumps(value) if isinstance(value, dict) else value
+        write_atomically(Path(path), lambda file: np.savez_compressed(file, **arrays))
+
+    @classmethod
+    def load(cls, path: Path | str) -> Self:
+        """Read a file that `save` wrote.
+
+        Raises:
+            FileFormatError: The file is missing, damaged or holds another kind of record.
+        """
+        return cls.from_arrays(read_arrays(path), str(path))
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray], source: str) -> Self:
+        """The record from the arrays of a file; `source` names it in errors."""
+        values: dict[str, Any] = {}
+        for entry in fields(cls):  # pyright: ignore[reportArgumentType]
+            if entry.name not in arrays:
+                raise FileFormatError(f"{source}: not a {cls.kind} file, it has no array {entry.name!r}")
+            value = arrays[entry.name]
+            values[entry.name] = _metadata(value, source) if entry.name == "metadata" else value
+        try:
+            return cls(**values)
+        except InputError as error:
+            raise FileFormatError(f"{source}: {error}") from None
+
+
+def _metadata(value: np.ndarray, source: str) -> dict[str, Any]:
+    try:
+        content = json.loads(str(value))
+    except json.JSONDecodeError as error:
+        raise FileFormatError(f"{source}: metadata is not JSON ({error})") from None
+    if not isinstance(content, dict):
+        raise FileFormatError(f"{source}: metadata is not a JSON object")
+    return content
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise InputError(message)
+
+
+# ------------------------------------------------------------------------------------------------ planning
+@dataclass(frozen=True)
+class Passage:
+    """The shortest segment between two obstacles, where free space narrows.
+
+    Attributes:
+        ends: (2, 2) [m]: a point on each obstacle's surface.
+        between: Indices of the two obstacles in the scene; walls follow the obstacles (left, bottom, right, top).
+    """
+
+    ends: Float[np.ndarray, "2 2"]
+    between: tuple[int, int]
+
+    @property
+    def width(self) -> float:
+        """[m]."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+
+@dataclass(frozen=True)
+class PathSet:
+    """One path for each keypoint, all homotopic.
+
+    Attributes:
+        paths: (n, M, 2) [m]: from start to goal keypoint, at equal arc length along each path.
+        pivot: (P, 2) [m]: the pivot path they follow.
+        passages: (Q, 2, 2) [m]: ends of the passages that the pivot path traverses, in that order.
+    """
+
+    paths: Float[np.ndarray, "n M 2"]
+    pivot: Float[np.ndarray, "P 2"]
+    passages: Float[np.ndarray, "Q 2 2"]
+
+
+@dataclass(frozen=True)
+class DeformationSequence:
+    """Shapes along a path set, before they are made true.
+
+    Attributes:
+        shapes: (T+1, n, 2) [m].
+        progress: (T+1, n): sigma of each keypoint along its path, 0 at the start, 1 at the goal, never falling.
+    """
+
+    shapes: Float[np.ndarray, "T+1 n 2"]
+    progress: Float[np.ndarray, "T+1 n"]
+
+
+@dataclass(frozen=True)
+class Plan(ArrayRecord):
+    """A verified sequence of shapes with the gripper poses that make them; one row per control step.
+
+    Attributes:
+        shapes: (T+1, n, 2) keypoints [m].
+        poses: (T+1, 2, 3) gripper poses (x, y, theta) [m, m, rad], left then right; angles run on without jumps.
+        pivot: (P, 2) pivot path [m].
+        passages: (Q, 2, 2) ends of the passages traversed [m].
+        path_set: (n, M, 2) keypoint paths [m].
+        progress: (T+1, n) progress of each keypoint along its path.
+        metadata: Seed, versions and the resolved configuration.
+    """
+
+    kind: ClassVar[str] = "plan"
+
+    shapes: Float[np.ndarray, "T+1 n 2"]
+    poses: Float[np.ndarray, "T+1 2 3"]
+    pivot: Float[np.ndarray, "P 2"]
+    passages: Float[np.ndarray, "Q 2 2"]
+    path_set: Float[np.ndarray, "n M 2"]
+    progress: Float[np.ndarray, "T+1 n"]
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        rows = len(self.shapes)
+        _require(self.shapes.ndim == 3 and self.shapes.shape[2] == 2, f"shapes has shape {self.shapes.shape}")
+        _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
+        _require(self.poses.shape == (rows, 2, 3), f"poses has shape {self.poses.shape}, not {(rows, 2, 3)}")
+        _require(self.progress.shape == self.shapes.shape[:2], f"progress has shape {self.progress.shape}")
+        for name in ("shapes", "poses", "pivot", "passages", "path_set", "progress"):
+            _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
+
+    @property
+    def steps(self) -> int:
+        """T."""
+        return len(self.shapes) - 1
+
+
+@dataclass(frozen=True)
+class Check:
+    """One requirement that was tested.
+
+    Attributes:
+        name: What was measured.
+        value: The worst value found.
+        unit: Of `value`, "" for a count.
+        limit: What it is compared with.
+        passed: Whether it holds.
+        where: Where and when it is worst, in words.
+    """
+
+    name: str
+    value: float
+    unit: str
+    limit: float
+    passed: bool
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """All checks of a plan or a rollout."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
+
+    def failures(self) -> tuple[Check, ...]:
+        """The checks that did not pass."""
+        return tuple(check for check in self.checks if not check.passed)
+
+    def __str__(self) -> str:
+        if self.passed:
+            return "all checks passed"
+        return "; ".join(
+            f"{c.name} {c.value:.4g} {c.unit}".rstrip() + f" (limit {c.limit:.4g}){' ' + c.where if c.where else ''}"
+            for c in self.failures()
+        )
+
+    def as_dict(self) -> list[dict[str, Any]]:
+        """Plain data for JSON; a value that is not finite becomes null."""
+        rows = [asdict(check) for check in self.checks]
+        for row in rows:
+            if not np.isfinite(row["value"]):
+                row["value"] = None
+        return rows
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A plan that did not verify, for pictures and reports only.
+
+    Attributes:
+        reason: One sentence.
+        path_set: What the guide was, if it came that far.
+        shapes: (T+1, n, 2) [m] shapes reached, or None.
+        verdict: What failed, if it came that far.
+        pivot: (P, 2) [m] pivot path, or None.
+    """
+
+    reason: str
+    pivot: Float[np.ndarray, "P 2"] | None = None
+    path_set: PathSet | None = None
+    shapes: Float[np.ndarray, "T+1 n 2"] | None = None
+    verdict: Verdict | None = None
+
+
+# ------------------------------------------------------------------------------------------------ models
+@dataclass(frozen=True)
+class Transitions(ArrayRecord):
+    """Simulated or recorded transitions of one control step each, in order within an episode.
+
+    Attributes:
+        keypoints: (m, n, 2) [m] before the step.
+        poses: (m, 2, 3) gripper poses before the step.
+        actions: (m, 2, 3) gripper motion of the step (dx, dy, dtheta).
+        next_keypoints: (m, n, 2) [m] after the step.
+        episode: (m,) number of the episode.
+        metadata: Seed, versions, cable and collection configuration.
+    """
+
+    kind: ClassVar[str] = "transitions"
+
+    keypoints: Float[np.ndarray, "m n 2"]
+    poses: Float[np.ndarray, "m 2 3"]
+    actions: Float[np.ndarray, "m 2 3"]
+    next_keypoints: Float[np.ndarray, "m n 2"]
+    episode: Float[np.ndarray, "m"]
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        rows = len(self.keypoints)
+        _require(rows > 0, "a data set needs at least one transition")
+        for name in ("poses", "actions"):
+            _require(getattr(self, name).shape == (rows, 2, 3), f"{name} has shape {getattr(self, name).shape}")
+        _require(self.keypoints.ndim == 3, f"keypoints has shape {self.keypoints.shape}")
+        _require(self.next_keypoints.shape == self.keypoints.shape, "next_keypoints differs in shape from keypoints")
+        _require(self.episode.shape == (rows,), f"episode has shape {self.episode.shape}")
+        for name in ("keypoints", "poses", "actions", "next_keypoints"):
+            _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
+
+    def __len__(self) -> int:
+        return len(self.keypoints)
+
+
+# ------------------------------------------------------------------------------------------------ control
+@dataclass(frozen=True)
+class Observation:
+    """What a controller sees at one control step.
+
+    Attributes:
+        time: [s] since the start of the run.
+        keypoints: (n, 2) measured keypoints [m], NaN where nothing was seen.
+        poses: (2, 3) measured gripper poses [m, m, rad].
+    """
+
+    time: float
+    keypoints: Float[np.ndarray, "n 2"]
+    poses: Float[np.ndarray, "2 3"]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What a plant that knows the truth reports after one control step; for the record, not for controllers.
+
+    Attributes:
+        keypoints: (n, 2) true keypoints [m].
+        poses: (2, 3) true gripper poses [m, m, rad].
+        centreline: (M, 2) the whole cable [m].
+        clearance: Least clearance [m] of the cable's surface during the step, negative by the penetration.
+        gripper_clearance: Least clearance [m] of the gripper discs during the step.
+    """
+
+    keypoints: Float[np.ndarray, "n 2"]
+    poses: Float[np.ndarray, "2 3"]
+    centreline: Float[np.ndarray, "M 2"]
+    clearance: float
+    gripper_clearance: float
+
+
+@dataclass(frozen=True)
+class Rollout(ArrayRecord):
+    """What happened: row 0 is the start, row k the state after k control steps.
+
+    Attributes:
+        times: (K+1,) [s].
+        keypoints: (K+1, n, 2) true keypoints [m].
+        observed: (K+1, n, 2) what the controller saw [m], NaN where nothing.
+        poses: (K+1, 2, 3) gripper poses [m, m, rad].
+        centreline: (K+1, M, 2) the simulator's whole cable [m].
+        actions: (K, 2, 3) gripper motion asked for in each step.
+        reference: (K+1, n, 2) keypoints wanted at that time [m].
+        solve_time: (K,) wall time of the controller in each step [s].
+        status: (K,) short strings.
+        clearance: (K+1,) least clearance of the cable's surface since the row before [m].
+        gripper_clearance: (K+1,) the same for the gripper discs [m].
+        metadata: Seed, versions and the resolved configuration.
+    """
+
+    kind: ClassVar[str] = "rollout"
+
+    times: Float[np.ndarray, "K+1"]
+    keypoints: Float[np.ndarray, "K+1 n 2"]
+    observed: Float[np.ndarray, "K+1 n 2"]
+    poses: Float[np.ndarray, "K+1 2 3"]
+    centreline: Float[np.ndarray, "K+1 M 2"]
+    actions: Float[np.ndarray, "K 2 3"]
+    reference: Float[np.ndarray, "K+1 n 2"]
+    solve_time: Float[np.ndarray, "K"]
+    status: np.ndarray
+    clearance: Float[np.ndarray, "K+1"]
+    gripper_clearance: Float[np.ndarray, "K+1"]
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        rows = len(self.times)
+        _require(rows >= 1, "a rollout needs at least one row")
+        for name in ("keypoints", "observed", "poses", "centreline", "reference", "clearance", "gripper_clearance"):
+            _require(len(getattr(self, name)) == rows, f"{name} has {len(getattr(self, name))} rows, not {rows}")
+        for name in ("actions", "solve_time", "status"):
+            _require(len(getattr(self, name)) == rows - 1, f"{name} has {len(getattr(self, name))} rows, not {rows - 1}")
+        for name in ("times", "keypoints", "poses", "centreline", "actions"):
+            _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
+
+    @property
+    def steps(self) -> int:
+        """K."""
+        return len(self.times) - 1

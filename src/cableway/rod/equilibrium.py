@@ -1,0 +1,121 @@
+"""Equilibria of a planar elastic rod clamped at both ends, in coordinates of its centre.
+
+The rod of length L is a chain of N hinges at spacing L/N, so N + 1 links of which the first and last are half as
+long. A rod under no load but at its ends carries one force F along its whole length, and the moment at a point p
+is M + F x (p - c), c the rod's centre. With a = F L^2/EI (in the frame of the centre) and m = M L/EI the bend at
+hinge j is
+
+    phi_j = (m + a x (p_j - c)/L) / N,
+
+and going outward from the centre link gives the whole shape without solving anything (Bretl & McCarthy 2014,
+"Quasi-static manipulation of a Kirchhoff elastic rod based on a geometric analysis of equilibrium configurations",
+here for a planar chain). So
+
+    q = (c_x, c_y, theta_c, a_x, a_y, m)      [m, m, rad, -, -, -]
+
+holds a shape and the gripper poses that make it, for any EI, and every q is an equilibrium. Whether the rod stays
+there is a matter of the stability margin mu: the least eigenvalue of N^2 tridiag(-1, 2, -1) + diag(a . e_i) on the
+changes of the free link angles that keep the ends in place (e_i: direction of link i). mu = 4 pi^2 for a straight
+unloaded rod; where mu < 0 the rod moves away.
+
+Stations are the 2N + 1 points at equal arc length L/(2N): even ones are link middles and ends, odd ones hinges.
+Keypoints are every 2N/(n - 1)-th station.
+
+Note:
+    Not in the paper (Tang et al.), whose planned shapes need not be shapes a cable takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.errors import InputError
+from cableway.rod import kernels
+
+STRAIGHT_STABILITY = 4 * np.pi**2
+"""Stability margin of the straight unloaded rod, the largest scale to compare margins with."""
+
+
+def hinge_count(keypoints: int) -> int:
+    """Number N of hinges for n keypoints: the least multiple of n - 1 that is at least 24.
+
+    >>> hinge_count(13), hinge_count(10)
+    (24, 27)
+    """
+    return (keypoints - 1) * -(-24 // (keypoints - 1))
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A uniform inextensible planar rod seen at n keypoints.
+
+    Attributes:
+        length: L [m].
+        keypoints: n, both ends included.
+    """
+
+    length: float
+    keypoints: int = 13
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.length) and self.length > 0):
+            raise InputError(f"rod length must be positive and finite, got {self.length!r}")
+        if self.keypoints < 3:
+            raise InputError(f"a rod needs at least 3 keypoints, got {self.keypoints!r}")
+
+    @property
+    def hinges(self) -> int:
+        """N, the number of hinges."""
+        return hinge_count(self.keypoints)
+
+    @property
+    def stride(self) -> int:
+        """Stations from one keypoint to the next."""
+        return 2 * self.hinges // (self.keypoints - 1)
+
+    def shapes(
+        self, q: Float[np.ndarray, "t 6"]
+    ) -> tuple[Float[np.ndarray, "t s 2"], Float[np.ndarray, "t 2 3"]]:
+        """Stations [m] and gripper poses [m, m, rad] of each row of q. The angles are not wrapped."""
+        return kernels.batch_shapes(_rows(q), self.length, self.hinges)
+
+    def jacobians(
+        self, q: Float[np.ndarray, "t 6"]
+    ) -> tuple[
+        Float[np.ndarray, "t s 2"],
+        Float[np.ndarray, "t s 2 6"],
+        Float[np.ndarray, "t 2 3"],
+        Float[np.ndarray, "t 2 3 6"],
+    ]:
+        """Stations and gripper poses of each row of q, each followed by its derivative by q."""
+        return kernels.batch_jacobians(_rows(q), self.length, self.hinges)
+
+    def at_keypoints(self, stations: Float[np.ndarray, "t s ..."]) -> Float[np.ndarray, "t n ..."]:
+        """The rows of `stations` (axis 1) that are keypoints."""
+        return stations[:, :: self.stride]
+
+    def stability(self, q: Float[np.ndarray, "t 6"]) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t 6"]]:
+        """Stability margin mu of each row of q, and its derivative by q."""
+        return kernels.batch_stability(_rows(q), self.length, self.hinges)
+
+    def energy(self, q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t"]:
+        """Bending energy in units of EI/L: N/2 times the sum of the squared bends."""
+        stations, poses = self.shapes(q)
+        links = np.diff(stations[:, 1::2], axis=1)
+        inner = np.unwrap(np.arctan2(links[..., 1], links[..., 0]), axis=1)
+        first, last = (
+            end + 2 * np.pi * np.round((near - end) / (2 * np.pi))
+            for end, near in ((poses[:, 0, 2], inner[:, 0]), (poses[:, 1, 2], inner[:, -1]))
+        )
+        angles = np.column_stack([first, inner, last])
+        return 0.5 * self.hinges * np.sum(np.diff(angles, axis=1) ** 2, axis=1)
+
+
+def _rows(q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t 6"]:
+    rows = np.ascontiguousarray(q, dtype=float)
+    if rows.ndim != 2 or rows.shape[1] != 6:
+        raise InputError(f"rod coordinates must have shape (t, 6), got {rows.shape}")
+    return rows

@@ -1,0 +1,169 @@
+"""Inverse problems of the rod: the equilibrium nearest to given keypoints, and those that given grippers allow."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import least_squares
+
+from cableway.errors import InputError
+from cableway.geometry import polyline, se2
+from cableway.rod.equilibrium import Rod
+
+Bend = Literal["left", "right"]
+
+
+def fit_keypoints(
+    rod: Rod, keypoints: Float[np.ndarray, "n 2"], guess: Float[np.ndarray, "6"] | None = None
+) -> tuple[Float[np.ndarray, "6"], float]:
+    """The equilibrium q whose keypoints are nearest to the given ones, and the stacked distance left [m].
+
+    The first guess comes from the bends of the polyline: phi_j N = m + a x (p_j - c)/L is linear in (a, m).
+
+    Args:
+        rod: The rod; its length is kept whatever the length of `keypoints`.
+        keypoints: (n, 2) [m], at equal arc length.
+        guess: q to start from, in addition to that estimate.
+
+    Returns:
+        q (6,) and ||keypoints(q) - keypoints|| [m].
+    """
+    starts = [_guess_from_bends(rod, keypoints)] + ([] if guess is None else [np.asarray(guess, float)])
+
+    def residual(q: np.ndarray) -> np.ndarray:
+        return (rod.at_keypoints(rod.shapes(q[None])[0])[0] - keypoints).ravel() / rod.length
+
+    def jacobian(q: np.ndarray) -> np.ndarray:
+        return rod.at_keypoints(rod.jacobians(q[None])[1])[0].reshape(-1, 6) / rod.length
+
+    scale = [rod.length, rod.length, 1.0, 10.0, 10.0, 3.0]
+    fits = [least_squares(residual, q, jacobian, x_scale=scale, method="trf") for q in starts]
+    best = min(fits, key=lambda fit: fit.cost)
+    return best.x, float(np.sqrt(2 * best.cost) * rod.length)
+
+
+def _guess_from_bends(rod: Rod, keypoints: np.ndarray) -> np.ndarray:
+    n = len(keypoints)
+    steps = np.diff(keypoints, axis=0)
+    angles = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    bends = np.diff(angles) * (n - 1)
+    centre = polyline.resample(keypoints, 3)[1]
+    theta = float(np.interp((n - 2) / 2, np.arange(n - 1), angles))
+    local = (keypoints[1:-1] - centre) @ se2.rotation(theta) / rod.length
+    # a x p = a_x p_y - a_y p_x; a pull to zero where the points cannot tell the loads apart
+    rows = np.column_stack([local[:, 1], -local[:, 0], np.ones(n - 2)])
+    pull = 0.03 * np.eye(3)
+    load = np.linalg.lstsq(np.vstack([rows, pull]), np.concatenate([bends, np.zeros(3)]), rcond=None)[0]
+    return np.concatenate([centre, [theta], np.clip(load, -150, 150)])
+
+
+def equilibria_at(
+    rod: Rod,
+    poses: Float[np.ndarray, "2 3"],
+    starts: int = 128,
+    minimum_stability: float = 0.0,
+    most_energy: float = 120.0,
+) -> Float[np.ndarray, "k 6"]:
+    """The stable equilibria that grippers at `poses` allow, lowest energy first.
+
+    Newton's method from a fixed set of `starts` loads (Sobol points), so the answer is the same every time. The
+    rod's total turn is that of the grippers, modulo full turns.
+
+    Args:
+        rod: The rod.
+        poses: (2, 3) left and right gripper (x, y, theta) [m, m, rad].
+        starts: Number of first guesses.
+        minimum_stability: Least stability margin of what is returned.
+        most_energy: Bending energy [EI/L] above which a shape is left out (wound-up shapes).
+
+    Raises:
+        InputError: The grippers are farther apart than the rod is long.
+    """
+    poses = np.asarray(poses, float)
+    gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
+    if gap > rod.length:
+        raise InputError(
+            f"the grippers are {gap:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)"
+        )
+    found: list[np.ndarray] = []
+    for guess in _load_guesses(rod, poses, starts):
+        q = _meet_poses(rod, poses, guess)
+        if q is None:
+            continue
+        if rod.stability(q[None])[0][0] <= minimum_stability or rod.energy(q[None])[0] > most_energy:
+            continue
+        shape = rod.shapes(q[None])[0][0]
+        if polyline.crosses_itself(shape[::2]):
+            continue
+        if all(np.abs(shape - rod.shapes(other[None])[0][0]).max() > 1e-4 * rod.length for other in found):
+            found.append(q)
+    if not found:
+        return np.empty((0, 6))
+    rows = np.array(found)
+    return rows[np.argsort(rod.energy(rows), kind="stable")]
+
+
+def shape_between(rod: Rod, poses: Float[np.ndarray, "2 3"], bend: Bend) -> Float[np.ndarray, "6"]:
+    """The stable equilibrium of lowest energy that lies mostly on one side of the line between the grippers.
+
+    Args:
+        rod: The rod.
+        poses: (2, 3) left and right gripper (x, y, theta) [m, m, rad].
+        bend: Side of the straight line from left to right gripper, by signed area.
+
+    Raises:
+        InputError: The grippers are too far apart, or no stable shape lies on that side.
+    """
+    sign = 1.0 if bend == "left" else -1.0
+    for q in equilibria_at(rod, poses):
+        if sign * polyline.signed_area(rod.shapes(q[None])[0][0]) > 0:
+            return q
+    raise InputError(f"no stable shape of the cable bends to the {bend} between these gripper poses")
+
+
+def _load_guesses(rod: Rod, poses: np.ndarray, count: int) -> np.ndarray:
+    """First guesses (count, 6): spread loads, each moved so that its ends lie about the grippers."""
+    from scipy.stats import qmc
+
+    unit = qmc.Sobol(3, scramble=True, rng=0).random(count)
+    turn = float(se2.wrap_angle(poses[1, 2] - poses[0, 2]))
+    q = np.zeros((count, 6))
+    q[:, 3:] = (unit - 0.5) * [60.0, 60.0, 12.0]
+    q[0, 3:] = 0.0
+    q[:, 5] += turn
+    ends = rod.shapes(q)[1]
+    chord, target = ends[:, 1, :2] - ends[:, 0, :2], poses[1, :2] - poses[0, :2]
+    q[:, 2] = np.arctan2(target[1], target[0]) - np.arctan2(chord[:, 1], chord[:, 0])
+    if np.linalg.norm(target) < 0.2 * rod.length:
+        q[:, 2] = poses[0, 2] - ends[:, 0, 2]
+    q[:, :2] = poses[:, :2].mean(0) - rod.shapes(q)[1][:, :, :2].mean(1)
+    return q
+
+
+def _meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray | None:
+    """Damped Newton on the six pose residuals; None where it does not arrive."""
+    scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
+    units = np.array([rod.length, rod.length, 1.0])
+
+    def residual(reached: np.ndarray) -> np.ndarray:
+        return (se2.pose_step(poses, reached) / units).ravel()
+
+    error = residual(rod.shapes(q[None])[1][0])
+    for _ in range(iterations):
+        norm = float(np.linalg.norm(error))
+        if norm < 1e-11:
+            return q
+        jacobian = (rod.jacobians(q[None])[3][0] / units[None, :, None]).reshape(6, 6) * scale
+        step = scale * np.linalg.lstsq(jacobian, -error, rcond=1e-9)[0]
+        step *= min(1.0, float((np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale / (np.abs(step) + 1e-15)).min()))
+        for _ in range(8):
+            trial = residual(rod.shapes((q + step)[None])[1][0])
+            if np.linalg.norm(trial) < norm:
+                break
+            step = step / 2
+        else:
+            return None
+        q, error = q + step, trial
+    return q if np.linalg.norm(error) < 1e-9 else None
