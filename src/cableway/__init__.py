@@ -7,14 +7,53 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cableway.api import load_task, plan, summarize
     from cableway.control.neural_mpc import MPCConfig, NeuralMPC
     from cableway.models.checkpoint import load_model
     from cableway.planning.config import PlannerConfig
+    from cableway.planning.planner import plan
     from cableway.records import Plan, Rollout, Transitions
+    from cableway.report import summarize
     from cableway.scene.cable import Cable
+    from cableway.scene.loading import load_task
     from cableway.scene.obstacles import Box, Disc, Polygon
     from cableway.scene.scene import Scene
     from cableway.scene.task import Grippers, Task
     from cableway.simulation.plant import CableSimulator
     from cableway.tracking import track
+    from cableway.verification import verify_plan, verify_rollout
+
+_HOME = {
+    "Box": "scene.obstacles",
+    "Cable": "scene.cable",
+    "CableSimulator": "simulation.plant",
+    "Disc": "scene.obstacles",
+    "Grippers": "scene.task",
+    "MPCConfig": "control.neural_mpc",
+    "NeuralMPC": "control.neural_mpc",
+    "Plan": "records",
+    "PlannerConfig": "planning.config",
+    "Polygon": "scene.obstacles",
+    "Rollout": "records",
+    "Scene": "scene.scene",
+    "Task": "scene.task",
+    "Transitions": "records",
+    "load_model": "models.checkpoint",
+    "load_task": "scene.loading",
+    "plan": "planning.planner",
+    "summarize": "report",
+    "track": "tracking",
+    "verify_plan": "verification",
+    "verify_rollout": "verification",
+}
+
+__all__ = sorted(_HOME)  # noqa: PLE0605  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'cableway' has no attribute {name!r}")
+    return getattr(import_module(f"cableway.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})
