@@ -1,0 +1,1 @@
+"""Controllers: from an observation and a plan to a gripper action."""

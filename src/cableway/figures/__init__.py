@@ -1,0 +1,1 @@
+"""Pictures and video of tasks, plans and rollouts."""

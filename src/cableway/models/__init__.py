@@ -1,0 +1,1 @@
+"""Deformation models: how the cable moves when the grippers move."""

@@ -1,0 +1,1 @@
+"""Planning: from a task to a verified plan."""

@@ -97,7 +97,9 @@ class Rod:
         """The rows of `stations` (axis 1) that are keypoints."""
         return stations[:, :: self.stride]
 
-    def stability(self, q: Float[np.ndarray, "t 6"]) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t 6"]]:
+    def stability(
+        self, q: Float[np.ndarray, "t 6"]
+    ) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t 6"]]:
         """Stability margin mu of each row of q, and its derivative by q."""
         return kernels.batch_stability(_rows(q), self.length, self.hinges)
 

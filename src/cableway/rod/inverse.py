@@ -157,7 +157,9 @@ def _meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40
             return q
         jacobian = (rod.jacobians(q[None])[3][0] / units[None, :, None]).reshape(6, 6) * scale
         step = scale * np.linalg.lstsq(jacobian, -error, rcond=1e-9)[0]
-        step *= min(1.0, float((np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale / (np.abs(step) + 1e-15)).min()))
+        step *= min(
+            1.0, float((np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale / (np.abs(step) + 1e-15)).min())
+        )
         for _ in range(8):
             trial = residual(rod.shapes((q + step)[None])[1][0])
             if np.linalg.norm(trial) < norm:

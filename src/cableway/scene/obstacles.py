@@ -113,5 +113,3 @@ def describe(obstacle: Obstacle) -> str:
     """A few words for messages, such as 'box at (0.350, 0.300)'."""
     x, y = obstacle.vertices.mean(axis=0)
     return f"{type(obstacle).__name__.lower()} at ({x:.3f}, {y:.3f})"
-
-

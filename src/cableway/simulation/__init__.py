@@ -1,0 +1,1 @@
+"""The simulated plant (MuJoCo) and data collection from it."""
