@@ -203,9 +203,7 @@ class Plan(ArrayRecord):
         _require(self.poses.shape == (rows, 2, 3), f"poses has shape {self.poses.shape}, not {(rows, 2, 3)}")
         _require(self.progress.shape == self.shapes.shape[:2], f"progress has shape {self.progress.shape}")
         for name in ("shapes", "poses", "pivot", "passages", "path_set", "progress"):
-            _require(
-                bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite"
-            )
+            _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
 
     @property
     def steps(self) -> int:
@@ -253,8 +251,7 @@ class Verdict:
         if self.passed:
             return "all checks passed"
         return "; ".join(
-            f"{c.name} {c.value:.4g} {c.unit}".rstrip()
-            + f" (limit {c.limit:.4g}){' ' + c.where if c.where else ''}"
+            f"{c.name} {c.value:.4g} {c.unit}".rstrip() + f" (limit {c.limit:.4g}){' ' + c.where if c.where else ''}"
             for c in self.failures()
         )
 
@@ -313,9 +310,7 @@ class Transitions(ArrayRecord):
         rows = len(self.keypoints)
         _require(rows > 0, "a data set needs at least one transition")
         for name in ("poses", "actions"):
-            _require(
-                getattr(self, name).shape == (rows, 2, 3), f"{name} has shape {getattr(self, name).shape}"
-            )
+            _require(getattr(self, name).shape == (rows, 2, 3), f"{name} has shape {getattr(self, name).shape}")
         _require(self.keypoints.ndim == 3, f"keypoints has shape {self.keypoints.shape}")
         _require(
             self.next_keypoints.shape == self.keypoints.shape,
@@ -323,9 +318,7 @@ class Transitions(ArrayRecord):
         )
         _require(self.episode.shape == (rows,), f"episode has shape {self.episode.shape}")
         for name in ("keypoints", "poses", "actions", "next_keypoints"):
-            _require(
-                bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite"
-            )
+            _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
 
     def __len__(self) -> int:
         return len(self.keypoints)
@@ -412,18 +405,14 @@ class Rollout(ArrayRecord):
             "clearance",
             "gripper_clearance",
         ):
-            _require(
-                len(getattr(self, name)) == rows, f"{name} has {len(getattr(self, name))} rows, not {rows}"
-            )
+            _require(len(getattr(self, name)) == rows, f"{name} has {len(getattr(self, name))} rows, not {rows}")
         for name in ("actions", "solve_time", "status"):
             _require(
                 len(getattr(self, name)) == rows - 1,
                 f"{name} has {len(getattr(self, name))} rows, not {rows - 1}",
             )
         for name in ("times", "keypoints", "poses", "centreline", "actions"):
-            _require(
-                bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite"
-            )
+            _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
 
     @property
     def steps(self) -> int:

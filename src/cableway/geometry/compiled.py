@@ -22,13 +22,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 def cache_folder() -> Path:
     """Folder of the compiled kernels of this version of the sources, in the user's cache folder."""
     package = Path(__file__).resolve().parents[1]
-    sources = sorted(
-        path for folder in ("geometry", "rod", "planning") for path in (package / folder).glob("*.py")
-    )
+    sources = sorted(path for folder in ("geometry", "rod", "planning") for path in (package / folder).glob("*.py"))
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
-    return (
-        Path(platformdirs.user_cache_dir("cableway", appauthor=False)) / f"numba-{numba.__version__}-{digest}"
-    )
+    return Path(platformdirs.user_cache_dir("cableway", appauthor=False)) / f"numba-{numba.__version__}-{digest}"
 
 
 def kernel(function: F) -> F:

@@ -37,9 +37,7 @@ class ConvexWorld:
     size: Float[np.ndarray, "2"]
 
 
-def pack(
-    polygons: Sequence[Float[np.ndarray, "_ 2"]], rounding: Sequence[float], size: Sequence[float]
-) -> ConvexWorld:
+def pack(polygons: Sequence[Float[np.ndarray, "_ 2"]], rounding: Sequence[float], size: Sequence[float]) -> ConvexWorld:
     """Pack convex polygons [m] (counter-clockwise) with their rounding radii [m] into a `ConvexWorld`."""
     most = max((len(polygon) for polygon in polygons), default=1)
     vertices = np.zeros((len(polygons), most, 2))

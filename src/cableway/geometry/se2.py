@@ -37,9 +37,7 @@ def direction(angle: Float[np.ndarray, "..."] | float) -> Float[np.ndarray, "...
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def pose_step(
-    before: Float[np.ndarray, "... 3"], after: Float[np.ndarray, "... 3"]
-) -> Float[np.ndarray, "... 3"]:
+def pose_step(before: Float[np.ndarray, "... 3"], after: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
     """The action (dx, dy, dtheta) [m, m, rad] from one pose (x, y, theta) to another, turning the short way."""
     step = np.asarray(after, float) - before
     step[..., 2] = wrap_angle(step[..., 2])

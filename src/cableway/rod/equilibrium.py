@@ -76,9 +76,7 @@ class Rod:
         """Stations from one keypoint to the next."""
         return 2 * self.hinges // (self.keypoints - 1)
 
-    def shapes(
-        self, q: Float[np.ndarray, "t 6"]
-    ) -> tuple[Float[np.ndarray, "t s 2"], Float[np.ndarray, "t 2 3"]]:
+    def shapes(self, q: Float[np.ndarray, "t 6"]) -> tuple[Float[np.ndarray, "t s 2"], Float[np.ndarray, "t 2 3"]]:
         """Stations [m] and gripper poses [m, m, rad] of each row of q. The angles are not wrapped."""
         return kernels.batch_shapes(_rows(q), self.length, self.hinges)
 
@@ -97,9 +95,7 @@ class Rod:
         """The rows of `stations` (axis 1) that are keypoints."""
         return stations[:, :: self.stride]
 
-    def stability(
-        self, q: Float[np.ndarray, "t 6"]
-    ) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t 6"]]:
+    def stability(self, q: Float[np.ndarray, "t 6"]) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t 6"]]:
         """Stability margin mu of each row of q, and its derivative by q."""
         return kernels.batch_stability(_rows(q), self.length, self.hinges)
 

@@ -84,9 +84,7 @@ def equilibria_at(
     poses = np.asarray(poses, float)
     gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
     if gap > rod.length:
-        raise InputError(
-            f"the grippers are {gap:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)"
-        )
+        raise InputError(f"the grippers are {gap:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)")
     found: list[np.ndarray] = []
     for guess in _load_guesses(rod, poses, starts):
         q = _meet_poses(rod, poses, guess)
@@ -157,9 +155,7 @@ def _meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40
             return q
         jacobian = (rod.jacobians(q[None])[3][0] / units[None, :, None]).reshape(6, 6) * scale
         step = scale * np.linalg.lstsq(jacobian, -error, rcond=1e-9)[0]
-        step *= min(
-            1.0, float((np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale / (np.abs(step) + 1e-15)).min())
-        )
+        step *= min(1.0, float((np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale / (np.abs(step) + 1e-15)).min()))
         for _ in range(8):
             trial = residual(rod.shapes((q + step)[None])[1][0])
             if np.linalg.norm(trial) < norm:

@@ -103,7 +103,7 @@ Obstacle = Box | Polygon | Disc
 
 
 def to_shapely(obstacle: Obstacle) -> shapely.Polygon:
-    """The obstacle for Shapely; a disc becomes a polygon of 256 sides, inside the disc by at most 0.008% of its radius."""
+    """The obstacle for Shapely; a disc becomes a polygon of 256 sides (0.008% of its radius inside it)."""
     if isinstance(obstacle, Disc):
         return shapely.Point(obstacle.center).buffer(obstacle.radius, quad_segs=64)
     return shapely.Polygon(obstacle.vertices)
