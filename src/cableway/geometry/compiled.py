@@ -10,10 +10,11 @@ import hashlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 import platformdirs
+from numba.core import config
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -22,8 +23,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 def cache_folder() -> Path:
     """Folder of the compiled kernels of this version of the sources, in the user's cache folder."""
     package = Path(__file__).resolve().parents[1]
-    sources = sorted(path for folder in ("geometry", "rod", "planning") for path in (package / folder).glob("*.py"))
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+    texts = (path.read_bytes() for path in sorted(package.rglob("*.py")))
+    digest = hashlib.sha256(b"".join(text for text in texts if b"@kernel" in text)).hexdigest()[:12]
     return Path(platformdirs.user_cache_dir("cableway", appauthor=False)) / f"numba-{numba.__version__}-{digest}"
 
 
@@ -32,13 +33,13 @@ def kernel(function: F) -> F:
 
     A `NUMBA_CACHE_DIR` set by the user wins. Numba's global configuration is left as it was found.
     """
-    before = numba.config.CACHE_DIR
-    if not before:
-        numba.config.CACHE_DIR = str(cache_folder())
+    before = getattr(config, "CACHE_DIR")  # noqa: B009 - set by Numba at run time, unknown to type checkers
     try:
-        return numba.njit(cache=True, error_model="numpy")(function)
+        if not before:
+            config.CACHE_DIR = str(cache_folder())  # pyright: ignore[reportAttributeAccessIssue]
+        return cast("F", numba.njit(cache=True, error_model="numpy")(function))
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def is_compiled() -> bool:

@@ -39,7 +39,7 @@ def fit_keypoints(
         return rod.at_keypoints(rod.jacobians(q[None])[1])[0].reshape(-1, 6) / rod.length
 
     scale = [rod.length, rod.length, 1.0, 10.0, 10.0, 3.0]
-    fits = [least_squares(residual, q, jacobian, x_scale=scale, method="trf") for q in starts]
+    fits = [least_squares(residual, q, jacobian, x_scale=scale) for q in starts]  # pyright: ignore[reportArgumentType]
     best = min(fits, key=lambda fit: fit.cost)
     return best.x, float(np.sqrt(2 * best.cost) * rod.length)
 

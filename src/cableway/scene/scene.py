@@ -53,5 +53,5 @@ class Scene:
         return convex.signed_distance(points, self.world)[0]
 
     def clearance(self, polylines: Float[np.ndarray, "b m 2"], radius: float) -> Float[np.ndarray, "b"]:
-        """Signed distance [m] of the surface of cables (polylines grown by `radius`) to the nearest obstacle or wall."""
+        """Signed distance [m] of the surface of cables, polylines grown by `radius`, to what is nearest."""
         return convex.polyline_distance(polylines, self.world)[0] - radius
