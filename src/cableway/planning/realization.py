@@ -1,0 +1,156 @@
+"""Realisation: from a sequence of keypoint shapes to one that the cable really takes.
+
+Each shape is replaced by the nearest equilibrium of the rod, the sequence is refined, and then stepped so that no
+row asks more of the grippers than one control step allows.
+
+Note:
+    Not in the paper (Tang et al.), whose planned shapes are tracked as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.errors import PlanningError
+from cableway.geometry import se2
+from cableway.planning.refinement import RefinementConfig, refine
+from cableway.records import DeformationSequence
+from cableway.rod.equilibrium import Rod
+from cableway.rod.inverse import fit_keypoints
+from cableway.scene.task import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealizationConfig:
+    """How a sequence of shapes is made true.
+
+    Attributes:
+        refinement: Weights of the refinement.
+        row_step: Largest move of a keypoint between rows during refinement [m].
+        limit_share: Share of the gripper limits that a plan uses; the rest is left to the controller.
+        keypoint_step: Largest move of any keypoint in a control step, in units of the grippers' largest step.
+        fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
+    """
+
+    refinement: RefinementConfig = RefinementConfig()
+    row_step: float = 0.012
+    limit_share: float = 0.7
+    keypoint_step: float = 1.5
+    fit_tolerance: float = 0.01
+
+
+@dataclass(frozen=True)
+class RealizedSequence:
+    """Equilibria in order, one per control step.
+
+    Attributes:
+        q: (T+1, 6) rod coordinates.
+        progress: (T+1, n) carried over from the sequence they were made from.
+    """
+
+    q: Float[np.ndarray, "T+1 6"]
+    progress: Float[np.ndarray, "T+1 n"]
+
+
+def realize(sequence: DeformationSequence, task: Task, config: RealizationConfig) -> RealizedSequence:
+    """Make a sequence true: fit, refine, step.
+
+    Args:
+        sequence: Shapes from start to goal, in general not equilibria.
+        task: The task.
+        config: Configuration.
+
+    Raises:
+        PlanningError: Start or goal is too far from any shape of the cable.
+    """
+    rod = task.cable.rod
+    q, rows = fit_sequence(rod, sequence.shapes, *end_equilibria(task, config), config.row_step)
+    q = refine(q, task, config.refinement)
+    q, at = step_evenly(q, task, config)
+    at = np.interp(at, np.arange(len(rows)), rows)
+    progress = np.column_stack(
+        [np.interp(at, np.arange(len(sequence.progress)), column) for column in sequence.progress.T]
+    )
+    return RealizedSequence(q, progress)
+
+
+def end_equilibria(
+    task: Task, config: RealizationConfig
+) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
+    """The equilibria nearest to start and goal.
+
+    Raises:
+        PlanningError: One of them is farther than `config.fit_tolerance` from its shape.
+    """
+    ends = []
+    for name, (q, distance) in (("start", task.start_fit), ("goal", task.goal_fit)):
+        if distance > config.fit_tolerance:
+            raise PlanningError(
+                f"the {name} is no shape that the cable takes by itself: the nearest one is {1000 * distance:.1f} mm "
+                f"away (stacked), more than {1000 * config.fit_tolerance:.0f} mm"
+            )
+        ends.append(q)
+    return ends[0], ends[1]
+
+
+def fit_sequence(
+    rod: Rod,
+    shapes: Float[np.ndarray, "T+1 n 2"],
+    start: Float[np.ndarray, "6"],
+    goal: Float[np.ndarray, "6"],
+    row_step: float,
+) -> tuple[Float[np.ndarray, "R+1 6"], Float[np.ndarray, "R+1"]]:
+    """The nearest equilibrium of each shape, resampled so that keypoints move at most about `row_step` [m] a row.
+
+    Returns:
+        q (R+1, 6), from `start` to `goal` with angles that run on, and for each row its place 0..T in `shapes`.
+    """
+    fits = [start]
+    for shape in shapes[1:-1]:
+        fits.append(fit_keypoints(rod, shape, guess=fits[-1])[0])
+    q = np.array([*fits, goal])
+    q[:, 2] = np.unwrap(q[:, 2])
+    q[:, 3:] = np.clip(q[:, 3:], -60.0, 60.0)
+    q[0, 3:], q[-1, 3:] = start[3:], goal[3:]
+    moves = np.linalg.norm(np.diff(rod.at_keypoints(rod.shapes(q)[0]), axis=0), axis=2).max(1)
+    arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
+    count = max(8, int(np.ceil(arc[-1] / row_step)))
+    rows = np.interp(np.linspace(0, arc[-1], count + 1), arc, np.arange(len(q)))
+    return interpolate(q, rows), rows
+
+
+def interpolate(q: Float[np.ndarray, "T+1 6"], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 6"]:
+    """Rows of q at fractional indices; between rows q runs straight, through equilibria."""
+    index = np.arange(len(q))
+    return np.column_stack([np.interp(at, index, column) for column in q.T])
+
+
+def step_evenly(
+    q: Float[np.ndarray, "T+1 6"], task: Task, config: RealizationConfig
+) -> tuple[Float[np.ndarray, "K+1 6"], Float[np.ndarray, "K+1"]]:
+    """The same polyline in q with rows at equal effort, none above `limit_share` of the gripper limits.
+
+    The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit.
+
+    Returns:
+        q (K+1, 6) and the fractional index of each row in the q given.
+    """
+    fine = np.linspace(0, len(q) - 1, 8 * (len(q) - 1) + 1)
+    stations, poses = task.cable.rod.shapes(interpolate(q, fine))
+    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    shift = np.linalg.norm(np.diff(task.cable.rod.at_keypoints(stations), axis=0), axis=2).max(1)
+    limits = task.grippers
+    effort = np.maximum.reduce(
+        [
+            move.max(1) / limits.max_step,
+            turn.max(1) / limits.max_turn,
+            shift / (config.keypoint_step * limits.max_step),
+        ]
+    )
+    total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
+    count = max(1, int(np.ceil(total[-1] / config.limit_share)))
+    at = np.interp(np.linspace(0, total[-1], count + 1), total, fine)
+    return interpolate(q, at), at

@@ -1,0 +1,227 @@
+"""Refinement: move a sequence of rod equilibria until it is smooth, clear of obstacles and stable.
+
+Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
+
+    1/2 sum_t |x_{t+1} - x_t|^2 / v^2 + 1/2 sum_t |x_{t-1} - 2 x_t + x_{t+1}|^2 / u^2      keypoints x, smoothness
+    + 1/2 w sum_t sum_i max(0, margin - clearance_{t,i})^2 / e^2                           stations and gripper discs
+    + 1/2 sum_t max(0, mu_0 - mu_t)^2 / d^2                                                stability
+    + 1/2 sum_t max(0, chord_t/L - chord_0)^2 / g^2                                        slack
+    + small pulls on the loads and on their differences,
+
+with the clearance weight w rising in stages. Smoothness couples rows at most two apart, so the normal matrix has
+blocks of six on five diagonals, and each step is one banded Cholesky solution.
+
+Note:
+    Not in the paper (Tang et al.), whose planned shapes are never made equilibria.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import LinAlgError, solveh_banded
+
+from cableway.geometry import convex
+from cableway.rod.equilibrium import Rod
+from cableway.scene.task import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinementConfig:
+    """Weights and margins of the refinement; a scale is the size of a residual that counts as 1.
+
+    Attributes:
+        margin: Clearance of the cable's surface and of the gripper discs that is asked for [m].
+        clearance_weights: The rising stages of the clearance weight.
+        clearance_scale: [m].
+        step_scale: Of a keypoint's move from row to row [m].
+        bend_scale: Of the change of that move [m].
+        load_scale: Of a load, in units of (10, 10, 3) for (a_x, a_y, m).
+        load_step_scale: Of its change from row to row.
+        stability_wanted: Margin mu under which a shape is pushed back.
+        stability_scale: Of that shortfall.
+        chord_wanted: Distance between the grippers over L above which the cable is given slack.
+        chord_scale: Of that excess.
+        iterations: Cap for each stage.
+        tolerance: Relative fall of the cost that ends a stage.
+    """
+
+    margin: float = 0.010
+    clearance_weights: tuple[float, ...] = (0.3, 1.0, 3.0)
+    clearance_scale: float = 0.001
+    step_scale: float = 0.05
+    bend_scale: float = 0.005
+    load_scale: float = 10.0
+    load_step_scale: float = 1.0
+    stability_wanted: float = 34.0
+    stability_scale: float = 2.0
+    chord_wanted: float = 0.97
+    chord_scale: float = 0.005
+    iterations: int = 60
+    tolerance: float = 1e-4
+
+
+@dataclass
+class _Normal:
+    """Gradient (T+1, 6) and the blocks (T+1, 6, 6) of the normal matrix on the diagonal and the two above it."""
+
+    cost: float
+    gradient: Float[np.ndarray, "T+1 6"]
+    blocks: tuple[
+        Float[np.ndarray, "T+1 6 6"],
+        Float[np.ndarray, "T 6 6"],
+        Float[np.ndarray, "T-1 6 6"],
+    ]
+
+
+def refine(q: Float[np.ndarray, "T+1 6"], task: Task, config: RefinementConfig) -> Float[np.ndarray, "T+1 6"]:
+    """The sequence moved to a local minimum of the cost above; its first and last row stay.
+
+    Args:
+        q: (T+1, 6) rod coordinates with angles that run on, T at least 2.
+        task: The task; its cable, grippers and scene.
+        config: Weights and margins.
+    """
+    for weight in config.clearance_weights:
+        problem = _Problem(task, config, weight, len(q))
+        q = _levenberg_marquardt(q, problem, config.iterations)
+    return q
+
+
+class _Problem:
+    def __init__(self, task: Task, config: RefinementConfig, weight: float, rows: int) -> None:
+        self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
+        first, second = np.diff(np.eye(rows), axis=0), np.diff(np.eye(rows), n=2, axis=0)
+        smooth = first.T @ first / config.step_scale**2 + second.T @ second / config.bend_scale**2
+        self.smooth = tuple(np.diagonal(smooth, d).copy() for d in range(3))
+        loads = first.T @ first / config.load_step_scale**2
+        self.loads = tuple(np.diagonal(loads, d).copy() for d in range(3))
+
+    def cost(self, q: Float[np.ndarray, "T+1 6"]) -> float:
+        """The cost alone, for trial steps."""
+        stations, poses = self.rod.shapes(q)
+        keypoints = self.rod.at_keypoints(stations).reshape(len(q), -1)
+        loads = q[:, 3:] / _LOAD_UNITS
+        total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
+        total += 0.5 * np.sum(loads**2) / self.config.load_scale**2
+        total += 0.5 * np.sum(self._clearance(stations)[0] ** 2) + 0.5 * np.sum(self._slack(poses)[0] ** 2)
+        return float(total + 0.5 * np.sum(self._stability(q)[0] ** 2))
+
+    def linearise(self, q: Float[np.ndarray, "T+1 6"]) -> _Normal:
+        """Cost, gradient and Gauss-Newton blocks at q."""
+        rows = len(q)
+        stations, dstations, poses, dposes = self.rod.jacobians(q)
+        keypoints = self.rod.at_keypoints(stations).reshape(rows, -1)
+        jacobian = np.ascontiguousarray(self.rod.at_keypoints(dstations).reshape(rows, -1, 6))
+        gradient = np.einsum("tki,tk->ti", jacobian, _band_product(self.smooth, keypoints))
+        blocks = [
+            self.smooth[d][:, None, None] * np.matmul(jacobian[: rows - d].transpose(0, 2, 1), jacobian[d:])
+            for d in range(3)
+        ]
+        cost = _band_form(self.smooth, keypoints)
+
+        loads = q[:, 3:] / _LOAD_UNITS
+        pull = _band_product(self.loads, loads) + loads / self.config.load_scale**2
+        gradient[:, 3:] += pull / _LOAD_UNITS
+        for d in range(3):
+            diagonal = self.loads[d] + (1 / self.config.load_scale**2 if d == 0 else 0.0)
+            blocks[d][:, range(3, 6), range(3, 6)] += diagonal[:, None] / _LOAD_UNITS**2
+        cost += _band_form(self.loads, loads) + 0.5 * np.sum(loads**2) / self.config.load_scale**2
+
+        short, slope = self._clearance(stations)
+        rise = np.einsum("tsk,tski->tsi", slope, dstations)
+        lack, dlack = self._stability(q)
+        taut, dtaut = self._slack(poses)
+        rise_taut = np.einsum("tkj,tkji->ti", dtaut, dposes)
+        for value, slopes in ((short, rise), (lack[:, None], dlack[:, None]), (taut[:, None], rise_taut[:, None])):
+            cost += 0.5 * np.sum(value**2)
+            gradient += np.einsum("tsi,ts->ti", slopes, value)
+            blocks[0] += np.matmul(slopes.transpose(0, 2, 1), slopes)
+        return _Normal(float(cost), gradient, (blocks[0], blocks[1], blocks[2]))
+
+    def _clearance(self, stations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted shortfall of the clearance at each station, and its slope by the station's position."""
+        wanted = np.full(stations.shape[1], self.config.margin + self.task.cable.radius)
+        wanted[[0, -1]] = self.config.margin + max(self.task.grippers.radius, self.task.cable.radius)
+        distance, slope, _ = convex.signed_distance(stations, self.task.scene.world)
+        scale = np.sqrt(self.weight) / self.config.clearance_scale
+        short = np.maximum(0.0, wanted - distance)
+        return scale * short, -scale * slope * (short > 0)[..., None]
+
+    def _stability(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        mu, dmu = self.rod.stability(q)
+        lack = np.maximum(0.0, self.config.stability_wanted - mu) / self.config.stability_scale
+        return lack, -dmu * (lack > 0)[:, None] / self.config.stability_scale
+
+    def _slack(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Excess of the chord between the grippers over the wanted part of L, and its slope by the poses."""
+        chord = poses[:, 1, :2] - poses[:, 0, :2]
+        reach = np.linalg.norm(chord, axis=1)
+        excess = np.maximum(0.0, reach / self.rod.length - self.config.chord_wanted) / self.config.chord_scale
+        slope = np.zeros_like(poses)
+        unit = chord / np.maximum(reach, 1e-12)[:, None] * (excess > 0)[:, None]
+        slope[:, 1, :2] = unit / (self.rod.length * self.config.chord_scale)
+        slope[:, 0, :2] = -slope[:, 1, :2]
+        return excess, slope
+
+
+_LOAD_UNITS = np.array([10.0, 10.0, 3.0])
+"""Usual size of (a_x, a_y, m) over the shapes of a cable bent by less than half a turn."""
+
+
+def _band_product(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> Float[np.ndarray, "t k"]:
+    """Product of a symmetric banded matrix, given by its diagonals 0, 1, 2, ..., with x."""
+    out = bands[0][:, None] * x
+    for d, band in enumerate(bands[1:], start=1):
+        out[:-d] += band[:, None] * x[d:]
+        out[d:] += band[:, None] * x[:-d]
+    return out
+
+
+def _band_form(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> float:
+    return 0.5 * float(np.sum(x * _band_product(bands, x)))
+
+
+def _levenberg_marquardt(q: np.ndarray, problem: _Problem, iterations: int) -> np.ndarray:
+    damping, q = 1e-3, q.copy()
+    normal = problem.linearise(q)
+    for _ in range(iterations):
+        step = _solve(normal, damping)
+        if step is None:
+            damping = max(1e-6, damping * 10)
+            continue
+        trial = q.copy()
+        trial[1:-1] += step
+        cost = problem.cost(trial)
+        if not cost < normal.cost:
+            damping *= 6
+            if damping > 1e9:
+                break
+            continue
+        fell = normal.cost - cost
+        q, normal = trial, problem.linearise(trial)
+        damping = max(1e-9, damping / 4)
+        if fell < problem.config.tolerance * normal.cost:
+            break
+    return q
+
+
+def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "T-1 6"] | None:
+    """Solve (H + damping diag H) step = -gradient on the free rows; None where H is not positive definite."""
+    diagonal, above, further = (block[1:-1] for block in normal.blocks)
+    free = len(diagonal)
+    banded = np.zeros((18, 6 * free))
+    for d, blocks in enumerate((diagonal, above, further)):
+        for i in range(6):
+            for j in range(6):
+                offset = 6 * d + j - i
+                if offset >= 0 and len(blocks):
+                    columns = 6 * (np.arange(len(blocks)) + d) + j
+                    banded[17 - offset, columns] = blocks[:, i, j]
+    banded[17] += damping * np.maximum(banded[17], 1e-9)
+    try:
+        return -solveh_banded(banded, normal.gradient[1:-1].ravel(), check_finite=False).reshape(free, 6)
+    except LinAlgError:
+        return None
