@@ -37,6 +37,18 @@ def resample(points: Float[np.ndarray, "m 2"], count: int) -> Float[np.ndarray, 
     return point_at(points, np.linspace(0.0, float(length(points)), count))
 
 
+def spline(points: Float[np.ndarray, "... m 2"], pieces: int) -> Float[np.ndarray, "... k 2"]:
+    """A cubic spline through the vertices, `pieces` segments for each one given: the cable between keypoints.
+
+    >>> spline(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]), 2).shape
+    (7, 2)
+    """
+    from scipy.interpolate import CubicSpline
+
+    m = points.shape[-2]
+    return CubicSpline(np.linspace(0, 1, m), points, axis=-2)(np.linspace(0, 1, pieces * (m - 1) + 1))
+
+
 def remove_repeated(points: Float[np.ndarray, "m 2"], tolerance: float = 1e-9) -> Float[np.ndarray, "k 2"]:
     """The polyline without vertices closer than `tolerance` [m] to the one before; the first one stays."""
     keep = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > tolerance])

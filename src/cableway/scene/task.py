@@ -21,6 +21,9 @@ CONTROL_STEP = 0.1
 LENGTH_TOLERANCE = 0.02
 """Relative error of length above which a start or goal shape is refused."""
 
+SPLINE_PIECES = 6
+"""Vertices between two keypoints where the cable is drawn through them: 4 mm apart on 0.3 m."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Grippers:
@@ -116,7 +119,7 @@ class Task:
             raise TaskError(f"{end} has shape {shape.shape}, but cable.keypoints asks for ({n}, 2)")
         if not np.isfinite(shape).all():
             raise TaskError(f"{end} holds a number that is not finite")
-        long = float(polyline.length(_smooth(shape)))
+        long = float(polyline.length(polyline.spline(shape, SPLINE_PIECES)))
         if abs(long / self.cable.length - 1) > LENGTH_TOLERANCE:
             raise TaskError(
                 f"{end} is {long:.4f} m long, more than {LENGTH_TOLERANCE:.0%} off cable.length {self.cable.length} m"
@@ -129,7 +132,7 @@ class Task:
                 f"{end} keypoint {i} at ({shape[i, 0]:.3f}, {shape[i, 1]:.3f}) lies outside the workspace "
                 f"{width} m x {height} m"
             )
-        distance, index = convex.polyline_distance(_smooth(shape)[None], self.scene.world)
+        distance, index = convex.polyline_distance(polyline.spline(shape, SPLINE_PIECES)[None], self.scene.world)
         depth = self.cable.radius - float(distance[0])
         if depth > 0:
             raise TaskError(f"{end} overlaps {self.scene.name_of(int(index[0]))} by {1000 * depth:.1f} mm")
@@ -151,11 +154,3 @@ class Task:
     def goal_fit(self) -> tuple[Float[np.ndarray, "6"], float]:
         """The equilibrium nearest to the goal and its stacked distance [m]."""
         return fit_keypoints(self.cable.rod, self.goal)
-
-
-def _smooth(shape: Float[np.ndarray, "n 2"], pieces: int = 6) -> Float[np.ndarray, "m 2"]:
-    """A cubic spline through keypoints, `pieces` vertices a segment: the cable between them."""
-    from scipy.interpolate import CubicSpline
-
-    n = len(shape)
-    return CubicSpline(np.linspace(0, 1, n), shape)(np.linspace(0, 1, pieces * (n - 1) + 1))
