@@ -1,0 +1,58 @@
+# make demo    environment + the main job: single obstacle, report, pictures and video in demo/
+# make test    environment + all tests
+# make check   everything that CI runs
+# PYTHON=...   the Python that .venv is made with (3.11 to 3.13)
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.installed
+export PYTHON
+
+.PHONY: env demo test check checks lint types imports doctest examples wheel format lock clean
+.DEFAULT_GOAL := env
+
+env: $(STAMP)
+
+$(STAMP): requirements.lock pyproject.toml tools/make_env.sh
+	@sh tools/make_env.sh
+	@touch $@
+
+demo: env
+	@$(BIN)/cableway run single-obstacle-2 --out demo
+
+test: env
+	@$(BIN)/python -m pytest
+
+check: test checks
+
+checks: lint types imports doctest examples wheel
+
+lint: env
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+
+types: env
+	@$(BIN)/pyright
+
+imports: env
+	@$(BIN)/lint-imports --no-cache
+
+doctest: env
+	@$(BIN)/python -m pytest --doctest-modules --doctest-glob='*.md' src/cableway docs
+
+examples: env
+	@$(BIN)/python -m pytest checks/test_examples.py
+
+wheel: env
+	@$(BIN)/python -m pytest checks/test_wheel.py
+
+format: env
+	@$(BIN)/ruff check --fix --select I .
+	@$(BIN)/ruff format .
+
+# The newest versions that pyproject.toml allows, one set for all Pythons and platforms.
+lock: env
+	@$(BIN)/uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 --fork-strategy fewest \
+	  --only-binary :all: --generate-hashes --upgrade --quiet --custom-compile-command 'make lock' -o requirements.lock
+
+clean:
+	rm -rf .venv demo dist .pytest_cache .ruff_cache
