@@ -1,0 +1,269 @@
+"""Compiled kernels on paths in free space: cost of a segment, shortcuts, and small sideways moves.
+
+Every change is made only where the new segments keep their distance to the obstacles, tested exactly along the
+whole segment, so no change passes through a wall however thin. A world is (vertices, counts, rounding, size) of
+`geometry.convex`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.geometry.compiled import kernel
+from cableway.geometry.convex import ConvexWorld, point_distance, segment_distance, wall_distance
+
+SMALLEST_CLEARANCE = 1e-6
+"""Clearance [m] below which 1/clearance in the cost grows no more."""
+
+World = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def arrays(world: ConvexWorld) -> World:
+    """The world as the arguments the kernels take."""
+    return world.vertices, world.counts, world.rounding, world.size
+
+
+def reference_points(world: ConvexWorld) -> Float[np.ndarray, "k 2"]:
+    """A point inside each obstacle: a loop that goes round none of them encloses no obstacle."""
+    points = [row[:count].mean(axis=0) for row, count in zip(world.vertices, world.counts, strict=True)]
+    return np.array(points).reshape(-1, 2)
+
+
+@kernel
+def segment_clearance(ax, ay, bx, by, world, enough):
+    """Least signed distance over a segment to everything; may stop early once it is below `enough`."""
+    vertices, counts, rounding, size = world
+    d = min(wall_distance(ax, ay, size)[0], wall_distance(bx, by, size)[0])
+    for k in range(len(counts)):
+        if d < enough:
+            return d
+        d = min(d, segment_distance(ax, ay, bx, by, vertices[k], counts[k], rounding[k]))
+    return d
+
+
+@kernel
+def distance_at(x, y, world):
+    """Signed distance of a point to everything."""
+    return point_distance(x, y, world[0], world[1], world[2], world[3])[0]
+
+
+@kernel
+def is_free(ax, ay, da, bx, by, db, world, radius):
+    """Whether a segment keeps `radius`, given the signed distance of its ends.
+
+    Signed distance changes no faster than position, so mostly the ends alone decide.
+    """
+    if min(da, db) < radius:
+        return False
+    if da + db - math.hypot(bx - ax, by - ay) >= 2 * radius:
+        return True
+    return segment_clearance(ax, ay, bx, by, world, radius) >= radius
+
+
+@kernel
+def segment_cost(ax, ay, bx, by, world, length_weight, clearance_weight, step):
+    """Integral of length_weight + clearance_weight / distance over a segment (midpoints at most `step` apart)."""
+    length = math.hypot(bx - ax, by - ay)
+    cost = length_weight * length
+    if clearance_weight > 0.0:
+        pieces = max(1, math.ceil(length / step))
+        for i in range(pieces):
+            t = (i + 0.5) / pieces
+            d = distance_at(ax + t * (bx - ax), ay + t * (by - ay), world)
+            cost += clearance_weight * length / pieces / max(d, SMALLEST_CLEARANCE)
+    return cost
+
+
+@kernel
+def path_cost(path, world, length_weight, clearance_weight, step):
+    """The same over a polyline (m, 2)."""
+    cost = 0.0
+    for i in range(len(path) - 1):
+        cost += segment_cost(
+            path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], world, length_weight, clearance_weight, step
+        )
+    return cost
+
+
+@kernel
+def _crossing(ax, ay, bx, by, px, py):
+    """Signed crossing of a segment with the ray from (px, py) along +x."""
+    if (ay <= py) == (by <= py):
+        return 0
+    x = ax + (py - ay) / (by - ay) * (bx - ax)
+    if x <= px:
+        return 0
+    return 1 if by > ay else -1
+
+
+@kernel
+def encloses(path, first, last, points):
+    """Whether the loop along path[first..last] and straight back goes round any of `points`."""
+    for k in range(len(points)):
+        px, py = points[k, 0], points[k, 1]
+        turns = _crossing(path[last, 0], path[last, 1], path[first, 0], path[first, 1], px, py)
+        for i in range(first, last):
+            turns += _crossing(path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], px, py)
+        if turns != 0:
+            return True
+    return False
+
+
+@kernel
+def _clearances(path, world, most):
+    out = np.empty(len(path) - 1)
+    for i in range(len(out)):
+        out[i] = min(most, segment_clearance(path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], world, -np.inf))
+    return out
+
+
+@kernel
+def shortcut(path, world, radius, points, length_weight, clearance_weight, step, rounds):
+    """Replace parts of `path` (m, 2) by straight lines wherever that costs less, in place.
+
+    A straight line is taken if it keeps `radius`, or else the clearance of what it replaces, and if the loop of the
+    two goes round none of `points`; its vertices are spread evenly over it, so m stays. Parts of m - 1, (m - 1)/2,
+    ... segments are tried, all of them up to `rounds` times while anything changes.
+    """
+    m = len(path)
+    clearance = _clearances(path, world, radius)
+    cost = np.empty(m - 1)
+    for i in range(m - 1):
+        cost[i] = segment_cost(
+            path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], world, length_weight, clearance_weight, step
+        )
+    for _ in range(rounds):
+        changed = False
+        stride = m - 1
+        while stride >= 2:
+            for first in range(0, m - stride, max(1, stride // 4)):
+                last = first + stride
+                ax, ay, bx, by = path[first, 0], path[first, 1], path[last, 0], path[last, 1]
+                old = cost[first:last].sum()
+                if length_weight * math.hypot(bx - ax, by - ay) > old * (1.0 - 1e-9) - 1e-12:
+                    continue
+                keep = clearance[first:last].min()
+                if segment_clearance(ax, ay, bx, by, world, keep) < keep or encloses(path, first, last, points):
+                    continue
+                new = segment_cost(ax, ay, bx, by, world, length_weight, clearance_weight, step)
+                if new > old * (1.0 - 1e-9) - 1e-12:
+                    continue
+                for i in range(1, stride):
+                    path[first + i, 0] = ax + (bx - ax) * i / stride
+                    path[first + i, 1] = ay + (by - ay) * i / stride
+                for i in range(first, last):
+                    clearance[i] = min(
+                        radius,
+                        segment_clearance(path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], world, -np.inf),
+                    )
+                    cost[i] = segment_cost(
+                        path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1],
+                        world, length_weight, clearance_weight, step,
+                    )  # fmt: skip
+                changed = True
+            stride //= 2
+        if not changed:
+            break
+
+
+@kernel
+def relax(path, world, radius, length_weight, clearance_weight, scale, reach):
+    """Move the inner vertices of `path` (m, 2) sideways by multiples of `scale`, at most `reach`, to the least cost.
+
+    Exact over all combinations by dynamic programming; the vertices stay on their normals. A vertex takes only
+    positions it can slide to in free space. In place.
+    """
+    m, options = len(path), 2 * reach + 1
+    x, y, d = np.empty((m, options)), np.empty((m, options)), np.full((m, options), -np.inf)
+    for i in range(m):
+        before, after = max(i - 1, 0), min(i + 1, m - 1)
+        nx, ny = path[before, 1] - path[after, 1], path[after, 0] - path[before, 0]
+        norm = max(math.hypot(nx, ny), 1e-12)
+        for sign in (1, -1):
+            for k in range(reach + 1):
+                j = reach + sign * k
+                x[i, j], y[i, j] = path[i, 0] + sign * k * scale * nx / norm, path[i, 1] + sign * k * scale * ny / norm
+                here = distance_at(x[i, j], y[i, j], world)
+                back = j - sign
+                if k > 0 and not is_free(x[i, back], y[i, back], d[i, back], x[i, j], y[i, j], here, world, radius):
+                    break
+                d[i, j] = here
+                if i == 0 or i == m - 1:
+                    break
+    best = np.full((m, options), np.inf)
+    previous = np.zeros((m, options), np.int64)
+    best[0, reach] = 0.0
+    for i in range(1, m):
+        for j in range(options):
+            if d[i, j] == -np.inf:
+                continue
+            inverse = 0.5 * clearance_weight / max(d[i, j], SMALLEST_CLEARANCE)
+            for k in range(options):
+                length = math.hypot(x[i, j] - x[i - 1, k], y[i, j] - y[i - 1, k])
+                cost = best[i - 1, k] + length * (
+                    length_weight + inverse + 0.5 * clearance_weight / max(d[i - 1, k], SMALLEST_CLEARANCE)
+                )
+                if cost < best[i, j] and (
+                    (j == reach and k == reach)
+                    or is_free(x[i - 1, k], y[i - 1, k], d[i - 1, k], x[i, j], y[i, j], d[i, j], world, radius)
+                ):
+                    best[i, j] = cost
+                    previous[i, j] = k
+    j = reach
+    for i in range(m - 1, 0, -1):
+        path[i, 0], path[i, 1] = x[i, j], y[i, j]
+        j = previous[i, j]
+
+
+@kernel
+def _in_triangle(px, py, ax, ay, bx, by, cx, cy):
+    u = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+    v = (cx - bx) * (py - by) - (cy - by) * (px - bx)
+    w = (ax - cx) * (py - cy) - (ay - cy) * (px - cx)
+    return (u >= 0 and v >= 0 and w >= 0) or (u <= 0 and v <= 0 and w <= 0)
+
+
+@kernel
+def smooth(path, world, radius, points, bending, sweeps):
+    """Move the inner vertices of `path` (m, 2) one by one towards less length and bending, in place.
+
+    Each vertex goes towards the minimum of sum |x_i - x_i-1|^2 + bending sum |x_i-1 - 2 x_i + x_i+1|^2 over its own
+    position. A move is rejected if one of its two segments would keep less than `radius` and less than it did
+    before, or if the swept area holds one of `points`.
+    """
+    m = len(path)
+    clearance = _clearances(path, world, radius)
+    for _ in range(sweeps):
+        for i in range(1, m - 1):
+            ax, ay, ox, oy, bx, by = (
+                path[i - 1, 0], path[i - 1, 1], path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1],
+            )  # fmt: skip
+            weight = 2.0 + 4.0 * bending
+            x, y = (1.0 + 2.0 * bending) * (ax + bx), (1.0 + 2.0 * bending) * (ay + by)
+            for side in (-1, 1):
+                j = i + 2 * side
+                if 0 <= j < m:
+                    weight += bending
+                    x += bending * (2.0 * path[i + side, 0] - path[j, 0])
+                    y += bending * (2.0 * path[i + side, 1] - path[j, 1])
+            x, y = x / weight, y / weight
+            for _ in range(3):
+                if (x - ox) ** 2 + (y - oy) ** 2 < 1e-16:
+                    break
+                left = segment_clearance(ax, ay, x, y, world, clearance[i - 1])
+                if left >= clearance[i - 1]:
+                    right = segment_clearance(x, y, bx, by, world, clearance[i])
+                    if right >= clearance[i]:
+                        swept = False
+                        for k in range(len(points)):
+                            px, py = points[k, 0], points[k, 1]
+                            swept |= _in_triangle(px, py, ax, ay, ox, oy, x, y)
+                            swept |= _in_triangle(px, py, bx, by, ox, oy, x, y)
+                        if not swept:
+                            path[i, 0], path[i, 1] = x, y
+                            clearance[i - 1], clearance[i] = min(radius, left), min(radius, right)
+                            break
+                x, y = 0.5 * (x + ox), 0.5 * (y + oy)

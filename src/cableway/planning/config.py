@@ -1,0 +1,154 @@
+"""What can be chosen in planning: one frozen record per stage, each checked when it is made."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+from cableway.errors import InputError, UnknownNameError
+
+PivotMethod = Literal["grid", "rrt_star"]
+PathSetKind = Literal["homotopic", "transfer"]
+Interpolation = Literal["spline", "sigmoid"]
+
+
+def require_range(config: object, low: float, high: float, *names: str) -> None:
+    """Check that the named fields of a config lie in [low, high].
+
+    Raises:
+        InputError: One does not, or is not a number.
+    """
+    for name in names:
+        value: Any = getattr(config, name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+            raise InputError(f"{type(config).__name__}.{name} must be from {low:g} to {high:g}, got {value!r}")
+
+
+def require_choice(kind: str, value: str, choices: Any) -> None:
+    """Check that `value` is one of the names of a Literal type.
+
+    Raises:
+        UnknownNameError: It is not; the message lists the names.
+    """
+    if value not in get_args(choices):
+        raise UnknownNameError(kind, value, get_args(choices))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PivotConfig:
+    """How the path of the cable's centre is found.
+
+    Attributes:
+        method: "grid": shortest path on a grid, then made smooth; "rrt_star": OMPL's RRT*, the paper's.
+        length_weight: k_l of the cost; paper's table: 1.
+        clearance_weight: k_c of the cost [m]; paper's table: 1.
+        resolution: Spacing of the grid and of the path's vertices [m].
+        iterations: Iterations of RRT*.
+        reach: Longest edge of RRT* [m].
+    """
+
+    method: PivotMethod = "grid"
+    length_weight: float = 1.0
+    clearance_weight: float = 1.0
+    resolution: float = 0.005
+    iterations: int = 3000
+    reach: float = 0.1
+
+    def __post_init__(self) -> None:
+        require_choice("pivot method", self.method, PivotMethod)
+        require_range(self, 1e-6, 1e6, "length_weight")
+        require_range(self, 0, 1e6, "clearance_weight")
+        require_range(self, 1e-4, 0.1, "resolution")
+        require_range(self, 1, 10**7, "iterations")
+        require_range(self, 1e-3, 100, "reach")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathSetConfig:
+    """How the pivot path becomes one path per keypoint.
+
+    Attributes:
+        kind: "homotopic": along the start cable, the pivot path and the goal cable, then tightened in free space;
+            "transfer": linear transfer with redistribution in the passages, the paper's.
+        waypoints: M, points of each path.
+        margin: Clearance [m] beyond the cable's radius that tightening leaves where there was that much before.
+        spread: alpha: width over which the paths spread in a passage, over the cable's length, at most.
+        shrink: gamma: scale of the end shapes that set the order in the passages ("transfer").
+    """
+
+    kind: PathSetKind = "homotopic"
+    waypoints: int = 201
+    margin: float = 0.01
+    spread: float = 0.5
+    shrink: float = 0.1
+
+    def __post_init__(self) -> None:
+        require_choice("path set", self.kind, PathSetKind)
+        require_range(self, 8, 10000, "waypoints")
+        require_range(self, 0, math.inf, "margin")
+        require_range(self, 0, 1, "spread", "shrink")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeformationConfig:
+    """The optimisation of progress along the path set.
+
+    Attributes:
+        steps: T; paper's table: 50.
+        near_stiffness: k1, springs between neighbouring keypoints [N/m]. The paper's 2 does not hold the length.
+        far_stiffness: k2, springs between every second keypoint [N/m]; paper's table: 1.
+        lower_bound: lb, least progress of a keypoint in a step. The paper's 0.01 with T = 50 leaves keypoints no
+            room to be more than half a path apart.
+        upper_bound: ub, most progress of a keypoint in a step; paper's table: 0.1.
+        interpolation: "spline": a C2 cubic spline through each path; "sigmoid": the paper's weighted segments.
+        sharpness: a of the paper's sigmoid, per segment.
+        iterations: Iterations allowed to Ipopt; when they are used up, the last iterate is taken.
+    """
+
+    steps: int = 50
+    near_stiffness: float = 100.0
+    far_stiffness: float = 1.0
+    lower_bound: float = 0.0
+    upper_bound: float = 0.1
+    interpolation: Interpolation = "spline"
+    sharpness: float = 10.0
+    iterations: int = 100
+
+    def __post_init__(self) -> None:
+        require_choice("interpolation", self.interpolation, Interpolation)
+        require_range(self, 2, 10000, "steps")
+        require_range(self, 0, 1e9, "near_stiffness", "far_stiffness")
+        require_range(self, 0, 1, "lower_bound", "upper_bound")
+        require_range(self, 0.1, 1e4, "sharpness")
+        require_range(self, 1, 10**6, "iterations")
+        if not self.lower_bound * self.steps <= 1 <= self.upper_bound * self.steps:
+            raise InputError(
+                f"progress cannot reach 1 in {self.steps} steps of {self.lower_bound:g} to {self.upper_bound:g}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannerConfig:
+    """All stages of the planner.
+
+    Attributes:
+        pivot: Path of the cable's centre.
+        path_set: One path per keypoint.
+        deformation: Progress of the keypoints along their paths.
+    """
+
+    pivot: PivotConfig = field(default_factory=PivotConfig)
+    path_set: PathSetConfig = field(default_factory=PathSetConfig)
+    deformation: DeformationConfig = field(default_factory=DeformationConfig)
+
+    @classmethod
+    def paper(cls) -> PlannerConfig:
+        """The values and variants of the paper (Tang et al., table of key hyperparameters)."""
+        return cls(
+            pivot=PivotConfig(method="rrt_star"),
+            path_set=PathSetConfig(kind="transfer"),
+            deformation=DeformationConfig(
+                near_stiffness=2.0, far_stiffness=1.0, lower_bound=0.01, upper_bound=0.1, interpolation="sigmoid"
+            ),
+        )

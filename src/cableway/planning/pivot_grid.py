@@ -1,0 +1,200 @@
+"""The pivot path on a grid: Dijkstra over 32 neighbours, then an elastic band.
+
+In the plane this is both faster and nearer to the optimum than sampling. Edges between grid nodes are tested
+exactly, so thin walls count. Where no path exists on the grid, finer grids are tried before giving up.
+
+Note:
+    Not in the paper, which uses RRT* (`pivot_rrt`); the cost is the same.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.errors import PlanningError
+from cableway.geometry import polyline
+from cableway.geometry.compiled import kernel
+from cableway.planning import band
+from cableway.planning.config import PivotConfig
+from cableway.scene.scene import Scene
+
+REFINEMENTS = 3
+"""How often the spacing is halved before a path is said not to exist."""
+
+LINK = 3
+"""Start and goal are linked to grid nodes at most this many spacings away."""
+
+NEIGHBOURS = np.array(
+    [(i, j) for i in range(-3, 4) for j in range(-3, 4) if math.gcd(i, j) == 1], dtype=np.int64
+)  # directions 18 degrees apart at most: paths at most 1.3% too long
+
+
+def grid_path(
+    scene: Scene, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], radius: float, config: PivotConfig
+) -> Float[np.ndarray, "P 2"]:
+    """The path of least cost, vertices about `config.resolution` apart.
+
+    Args:
+        scene: Workspace and obstacles.
+        start: (2,) [m], in free space.
+        goal: (2,) [m], in free space.
+        radius: Distance [m] to keep from everything.
+        config: Weights and resolution.
+
+    Raises:
+        PlanningError: No path keeps that distance; the message gives the greatest distance that one does keep.
+    """
+    world, weights = band.arrays(scene.world), (config.length_weight, config.clearance_weight)
+    for refinement in range(REFINEMENTS + 1):
+        spacing = config.resolution / 2**refinement
+        shape = np.maximum(2, np.ceil(np.array(scene.size) / spacing).astype(np.int64))
+        path = _search(world, shape, start, goal, radius, *weights, NEIGHBOURS, LINK)
+        if len(path):
+            return polish(path, scene, radius, config, spacing)
+    widest = _widest(scene, start, goal, spacing)
+    raise PlanningError(
+        f"no path for the cable's centre keeps {1000 * radius:.1f} mm from the obstacles; "
+        + (f"the widest way keeps {1000 * widest:.1f} mm" if widest > 0 else "there is no way at all")
+    )
+
+
+def polish(
+    path: Float[np.ndarray, "m 2"], scene: Scene, radius: float, config: PivotConfig, spacing: float
+) -> Float[np.ndarray, "P 2"]:
+    """A path of no greater cost near `path`, its vertices about `spacing` [m] apart, still keeping `radius`."""
+    world, weights = band.arrays(scene.world), (config.length_weight, config.clearance_weight)
+    nothing = np.empty((0, 2))
+    path = subdivide(path, spacing)
+    for scale in (4.0, 2.0, 1.0, 0.5):
+        band.shortcut(path, world, radius, nothing, *weights, spacing / 2, 1)
+        path = _even(path, scene, radius, spacing)
+        for _ in range(3):
+            band.relax(path, world, radius, *weights, scale * spacing, 3)
+    band.shortcut(path, world, radius, nothing, *weights, spacing / 2, 2)
+    return path
+
+
+def subdivide(path: Float[np.ndarray, "m 2"], spacing: float) -> Float[np.ndarray, "k 2"]:
+    """The same polyline with vertices added so that none are more than `spacing` [m] apart."""
+    path = polyline.remove_repeated(path)
+    pieces = [
+        a + (b - a) * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
+        for a, b in zip(path[:-1], path[1:], strict=True)
+        for count in (max(1, math.ceil(np.linalg.norm(b - a) / spacing)),)
+    ]
+    return np.vstack([*pieces, path[-1:]])
+
+
+def _even(path: np.ndarray, scene: Scene, radius: float, spacing: float) -> np.ndarray:
+    """Vertices at equal arc length, unless that cuts a corner."""
+    count = max(2, round(float(polyline.length(path)) / spacing) + 1)
+    even = polyline.resample(path, count)
+    even[0], even[-1] = path[0], path[-1]
+    return even if scene.clearance(even[None], radius)[0] >= 0 else subdivide(path, spacing)
+
+
+def _widest(scene: Scene, start: np.ndarray, goal: np.ndarray, spacing: float) -> float:
+    """Greatest distance [m] that some path keeps, on the grid, by bisection; below 0 if there is no path."""
+    world = band.arrays(scene.world)
+    shape = np.maximum(2, np.ceil(np.array(scene.size) / spacing).astype(np.int64))
+    low, high = 0.0, float(scene.signed_distance(np.array([start, goal])).min())
+    if not len(_search(world, shape, start, goal, low, 1.0, 0.0, NEIGHBOURS, LINK)):
+        return -1.0
+    while high - low > 1e-4:
+        middle = 0.5 * (low + high)
+        if len(_search(world, shape, start, goal, middle, 1.0, 0.0, NEIGHBOURS, LINK)):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def _edge(ax, ay, da, bx, by, db, world, radius, length_weight, clearance_weight):
+    """Cost of a straight edge, infinite where it does not keep `radius`."""
+    if not band.is_free(ax, ay, da, bx, by, db, world, radius):
+        return np.inf
+    length = math.hypot(bx - ax, by - ay)
+    inverse = 0.5 / max(da, band.SMALLEST_CLEARANCE) + 0.5 / max(db, band.SMALLEST_CLEARANCE)
+    return length * (length_weight + clearance_weight * inverse)
+
+
+@kernel
+def _search(world, shape, start, goal, radius, length_weight, clearance_weight, neighbours, link):
+    """Dijkstra's algorithm from start to goal over the nodes of a grid of shape + 1; (0, 2) if there is no path.
+
+    Node 0 is the start, linked to all nodes about it; node 1 + i ny + j is grid node (i, j).
+    """
+    nx, ny = shape[0] + 1, shape[1] + 1
+    hx, hy = world[3][0] / shape[0], world[3][1] / shape[1]
+    d = np.full(1 + nx * ny, np.nan)
+    cost = np.full(1 + nx * ny, np.inf)
+    parent = np.full(1 + nx * ny, -1, np.int64)
+    d[0], cost[0] = band.distance_at(start[0], start[1], world), 0.0
+    d_goal = band.distance_at(goal[0], goal[1], world)
+    best, last = np.inf, -1
+    heap = [(0.0, 0)]
+    while len(heap) > 0:
+        here, node = heapq.heappop(heap)
+        if here >= best:
+            break
+        if here > cost[node]:
+            continue
+        i, j = (node - 1) // ny, (node - 1) % ny
+        x, y = i * hx, j * hy
+        if node == 0:
+            i, j = round(start[0] / hx), round(start[1] / hy)
+            x, y = start[0], start[1]
+        if abs(x - goal[0]) <= link * hx and abs(y - goal[1]) <= link * hy:
+            total = here + _edge(
+                x, y, d[node], goal[0], goal[1], d_goal, world, radius, length_weight, clearance_weight
+            )
+            if total < best:
+                best, last = total, node
+        around = (2 * link + 1) ** 2 if node == 0 else len(neighbours)
+        for k in range(around):
+            if node == 0:
+                a, b = i + k // (2 * link + 1) - link, j + k % (2 * link + 1) - link
+            else:
+                a, b = i + neighbours[k, 0], j + neighbours[k, 1]
+            if a < 0 or a >= nx or b < 0 or b >= ny:
+                continue
+            other = 1 + a * ny + b
+            if cost[other] <= here:
+                continue
+            if np.isnan(d[other]):
+                d[other] = band.distance_at(a * hx, b * hy, world)
+            if d[other] < radius:
+                continue
+            optimistic = here + length_weight * math.hypot(a * hx - x, b * hy - y)
+            if optimistic >= cost[other]:
+                continue
+            total = here + _edge(
+                x, y, d[node], a * hx, b * hy, d[other], world, radius, length_weight, clearance_weight
+            )
+            if total < cost[other]:
+                cost[other], parent[other] = total, node
+                heapq.heappush(heap, (total, other))
+    return _trace(parent, last, ny, hx, hy, start, goal)
+
+
+@kernel
+def _trace(parent, last, ny, hx, hy, start, goal):
+    count, node = 0, last
+    while node >= 0:
+        count, node = count + 1, parent[node]
+    if count == 0:
+        return np.empty((0, 2))
+    path = np.empty((count + 1, 2))
+    path[count] = goal
+    node = last
+    while node > 0:
+        count -= 1
+        path[count, 0], path[count, 1] = (node - 1) // ny * hx, (node - 1) % ny * hy
+        node = parent[node]
+    path[0] = start
+    return path
