@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -83,7 +84,7 @@ def subdivide(path: Float[np.ndarray, "m 2"], spacing: float) -> Float[np.ndarra
     path = polyline.remove_repeated(path)
     pieces = [
         a + (b - a) * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
-        for a, b in zip(path[:-1], path[1:], strict=True)
+        for a, b in pairwise(path)
         for count in (max(1, math.ceil(np.linalg.norm(b - a) / spacing)),)
     ]
     return np.vstack([*pieces, path[-1:]])
