@@ -1,0 +1,253 @@
+"""The plant: a task's cable in MuJoCo, led by gripper motions, with its clearance measured at every time step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.errors import InputError, SimulationError
+from cableway.records import Measurement, Observation
+from cableway.rod.inverse import equilibria_at
+from cableway.scene.cable import Cable
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.simulation.chain import Chain
+
+SLIP_DISTANCE = 0.005
+"""Distance [m] of a cable end from its gripper beyond which the grasp counts as lost."""
+
+SLIP_ANGLE = 0.1
+"""Turn [rad] of a cable end against its gripper beyond which the grasp counts as lost."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantConfig:
+    """How the plant is simulated.
+
+    Attributes:
+        time_step: MuJoCo's time step [s]; must divide the control step.
+        largest_step: Gripper move [m] in one control step beyond which an action is refused.
+        largest_turn: Gripper turn [rad] in one control step beyond which an action is refused.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    time_step: float = 0.005
+    largest_step: float = 0.05
+    largest_turn: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("time_step", "largest_step", "largest_turn"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"plant.{name} must be positive and finite, got {getattr(self, name)!r}")
+        if self.time_step > 0.02:
+            raise InputError(f"plant.time_step must be at most 0.02 s, got {self.time_step!r}")
+        if abs(CONTROL_STEP / self.time_step - self.substeps) > 1e-6:
+            raise InputError(f"plant.time_step must divide the control step {CONTROL_STEP} s, got {self.time_step!r}")
+
+    @property
+    def substeps(self) -> int:
+        """Time steps in one control step."""
+        return round(CONTROL_STEP / self.time_step)
+
+
+@dataclass(frozen=True)
+class PlantState:
+    """All that the plant's future and its next measurement depend on; see `CableSimulator.state`.
+
+    Attributes:
+        chain: MuJoCo's integration state.
+        commanded: Gripper poses asked for so far [m, m, rad].
+        steps: Control steps since the start.
+        clearance: Of the cable in the last step [m].
+        gripper_clearance: Of the gripper discs in the last step [m].
+    """
+
+    chain: Float[np.ndarray, "s"]
+    commanded: Float[np.ndarray, "2 3"]
+    steps: int
+    clearance: float
+    gripper_clearance: float
+
+
+class CableSimulator:
+    """A cable in the scene of a task, starting at the rod's equilibrium nearest to the task's start.
+
+    A step that fails leaves the plant as it was before that step.
+
+    Args:
+        task: Scene, start and grippers; its cable unless `cable` is given.
+        config: Time step and bounds.
+        cable: The plant's true cable where it differs from the task's. It starts with the grippers where the task's
+            cable has them, at the stable shape nearest to the start.
+
+    Raises:
+        InputError: `cable` has another number of keypoints or is shorter than the distance of the grippers.
+        SimulationError: The cable overlaps an obstacle or a wall at the start, or has no stable shape there.
+
+    Note:
+        Not modelled: what `unmodelled` lists, first of all friction on the table (`Cable.friction`); the chain is
+        planar and without gravity.
+    """
+
+    control_step: float = CONTROL_STEP
+
+    def __init__(self, task: Task, config: PlantConfig | None = None, cable: Cable | None = None) -> None:
+        self.task = task
+        self.config = config or PlantConfig()
+        self.cable = cable or task.cable
+        self._chain = Chain(self.cable, task.scene, self.config.time_step)
+        q = start_equilibrium(task, self.cable)
+        self._chain.place(q)
+        self._commanded = self._chain.equilibrium(q)[1]
+        self._steps = 0
+        self._clearance, self._gripper_clearance = self._clearances(self._chain.coordinates[None])
+        if self._clearance < 0:
+            raise SimulationError(f"the cable overlaps the scene by {-1000 * self._clearance:.2f} mm at the start")
+        self._initial = self.state()
+
+    @property
+    def time(self) -> float:
+        """[s] since the start."""
+        return self._steps * self.control_step
+
+    @property
+    def unmodelled(self) -> tuple[str, ...]:
+        """What the task holds that this plant leaves out, one sentence each, for reports."""
+        notes = [
+            "Gripper bodies do not collide; the clearance of their discs is measured.",
+            "The cable does not collide with itself.",
+            "Contact between cable and obstacles is frictionless.",
+        ]
+        if self.cable.friction > 0:
+            notes.append(f"Friction between cable and table (coefficient {self.cable.friction:g}) is not simulated.")
+        if self.task.plug is not None:
+            notes.append("The plug is not simulated.")
+        return tuple(notes)
+
+    def reset(self) -> Observation:
+        """Go back to the start; the same run after it gives the same result bit for bit."""
+        self.restore(self._initial)
+        return self._observe()
+
+    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
+        """Move the grippers at constant speed by `action` (dx, dy, dtheta) [m, m, rad] in one control step.
+
+        Raises:
+            SimulationError: The action is refused (wrong shape, not finite, too large, grippers farther apart than
+                the cable is long), or the simulation failed (diverged, grasp lost, centreline inside an obstacle).
+        """
+        target = self._commanded + self._checked(action)
+        fraction = np.arange(1, self.config.substeps + 1)[:, None, None] / self.config.substeps
+        path = self._commanded + fraction * (target - self._commanded)
+        before = self._chain.save()
+        try:
+            coordinates = self._chain.advance(path)
+            self._check_grasp(coordinates, path)
+            clearance, gripper_clearance = self._clearances(coordinates)
+            if clearance < -self.cable.radius:
+                raise SimulationError(
+                    f"the cable was pressed {-1000 * clearance:.1f} mm into an obstacle or wall, more than its radius"
+                )
+        except SimulationError as error:
+            self._chain.restore(before)
+            raise SimulationError(f"{error} (step {self._steps + 1}, t = {self.time:.1f} s)") from None
+        self._commanded, self._steps = target, self._steps + 1
+        self._clearance, self._gripper_clearance = clearance, gripper_clearance
+        return self._observe()
+
+    def measure(self) -> Measurement:
+        """The truth after the last step, with the least clearances during it."""
+        line = self._chain.polylines(self._chain.coordinates[None])
+        return Measurement(
+            keypoints=self._chain.keypoints(line)[0],
+            poses=self._chain.end_poses(self._chain.coordinates[None])[0],
+            centreline=line[0],
+            clearance=self._clearance,
+            gripper_clearance=self._gripper_clearance,
+        )
+
+    def state(self) -> PlantState:
+        """A copy of the whole state, to branch a run from."""
+        return PlantState(
+            self._chain.save(), self._commanded.copy(), self._steps, self._clearance, self._gripper_clearance
+        )
+
+    def restore(self, state: PlantState) -> None:
+        """Go back to a state of this plant; what follows is the same bit for bit.
+
+        Raises:
+            InputError: The state is that of another model.
+        """
+        self._chain.restore(state.chain)
+        self._commanded, self._steps = state.commanded.copy(), state.steps
+        self._clearance, self._gripper_clearance = state.clearance, state.gripper_clearance
+
+    def _observe(self) -> Observation:
+        truth = self.measure()
+        return Observation(time=self.time, keypoints=truth.keypoints, poses=truth.poses)
+
+    def _checked(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+        action = np.asarray(action, dtype=float)
+        if action.shape != (2, 3):
+            raise SimulationError(f"an action must have shape (2, 3), got {action.shape}")
+        if not np.isfinite(action).all():
+            raise SimulationError(f"an action must be finite, got {action.tolist()}")
+        moves, turns = np.linalg.norm(action[:, :2], axis=1), np.abs(action[:, 2])
+        for name, values, limit, unit in (
+            ("step", moves, self.config.largest_step, "m"),
+            ("turn", turns, self.config.largest_turn, "rad"),
+        ):
+            if values.max() > limit:
+                side = ("left", "right")[int(np.argmax(values))]
+                raise SimulationError(
+                    f"the {side} gripper's {name} of {values.max():.4g} {unit} exceeds the plant's {limit:g} {unit}"
+                )
+        target = self._commanded + action
+        gap = float(np.linalg.norm(target[1, :2] - target[0, :2]))
+        if gap > self.cable.length:
+            raise SimulationError(
+                f"the grippers would be {gap:.4f} m apart, farther than the cable is long ({self.cable.length:.4f} m)"
+            )
+        return action
+
+    def _check_grasp(self, coordinates: Float[np.ndarray, "k c"], path: Float[np.ndarray, "k 2 3"]) -> None:
+        slip = np.abs(self._chain.end_poses(coordinates) - path)
+        distance, angle = float(np.hypot(slip[..., 0], slip[..., 1]).max()), float(slip[..., 2].max())
+        if distance > SLIP_DISTANCE or angle > SLIP_ANGLE:
+            raise SimulationError(
+                f"the cable slipped in a gripper by {1000 * distance:.1f} mm and {angle:.2f} rad, "
+                "pulled too far or pressed against something"
+            )
+
+    def _clearances(self, coordinates: Float[np.ndarray, "k c"]) -> tuple[float, float]:
+        scene = self.task.scene
+        lines = self._chain.polylines(coordinates)
+        cable = float(scene.clearance(lines, self.cable.radius).min())
+        discs = float(scene.signed_distance(lines[:, [0, -1]]).min()) - self.task.grippers.radius
+        return cable, discs
+
+
+def start_equilibrium(task: Task, cable: Cable) -> Float[np.ndarray, "6"]:
+    """The equilibrium q of `cable` from which a run of `task` starts.
+
+    Raises:
+        InputError: The cable has another number of keypoints or is shorter than the distance of the grippers.
+        SimulationError: The cable has no stable shape between the grippers of the task's start.
+    """
+    if cable.keypoints != task.cable.keypoints:
+        raise InputError(
+            f"the plant's cable has {cable.keypoints} keypoints, the task's {task.cable.keypoints}; they must agree"
+        )
+    q = task.start_fit[0]
+    if cable.rod == task.cable.rod:
+        return q
+    stations, poses = task.cable.rod.shapes(q[None])
+    found = equilibria_at(cable.rod, poses[0])
+    if not len(found):
+        raise SimulationError("the plant's cable has no stable shape between the grippers at the task's start")
+    distance = np.linalg.norm(cable.rod.shapes(found)[0] - stations, axis=-1).max(axis=1)
+    return found[int(np.argmin(distance))]
