@@ -1,0 +1,38 @@
+"""Every example and the README's Python run as they stand, in a folder of their own."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+README = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+
+
+def run(code: str | Path, folder: Path) -> str:
+    command = [sys.executable, str(code)] if isinstance(code, Path) else [sys.executable, "-c", code]
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_there_are_examples():
+    assert len(EXAMPLES) >= 3
+    assert len(README) >= 1
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example_runs_and_says_something(path: Path, tmp_path: Path):
+    assert run(path, tmp_path).strip()
+
+
+@pytest.mark.parametrize("code", README, ids=range(len(README)))
+def test_readme_code_runs(code: str, tmp_path: Path):
+    assert run(code, tmp_path).strip()
