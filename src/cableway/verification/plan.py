@@ -1,0 +1,151 @@
+"""Judge a plan: the whole cable and the grippers, swept, and a rod that must take the planned shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from cableway.errors import InputError
+from cableway.geometry import se2
+from cableway.records import Check, Plan, Verdict
+from cableway.scene.task import Task
+from cableway.verification.follower import Followed, follow
+from cableway.verification.swept import closest_approach, smooth_cable
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerificationLimits:
+    """What a plan must keep.
+
+    Attributes:
+        clearance: Of the cable's surface and of the gripper discs from everything, swept [m].
+        length: Relative error of the cable's length.
+        follow: How far a keypoint of the rod may stray from the plan [m].
+        end: Stacked distance of the first and last row from start and goal [m].
+        grasp: Distance of the end keypoints from the grippers [m].
+        stability: Least margin mu of the rod that follows.
+    """
+
+    clearance: float = 0.004
+    length: float = 0.02
+    follow: float = 0.002
+    end: float = 0.01
+    grasp: float = 0.001
+    stability: float = 20.0
+
+
+def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None) -> Verdict:
+    """Judge a plan afresh, from its shapes and poses alone.
+
+    Raises:
+        InputError: The plan has another number of keypoints than the task.
+    """
+    limits = limits or VerificationLimits()
+    if plan.shapes.shape[1] != task.cable.keypoints:
+        raise InputError(f"the plan has {plan.shapes.shape[1]} keypoints, the task {task.cable.keypoints}")
+    lines = smooth_cable(plan.shapes)
+    followed = follow(plan.shapes, plan.poses, task.cable.length)
+    checks = [
+        _end("start", plan.shapes[0], task.start, limits),
+        _end("goal", plan.shapes[-1], task.goal, limits),
+        cable_clearance(lines, task, limits.clearance),
+        gripper_clearance(plan.poses, task, limits.clearance),
+        _length(lines, task, limits),
+        self_crossings(lines),
+        _grasp(plan, limits),
+        *_gripper_motion(plan.poses, task),
+        *_following(followed, plan, task, limits),
+        *_optional(plan, followed, task),
+    ]
+    return Verdict(tuple(checks))
+
+
+def at_most(name: str, values: Float[np.ndarray, "t"], unit: str, limit: float) -> Check:
+    """A check that the largest of a value per row stays below `limit`; an empty one fails."""
+    if len(values) == 0:
+        return Check(name, float("nan"), unit, limit, False, "never reached")
+    row = int(np.argmax(values))
+    return Check(name, float(values[row]), unit, limit, bool(values[row] <= limit + 1e-9), f"at row {row}")
+
+
+def at_least(name: str, values: Float[np.ndarray, "t"], unit: str, limit: float) -> Check:
+    """A check that the least of a value per row stays above `limit`; an empty one fails."""
+    if len(values) == 0:
+        return Check(name, float("nan"), unit, limit, False, "never reached")
+    row = int(np.argmin(values))
+    return Check(name, float(values[row]), unit, limit, bool(values[row] >= limit - 1e-9), f"at row {row}")
+
+
+def cable_clearance(lines: Float[np.ndarray, "t m 2"], task: Task, limit: float) -> Check:
+    """Least clearance of the cable's surface over a motion."""
+    found = closest_approach(lines, task.scene)
+    value = found.distance - task.cable.radius
+    where = f"at row {found.row:.1f}, {task.scene.name_of(found.obstacle)}"
+    return Check("cable clearance", value, "m", limit, value >= limit, where)
+
+
+def gripper_clearance(poses: Float[np.ndarray, "t 2 3"], task: Task, limit: float) -> Check:
+    """Least clearance of both gripper discs over a motion."""
+    sides = [closest_approach(poses[:, k : k + 1, :2], task.scene) for k in range(2)]
+    side = int(np.argmin([found.distance for found in sides]))
+    value = sides[side].distance - task.grippers.radius
+    where = f"{('left', 'right')[side]}, at row {sides[side].row:.1f}, {task.scene.name_of(sides[side].obstacle)}"
+    return Check("gripper clearance", value, "m", limit, value >= limit, where)
+
+
+def self_crossings(lines: Float[np.ndarray, "t m 2"]) -> Check:
+    """No row in which the cable crosses itself."""
+    crossed = ~shapely.is_simple(shapely.linestrings(lines))
+    where = f"first at row {int(np.argmax(crossed))}" if crossed.any() else ""
+    return Check("self-crossings", float(crossed.sum()), "", 0.0, not crossed.any(), where)
+
+
+def _end(name: str, shape: np.ndarray, wanted: np.ndarray, limits: VerificationLimits) -> Check:
+    distance = float(np.linalg.norm(shape - wanted))
+    return Check(f"distance to {name}", distance, "m", limits.end, distance <= limits.end)
+
+
+def _length(lines: np.ndarray, task: Task, limits: VerificationLimits) -> Check:
+    measured = np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(1)
+    return at_most("length error", np.abs(measured / task.cable.length - 1), "", limits.length)
+
+
+def _grasp(plan: Plan, limits: VerificationLimits) -> Check:
+    gap = np.linalg.norm(plan.poses[:, :, :2] - plan.shapes[:, [0, -1]], axis=2).max(1)
+    return at_most("grasp error", gap, "m", limits.grasp)
+
+
+def _gripper_motion(poses: np.ndarray, task: Task) -> list[Check]:
+    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    return [
+        at_most("gripper step", move.max(1), "m", task.grippers.max_step),
+        at_most("gripper turn", turn.max(1), "rad", task.grippers.max_turn),
+    ]
+
+
+def _following(followed: Followed, plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
+    lost = 0 if followed.lost_at is None else len(plan.shapes) - followed.lost_at
+    where = "" if followed.lost_at is None else f"from row {followed.lost_at}"
+    checks = [
+        Check("rows the rod does not reach", float(lost), "", 0.0, lost == 0, where),
+        at_most("rod deviation", followed.deviation, "m", limits.follow),
+        at_least("rod stability", followed.stability, "", limits.stability),
+    ]
+    if len(followed.lines) > 1:
+        clear = cable_clearance(followed.lines, task, limits.clearance - limits.follow)
+        checks.append(Check("rod clearance", clear.value, "m", clear.limit, clear.passed, clear.where))
+    return checks
+
+
+def _optional(plan: Plan, followed: Followed, task: Task) -> list[Check]:
+    """What only some tasks ask for."""
+    checks = []
+    if task.grippers.separation > 0:
+        apart = np.linalg.norm(plan.poses[:, 1, :2] - plan.poses[:, 0, :2], axis=1)
+        checks.append(at_least("gripper separation", apart, "m", task.grippers.separation))
+    if task.cable.min_bend_radius > 0:
+        checks.append(at_most("curvature", followed.curvature, "1/m", 1 / task.cable.min_bend_radius))
+    return checks

@@ -1,0 +1,69 @@
+"""Judge a rollout from the simulated whole cable that it recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from cableway.errors import InputError
+from cableway.geometry import se2
+from cableway.records import Check, Rollout, Verdict
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.verification.plan import at_most, cable_clearance, gripper_clearance
+
+SUCCESS_ERROR = 0.03
+"""Stacked error [m] below which the goal counts as reached (Tang et al., Section VI)."""
+
+
+def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:
+    """Judge a rollout afresh.
+
+    Args:
+        rollout: The rollout.
+        task: The task it was for.
+        length: True length of the plant's cable [m] where it is not the task's.
+
+    Raises:
+        InputError: The rollout has another number of keypoints than the task.
+    """
+    if rollout.keypoints.shape[1] != task.cable.keypoints:
+        raise InputError(f"the rollout has {rollout.keypoints.shape[1]} keypoints, the task {task.cable.keypoints}")
+    error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
+    begin = float(np.linalg.norm(rollout.keypoints[0] - task.start))
+    measured = np.linalg.norm(np.diff(rollout.centreline, axis=1), axis=2).sum(1)
+    curves = shapely.linestrings(rollout.centreline)
+    off = shapely.distance(curves[:, None], shapely.points(rollout.keypoints)).max(1)
+    held = np.linalg.norm(rollout.poses[:, :, :2] - rollout.centreline[:, [0, -1]], axis=2).max(1)
+    checks = [
+        Check("shape error at the end", error, "m", SUCCESS_ERROR, error < SUCCESS_ERROR),
+        Check("distance to start", begin, "m", 0.02, begin < 0.02),
+        cable_clearance(rollout.centreline, task, 0.0),
+        gripper_clearance(rollout.poses, task, 0.0),
+        _recorded("recorded cable clearance", rollout.clearance),
+        _recorded("recorded gripper clearance", rollout.gripper_clearance),
+        at_most("length error", np.abs(measured / (length or task.cable.length) - 1), "", 0.02),
+        at_most("keypoints off the cable", off, "m", 0.002),
+        at_most("grasp error", held, "m", 0.003),
+        *_motion(rollout, task),
+    ]
+    return Verdict(tuple(checks))
+
+
+def _recorded(name: str, values: np.ndarray) -> Check:
+    row = int(np.argmin(values))
+    return Check(name, float(values[row]), "m", 0.0, bool(values[row] > 0), f"at row {row}")
+
+
+def _motion(rollout: Rollout, task: Task, tolerance: float = 1.05) -> list[Check]:
+    """Time and gripper motion; a plant's grippers may lag and catch up by a few percent."""
+    steps = np.diff(rollout.times)
+    backwards = int(np.sum(steps <= 0))
+    checks = [Check("rows out of time", float(backwards), "", 0.0, backwards == 0)]
+    if rollout.steps and not backwards:
+        move, turn = se2.pose_distance(rollout.poses[:-1], rollout.poses[1:])
+        share = (CONTROL_STEP / steps)[:, None]
+        checks += [
+            at_most("gripper step", (move * share).max(1), "m", tolerance * task.grippers.max_step),
+            at_most("gripper turn", (turn * share).max(1), "rad", tolerance * task.grippers.max_turn),
+        ]
+    return checks

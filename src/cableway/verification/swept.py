@@ -1,0 +1,84 @@
+"""Clearance of moving polylines and discs from the obstacles and walls of a scene, with Shapely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+
+from cableway.scene.scene import Scene
+
+SWEEP_STEP = 0.001
+"""Largest move [m] of a vertex between two polylines that are measured."""
+
+
+@dataclass(frozen=True)
+class Closest:
+    """Where something moving comes closest to anything.
+
+    Attributes:
+        distance: [m], negative by the depth of the deepest vertex inside an obstacle.
+        row: Fractional row of the motion.
+        obstacle: Index in the scene, walls after the obstacles.
+    """
+
+    distance: float
+    row: float
+    obstacle: int
+
+
+def smooth_cable(keypoints: Float[np.ndarray, "t n 2"], pieces: int = 4) -> Float[np.ndarray, "t m 2"]:
+    """The cable between keypoints: a cubic spline through them, `pieces` vertices a segment."""
+    n = keypoints.shape[1]
+    at = np.linspace(0, 1, pieces * (n - 1) + 1)
+    return CubicSpline(np.linspace(0, 1, n), keypoints, axis=1)(at)
+
+
+def closest_approach(lines: Float[np.ndarray, "t m 2"], scene: Scene) -> Closest:
+    """Least distance of a moving polyline to anything, rows joined by straight motion of the vertices.
+
+    Between two rows in-betweens are measured no farther apart than `SWEEP_STEP`, but only where they could come
+    closer than what is already found.
+    """
+    distance, obstacle = _distances(lines, scene)
+    moves = np.linalg.norm(np.diff(lines, axis=0), axis=2).max(1, initial=0.0)
+    row = int(np.argmin(distance))
+    best = Closest(float(distance[row]), float(row), int(obstacle[row]))
+    bounds = np.minimum(distance[:-1], distance[1:]) - moves / 2
+    for t in np.argsort(bounds, kind="stable"):
+        if bounds[t] >= best.distance:
+            break
+        count = int(np.ceil(moves[t] / SWEEP_STEP))
+        if count < 2:
+            continue
+        f = np.arange(1, count) / count
+        between = lines[t] + f[:, None, None] * (lines[t + 1] - lines[t])
+        d, index = _distances(between, scene)
+        k = int(np.argmin(d))
+        if d[k] < best.distance:
+            best = Closest(float(d[k]), float(t + f[k]), int(index[k]))
+    return best
+
+
+def _distances(lines: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (t,) of each polyline (t, m, 2), a single point where m = 1, and the obstacle that is nearest."""
+    points = shapely.points(lines)
+    curves = shapely.linestrings(lines) if lines.shape[1] > 1 else points[:, 0]
+    x, y = lines[..., 0], lines[..., 1]
+    width, height = scene.size
+    rows = []
+    for solid in scene.solids:
+        gap = shapely.distance(curves, solid)
+        inside = shapely.contains_xy(solid, x, y)
+        hit = inside.any(1)
+        if hit.any():
+            depth = shapely.distance(points[hit], solid.exterior)
+            gap[hit] = -np.where(inside[hit], depth, 0.0).max(1)
+        rows.append(gap)
+    rows += [x.min(1), y.min(1), (width - x).min(1), (height - y).min(1)]
+    table = np.array(rows)
+    nearest = table.argmin(0)
+    return table[nearest, np.arange(len(lines))], nearest
