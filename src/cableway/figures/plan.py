@@ -1,0 +1,167 @@
+"""The picture of a plan: what guided it, the shapes it passes through, and its clearance; and of a failed attempt."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from cableway.figures import scene, style
+from cableway.records import Attempt, Plan
+from cableway.scene.task import CONTROL_STEP, Task
+
+SHAPES_SHOWN = 24
+"""Shapes drawn of a motion: enough to see it, few enough to tell them apart."""
+
+LEFT, BETWEEN, BELOW, ABOVE, BAR, COLUMN = 0.65, 0.7, 1.0, 0.45, 1.1, 3.5
+"""Space [inch] left of the first panel, between panels, below, above, for the colour bar, and of the column of curves."""
+
+
+def plan_figure(task: Task, plan: Plan) -> Figure:
+    """Guide, shapes over time, and clearance and gripper speed over time, side by side."""
+    width, height = scene.panel_size(task)
+    figure = style.new_figure(LEFT + 2 * width + BETWEEN + BAR + COLUMN + 0.5, BELOW + height + ABOVE)
+    guide = style.add_axes(figure, LEFT, BELOW, width, height)
+    draw_guide(guide, task, plan.pivot, plan.path_set, plan.passages)
+    style.title(guide, f"{task.name}: the guide")
+    shapes = style.add_axes(figure, LEFT + width + BETWEEN, BELOW, width, height)
+    draw_shapes(shapes, task, plan.shapes)
+    style.title(shapes, f"the plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s")
+    left = LEFT + 2 * width + BETWEEN + BAR + 0.25
+    half = (height + BELOW - 1.6) / 2
+    above = style.add_axes(figure, left, height + BELOW - half, COLUMN, half)
+    below = style.add_axes(figure, left, 0.6, COLUMN, half)
+    _draw_profiles(above, below, task, plan)
+    return figure
+
+
+def attempt_figure(task: Task, attempt: Attempt) -> Figure:
+    """How far planning got before it failed, and why it did."""
+    width, height = scene.panel_size(task)
+    reason = style.wrap(f"No plan: {attempt.reason}", 120)
+    tall = BELOW + height + ABOVE + 0.2 + 0.2 * len(reason)
+    figure = style.new_figure(LEFT + 2 * width + BETWEEN + BAR, tall)
+    guide, reached = (style.add_axes(figure, LEFT + i * (width + BETWEEN), BELOW, width, height) for i in (0, 1))
+    paths = attempt.path_set
+    pivot = attempt.pivot if paths is None else paths.pivot
+    draw_guide(guide, task, pivot, None if paths is None else paths.paths, None if paths is None else paths.passages)
+    style.title(guide, f"{task.name}: {'no guide found' if pivot is None else 'the guide'}")
+    if attempt.shapes is None:
+        scene.draw_scene(reached, task)
+        scene.draw_end_shapes(reached, task)
+    else:
+        draw_shapes(reached, task, attempt.shapes)
+    style.title(reached, "no shapes reached" if attempt.shapes is None else "the closest attempt")
+    figure.text(
+        LEFT / figure.get_size_inches()[0], 1 - 0.14 / tall, "\n".join(reason), fontsize=10, color=style.BAD, va="top"
+    )
+    return figure
+
+
+def draw_guide(
+    ax: Axes,
+    task: Task,
+    pivot: Float[np.ndarray, "P 2"] | None,
+    path_set: Float[np.ndarray, "n M 2"] | None,
+    passages: Float[np.ndarray, "Q 2 2"] | None,
+) -> None:
+    """The scene with pivot path, keypoint paths and the passages they go through, as far as there are any."""
+    scene.draw_scene(ax, task)
+    handles: list[Any] = scene.end_handles()
+    if path_set is not None:
+        for path in path_set:
+            ax.plot(*path.T, color=style.GUIDE, linewidth=0.9, alpha=0.75, zorder=3)
+        handles.append(Line2D([], [], color=style.GUIDE, linewidth=1.2, label="keypoint paths"))
+    if passages is not None and len(passages):
+        for ends in passages:
+            ax.plot(
+                *ends.T, color=style.PASSAGE, linewidth=1.6, linestyle=(0, (3, 2)), marker="o", markersize=3, zorder=5
+            )
+        handles.append(
+            Line2D([], [], color=style.PASSAGE, linewidth=1.6, linestyle=(0, (3, 2)), label="passage traversed")
+        )
+    if pivot is not None:
+        ax.plot(*pivot.T, color=style.PIVOT, linewidth=2.2, zorder=5)
+        handles.append(Line2D([], [], color=style.PIVOT, linewidth=2.2, label="pivot path"))
+    scene.draw_end_shapes(ax, task)
+    style.legend_below(ax, handles, 4)
+
+
+def draw_shapes(ax: Axes, task: Task, shapes: Float[np.ndarray, "T+1 n 2"]) -> None:
+    """The scene with shapes of the cable coloured by time, the grippers' ways and a colour bar."""
+    scene.draw_scene(ax, task)
+    last = len(shapes) - 1
+    rows = spread_rows(shapes, SHAPES_SHOWN)
+    scene.draw_cables(ax, scene.smooth(shapes[rows]), task.cable.radius, style.TIME(rows / last))
+    ways = ((0, "-", "left gripper"), (-1, (0, (4, 2)), "right gripper"))
+    handles: list[Any] = [Patch(facecolor=style.TIME(0.5), label="cable, coloured by time")]
+    for end, dashes, name in ways:
+        ax.plot(*shapes[:, end].T, color=style.INK, linewidth=0.9, linestyle=dashes, alpha=0.7, zorder=5)
+        scene.draw_grippers(ax, shapes[rows, end], task.grippers.radius, zorder=6, linewidths=0.4)
+        handles.append(Line2D([], [], color=style.INK, linewidth=0.9, linestyle=dashes, label=name))
+    ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=1.0, linestyle=":", zorder=7)
+    handles.append(Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"))
+    add_time_bar(ax, last * CONTROL_STEP)
+    style.legend_below(ax, handles, 2)
+
+
+def spread_rows(shapes: Float[np.ndarray, "k n 2"], count: int) -> Int[np.ndarray, "r"]:
+    """At most `count` rows, first and last included, between which the cable moves about equally far."""
+    travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shapes, axis=0), axis=2).mean(axis=1))])
+    rows = np.searchsorted(travel, np.linspace(0, travel[-1], count)[1:-1])
+    return np.unique(np.concatenate([[0], rows, [len(shapes) - 1]]))
+
+
+def add_time_bar(ax: Axes, duration: float) -> None:
+    """A colour bar from 0 to `duration` [s] right of the panel."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    box = ax.get_position()
+    inch = 1 / figure.get_size_inches()[0]
+    place = figure.add_axes((box.x1 + 0.12 * inch, box.y0 + 0.15 * box.height, 0.14 * inch, 0.7 * box.height))
+    bar = figure.colorbar(ScalarMappable(Normalize(0, max(duration, CONTROL_STEP)), style.TIME), cax=place)
+    bar.set_label("time [s]", fontsize=9, color=style.MUTED)
+    place.tick_params(labelsize=8.5, colors=style.MUTED, length=0)
+    for spine in place.spines.values():
+        spine.set_visible(False)
+
+
+def _draw_profiles(above: Axes, below: Axes, task: Task, plan: Plan) -> None:
+    """Clearance of cable and grippers, and gripper motion against its limit, over time."""
+    times = CONTROL_STEP * np.arange(len(plan.shapes))
+    cable = task.scene.clearance(scene.smooth(plan.shapes), task.cable.radius)
+    grippers = task.scene.signed_distance(plan.poses[:, :, :2]).min(axis=1) - task.grippers.radius
+    style.title(above, "clearance")
+    draw_clearance(above, times, cable, grippers)
+    step = np.diff(plan.poses, axis=0)
+    move = 100 * np.linalg.norm(step[:, :, :2], axis=2) / task.grippers.max_step
+    turn = 100 * np.abs(step[:, :, 2]) / task.grippers.max_turn
+    style.title(below, "gripper motion")
+    for i, (name, color) in enumerate((("left", style.LEFT), ("right", style.RIGHT))):
+        below.plot(times[1:], move[:, i], color=color, linewidth=1.5, label=f"{name}, move")
+        below.plot(times[1:], turn[:, i], color=color, linewidth=1.1, linestyle=":", label=f"{name}, turn")
+    below.axhline(100, color=style.BAD, linewidth=1.0, linestyle="--")
+    below.set_ylim(0, 1.35 * max(100.0, move.max(), turn.max()))
+    style.curve_axes(below, "time [s]", "share of the limit [%]")
+    below.legend(ncols=2, fontsize=8, frameon=False, loc="upper center", labelcolor=style.INK)
+
+
+def draw_clearance(
+    ax: Axes, times: Float[np.ndarray, "k"], cable: Float[np.ndarray, "k"], grippers: Float[np.ndarray, "k"]
+) -> None:
+    """Clearance [m] of the cable's surface and of the gripper discs over time [s], in millimetres."""
+    curves = ((grippers, style.RIGHT, 1.3, "grippers"), (cable, style.INK, 1.7, "cable"))
+    for curve, color, width, name in curves:
+        ax.plot(times, 1000 * curve, color=color, linewidth=width, label=f"{name}, least {1000 * curve.min():.1f} mm")
+    ax.axhline(0, color=style.BAD, linewidth=1.0, linestyle="--")
+    low, high = min(0.0, cable.min(), grippers.min()), max(cable.max(), grippers.max(), 0.01)
+    ax.set_ylim(1000 * (low - 0.05 * (high - low)), 1000 * (high + 0.35 * (high - low)))
+    style.curve_axes(ax, "time [s]", "clearance [mm]")
+    ax.legend(fontsize=8, frameon=False, loc="upper center", labelcolor=style.INK)

@@ -1,0 +1,94 @@
+"""The picture of a rollout: actual shapes against the reference, and errors and clearance over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from cableway.figures import scene, style
+from cableway.figures.plan import ABOVE, BAR, BELOW, LEFT, add_time_bar, draw_clearance, spread_rows
+from cableway.records import Rollout
+from cableway.scene.task import Task
+
+SHAPES_SHOWN = 12
+"""Shapes drawn of a rollout: each with its reference, so fewer than of a plan."""
+
+SUCCESS_ERROR = 0.03
+"""Stacked final error [m] below which a task counts as done (Tang et al.)."""
+
+COLUMN = 4.6
+"""Width [inch] of the column of curves."""
+
+
+def rollout_figure(task: Task, rollout: Rollout) -> Figure:
+    """Shapes with their reference on the left; errors and clearance over time on the right."""
+    width, height = scene.panel_size(task)
+    figure = style.new_figure(LEFT + width + BAR + 0.3 + COLUMN + 0.25, BELOW + height + ABOVE)
+    ax = style.add_axes(figure, LEFT, BELOW, width, height)
+    draw_tracking(ax, task, rollout)
+    style.title(ax, f"{task.name}: tracking, {rollout.steps} steps")
+    left, half = LEFT + width + BAR + 0.3, (height + BELOW - 1.6) / 2
+    above = style.add_axes(figure, left, height + BELOW - half, COLUMN, half)
+    below = style.add_axes(figure, left, 0.6, COLUMN, half)
+    draw_errors(above, rollout.times, *stacked_errors(task, rollout))
+    style.title(above, "stacked shape error")
+    style.title(below, "clearance, simulated")
+    draw_clearance(below, rollout.times, rollout.clearance, rollout.gripper_clearance)
+    return figure
+
+
+def stacked_errors(task: Task, rollout: Rollout) -> tuple[Float[np.ndarray, "K+1"], Float[np.ndarray, "K+1"]]:
+    """Stacked distance [m] of the keypoints to the goal and to the reference at each time."""
+    to_goal = np.linalg.norm(rollout.keypoints - task.goal, axis=(1, 2))
+    return to_goal, np.linalg.norm(rollout.keypoints - rollout.reference, axis=(1, 2))
+
+
+def draw_tracking(ax: Axes, task: Task, rollout: Rollout) -> None:
+    """The scene with the simulated cable coloured by time and the reference dashed on it."""
+    scene.draw_scene(ax, task)
+    rows = spread_rows(rollout.keypoints, SHAPES_SHOWN)
+    colors = style.TIME(rows / max(rollout.steps, 1))
+    scene.draw_cables(ax, rollout.centreline[rows], task.cable.radius, colors)
+    for row in rows:
+        ax.plot(*scene.smooth(rollout.reference[row]).T, color="white", linewidth=0.9, linestyle=(0, (3, 2)), zorder=5)
+    for side in (0, 1):
+        ax.plot(*rollout.poses[:, side, :2].T, color=style.INK, linewidth=0.8, alpha=0.6, zorder=5)
+        scene.draw_grippers(ax, rollout.poses[rows, side, :2], task.grippers.radius, zorder=6, linewidths=0.4)
+    ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=1.0, linestyle=":", zorder=7)
+    add_time_bar(ax, float(rollout.times[-1]))
+    handles: list[Any] = [
+        Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"),
+        Line2D([], [], color="#9aa3ad", linewidth=1.2, linestyle=(0, (3, 2)), label="reference"),
+        Line2D([], [], color=style.INK, linewidth=0.9, label="gripper ways"),
+        Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"),
+    ]
+    style.legend_below(ax, handles, 2)
+
+
+def draw_errors(
+    ax: Axes,
+    times: Float[np.ndarray, "K+1"],
+    to_goal: Float[np.ndarray, "K+1"],
+    to_reference: Float[np.ndarray, "K+1"],
+) -> None:
+    """Stacked errors [m] over time [s] on a logarithmic scale in millimetres, with the line of success."""
+    floor = 1e-4
+    curves = ((to_reference, style.LEFT, 1.3, "to the reference"), (to_goal, style.INK, 1.7, "to the goal"))
+    for curve, color, width, name in curves:
+        label = f"{name}, final {1000 * curve[-1]:.2g} mm"
+        ax.plot(times, 1000 * np.maximum(curve, floor), color=color, linewidth=width, label=label)
+    ax.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=1.0, linestyle="--")
+    ax.annotate(
+        "success below 3 cm", (1, 1000 * SUCCESS_ERROR), xycoords=("axes fraction", "data"), xytext=(-2, 3),
+        textcoords="offset points", ha="right", fontsize=8, color=style.BAD,
+    )  # fmt: skip
+    ax.set_yscale("log")
+    ax.set_ylim(1000 * floor, 1000 * max(3.0, 2 * to_goal.max()))
+    style.curve_axes(ax, "time [s]", "error [mm]")
+    ax.legend(fontsize=8, frameon=False, loc="lower left", labelcolor=style.INK)

@@ -1,0 +1,169 @@
+"""The scene, cables at their true thickness, grippers as discs; and the picture of a task."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, PathPatch, Polygon, Rectangle
+from matplotlib.path import Path
+
+from cableway.figures import style
+from cableway.geometry import polyline, se2
+from cableway.scene.task import SPLINE_PIECES, Task
+
+PANEL = 5.4
+"""Longer side [inch] of a panel that shows a scene."""
+
+
+def draw_scene(ax: Axes, task: Task) -> None:
+    """Workspace, obstacles and port, in metres at equal scale."""
+    width, height = task.scene.size
+    ax.set_aspect("equal")
+    ax.set_xlim(0, width)
+    ax.set_ylim(0, height)
+    solids = [polygon_path(solid) for solid in task.scene.solids]
+    ax.add_collection(
+        PathCollection(solids, facecolors=style.OBSTACLE, edgecolors=style.OBSTACLE_EDGE, linewidths=0.9, zorder=2)
+    )
+    walls = Rectangle((0, 0), width, height, fill=False, edgecolor=style.INK, linewidth=2.4, zorder=8, clip_on=False)
+    ax.add_patch(walls)
+    if task.port is not None:
+        _draw_port(ax, task)
+    ax.set_xlabel("x [m]", fontsize=9, color=style.MUTED)
+    ax.set_ylabel("y [m]", fontsize=9, color=style.MUTED)
+    ax.tick_params(colors=style.MUTED, labelsize=8.5, length=3)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
+def _draw_port(ax: Axes, task: Task) -> None:
+    assert task.port is not None
+    width = task.plug.width if task.plug is not None else 2 * task.cable.radius
+    half = 0.5 * width + 0.001
+    local = np.array([[0.0, half], [task.port.depth, half], [task.port.depth, -half], [0.0, -half]])
+    outline = se2.transform(local, np.array(task.port.position), task.port.angle)
+    ax.fill(*outline.T, color="white", zorder=3, linewidth=0)
+    ax.plot(*outline.T, color=style.INK, linewidth=1.6, zorder=3, solid_capstyle="butt")
+
+
+def polygon_path(polygon: shapely.Polygon) -> Path:
+    """A polygon, holes included, as one path."""
+    rings = [polygon.exterior, *polygon.interiors]
+    return Path.make_compound_path(*(Path(shapely.get_coordinates(ring), closed=True) for ring in rings))
+
+
+def cable_path(curve: Float[np.ndarray, "m 2"], radius: float) -> Path:
+    """The area that a cable covers: its centreline [m] grown by `radius` [m]."""
+    area = shapely.LineString(curve).buffer(radius, quad_segs=6)
+    return polygon_path(area)  # pyright: ignore[reportArgumentType]
+
+
+def smooth(shapes: Float[np.ndarray, "... n 2"]) -> Float[np.ndarray, "... m 2"]:
+    """The cable between its keypoints."""
+    return polyline.spline(shapes, SPLINE_PIECES)
+
+
+def draw_cable(ax: Axes, curve: Float[np.ndarray, "m 2"], radius: float, color: Any, **options: Any) -> PathPatch:
+    """One cable at its true thickness; `options` go to Matplotlib's patch."""
+    settings = {"facecolor": color, "edgecolor": "white", "linewidth": 0.6, "zorder": 4, **options}
+    patch = PathPatch(cable_path(curve, radius), **settings)
+    ax.add_patch(patch)
+    return patch
+
+
+def draw_cables(
+    ax: Axes, curves: Float[np.ndarray, "b m 2"], radius: float, colors: Any, **options: Any
+) -> PathCollection:
+    """Many cables at their true thickness, later ones above earlier ones."""
+    settings = {"facecolors": colors, "edgecolors": "white", "linewidths": 0.4, "zorder": 4, **options}
+    collection = PathCollection([cable_path(curve, radius) for curve in curves], **settings)
+    ax.add_collection(collection)
+    return collection
+
+
+def draw_grippers(ax: Axes, points: Float[np.ndarray, "k 2"], radius: float, **options: Any) -> PathCollection:
+    """Grippers as discs of their footprint [m]."""
+    settings = {"facecolors": style.INK, "edgecolors": "white", "linewidths": 0.8, "zorder": 7, **options}
+    discs = [Path.circle((float(x), float(y)), radius) for x, y in points]
+    collection = PathCollection(discs, **settings)
+    ax.add_collection(collection)
+    return collection
+
+
+def plug_corners(task: Task, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 2"]:
+    """Corners [m] of the plug ahead of the right gripper at `pose`."""
+    assert task.plug is not None
+    half = task.plug.width / 2
+    local = np.array([[0.0, -half], [task.plug.length, -half], [task.plug.length, half], [0.0, half]])
+    return se2.transform(local, pose[:2], float(pose[2]))
+
+
+def end_pose(shape: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3"]:
+    """Position and direction of a cable's right end."""
+    curve = smooth(shape)
+    ahead = curve[-1] - curve[-2]
+    return np.array([*curve[-1], np.arctan2(ahead[1], ahead[0])])
+
+
+def draw_end_shapes(ax: Axes, task: Task, letters: bool = True) -> None:
+    """Start and goal of the cable with their grippers (L, R) and the plug."""
+    ends = ((task.start, task.start_poses, style.START), (task.goal, task.goal_poses, style.GOAL))
+    for shape, poses, color in ends:
+        draw_cable(ax, smooth(shape), task.cable.radius, color, zorder=6)
+        if task.plug is not None:
+            corners = plug_corners(task, end_pose(shape) if poses is None else poses[1])
+            ax.add_patch(Polygon(corners, facecolor=color, edgecolor="white", linewidth=0.6, alpha=0.65, zorder=6))
+        draw_grippers(ax, shape[[0, -1]], task.grippers.radius)
+        if letters:
+            _draw_letters(ax, shape, color, aside=task.plug is not None)
+
+
+def _draw_letters(ax: Axes, shape: np.ndarray, color: str, aside: bool) -> None:
+    """L and R beyond the ends of the cable, or beside the right end where a plug lies ahead of it."""
+    for letter, end, inner in (("L", shape[0], shape[2]), ("R", shape[-1], shape[-3])):
+        outward = (end - inner) / np.linalg.norm(end - inner)
+        if aside and letter == "R":
+            outward = np.array([-outward[1], outward[0]])
+        ax.annotate(
+            letter, end, xytext=11 * outward, textcoords="offset points", ha="center", va="center",
+            fontsize=9, fontweight="bold", color=color, zorder=9,
+        )  # fmt: skip
+
+
+def end_handles() -> list[Any]:
+    """Legend entries of what `draw_end_shapes` and `draw_scene` draw."""
+    return [
+        Patch(facecolor=style.START, label="start"),
+        Patch(facecolor=style.GOAL, label="goal"),
+        Line2D([], [], marker="o", color="none", markerfacecolor=style.INK, markersize=5, label="gripper"),
+        Patch(facecolor=style.OBSTACLE, edgecolor=style.OBSTACLE_EDGE, label="obstacle"),
+    ]
+
+
+def panel_size(task: Task) -> tuple[float, float]:
+    """Width and height [inch] of a panel for the task's workspace."""
+    width, height = task.scene.size
+    return PANEL * width / max(width, height), PANEL * height / max(width, height)
+
+
+def task_figure(task: Task) -> Figure:
+    """The picture of a task: its scene, start and goal, with its name and description."""
+    (width, height), (across, up) = panel_size(task), task.scene.size
+    figure = style.new_figure(max(width, 4.5) + 1.0, height + 1.9)
+    ax = style.add_axes(figure, 0.7, 1.4, max(width, 4.5), height)
+    draw_scene(ax, task)
+    draw_end_shapes(ax, task)
+    style.title(ax, task.name)
+    style.legend_below(ax, end_handles(), 4)
+    cable = task.cable
+    facts = f"cable {cable.length:.3g} m long, {2000 * cable.radius:.3g} mm thick · workspace {across:g} m x {up:g} m"
+    text = "\n".join([*style.wrap(task.description, 88), facts])
+    figure.text(0.5, 0.12 / (height + 1.9), text, fontsize=8.5, color=style.MUTED, ha="center", va="bottom")
+    return figure

@@ -1,0 +1,84 @@
+"""What the pictures share: colours, the colour of time, axes in metres, saving."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+
+from cableway.records import write_atomically
+
+INK = "#1d2733"
+MUTED = "#6b7683"
+GRID = "#e6e9ed"
+OBSTACLE = "#c5cad1"
+OBSTACLE_EDGE = "#868f9b"
+START = "#2063b0"
+GOAL = "#e0562b"
+PIVOT = "#12876f"
+PASSAGE = "#b8860b"
+GUIDE = "#7b6fb0"
+LEFT = "#3f8fd2"
+RIGHT = "#b4557f"
+BAD = "#c1272d"
+
+TIME = LinearSegmentedColormap.from_list("cableway-time", [START, "#7d5fb2", "#c2558a", GOAL])
+"""From the colour of the start to the colour of the goal."""
+
+DOTS_PER_INCH = 150
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of that size [inch], bound to no window and to no global state."""
+    figure = Figure(figsize=(width, height), facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
+    """Axes at a place of the figure, all in inches."""
+    whole, tall = figure.get_size_inches()
+    return figure.add_axes((left / whole, bottom / tall, width / whole, height / tall))
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure to a PNG file, atomically."""
+    write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=DOTS_PER_INCH))
+
+
+def title(ax: Axes, text: str) -> None:
+    """A panel's title, left-aligned."""
+    ax.set_title(text, loc="left", fontsize=11, fontweight="bold", color=INK, pad=8)
+
+
+def legend_below(ax: Axes, handles: Sequence[Any], columns: int) -> None:
+    """A legend below the panel, where it covers nothing."""
+    height = ax.get_window_extent().height / ax.get_figure(root=True).dpi  # pyright: ignore[reportOptionalMemberAccess]
+    ax.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.42 / height), ncols=columns, frameon=False,
+        fontsize=8.5, handlelength=1.6, columnspacing=1.4, labelcolor=INK, borderaxespad=0,
+    )  # fmt: skip
+
+
+def wrap(text: str, width: int) -> list[str]:
+    """Lines of at most `width` characters."""
+    return textwrap.wrap(text, width)
+
+
+def curve_axes(ax: Axes, x: str, y: str) -> None:
+    """Quiet axes for a curve over time: labels with units, a light grid, no box."""
+    ax.set_xlabel(x, fontsize=9, color=MUTED)
+    ax.set_ylabel(y, fontsize=9, color=MUTED)
+    ax.grid(True, color=GRID, linewidth=0.8)
+    ax.set_axisbelow(True)
+    ax.tick_params(colors=MUTED, labelsize=8.5, length=0)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        ax.spines[side].set_color("#b9c0c8")

@@ -1,0 +1,72 @@
+"""Where a result comes from: versions of what made it, and configurations as plain data."""
+
+from __future__ import annotations
+
+import math
+import platform
+import re
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from importlib import metadata
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+PACKAGE = "cableway"
+
+
+def versions() -> dict[str, str]:
+    """Versions of cableway, Python and each package that cableway requires on this platform, by name."""
+    found = {PACKAGE: _version(PACKAGE), "python": platform.python_version()}
+    for name in _requirements():
+        found[name] = _version(name)
+    return found
+
+
+def _requirements() -> list[str]:
+    """Names of the required packages, without those of the extras."""
+    try:
+        lines = metadata.requires(PACKAGE) or []
+    except metadata.PackageNotFoundError:
+        return []
+    needed = [line for line in lines if "extra ==" not in line]
+    return sorted(re.split(r"[\s<>=!~;\[(]", line, maxsplit=1)[0] for line in needed)
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def describe(config: Any) -> Any:
+    """A configuration as plain JSON data: dicts, lists, strings, numbers, booleans and None.
+
+    Dataclasses become dicts of their fields, arrays and tuples lists, paths and numbers that are not finite strings.
+
+    >>> describe((1, float("inf"), PurePath("runs/a")))
+    [1, 'inf', 'runs/a']
+
+    Raises:
+        TypeError: Something in it is no configuration value.
+    """
+    if is_dataclass(config) and not isinstance(config, type):
+        return {field.name: describe(getattr(config, field.name)) for field in fields(config)}
+    if isinstance(config, Mapping):
+        return {str(key): describe(value) for key, value in config.items()}
+    if isinstance(config, (np.ndarray, np.generic)):
+        return describe(config.tolist())
+    if isinstance(config, (tuple, list)):
+        return [describe(value) for value in config]
+    if isinstance(config, Enum):
+        return describe(config.value)
+    if isinstance(config, PurePath):
+        return str(config)
+    if isinstance(config, float) and not math.isfinite(config):
+        return str(config)
+    if config is None or isinstance(config, (bool, int, float, str)):
+        return config
+    raise TypeError(f"{type(config).__name__} is no configuration value: {config!r}")
