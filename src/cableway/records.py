@@ -359,6 +359,10 @@ class Measurement:
     gripper_clearance: float
 
 
+SUCCESS_ERROR = 0.03
+"""Stacked error [m] below which the goal counts as reached (Tang et al., Section VI)."""
+
+
 @dataclass(frozen=True)
 class Rollout(ArrayRecord):
     """What happened: row 0 is the start, row k the state after k control steps.

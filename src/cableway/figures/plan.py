@@ -21,7 +21,7 @@ SHAPES_SHOWN = 24
 """Shapes drawn of a motion: enough to see it, few enough to tell them apart."""
 
 LEFT, BETWEEN, BELOW, ABOVE, BAR, COLUMN = 0.65, 0.7, 1.0, 0.45, 1.1, 3.5
-"""Space [inch] left of the first panel, between panels, below, above, for the colour bar, and of the column of curves."""
+"""Inches left of the first panel, between panels, below, above, for the colour bar, and of the column of curves."""
 
 
 def plan_figure(task: Task, plan: Plan) -> Figure:

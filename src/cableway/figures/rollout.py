@@ -10,17 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from cableway.figures import scene, style
 from cableway.figures.plan import ABOVE, BAR, BELOW, LEFT, add_time_bar, draw_clearance, spread_rows
-from cableway.records import Rollout
+from cableway.records import SUCCESS_ERROR, Rollout
 from cableway.scene.task import Task
 
 SHAPES_SHOWN = 12
 """Shapes drawn of a rollout: each with its reference, so fewer than of a plan."""
-
-SUCCESS_ERROR = 0.03
-"""Stacked final error [m] below which a task counts as done (Tang et al.)."""
 
 COLUMN = 4.6
 """Width [inch] of the column of curves."""
@@ -85,10 +83,12 @@ def draw_errors(
         ax.plot(times, 1000 * np.maximum(curve, floor), color=color, linewidth=width, label=label)
     ax.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=1.0, linestyle="--")
     ax.annotate(
-        "success below 3 cm", (1, 1000 * SUCCESS_ERROR), xycoords=("axes fraction", "data"), xytext=(-2, 3),
-        textcoords="offset points", ha="right", fontsize=8, color=style.BAD,
+        f"success below {100 * SUCCESS_ERROR:g} cm", (0, 1000 * SUCCESS_ERROR), xycoords=("axes fraction", "data"),
+        xytext=(4, 3), textcoords="offset points", fontsize=8, color=style.BAD,
     )  # fmt: skip
     ax.set_yscale("log")
-    ax.set_ylim(1000 * floor, 1000 * max(3.0, 2 * to_goal.max()))
+    ax.set_ylim(1000 * floor, 1000 * max(10.0, 10 * to_goal.max()))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
     style.curve_axes(ax, "time [s]", "error [mm]")
-    ax.legend(fontsize=8, frameon=False, loc="lower left", labelcolor=style.INK)
+    ax.legend(fontsize=8, frameon=False, loc="upper right", labelcolor=style.INK)
