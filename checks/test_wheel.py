@@ -51,7 +51,11 @@ def test_it_holds_tasks_weights_types_and_attribution(wheel: Path):
     names = zipfile.ZipFile(wheel).namelist()
     assert len([n for n in names if n.startswith("cableway/scene/catalogue/") and n.endswith(".yaml")]) == 11
     assert any(n.startswith("cableway/models/weights/") and n.endswith(".safetensors") for n in names)
-    for wanted in ("cableway/py.typed", "cableway/scene/catalogue/NOTICE", "cableway/scene/catalogue/cable_presets.yml"):
+    for wanted in (
+        "cableway/py.typed",
+        "cableway/scene/catalogue/NOTICE",
+        "cableway/scene/catalogue/cable_presets.yml",
+    ):
         assert wanted in names
     assert any(n.endswith("licenses/LICENSE") for n in names)
     assert not [n for n in names if not n.startswith(("cableway/", "cableway-"))]

@@ -1,0 +1,114 @@
+"""What the documents name exists: modules, classes, fields, files, links and commands."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cableway
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+CODE = re.compile(r"`([^`\n]+)`")
+LINK = re.compile(r"\]\(([^)\s#]+)[^)]*\)|src=\"([^\"]+)\"")
+
+
+def pairs(pattern: str) -> list[tuple[str, str]]:
+    """(document, code span) for each code span that matches `pattern` from its beginning."""
+    found = {
+        (document.name, span) for document in DOCUMENTS for span in CODE.findall(document.read_text())
+        if re.match(pattern, span)
+    }  # fmt: skip
+    return sorted(found)
+
+
+@cache
+def classes() -> dict[str, Any]:
+    modules = [importlib.import_module(found.name) for found in pkgutil.walk_packages(cableway.__path__, "cableway.")
+               if not found.name.endswith("__main__")]  # fmt: skip
+    return {name: value for module in modules for name, value in inspect.getmembers(module, inspect.isclass)
+            if value.__module__.startswith("cableway")}  # fmt: skip
+
+
+def resolve(dotted: str) -> Any:
+    """The object that a dotted name stands for."""
+    parts = dotted.split(".")
+    for split in range(len(parts), 0, -1):
+        try:
+            value = importlib.import_module(".".join(parts[:split]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[split:]:
+            value = getattr(value, part)
+        return value
+    raise AttributeError(dotted)
+
+
+def test_there_is_something_to_check():
+    assert len(DOCUMENTS) >= 6
+    assert len(pairs(r"cableway\.")) > 10
+
+
+@pytest.mark.parametrize(("document", "span"), pairs(r"cableway\.\w+(\.\w+)*$"))
+def test_dotted_names_exist(document: str, span: str):
+    resolve(span)
+
+
+@pytest.mark.parametrize(
+    ("document", "span"), pairs(r"(planning|scene|tracking|report|verification)\.(?!py$|json$)\w+(\.\w+)*$")
+)
+def test_names_within_the_package_exist(document: str, span: str):
+    resolve(f"cableway.{span}")
+
+
+@pytest.mark.parametrize(("document", "span"), pairs(r"[A-Z]\w+\.\w+"))
+def test_fields_and_methods_exist(document: str, span: str):
+    name, member = re.match(r"(\w+)\.(\w+)", span).groups()  # pyright: ignore[reportOptionalMemberAccess]
+    if name.isupper() or name == "Makefile":
+        pytest.skip("a file")
+    owner = classes()[name]
+    known = {field.name for field in dataclasses.fields(owner)} if dataclasses.is_dataclass(owner) else set()
+    assert member in known or hasattr(owner, member)
+
+
+@pytest.mark.parametrize(("document", "span"), pairs(r"[A-Z]\w+\(.*\)$"))
+def test_configurations_can_be_made(document: str, span: str):
+    eval(span, dict(classes()))
+
+
+@pytest.mark.parametrize(("document", "span"), pairs(r"[\w./-]+/[\w.-]*$|\w+\.(py|toml|lock|md|cff)$"))
+def test_files_exist(document: str, span: str):
+    made = {"demo/", "out/"}
+    assert span in made or any((folder / span).exists() for folder in (ROOT, ROOT / "src" / "cableway", ROOT / "docs"))
+
+
+def links() -> list[tuple[Path, str]]:
+    found = [(document, a or b) for document in DOCUMENTS for a, b in LINK.findall(document.read_text())]
+    return [(document, link) for document, link in found if not link.startswith("http")]
+
+
+@pytest.mark.parametrize(("document", "link"), links(), ids=lambda value: getattr(value, "name", value))
+def test_links_lead_somewhere(document: Path, link: str):
+    assert (document.parent / link).exists()
+
+
+def test_the_readme_shows_only_commands_and_targets_that_exist(capsys: pytest.CaptureFixture[str]):
+    from cableway.cli import main
+
+    text = (ROOT / "README.md").read_text()
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    commands = set(re.findall(r"^(?:\$ )?cableway (\w+)", text, re.MULTILINE))
+    assert commands
+    assert {name for name in commands if not re.search(rf"\b{name}\b", shown)} == set()
+    makefile = (ROOT / "Makefile").read_text()
+    assert {name for name in re.findall(r"\bmake (\w+)", text) if not re.search(rf"^{name}:", makefile, re.M)} == set()
