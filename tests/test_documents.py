@@ -18,6 +18,7 @@ import cableway
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 CODE = re.compile(r"`([^`\n]+)`")
+WITHIN = r"(planning|scene|tracking|report|verification)\.(?!py$|json$)\w+(\.\w+)*$"
 LINK = re.compile(r"\]\(([^)\s#]+)[^)]*\)|src=\"([^\"]+)\"")
 
 
@@ -62,9 +63,7 @@ def test_dotted_names_exist(document: str, span: str):
     resolve(span)
 
 
-@pytest.mark.parametrize(
-    ("document", "span"), pairs(r"(planning|scene|tracking|report|verification)\.(?!py$|json$)\w+(\.\w+)*$")
-)
+@pytest.mark.parametrize(("document", "span"), pairs(WITHIN))
 def test_names_within_the_package_exist(document: str, span: str):
     resolve(f"cableway.{span}")
 
