@@ -100,9 +100,7 @@ class CableSimulator:
         self.config = config or PlantConfig()
         self.cable = cable or task.cable
         self._chain = Chain(self.cable, task.scene, self.config.time_step)
-        q = start_equilibrium(task, self.cable)
-        self._chain.place(q)
-        self._commanded = self._chain.equilibrium(q)[1]
+        self._commanded = self._chain.place(start_equilibrium(task, self.cable))
         self._steps = 0
         self._clearance, self._gripper_clearance = self._clearances(self._chain.coordinates[None])
         if self._clearance < 0:

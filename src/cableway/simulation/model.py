@@ -1,0 +1,171 @@
+"""The MuJoCo model of a cable in a scene, built in code.
+
+The cable is the planar chain of `cableway.rod.equilibrium`: N hinges at spacing L/N, N + 1 links of which the first
+and last are half as long. Hinge stiffness is k = EI N/L and hinge damping tau k, so that the chain bends like a rod of
+stiffness EI and creeps with time constant tau. The first link carries two slides and a hinge; both end links are
+welded to bodies without dynamics, the grippers, whose poses are prescribed at every time step.
+
+The plane is z = 0 with no gravity in it. A capsule of the cable's radius covers each link; capsules meet obstacles and
+walls, not each other. A disc is a sphere about z = 0 and a wall a half space, for which MuJoCo's contacts are exact;
+a box is a box and a polygon a convex mesh, both reaching `HALF_HEIGHT` above and below.
+
+Note:
+    The paper (Tang et al.) simulates without contact between cable and obstacles.
+"""
+
+# MuJoCo's bindings are compiled and carry no type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from cableway.rod.equilibrium import Rod
+from cableway.scene.cable import Cable
+from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
+from cableway.scene.scene import Scene
+
+HALF_HEIGHT = 0.1
+"""Half height of boxes and polygons [m]: far more than any penetration, so that no contact points out of the plane."""
+
+GRASP_TIME_CONSTANT = 0.05
+"""Time constant of the welds in time steps: as good as rigid, and stable under the `discrete` integrator."""
+
+GRASP_IMPEDANCE = (0.99, 0.9999)
+"""Least and greatest impedance of the welds."""
+
+CONTACT_IMPEDANCE = (0.99, 0.999)
+"""Least and greatest impedance of contacts, whose time constant is one time step."""
+
+_IMPEDANCE_CURVE = (0.001, 0.5, 2.0)
+"""Width [m], midpoint and power of the impedance curve, MuJoCo's defaults."""
+
+
+def link_lengths(rod: Rod) -> Float[np.ndarray, "links"]:
+    """Lengths [m] of the N + 1 links."""
+    lengths = np.full(rod.hinges + 1, rod.length / rod.hinges)
+    lengths[[0, -1]] /= 2
+    return lengths
+
+
+def build_model(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.MjModel:
+    """Compile the model of a cable in a scene.
+
+    Args:
+        cable: Its rod, radius, stiffness, damping time and density are used.
+        scene: Workspace and obstacles, or None for open space without walls.
+        time_step: [s].
+
+    Returns:
+        A model whose coordinates are x, y and angle of the first link, then the bend at each hinge; gripper bodies 0
+        and 1 are left and right.
+    """
+    spec = mujoco.MjSpec()
+    _set_options(spec.option, time_step)
+    _add_links(spec, cable, time_step)
+    _add_grippers(spec, cable, time_step)
+    if scene is not None:
+        for index, obstacle in enumerate(scene.obstacles):
+            _add_obstacle(spec, f"obstacle {index}", obstacle)
+        _add_walls(spec, scene)
+    return spec.compile()
+
+
+def _set_options(option: mujoco.MjOption, time_step: float) -> None:
+    option.timestep = time_step
+    option.gravity = [0.0, 0.0, 0.0]
+    option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.tolerance = 1e-10
+    # the approximate diagonal makes the welds of a long chain soft: 18 mrad of slip instead of 0.01
+    option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
+    # a state out of bounds must be seen, not replaced by the initial one; islands only cost time with one chain
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
+
+
+def _add_links(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
+    stiffness = cable.bending_stiffness * cable.rod.hinges / cable.length
+    body, offset = spec.worldbody, 0.0
+    for index, length in enumerate(link_lengths(cable.rod)):
+        body = body.add_body(name=f"link {index}", pos=[offset, 0.0, 0.0])
+        if index == 0:
+            for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]):
+                body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        hinge = body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
+        if index > 0:
+            hinge.stiffness[0] = stiffness
+            hinge.damping[0] = cable.damping_time * stiffness
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=[0.0, 0.0, 0.0, length, 0.0, 0.0],
+            size=[cable.radius, 0.0, 0.0],
+            mass=cable.linear_density * length,
+            contype=1,
+            conaffinity=0,
+            condim=1,
+            solref=[time_step, 1.0],
+            solimp=[*CONTACT_IMPEDANCE, *_IMPEDANCE_CURVE],
+            priority=1,
+        )
+        offset = length
+
+
+def _add_grippers(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
+    last = cable.rod.hinges
+    for name, link, along in (("left", 0, 0.0), ("right", last, float(link_lengths(cable.rod)[-1]))):
+        spec.worldbody.add_body(name=f"{name} gripper", mocap=True)
+        weld = spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1=f"link {link}",
+            name2=f"{name} gripper",
+            solref=[GRASP_TIME_CONSTANT * time_step, 1.0],
+            solimp=[*GRASP_IMPEDANCE, *_IMPEDANCE_CURVE],
+        )
+        # anchor in the gripper, then position and quaternion of the gripper in the link, torque scale
+        weld.data = [0.0, 0.0, 0.0, along, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+def _add_obstacle(spec: mujoco.MjSpec, name: str, obstacle: Obstacle) -> None:
+    common = {"name": name, "contype": 0, "conaffinity": 1, "condim": 1}
+    match obstacle:
+        case Disc():
+            kind, where = mujoco.mjtGeom.mjGEOM_SPHERE, {"pos": [*obstacle.center, 0.0]}
+            spec.worldbody.add_geom(type=kind, size=[obstacle.radius, 0.0, 0.0], **where, **common)
+        case Box():
+            half = obstacle.angle / 2
+            spec.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                pos=[*obstacle.center, 0.0],
+                quat=[np.cos(half), 0.0, 0.0, np.sin(half)],
+                size=[obstacle.size[0] / 2, obstacle.size[1] / 2, HALF_HEIGHT],
+                **common,
+            )
+        case Polygon():
+            levels = [np.column_stack([obstacle.vertices, np.full(len(obstacle.vertices), z)]) for z in (-1.0, 1.0)]
+            corners = np.vstack(levels) * [1.0, 1.0, HALF_HEIGHT]
+            spec.add_mesh(name=name, uservert=corners.ravel().tolist())
+            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **common)
+
+
+def _add_walls(spec: mujoco.MjSpec, scene: Scene) -> None:
+    width, height = scene.size
+    walls = (
+        ("left wall", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
+        ("bottom wall", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]),
+        ("right wall", [width, height, 0.0], [-1.0, 0.0, 0.0]),
+        ("top wall", [width, height, 0.0], [0.0, -1.0, 0.0]),
+    )
+    for name, point, inward in walls:
+        spec.worldbody.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            pos=point,
+            zaxis=inward,
+            size=[1.0, 1.0, 1.0],
+            contype=0,
+            conaffinity=1,
+            condim=1,
+        )
