@@ -77,7 +77,7 @@ def curve_axes(ax: Axes, x: str, y: str) -> None:
     ax.set_ylabel(y, fontsize=9, color=MUTED)
     ax.grid(True, color=GRID, linewidth=0.8)
     ax.set_axisbelow(True)
-    ax.tick_params(colors=MUTED, labelsize=8.5, length=0)
+    ax.tick_params(which="both", colors=MUTED, labelsize=8.5, length=0)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     for side in ("left", "bottom"):
