@@ -170,29 +170,47 @@ def shortcut(path, world, radius, points, length_weight, clearance_weight, step,
 
 
 @kernel
-def relax(path, world, radius, length_weight, clearance_weight, scale, reach):
-    """Move the inner vertices of `path` (m, 2) sideways by multiples of `scale`, at most `reach`, to the least cost.
+def _slots(path, keep, world, scale, reach):
+    """Positions at multiples of `scale` along the normal of each inner vertex, and their signed distances.
 
-    Exact over all combinations by dynamic programming; the vertices stay on their normals. A vertex takes only
-    positions it can slide to in free space. In place.
+    A position that a vertex cannot slide to with the clearance `keep` (m,) has the distance -inf.
     """
     m, options = len(path), 2 * reach + 1
-    x, y, d = np.empty((m, options)), np.empty((m, options)), np.full((m, options), -np.inf)
+    at, d = np.empty((m, options, 2)), np.full((m, options), -np.inf)
     for i in range(m):
         before, after = max(i - 1, 0), min(i + 1, m - 1)
         nx, ny = path[before, 1] - path[after, 1], path[after, 0] - path[before, 0]
         norm = max(math.hypot(nx, ny), 1e-12)
+        at[i, reach] = path[i]
+        d[i, reach] = distance_at(path[i, 0], path[i, 1], world)
+        if i == 0 or i == m - 1:
+            continue
         for sign in (1, -1):
-            for k in range(reach + 1):
+            for k in range(1, reach + 1):
                 j = reach + sign * k
-                x[i, j], y[i, j] = path[i, 0] + sign * k * scale * nx / norm, path[i, 1] + sign * k * scale * ny / norm
-                here = distance_at(x[i, j], y[i, j], world)
-                back = j - sign
-                if k > 0 and not is_free(x[i, back], y[i, back], d[i, back], x[i, j], y[i, j], here, world, radius):
+                x, y = path[i, 0] + sign * k * scale * nx / norm, path[i, 1] + sign * k * scale * ny / norm
+                here, back = distance_at(x, y, world), j - sign
+                if not is_free(at[i, back, 0], at[i, back, 1], d[i, back], x, y, here, world, keep[i]):
                     break
-                d[i, j] = here
-                if i == 0 or i == m - 1:
-                    break
+                at[i, j, 0], at[i, j, 1], d[i, j] = x, y, here
+    return at, d
+
+
+@kernel
+def relax(path, world, radius, target, pull, length_weight, clearance_weight, scale, reach):
+    """Move the inner vertices of `path` (m, 2) sideways by multiples of `scale`, at most `reach`, to the least cost.
+
+    The cost is the integral of length_weight + clearance_weight / distance, plus `pull` times the squared distance
+    of each vertex to its `target` (m, 2). Exact over all combinations, by dynamic programming. New segments keep
+    `radius`, or else the clearance of the segment they replace; vertices slide only through free space. In place.
+    """
+    m, options = len(path), 2 * reach + 1
+    keep = _clearances(path, world, radius)
+    around = np.empty(m)
+    around[0], around[-1] = keep[0], keep[-1]
+    for i in range(1, m - 1):
+        around[i] = min(keep[i - 1], keep[i])
+    at, d = _slots(path, around, world, scale, reach)
     best = np.full((m, options), np.inf)
     previous = np.zeros((m, options), np.int64)
     best[0, reach] = 0.0
@@ -200,21 +218,21 @@ def relax(path, world, radius, length_weight, clearance_weight, scale, reach):
         for j in range(options):
             if d[i, j] == -np.inf:
                 continue
-            inverse = 0.5 * clearance_weight / max(d[i, j], SMALLEST_CLEARANCE)
+            x, y = at[i, j, 0], at[i, j, 1]
+            off = pull * ((x - target[i, 0]) ** 2 + (y - target[i, 1]) ** 2)
+            rate = length_weight + 0.5 * clearance_weight / max(d[i, j], SMALLEST_CLEARANCE)
             for k in range(options):
-                length = math.hypot(x[i, j] - x[i - 1, k], y[i, j] - y[i - 1, k])
-                cost = best[i - 1, k] + length * (
-                    length_weight + inverse + 0.5 * clearance_weight / max(d[i - 1, k], SMALLEST_CLEARANCE)
-                )
+                bx, by, db = at[i - 1, k, 0], at[i - 1, k, 1], d[i - 1, k]
+                length = math.hypot(x - bx, y - by)
+                cost = best[i - 1, k] + off
+                cost += length * (rate + 0.5 * clearance_weight / max(db, SMALLEST_CLEARANCE))
                 if cost < best[i, j] and (
-                    (j == reach and k == reach)
-                    or is_free(x[i - 1, k], y[i - 1, k], d[i - 1, k], x[i, j], y[i, j], d[i, j], world, radius)
+                    (j == reach and k == reach) or is_free(bx, by, db, x, y, d[i, j], world, keep[i - 1])
                 ):
-                    best[i, j] = cost
-                    previous[i, j] = k
+                    best[i, j], previous[i, j] = cost, k
     j = reach
     for i in range(m - 1, 0, -1):
-        path[i, 0], path[i, 1] = x[i, j], y[i, j]
+        path[i] = at[i, j]
         j = previous[i, j]
 
 
@@ -227,22 +245,33 @@ def _in_triangle(px, py, ax, ay, bx, by, cx, cy):
 
 
 @kernel
+def _sweeps_over(path, i, x, y, points):
+    """Whether the area between the two segments at vertex i and those at (x, y) holds one of `points`."""
+    for k in range(len(points)):
+        for j in (i - 1, i + 1):
+            if _in_triangle(points[k, 0], points[k, 1], path[j, 0], path[j, 1], path[i, 0], path[i, 1], x, y):
+                return True
+    return False
+
+
+@kernel
 def smooth(path, world, radius, points, bending, sweeps):
     """Move the inner vertices of `path` (m, 2) one by one towards less length and bending, in place.
 
     Each vertex goes towards the minimum of sum |x_i - x_i-1|^2 + bending sum |x_i-1 - 2 x_i + x_i+1|^2 over its own
     position. A move is rejected if one of its two segments would keep less than `radius` and less than it did
-    before, or if the swept area holds one of `points`.
+    before, or if the swept area holds one of `points`; then half of it is tried.
     """
     m = len(path)
-    clearance = _clearances(path, world, radius)
+    keep = _clearances(path, world, radius)
+    d = np.empty(m)
+    for i in range(m):
+        d[i] = distance_at(path[i, 0], path[i, 1], world)
     for _ in range(sweeps):
         for i in range(1, m - 1):
-            ax, ay, ox, oy, bx, by = (
-                path[i - 1, 0], path[i - 1, 1], path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1],
-            )  # fmt: skip
             weight = 2.0 + 4.0 * bending
-            x, y = (1.0 + 2.0 * bending) * (ax + bx), (1.0 + 2.0 * bending) * (ay + by)
+            x = (1.0 + 2.0 * bending) * (path[i - 1, 0] + path[i + 1, 0])
+            y = (1.0 + 2.0 * bending) * (path[i - 1, 1] + path[i + 1, 1])
             for side in (-1, 1):
                 j = i + 2 * side
                 if 0 <= j < m:
@@ -251,19 +280,14 @@ def smooth(path, world, radius, points, bending, sweeps):
                     y += bending * (2.0 * path[i + side, 1] - path[j, 1])
             x, y = x / weight, y / weight
             for _ in range(3):
-                if (x - ox) ** 2 + (y - oy) ** 2 < 1e-16:
+                if (x - path[i, 0]) ** 2 + (y - path[i, 1]) ** 2 < 1e-14:
                     break
-                left = segment_clearance(ax, ay, x, y, world, clearance[i - 1])
-                if left >= clearance[i - 1]:
-                    right = segment_clearance(x, y, bx, by, world, clearance[i])
-                    if right >= clearance[i]:
-                        swept = False
-                        for k in range(len(points)):
-                            px, py = points[k, 0], points[k, 1]
-                            swept |= _in_triangle(px, py, ax, ay, ox, oy, x, y)
-                            swept |= _in_triangle(px, py, bx, by, ox, oy, x, y)
-                        if not swept:
-                            path[i, 0], path[i, 1] = x, y
-                            clearance[i - 1], clearance[i] = min(radius, left), min(radius, right)
-                            break
-                x, y = 0.5 * (x + ox), 0.5 * (y + oy)
+                here = distance_at(x, y, world)
+                if (
+                    is_free(path[i - 1, 0], path[i - 1, 1], d[i - 1], x, y, here, world, keep[i - 1])
+                    and is_free(x, y, here, path[i + 1, 0], path[i + 1, 1], d[i + 1], world, keep[i])
+                    and not _sweeps_over(path, i, x, y, points)
+                ):
+                    path[i, 0], path[i, 1], d[i] = x, y, here
+                    break
+                x, y = 0.5 * (x + path[i, 0]), 0.5 * (y + path[i, 1])

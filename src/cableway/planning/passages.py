@@ -31,7 +31,7 @@ def find_passages(scene: Scene) -> tuple[Passage, ...]:
             continue
         ends = _shortest_segment(cores[i], cores[j])
         direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-        ends = ends + [direction * rounding[i], -direction * rounding[j]]
+        ends = ends + np.outer([rounding[i], -rounding[j]], direction)
         middle, half = ends.mean(axis=0), 0.5 * float(np.linalg.norm(ends[1] - ends[0]))
         distance = shapely.distance(solids, shapely.Point(middle)) - rounding
         if (np.delete(distance, [i, j]) > half + TIE).all():

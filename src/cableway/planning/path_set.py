@@ -12,6 +12,8 @@ Note:
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from jaxtyping import Float
 
@@ -31,10 +33,16 @@ PIECES = 6
 SPACING = 0.006
 """Distance [m] between vertices while paths are shortened: fine against cables of some 0.3 m."""
 
-BENDING = 30.0
+BENDING = 10.0
 """Weight of bending against length while paths are smoothed: rounds corners over about sqrt(30) vertices."""
 
-SWEEPS = 200
+PULL = 500.0
+"""Weight [1/m^2] of the squared distance to the guide against length: a bend of 5 cm radius is cut by 2 cm."""
+
+CLEAR = 0.01
+"""Weight [m] of 1/clearance against length: at 1 cm from an obstacle a detour of twice the length pays."""
+
+SWEEPS = 30
 """Sweeps of smoothing; more change the paths by less than a millimetre."""
 
 
@@ -72,18 +80,62 @@ def generate_path_set(
 def _homotopic_paths(
     task: Task, pivot: np.ndarray, traversed: list[tuple[Passage, float]], config: PathSetConfig
 ) -> Float[np.ndarray, "n M 2"]:
-    world = band.arrays(task.scene.world)
-    points = band.reference_points(task.scene.world)
-    keep = task.cable.radius + config.margin
+    places = _places(task, pivot, traversed, config)
     paths = []
-    for pieces in _initial_paths(task, pivot, _places(task, pivot, traversed, config)):
-        for piece in pieces:
-            band.shortcut(piece, world, keep, points, 1.0, 0.0, 1.0, 10)
-        joined = polyline.remove_repeated(np.vstack(pieces))
-        path = _even(joined, task, config.waypoints)
-        band.smooth(path, world, keep, points, BENDING, SWEEPS)
-        paths.append(_even(path, task, config.waypoints))
+    for i, pieces in enumerate(_initial_paths(task, pivot, places)):
+        paths.append(_tighten(pieces, _guide(task, pivot, places, i), task, config))
     return np.array(paths)
+
+
+def _tighten(
+    pieces: list[Float[np.ndarray, "_ 2"]], guides: list[Float[np.ndarray, "_ 2"]], task: Task, config: PathSetConfig
+) -> Float[np.ndarray, "M 2"]:
+    """Shorten the pieces of a path one by one, draw the whole towards the guide, and smooth it."""
+    world, points = band.arrays(task.scene.world), band.reference_points(task.scene.world)
+    keep = task.cable.radius + config.margin
+    for piece in pieces:
+        band.shortcut(piece, world, keep, points, 1.0, 0.0, 1.0, 10)
+    joined = np.vstack(pieces)
+    path = _even(joined, config.waypoints)
+    lengths = [float(polyline.length(piece)) for piece in pieces]
+    target = _beside(path, lengths, guides)
+    before = path.copy()
+    for scale in (4.0, 2.0, 1.0, 0.5):
+        for _ in range(3):
+            band.relax(path, world, keep, target, PULL * sum(lengths) / len(path), 1.0, CLEAR, scale * SPACING, 3)
+            band.smooth(path, world, keep, points, BENDING, 10)
+    loop = np.vstack([before, path[::-1]])
+    if band.encloses(loop, 0, len(loop) - 1, points):
+        path = before
+    band.smooth(path, world, keep, points, BENDING, SWEEPS)
+    return _even(path, config.waypoints)
+
+
+def _beside(path: np.ndarray, lengths: list[float], guides: list[np.ndarray]) -> np.ndarray:
+    """For each vertex the point of the guide at the same fraction of the same piece."""
+    cuts = np.concatenate([[0.0], np.cumsum(lengths)])
+    arcs = np.linspace(0.0, cuts[-1], len(path))
+    target = np.empty_like(path)
+    for k, guide in enumerate(guides):
+        chosen = (arcs >= cuts[k]) & (arcs <= cuts[k + 1])
+        share = (arcs[chosen] - cuts[k]) / max(lengths[k], 1e-12)
+        target[chosen] = polyline.point_at(guide, share * float(polyline.length(guide)))
+    return target
+
+
+def _guide(
+    task: Task, pivot: np.ndarray, places: list[tuple[float, Float[np.ndarray, "n 2"]]], i: int
+) -> list[Float[np.ndarray, "_ 2"]]:
+    """The pivot path moved by an offset that is linear between keypoint i's start, places and goal; in pieces."""
+    arcs = np.array([0.0, *(arc for arc, _ in places), float(polyline.length(pivot))])
+    marks = np.array([task.start[i], *(place[i] for _, place in places), task.goal[i]])
+    offsets = marks - polyline.point_at(pivot, arcs)
+    guides = []
+    for k in range(len(arcs) - 1):
+        share = np.linspace(0.0, 1.0, 50)[:, None]
+        along = polyline.point_at(pivot, arcs[k] + share[:, 0] * (arcs[k + 1] - arcs[k]))
+        guides.append(along + (1 - share) * offsets[k] + share * offsets[k + 1])
+    return guides
 
 
 def _initial_paths(
@@ -92,7 +144,7 @@ def _initial_paths(
     """For each keypoint the pieces of its first path, cut at its places in the passages."""
     n, middle = task.cable.keypoints, pivot_keypoint(task.cable.keypoints)
     cuts = [0.0, *(arc for arc, _ in places), float(polyline.length(pivot))]
-    stretches = [_stretch(pivot, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    stretches = [_stretch(pivot, a, b) for a, b in pairwise(cuts)]
     start, goal = polyline.spline(task.start, PIECES), polyline.spline(task.goal, PIECES)
     paths = []
     for i in range(n):
@@ -155,7 +207,7 @@ def _places(
     return found
 
 
-def _even(path: np.ndarray, task: Task, count: int) -> np.ndarray:
+def _even(path: np.ndarray, count: int) -> np.ndarray:
     """`count` points at equal arc length."""
     even = polyline.resample(path, count)
     even[0], even[-1] = path[0], path[-1]

@@ -74,7 +74,7 @@ def polish(
         band.shortcut(path, world, radius, nothing, *weights, spacing / 2, 1)
         path = _even(path, scene, radius, spacing)
         for _ in range(3):
-            band.relax(path, world, radius, *weights, scale * spacing, 3)
+            band.relax(path, world, radius, path.copy(), 0.0, *weights, scale * spacing, 3)
     band.shortcut(path, world, radius, nothing, *weights, spacing / 2, 2)
     return path
 
