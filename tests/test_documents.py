@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 CODE = re.compile(r"`([^`\n]+)`")
 WITHIN = r"(planning|scene|tracking|report|verification)\.(?!py$|json$)\w+(\.\w+)*$"
+YAML = re.compile(r"^```yaml\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s#]+)[^)]*\)|src=\"([^\"]+)\"")
 
 
@@ -87,6 +88,19 @@ def test_configurations_can_be_made(document: str, span: str):
 def test_files_exist(document: str, span: str):
     made = {"demo/", "out/"}
     assert span in made or any((folder / span).exists() for folder in (ROOT, ROOT / "src" / "cableway", ROOT / "docs"))
+
+
+def task_files() -> list[str]:
+    blocks = [block for document in DOCUMENTS for block in YAML.findall(document.read_text())]
+    return [block for block in blocks if "cableway: 1" in block]
+
+
+def test_every_task_shown_can_be_read(tmp_path: Path):
+    assert task_files()
+    for block in task_files():
+        path = tmp_path / "task.yaml"
+        path.write_text(block)
+        assert cableway.load_task(path).description
 
 
 def links() -> list[tuple[Path, str]]:
