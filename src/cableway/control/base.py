@@ -1,0 +1,83 @@
+"""What a controller is: `init(task, plan)` makes a state, `step(state, observation)` an action and the next state.
+
+Nothing is kept in the controller itself, so one controller can lead any number of runs. All compilation belongs in
+`init`. A `step` always answers: where it cannot use what it saw it says so in the state's status and goes on with
+the plan's own gripper motion, or stands still.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.records import Observation, Plan
+from cableway.scene.task import Task
+
+
+class Status(StrEnum):
+    """How a controller came to its last action."""
+
+    STARTED = "started"
+    """No step was made yet."""
+    TRACKING = "tracking"
+    """The action is what the controller computed."""
+    UNSEEN = "unseen: feedforward"
+    """The observation was missing or implausible; the plan's gripper motion went on."""
+    STOPPED = "unseen: stopped"
+    """Too many such observations in a row, or gripper poses unknown; the grippers stand still."""
+    FAILED = "solver failed: feedforward"
+    """The computation gave numbers that are not finite; the plan's gripper motion went on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerState:
+    """What every controller's state shows.
+
+    Attributes:
+        status: How the last action came about, one of `Status`.
+        reference: (n, 2) keypoints [m] wanted at the next observation.
+        progress: How far along the reference that is, 0 at the start, 1 from its last row on.
+    """
+
+    status: str
+    reference: Float[np.ndarray, "n 2"]
+    progress: float
+
+
+S = TypeVar("S", bound=ControllerState)
+
+
+class Controller(ABC, Generic[S]):
+    """Leads the grippers so that the cable follows a plan.
+
+    Attributes:
+        config: Frozen dataclass of the settings, for the record.
+    """
+
+    config: Any
+
+    @abstractmethod
+    def init(self, task: Task, plan: Plan) -> S:
+        """The state before the first step; compiles whatever `step` needs.
+
+        Raises:
+            InputError: Task and plan differ in their number of keypoints.
+        """
+
+    @abstractmethod
+    def step(self, state: S, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], S]:
+        """One control step.
+
+        Args:
+            state: From `init` or the step before.
+            observation: What was seen, or None where nothing came.
+
+        Returns:
+            The gripper motion (dx, dy, dtheta) [m, m, rad], left then right, never beyond the task's limits, and
+            the next state.
+        """

@@ -1,0 +1,55 @@
+"""What may be sent to the grippers, whatever was computed."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.scene.task import Grippers
+
+MARGIN = 1.0 - 1e-9
+"""Factor on the limits, so that rounding in the sums of poses does not exceed them."""
+
+
+def within_limits(
+    action: Float[np.ndarray, "2 3"],
+    poses: Float[np.ndarray, "2 3"],
+    grippers: Grippers,
+    longest: float,
+) -> Float[np.ndarray, "2 3"]:
+    """The action made safe: no step or turn beyond the grippers' limits, no pulling apart beyond `longest`.
+
+    Steps are shortened in their own direction. Where the grippers would come farther apart than `longest`, what they
+    do relative to each other is shortened and what they do together is kept; grippers that are already too far apart
+    may not go farther.
+
+    Args:
+        action: (2, 3) gripper motion [m, m, rad]; one that is not finite becomes standing still.
+        poses: (2, 3) gripper poses before it [m, m, rad].
+        grippers: The limits.
+        longest: Largest distance [m] between the grippers.
+    """
+    action = np.asarray(action, float)
+    if not np.isfinite(action).all():
+        return np.zeros((2, 3))
+    moves = shorten(action[:, :2], MARGIN * grippers.max_step)
+    turns = np.clip(action[:, 2:], -MARGIN * grippers.max_turn, MARGIN * grippers.max_turn)
+    share = _separation_share(poses[1, :2] - poses[0, :2], moves[1] - moves[0], longest)
+    together, apart = moves.mean(axis=0), (moves[1] - moves[0]) / 2
+    return np.column_stack([np.stack([together - share * apart, together + share * apart]), turns])
+
+
+def shorten(moves: Float[np.ndarray, "... 2"], most: float) -> Float[np.ndarray, "... 2"]:
+    """Vectors no longer than `most` [m], in their own direction."""
+    norms = np.linalg.norm(moves, axis=-1, keepdims=True)
+    return moves * np.minimum(1.0, most / np.maximum(norms, most))
+
+
+def _separation_share(gap: np.ndarray, change: np.ndarray, longest: float) -> float:
+    """Largest share of `change` in [0, 1] for which |gap + share change| <= max(longest, |gap|)."""
+    squared, along = float(change @ change), float(gap @ change)
+    room = max(longest**2 - float(gap @ gap), 0.0)
+    if squared == 0.0 or squared + 2 * along <= room:
+        return 1.0
+    root = np.sqrt(max(along**2 + squared * room, 0.0))
+    return float(np.clip((root - along) / squared, 0.0, 1.0))

@@ -1,0 +1,82 @@
+"""Settings of the model predictive controllers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import get_args
+
+from cableway.control.terms import Profile
+from cableway.errors import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class MPCConfig:
+    """Settings of `NeuralMPC`; `paper()` gives those of Tang et al., the defaults are ours.
+
+    Attributes:
+        horizon: H, number of actions looked ahead (paper, hyperparameter table: 5).
+        iterations: Most Gauss-Newton iterations in one step (paper: 15).
+        tolerance: Relative fall of the cost that is not worth another iteration.
+        tracking_weight: lambda_1 [1/m^2] (paper: 150).
+        obstacle_weight: lambda_2, [1/m^2] for the hinge, [m^2] for the barrier (paper: 0.01).
+        control_weight: lambda_3 [1/m^2] (paper: 1).
+        turn_lever: Motion [m] that a turn of 1 rad counts as in the control term (paper: 1, as R is unit).
+        profile: "hinge" or the paper's "barrier", see `terms.clearance`.
+        threshold: d, clearance [m] below which obstacles cost (paper: 0.005).
+        pieces: Points costed per segment between keypoints; 1 for keypoints alone, as in the paper.
+        feedforward: Regularise towards the plan's gripper steps instead of, as in the paper, towards no motion.
+        offset_gain: Share of the newest prediction error that enters the output offset; 0 for no offset (paper).
+        stretch: Distance between the grippers over the cable's length from where it costs.
+        stretch_weight: w_s [1/m^2]; 0 for no such cost (paper).
+        longest: Distance between the grippers over the cable's length that is never exceeded.
+        hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
+        blind_steps: Steps in a row that go on by feedforward without a usable observation before the grippers stop.
+    """
+
+    horizon: int = 5
+    iterations: int = 15
+    tolerance: float = 1e-3
+    tracking_weight: float = 150.0
+    obstacle_weight: float = 3000.0
+    control_weight: float = 1.0
+    turn_lever: float = 0.1
+    profile: Profile = "hinge"
+    threshold: float = 0.005
+    pieces: int = 3
+    feedforward: bool = True
+    offset_gain: float = 0.2
+    stretch: float = 0.985
+    stretch_weight: float = 1e5
+    longest: float = 0.995
+    hold: float = 1.5
+    blind_steps: int = 3
+
+    def __post_init__(self) -> None:
+        for name in ("horizon", "iterations", "pieces"):
+            if not getattr(self, name) >= 1:
+                raise InputError(f"{name} must be at least 1, got {getattr(self, name)!r}")
+        for name in ("tracking_weight", "control_weight", "turn_lever", "threshold", "stretch", "longest"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} must be positive and finite, got {getattr(self, name)!r}")
+        for name in ("tolerance", "obstacle_weight", "stretch_weight", "hold", "blind_steps"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
+        if not 0 <= self.offset_gain <= 1:
+            raise InputError(f"offset_gain must be from 0 to 1, got {self.offset_gain!r}")
+        if self.profile not in get_args(Profile):
+            raise InputError(f"profile must be one of {', '.join(get_args(Profile))}, got {self.profile!r}")
+
+    @classmethod
+    def paper(cls) -> MPCConfig:
+        """The controller as in Tang et al.: its table's weights, keypoints only, no feedforward, offset or hold."""
+        return cls(
+            obstacle_weight=0.01,
+            turn_lever=1.0,
+            profile="barrier",
+            pieces=1,
+            feedforward=False,
+            offset_gain=0.0,
+            stretch_weight=0.0,
+            hold=0.0,
+        )

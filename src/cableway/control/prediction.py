@@ -1,0 +1,73 @@
+"""The model's rollout over the horizon and its derivative by the actions, compiled once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from cableway.models.base import DeformationModel, rollout
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """Predicts the shapes that a sequence of actions makes.
+
+    Attributes:
+        horizon: H, number of actions.
+    """
+
+    horizon: int
+    _arrays: Any
+    _shapes: Callable[..., jax.Array]
+    _linearized: Callable[..., tuple[jax.Array, jax.Array]]
+
+    def shapes(
+        self,
+        keypoints: Float[np.ndarray, "n 2"],
+        poses: Float[np.ndarray, "2 3"],
+        actions: Float[np.ndarray, "H 2 3"],
+    ) -> Float[np.ndarray, "H n 2"]:
+        """Keypoints [m] after each action."""
+        return np.asarray(self._shapes(self._arrays, *_single(keypoints, poses, actions)), float)
+
+    def linearized(
+        self,
+        keypoints: Float[np.ndarray, "n 2"],
+        poses: Float[np.ndarray, "2 3"],
+        actions: Float[np.ndarray, "H 2 3"],
+    ) -> tuple[Float[np.ndarray, "H n 2"], Float[np.ndarray, "H n 2 a"]]:
+        """Keypoints [m] after each action, and their derivative by all a = 6 H numbers of the actions."""
+        shapes, jacobian = self._linearized(self._arrays, *_single(keypoints, poses, actions))
+        return np.asarray(shapes, float), np.asarray(jacobian, float).reshape(*shapes.shape, -1)
+
+
+def compile_predictor(model: DeformationModel, horizon: int, keypoints: int) -> Predictor:
+    """Compile the rollout of `model` for `horizon` actions and a cable of `keypoints` points."""
+    arrays, rest = eqx.partition(model, eqx.is_array)
+
+    def shapes(arrays: Any, keypoints: jax.Array, poses: jax.Array, actions: jax.Array) -> jax.Array:
+        return rollout(eqx.combine(arrays, rest), keypoints, poses, actions)
+
+    def linearized(arrays: Any, keypoints: jax.Array, poses: jax.Array, actions: jax.Array) -> Any:
+        def twice(actions: jax.Array) -> Any:
+            predicted = shapes(arrays, keypoints, poses, actions)
+            return predicted, predicted
+
+        jacobian, predicted = jax.jacfwd(twice, has_aux=True)(actions)
+        return predicted, jacobian
+
+    example = _single(np.zeros((keypoints, 2)), np.zeros((2, 3)), np.zeros((horizon, 2, 3)))
+    compiled = [jax.jit(function) for function in (shapes, linearized)]
+    for function in compiled:
+        jax.block_until_ready(function(arrays, *example))
+    return Predictor(horizon, arrays, *compiled)
+
+
+def _single(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    return tuple(np.asarray(array, np.float32) for array in arrays)

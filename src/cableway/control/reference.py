@@ -1,0 +1,68 @@
+"""What a plan asks for at each control step: shapes to follow and the gripper motion that goes with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.errors import InputError
+from cableway.records import Plan
+from cableway.scene.task import CONTROL_STEP, Task
+
+
+@dataclass(frozen=True)
+class PlanReference:
+    """A plan by time: its first row while the start settles, then one row a control step, then its last row.
+
+    Attributes:
+        plan: The plan.
+        hold: Time [s] at the first row.
+    """
+
+    plan: Plan
+    hold: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.hold) and self.hold >= 0):
+            raise InputError(f"hold must be finite and not negative, got {self.hold!r}")
+
+    @property
+    def held_steps(self) -> int:
+        """Control steps spent at the first row."""
+        return round(self.hold / CONTROL_STEP)
+
+    @property
+    def steps(self) -> int:
+        """Control steps until the last row is reached."""
+        return self.held_steps + self.plan.steps
+
+    def progress(self, step: int) -> float:
+        """Share of the reference that is over at a control step, from 0 to 1."""
+        return min(1.0, step / self.steps)
+
+    def rows(self, step: int, count: int) -> np.ndarray:
+        """The plan's row numbers at `count` control steps from `step` on."""
+        return np.clip(np.arange(step, step + count) - self.held_steps, 0, self.plan.steps)
+
+    def shape(self, step: int) -> Float[np.ndarray, "n 2"]:
+        """Keypoints [m] wanted at a control step."""
+        return self.plan.shapes[self.rows(step, 1)[0]]
+
+    def window(self, step: int, horizon: int) -> tuple[Float[np.ndarray, "H n 2"], Float[np.ndarray, "H 2 3"]]:
+        """Keypoints [m] wanted after each of the next `horizon` actions, and the plan's own actions to get there."""
+        rows = self.rows(step, horizon + 1)
+        return self.plan.shapes[rows[1:]], np.diff(self.plan.poses[rows], axis=0)
+
+
+def reference_for(task: Task, plan: Plan, hold: float) -> PlanReference:
+    """The reference of a plan for a task.
+
+    Raises:
+        InputError: They differ in their number of keypoints.
+    """
+    planned, wanted = plan.shapes.shape[1], task.cable.keypoints
+    if planned != wanted:
+        raise InputError(f"the plan has {planned} keypoints, but task {task.name!r} has {wanted}")
+    return PlanReference(plan, hold)

@@ -1,0 +1,225 @@
+"""The closed loop: a plant, a controller and a plan, until the cable lies at its goal."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control.base import Controller, ControllerState
+from cableway.errors import InputError, SimulationError
+from cableway.provenance import describe
+from cableway.records import Measurement, Observation, Plan, Rollout
+from cableway.scene.task import Task
+
+Progress = Callable[[str, float], None]
+"""Called with the name of a stage and the share of it that is done, from 0 to 1."""
+
+
+class Plant(Protocol):
+    """What a cable held by two grippers must offer: a simulator, a robot, a recording."""
+
+    @property
+    def task(self) -> Task:
+        """What planner and controller believe; the plant itself may differ."""
+        ...
+
+    @property
+    def control_step(self) -> float:
+        """Time [s] that one step takes."""
+        ...
+
+    def reset(self) -> Observation:
+        """Go to the start and look.
+
+        Raises:
+            SimulationError: The start cannot be taken.
+        """
+        ...
+
+    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
+        """Move the grippers by an action (dx, dy, dtheta) [m, m, rad], left then right, and look.
+
+        Raises:
+            SimulationError: The plant cannot go on.
+        """
+        ...
+
+    def measure(self) -> Measurement:
+        """The state after the last step as well as it can be known; never shown to a controller."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackConfig:
+    """When a run ends.
+
+    After the last row of the reference the run goes on until the shape error is small or has stopped falling.
+
+    Attributes:
+        settle_time: Longest time [s] after the end of the reference.
+        patience: Time [s] within which the error must fall to go on.
+        improvement: Share of the error by which it must fall in that time.
+        small_error: Stacked shape error [m], of 2n numbers, below which the run ends at once.
+        overtime: Longest time [s] beyond the plan's own duration, standing still and settling included.
+    """
+
+    settle_time: float = 5.0
+    patience: float = 1.0
+    improvement: float = 0.05
+    small_error: float = 5e-4
+    overtime: float = 30.0
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            if not 0 <= getattr(self, entry.name) < math.inf:
+                raise InputError(f"{entry.name} must be finite and not negative, got {getattr(self, entry.name)!r}")
+
+
+class _Log:
+    """What was seen and done so far."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        self.observed: list[np.ndarray] = []
+        self.measured: list[Measurement] = []
+        self.reference: list[np.ndarray] = []
+        self.actions: list[np.ndarray] = []
+        self.solve_time: list[float] = []
+        self.status: list[str] = []
+
+    def see(self, time: float, observation: Observation, measurement: Measurement, reference: np.ndarray) -> None:
+        _require_finite(measurement)
+        self.times.append(time)
+        self.observed.append(observation.keypoints)
+        self.measured.append(measurement)
+        self.reference.append(reference)
+
+    def act(self, action: np.ndarray, solve_time: float, status: str) -> None:
+        self.actions.append(action)
+        self.solve_time.append(solve_time)
+        self.status.append(status)
+
+    def end_early(self, error: SimulationError) -> str:
+        """Leave out the step that failed and say so in the status of the one before."""
+        self.status.pop()
+        if self.status:
+            self.status[-1] += "; then the plant failed"
+        return f"plant failed: {error}"
+
+    def rollout(self, metadata: dict[str, Any]) -> Rollout:
+        steps = len(self.times) - 1
+        truth = {
+            name: np.array([getattr(row, name) for row in self.measured])
+            for name in ("keypoints", "poses", "centreline", "clearance", "gripper_clearance")
+        }
+        return Rollout(
+            times=np.array(self.times),
+            observed=np.array(self.observed),
+            reference=np.array(self.reference),
+            actions=np.array(self.actions[:steps]).reshape(steps, 2, 3),
+            solve_time=np.array(self.solve_time[:steps]),
+            status=np.array(self.status, dtype=np.str_),
+            metadata=metadata,
+            **truth,
+        )
+
+
+def track(
+    plant: Plant,
+    controller: Controller[Any],
+    plan: Plan,
+    *,
+    config: TrackConfig | None = None,
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> Rollout:
+    """Lead the plant along the plan until the cable has settled.
+
+    Args:
+        plant: What is led.
+        controller: What leads.
+        plan: Shapes and gripper poses to follow.
+        config: When to end, the defaults where None.
+        progress: Told how far along the plan the run is.
+        seed: For the record.
+
+    Returns:
+        All that happened. `metadata["outcome"]` says how it ended: "settled", "time ran out", or, where the plant
+        gave up, "plant failed: ..." with its reason, which the last status says too; the rollout then ends with the
+        last state before that.
+
+    Raises:
+        InputError: Plan and plant differ in their number of keypoints.
+        SimulationError: The plant could not even take its start.
+    """
+    config = config or TrackConfig()
+    state = controller.init(plant.task, plan)
+    observation = plant.reset()
+    log = _Log()
+    log.see(0.0, observation, plant.measure(), state.reference)
+    rule = _StopRule(config, plan, plant.control_step)
+    outcome = None
+    while outcome is None:
+        before = time.perf_counter()
+        action, state = controller.step(state, observation)
+        log.act(action, time.perf_counter() - before, str(state.status))
+        try:
+            observation = plant.step(action)
+            log.see(len(log.times) * plant.control_step, observation, plant.measure(), state.reference)
+        except SimulationError as error:
+            outcome = log.end_early(error)
+        else:
+            outcome = rule.outcome(state, observation)
+        if progress is not None:
+            progress("track", 1.0 if outcome else min(state.progress, 0.99))
+    return log.rollout(_metadata(controller, config, outcome, seed))
+
+
+class _StopRule:
+    """Decides after each step whether the run is over."""
+
+    def __init__(self, config: TrackConfig, plan: Plan, control_step: float) -> None:
+        self._config, self._goal = config, plan.shapes[-1]
+        self._most_steps = plan.steps + math.ceil(config.overtime / control_step)
+        self._settle_steps = math.ceil(config.settle_time / control_step)
+        self._patience_steps = max(1, math.ceil(config.patience / control_step))
+        self._steps = 0
+        self._errors: list[float] = []
+
+    def outcome(self, state: ControllerState, observation: Observation) -> str | None:
+        self._steps += 1
+        if state.progress >= 1.0:
+            error = float(np.linalg.norm(observation.keypoints - self._goal))
+            self._errors.append(error if math.isfinite(error) else math.inf)
+            if self._settled():
+                return "settled"
+        return "time ran out" if self._steps >= self._most_steps else None
+
+    def _settled(self) -> bool:
+        errors, patience = self._errors, self._patience_steps
+        if errors[-1] < self._config.small_error or len(errors) > self._settle_steps:
+            return True
+        if len(errors) <= patience:
+            return False
+        return min(errors[-patience:]) > (1 - self._config.improvement) * min(errors[:-patience])
+
+
+def _require_finite(measurement: Measurement) -> None:
+    for name in ("keypoints", "poses", "centreline"):
+        if not np.isfinite(getattr(measurement, name)).all():
+            raise SimulationError(f"the plant reported {name} that are not finite")
+
+
+def _metadata(controller: Controller[Any], config: TrackConfig, outcome: str, seed: int) -> dict[str, Any]:
+    return {
+        "seed": seed,
+        "outcome": outcome,
+        "controller": {"name": type(controller).__name__, "config": describe(controller.config)},
+        "track": describe(config),
+    }
