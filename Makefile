@@ -31,7 +31,7 @@ lint: env
 	@$(BIN)/ruff format --check .
 
 types: env
-	@$(BIN)/pyright
+	@$(BIN)/pyright --pythonpath $(BIN)/python
 
 imports: env
 	@$(BIN)/lint-imports --no-cache
