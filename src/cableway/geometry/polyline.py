@@ -80,5 +80,4 @@ def crosses_itself(points: Float[np.ndarray, "m 2"]) -> bool:
 
     straddles = side(a, d, a) * side(a, d, b) <= 0
     meet = straddles & straddles.T
-    i, j = np.triu_indices(len(a), 2)
-    return bool(meet[i, j].any())
+    return bool(np.triu(meet, 2).any())

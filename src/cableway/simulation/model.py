@@ -66,7 +66,9 @@ def build_model(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.M
     _set_options(spec.option, time_step)
     _add_links(spec, cable, time_step)
     _add_grippers(spec, cable, time_step)
-    if scene is not None:
+    if scene is None:
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    else:
         for index, obstacle in enumerate(scene.obstacles):
             _add_obstacle(spec, f"obstacle {index}", obstacle)
         _add_walls(spec, scene)
