@@ -17,8 +17,39 @@ class InputError(CablewayError):
     """An argument or a file that the caller gave cannot be used (exit status 2)."""
 
 
+Place = tuple[str | int, ...]
+"""Keys and indices that lead to a value in a task, such as ("obstacles", 2, "size")."""
+
+
+def place_text(place: Place) -> str:
+    """A place as it is written in messages.
+
+    >>> place_text(("obstacles", 2, "size"))
+    'obstacles[2].size'
+    """
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in place).lstrip(".")
+
+
 class TaskError(InputError):
-    """A task that contradicts itself: wrong lengths, shapes in collision, grippers too far apart."""
+    """A task that contradicts itself: wrong lengths, shapes in collision, grippers too far apart.
+
+    Attributes:
+        problem: What is wrong, said of the place: "must be positive, got -1".
+        place: Where in the task; empty where no single value is to blame.
+    """
+
+    def __init__(self, problem: str, place: Place = (), source: str = "") -> None:
+        self.problem, self.place = problem, place
+        text = f"{place_text(place)} {problem}" if place else problem
+        super().__init__(f"{source}: {text}" if source else text)
+
+    def within(self, *outer: str | int) -> TaskError:
+        """The same error seen from farther outside: `outer` goes before the place."""
+        return TaskError(self.problem, (*outer, *self.place))
+
+    def found_in(self, source: str) -> TaskError:
+        """The same error with the file, and the line if known, before the message."""
+        return TaskError(self.problem, self.place, source)
 
 
 class FileFormatError(InputError):

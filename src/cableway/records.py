@@ -10,8 +10,6 @@ keypoints.
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 import zipfile
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -21,35 +19,10 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.errors import FileFormatError, InputError
+from cableway.files import write_atomically
 
 
 # ------------------------------------------------------------------------------------------------ files
-def write_atomically(path: Path, write: Any) -> None:
-    """Call `write(file)` on a temporary file beside `path`, then move it there: all of it or nothing.
-
-    Args:
-        path: Where the content goes; its folder is made if missing.
-        write: Called with a binary file object.
-    """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            write(file)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
 def write_json(path: Path, content: Any) -> None:
     """Write indented JSON atomically; not-a-number is refused."""
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"

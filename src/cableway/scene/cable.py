@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
 from cableway.errors import TaskError
 from cableway.rod.equilibrium import Rod
+from cableway.scene import checks
+
+KEYPOINTS = (3, 200)
+"""Least and largest number of keypoints."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +26,9 @@ class Cable:
         friction: Coulomb coefficient on the table.
         min_bend_radius: Smallest radius of curvature the cable may take [m]; 0 for none.
         preset: Name of the preset the values come from, for the record.
+
+    Raises:
+        TaskError: A value is not finite or out of range.
     """
 
     length: float = 0.3
@@ -37,15 +43,15 @@ class Cable:
 
     def __post_init__(self) -> None:
         for name in ("length", "radius", "bending_stiffness", "damping_time", "linear_density"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise TaskError(f"cable.{name} must be positive and finite, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, checks.real(getattr(self, name), ("cable", name), positive=True))
         for name in ("friction", "min_bend_radius"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise TaskError(f"cable.{name} must be finite and not negative, got {getattr(self, name)!r}")
-        if not 3 <= self.keypoints <= 200:
-            raise TaskError(f"cable.keypoints must be from 3 to 200, got {self.keypoints!r}")
+            object.__setattr__(self, name, checks.real(getattr(self, name), ("cable", name), minimum=0.0))
+        object.__setattr__(self, "keypoints", checks.integer(self.keypoints, ("cable", "keypoints"), *KEYPOINTS))
         if self.radius * 4 > self.length:
-            raise TaskError(f"cable.radius {self.radius!r} m is too thick for a length of {self.length!r} m")
+            raise TaskError(
+                f"is {self.radius!r} m, too thick for a length of {self.length!r} m: at most a quarter of it",
+                ("cable", "radius"),
+            )
 
     @property
     def rod(self) -> Rod:

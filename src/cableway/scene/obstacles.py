@@ -10,9 +10,14 @@ from jaxtyping import Float
 
 from cableway.errors import TaskError
 from cableway.geometry import polyline, se2
+from cableway.scene import checks
 
 MINIMUM_AREA = 1e-8
-"""Area [m^2] under which a polygon counts as degenerate: 0.1 mm x 0.1 mm."""
+"""Area [m^2] under which an obstacle counts as degenerate: 0.1 mm x 0.1 mm."""
+
+ROUNDING = 2e-6
+"""Distance [m] by which a vertex may stand inside its neighbours' line, or an edge be short: figures in a file are
+rounded to micrometres."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +28,9 @@ class Box:
         center: (x, y) [m].
         size: Width and height [m] before turning.
         angle: Turn about the centre [rad].
+
+    Raises:
+        TaskError: A value is not finite or out of range, or the area is next to nothing.
     """
 
     center: tuple[float, float]
@@ -30,8 +38,10 @@ class Box:
     angle: float = 0.0
 
     def __post_init__(self) -> None:
-        if not min(self.size) > 0:
-            raise TaskError(f"a box needs a positive size, got {tuple(self.size)}")
+        object.__setattr__(self, "center", checks.pair(self.center, ("center",)))
+        object.__setattr__(self, "size", checks.pair(self.size, ("size",), positive=True))
+        object.__setattr__(self, "angle", checks.real(self.angle, ("angle",)))
+        _require_area(self.size[0] * self.size[1], "size")
 
     @property
     def vertices(self) -> Float[np.ndarray, "4 2"]:
@@ -42,32 +52,32 @@ class Box:
     rounding = 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Polygon:
     """A convex polygon, its vertices given in either sense.
 
     Attributes:
         vertices: (k, 2) [m]; kept counter-clockwise.
+
+    Raises:
+        TaskError: Fewer than 3 vertices, a number that is not finite, two vertices in one place, next to no area,
+            or not convex.
     """
 
     vertices: Float[np.ndarray, "k 2"]
 
     def __post_init__(self) -> None:
-        vertices = np.asarray(self.vertices, float)
-        if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2:
-            raise TaskError(f"a polygon needs at least 3 vertices of 2 numbers, got shape {vertices.shape}")
-        area = -polyline.signed_area(np.vstack([vertices, vertices[:1]]))
-        if abs(area) < MINIMUM_AREA:
-            raise TaskError(f"the polygon is degenerate: its area is {abs(area):.2e} m^2")
-        if area < 0:
-            vertices = vertices[::-1]
-        edges = np.roll(vertices, -1, axis=0) - vertices
-        following = np.roll(edges, -1, axis=0)
-        turns = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
-        sense = np.arctan2(turns, np.sum(edges * following, axis=1)).sum()
-        if turns.min() < -1e-9 or abs(sense - 2 * np.pi) > 1e-6:
-            raise TaskError("the polygon is not convex; split it into convex parts")
-        object.__setattr__(self, "vertices", np.ascontiguousarray(vertices))
+        vertices = checks.array(self.vertices, ("vertices",), 2)
+        _check_convex(vertices)
+        if _area(vertices) < 0:
+            vertices = vertices[::-1].copy()
+        object.__setattr__(self, "vertices", vertices)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Polygon) and np.array_equal(self.vertices, other.vertices)
+
+    def __hash__(self) -> int:
+        return hash(self.vertices.tobytes())
 
     rounding = 0.0
 
@@ -79,14 +89,18 @@ class Disc:
     Attributes:
         center: (x, y) [m].
         radius: [m].
+
+    Raises:
+        TaskError: A value is not finite or out of range, or the area is next to nothing.
     """
 
     center: tuple[float, float]
     radius: float
 
     def __post_init__(self) -> None:
-        if not self.radius > 0:
-            raise TaskError(f"a disc needs a positive radius, got {self.radius}")
+        object.__setattr__(self, "center", checks.pair(self.center, ("center",)))
+        object.__setattr__(self, "radius", checks.real(self.radius, ("radius",), positive=True))
+        _require_area(np.pi * self.radius**2, "radius")
 
     @property
     def vertices(self) -> Float[np.ndarray, "1 2"]:
@@ -100,6 +114,35 @@ class Disc:
 
 
 Obstacle = Box | Polygon | Disc
+
+
+def _require_area(area: float, name: str) -> None:
+    if area < MINIMUM_AREA:
+        raise TaskError(f"makes a degenerate obstacle: its area is {area:.2g} m^2, below {MINIMUM_AREA:g}", (name,))
+
+
+def _area(vertices: Float[np.ndarray, "k 2"]) -> float:
+    return -polyline.signed_area(np.vstack([vertices, vertices[:1]]))
+
+
+def _check_convex(vertices: Float[np.ndarray, "k 2"]) -> None:
+    if len(vertices) < 3:
+        raise TaskError(f"must be at least 3 points, got {len(vertices)}", ("vertices",))
+    area = _area(vertices)
+    _require_area(abs(area), "vertices")
+    edges = np.roll(vertices, -1, axis=0) - vertices
+    lengths = np.linalg.norm(edges, axis=1)
+    if lengths.min() < ROUNDING:
+        i = int(np.argmin(lengths))
+        raise TaskError(f"repeats the point {i} as point {(i + 1) % len(vertices)}", ("vertices",))
+    following = np.roll(edges, -1, axis=0)
+    turns = np.sign(area) * (edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0])
+    chords = np.linalg.norm(edges + following, axis=1)
+    winding = np.arctan2(turns, np.sum(edges * following, axis=1)).sum()
+    inward = turns < -ROUNDING * np.maximum(chords, ROUNDING)
+    if inward.any() or abs(winding - 2 * np.pi) > 1e-6:
+        where = f" at point {(int(np.argmin(turns)) + 1) % len(vertices)}" if inward.any() else ", its edges cross"
+        raise TaskError(f"is not convex{where}; split it into convex parts", ("vertices",))
 
 
 def to_shapely(obstacle: Obstacle) -> shapely.Polygon:

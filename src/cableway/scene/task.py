@@ -2,84 +2,34 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.errors import TaskError
-from cableway.geometry import convex, polyline
 from cableway.rod.inverse import fit_keypoints
+from cableway.scene import checks, validity
 from cableway.scene.cable import Cable
+from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.scene import Scene
+from cableway.scene.validity import SPLINE_PIECES as SPLINE_PIECES
 
 CONTROL_STEP = 0.1
 """Time [s] of one control step, to which the gripper limits refer."""
 
-LENGTH_TOLERANCE = 0.02
-"""Relative error of length above which a start or goal shape is refused."""
-
-SPLINE_PIECES = 6
-"""Vertices between two keypoints where the cable is drawn through them: 4 mm apart on 0.3 m."""
+NAME = re.compile(r"\w[\w .+-]*")
+"""A task's name; it becomes part of the names of folders."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Grippers:
-    """Footprint and limits of both grippers.
-
-    Attributes:
-        radius: Of the disc each gripper covers [m].
-        max_step: Largest move in one control step [m].
-        max_turn: Largest turn in one control step [rad].
-        separation: Least distance between the two grippers' centres [m]; 0 for none.
-    """
-
-    radius: float = 0.004
-    max_step: float = 0.0133
-    max_turn: float = 0.133
-    separation: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("radius", "max_step", "max_turn"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise TaskError(f"grippers.{name} must be positive and finite, got {getattr(self, name)!r}")
-        if not 0 <= self.separation < math.inf:
-            raise TaskError(f"grippers.separation must be finite and not negative, got {self.separation!r}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plug:
-    """A rigid plug ahead of the right gripper, along its tangent: length and width [m]."""
-
-    length: float
-    width: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Port:
-    """Where the plug goes.
-
-    Attributes:
-        position: Mouth of the port (x, y) [m].
-        angle: Direction of insertion [rad].
-        standoff: Distance [m] of the plug's tip before the mouth at the goal.
-        depth: How far [m] the plug goes in.
-    """
-
-    position: tuple[float, float]
-    angle: float
-    standoff: float
-    depth: float
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
     """A start shape, a goal shape, the cable and the scene.
 
     Attributes:
-        name: For folders and reports.
+        name: For folders and reports: letters, digits, spaces and any of . _ + -
         description: One sentence.
         scene: Workspace and obstacles.
         cable: The cable.
@@ -92,8 +42,8 @@ class Task:
         port: Optional place the plug goes to.
 
     Raises:
-        TaskError: A shape has the wrong number of keypoints or length, lies outside the workspace or touches an
-            obstacle.
+        TaskError: A shape has the wrong number of keypoints or length, lies outside the workspace, touches an
+            obstacle, crosses itself or bends too sharply, or stated gripper poses are not at its ends.
     """
 
     name: str
@@ -109,41 +59,27 @@ class Task:
     port: Port | None = None
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and NAME.fullmatch(self.name)):
+            raise TaskError(
+                f"must be letters, digits, spaces or any of . _ + -, got {checks.shown(self.name)}", ("name",)
+            )
+        if self.port is not None and self.plug is None:
+            raise TaskError("needs a plug that goes there", ("port",))
         for end in ("start", "goal"):
-            object.__setattr__(self, end, np.array(getattr(self, end), dtype=float))
-            self._check_shape(end)
+            object.__setattr__(self, end, checks.array(getattr(self, end), (end,), 2))
+            validity.check_shape(end, getattr(self, end), self.scene, self.cable, self.grippers)
+            if getattr(self, f"{end}_poses") is not None:
+                poses = checks.array(getattr(self, f"{end}_poses"), (f"{end}_poses",), 3)
+                object.__setattr__(self, f"{end}_poses", poses)
+                validity.check_poses(end, poses, getattr(self, end), self.cable)
 
-    def _check_shape(self, end: str) -> None:
-        shape, n = getattr(self, end), self.cable.keypoints
-        if shape.ndim != 2 or shape.shape[1] != 2 or len(shape) != n:
-            raise TaskError(f"{end} has shape {shape.shape}, but cable.keypoints asks for ({n}, 2)")
-        if not np.isfinite(shape).all():
-            raise TaskError(f"{end} holds a number that is not finite")
-        long = float(polyline.length(polyline.spline(shape, SPLINE_PIECES)))
-        if abs(long / self.cable.length - 1) > LENGTH_TOLERANCE:
-            raise TaskError(
-                f"{end} is {long:.4f} m long, more than {LENGTH_TOLERANCE:.0%} off cable.length {self.cable.length} m"
-            )
-        width, height = self.scene.size
-        outside = (shape < 0).any(1) | (shape > [width, height]).any(1)
-        if outside.any():
-            i = int(np.argmax(outside))
-            raise TaskError(
-                f"{end} keypoint {i} at ({shape[i, 0]:.3f}, {shape[i, 1]:.3f}) lies outside the workspace "
-                f"{width} m x {height} m"
-            )
-        distance, index = convex.polyline_distance(polyline.spline(shape, SPLINE_PIECES)[None], self.scene.world)
-        depth = self.cable.radius - float(distance[0])
-        if depth > 0:
-            raise TaskError(f"{end} overlaps {self.scene.name_of(int(index[0]))} by {1000 * depth:.1f} mm")
-        distance, _, index = convex.signed_distance(shape[[0, -1]], self.scene.world)
-        depth = self.grippers.radius - distance
-        if depth.max() > 0:
-            side = int(np.argmax(depth))
-            raise TaskError(
-                f"the {('left', 'right')[side]} gripper at the {end} overlaps "
-                f"{self.scene.name_of(int(index[side]))} by {1000 * depth[side]:.1f} mm"
-            )
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Task):
+            return NotImplemented
+        pairs = ((getattr(self, entry.name), getattr(other, entry.name)) for entry in fields(self))
+        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a is b or a == b for a, b in pairs)
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]
 
     @cached_property
     def start_fit(self) -> tuple[Float[np.ndarray, "6"], float]:
