@@ -7,8 +7,9 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -31,20 +32,21 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def command(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def command(wheel: Path) -> Iterator[Path]:
     """The installed `cableway`, with its dependencies at the locked versions."""
-    folder = tmp_path_factory.mktemp("installed")
-    environment, locked = folder / "venv", folder / "locked.txt"
-    lines = (ROOT / "requirements.lock").read_text().splitlines()
-    locked.write_text("\n".join(line.rstrip("\\ ") for line in lines if not line.startswith((" ", "#"))) + "\n")
-    run([sys.executable, "-m", "venv", environment], folder)
-    python, uv = environment / "bin" / "python", Path(sys.executable).parent / "uv"
-    options = ["--quiet", "--only-binary", ":all:", "--constraint", locked, wheel]
-    if uv.exists():
-        run([uv, "pip", "install", *options], folder, VIRTUAL_ENV=str(environment))
-    else:
-        run([python, "-m", "pip", "install", *options], folder)
-    return environment / "bin" / "cableway"
+    with TemporaryDirectory(prefix="cableway-") as name:
+        folder = Path(name)
+        environment, locked = folder / "venv", folder / "locked.txt"
+        lines = (ROOT / "requirements.lock").read_text().splitlines()
+        locked.write_text("\n".join(line.rstrip("\\ ") for line in lines if not line.startswith((" ", "#"))) + "\n")
+        run([sys.executable, "-m", "venv", environment], folder)
+        uv = Path(sys.executable).parent / "uv"
+        options = ["--quiet", "--only-binary", ":all:", "--constraint", locked, wheel]
+        if uv.exists():
+            run([uv, "pip", "install", *options], folder, VIRTUAL_ENV=str(environment))
+        else:
+            run([environment / "bin" / "python", "-m", "pip", "install", *options], folder)
+        yield environment / "bin" / "cableway"
 
 
 def test_it_holds_tasks_weights_types_and_attribution(wheel: Path):
