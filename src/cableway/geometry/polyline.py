@@ -70,6 +70,8 @@ def crosses_itself(points: Float[np.ndarray, "m 2"]) -> bool:
 
     >>> crosses_itself(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.5, -1.0]]))
     True
+    >>> crosses_itself(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]))
+    False
     """
     a, b = points[:-1], points[1:]
     d = b - a
@@ -79,5 +81,7 @@ def crosses_itself(points: Float[np.ndarray, "m 2"]) -> bool:
         return along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]
 
     straddles = side(a, d, a) * side(a, d, b) <= 0
-    meet = straddles & straddles.T
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    near = ((low[:, None] <= high[None]) & (low[None] <= high[:, None])).all(axis=-1)  # decides where all lie in line
+    meet = straddles & straddles.T & near
     return bool(np.triu(meet, 2).any())
