@@ -7,10 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from cableway.errors import InputError, UnknownNameError
+from cableway.planning.realization import RealizationConfig
+from cableway.verification import VerificationLimits
 
 PivotMethod = Literal["grid", "rrt_star"]
 PathSetKind = Literal["homotopic", "transfer"]
 Interpolation = Literal["spline", "sigmoid"]
+Guide = Literal["head", "tail", "uniform", "slide-head", "slide-tail"]
 
 
 def require_range(config: object, low: float, high: float, *names: str) -> None:
@@ -98,6 +101,8 @@ class DeformationConfig:
         steps: T; paper's table: 50.
         near_stiffness: k1, springs between neighbouring keypoints [N/m]. The paper's 2 does not hold the length.
         far_stiffness: k2, springs between every second keypoint [N/m]; paper's table: 1.
+        step_stiffness: k3, springs between a keypoint and itself one step later [N/m]; 0 in the paper, whose
+            sequences may therefore wait and jump.
         lower_bound: lb, least progress of a keypoint in a step. The paper's 0.01 with T = 50 leaves keypoints no
             room to be more than half a path apart.
         upper_bound: ub, most progress of a keypoint in a step; paper's table: 0.1.
@@ -109,6 +114,7 @@ class DeformationConfig:
     steps: int = 50
     near_stiffness: float = 100.0
     far_stiffness: float = 1.0
+    step_stiffness: float = 0.1
     lower_bound: float = 0.0
     upper_bound: float = 0.1
     interpolation: Interpolation = "spline"
@@ -118,7 +124,7 @@ class DeformationConfig:
     def __post_init__(self) -> None:
         require_choice("interpolation", self.interpolation, Interpolation)
         require_range(self, 2, 10000, "steps")
-        require_range(self, 0, 1e9, "near_stiffness", "far_stiffness")
+        require_range(self, 0, 1e9, "near_stiffness", "far_stiffness", "step_stiffness")
         require_range(self, 0, 1, "lower_bound", "upper_bound")
         require_range(self, 0.1, 1e4, "sharpness")
         require_range(self, 1, 10**6, "iterations")
@@ -136,11 +142,25 @@ class PlannerConfig:
         pivot: Path of the cable's centre.
         path_set: One path per keypoint.
         deformation: Progress of the keypoints along their paths.
+        guides: What is realised, in this order, until a plan verifies: the deformation optimised from a first guess
+            in which the right end ("head"), the left end ("tail") or neither leads, or the cable sliding along one
+            curve.
+        realization: How a guide is made true.
+        limits: What a plan must keep.
     """
 
     pivot: PivotConfig = field(default_factory=PivotConfig)
     path_set: PathSetConfig = field(default_factory=PathSetConfig)
     deformation: DeformationConfig = field(default_factory=DeformationConfig)
+    guides: tuple[Guide, ...] = ("head", "tail", "uniform", "slide-head", "slide-tail")
+    realization: RealizationConfig = field(default_factory=RealizationConfig)
+    limits: VerificationLimits = field(default_factory=VerificationLimits)
+
+    def __post_init__(self) -> None:
+        for guide in self.guides:
+            require_choice("guide", guide, Guide)
+        if not self.guides:
+            raise InputError(f"PlannerConfig.guides needs at least one of {', '.join(get_args(Guide))}")
 
     @classmethod
     def paper(cls) -> PlannerConfig:
@@ -149,6 +169,12 @@ class PlannerConfig:
             pivot=PivotConfig(method="rrt_star"),
             path_set=PathSetConfig(kind="transfer"),
             deformation=DeformationConfig(
-                near_stiffness=2.0, far_stiffness=1.0, lower_bound=0.01, upper_bound=0.1, interpolation="sigmoid"
+                near_stiffness=2.0,
+                far_stiffness=1.0,
+                step_stiffness=0.0,
+                lower_bound=0.01,
+                upper_bound=0.1,
+                interpolation="sigmoid",
             ),
+            guides=("uniform",),
         )
