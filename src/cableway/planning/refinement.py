@@ -151,7 +151,7 @@ class _Problem:
         return scale * short, -scale * slope * (short > 0)[..., None]
 
     def _stability(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        mu, dmu = self.rod.stability(q)
+        mu, dmu = self.rod.stability(q, ceiling=self.config.stability_wanted)
         lack = np.maximum(0.0, self.config.stability_wanted - mu) / self.config.stability_scale
         return lack, -dmu * (lack > 0)[:, None] / self.config.stability_scale
 

@@ -216,10 +216,11 @@ def _any_below(diagonal, off, u, w, rank, shift, pivots, zu, zw, schur):
 
 
 @kernel
-def stability(load, length, hinges, gradient):
+def stability(load, length, hinges, ceiling, gradient):
     """The stability margin of one equilibrium; its derivative by (a_x, a_y, m) goes into `gradient` (3,).
 
-    With K v = mu v - C' lambda and C v = 0, |v| = 1:  d mu = v' dK v + 2 lambda' dC v.
+    With K v = mu v - C' lambda and C v = 0, |v| = 1:  d mu = v' dK v + 2 lambda' dC v. A margin above `ceiling` is
+    not computed: it comes back as `ceiling`, with derivative zero.
     """
     free = hinges - 1
     points, jacobian = np.empty((2 * hinges + 2, 2)), np.empty((2 * hinges + 2, 2, 3))
@@ -232,8 +233,11 @@ def stability(load, length, hinges, gradient):
     rank = _orthonormal_rows(ca, cb, u, w)
     pivots, zu, zw, schur = np.empty(free), np.empty(free), np.empty(free), np.empty(3)
 
+    gradient[:] = 0.0
+    if not _any_below(diagonal, off, u, w, rank, ceiling, pivots, zu, zw, schur):
+        return ceiling
     reach = math.sqrt(load[0] ** 2 + load[1] ** 2)
-    low, high = -reach, 160.0 + reach
+    low, high = -reach, min(ceiling, 160.0 + reach)
     while high - low > 1e-8 * (1.0 + reach):
         middle = 0.5 * (low + high)
         if _any_below(diagonal, off, u, w, rank, middle, pivots, zu, zw, schur):
@@ -276,9 +280,9 @@ def stability(load, length, hinges, gradient):
 
 
 @kernel
-def batch_stability(q, length, hinges):
+def batch_stability(q, length, hinges, ceiling):
     """`stability` over rows of q (T, 6): margins (T,) and derivatives (T, 6)."""
     mu, dmu = np.empty(len(q)), np.zeros((len(q), 6))
     for t in range(len(q)):
-        mu[t] = stability(q[t, 3:], length, hinges, dmu[t, 3:])
+        mu[t] = stability(q[t, 3:], length, hinges, ceiling, dmu[t, 3:])
     return mu, dmu

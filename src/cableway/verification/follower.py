@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.geometry import se2
-from cableway.verification.swept import smooth_cable
+from cableway.geometry import polyline, se2
 
 LINKS_PER_SEGMENT = 4
 """Links between two keypoints: twice as fine as the planner's chain."""
@@ -103,7 +102,7 @@ class _Chain:
 
     def angles_of(self, keypoints: np.ndarray) -> np.ndarray:
         """Angles of the free links along a smooth curve through keypoints."""
-        curve = smooth_cable(keypoints[None], 20)[0]
+        curve = polyline.spline(keypoints, 20)
         arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
         joints = np.column_stack([np.interp(self.arc[1:-1] * arc[-1] / self.length, arc, c) for c in curve.T])
         steps = np.diff(joints, axis=0)

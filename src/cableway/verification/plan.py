@@ -9,11 +9,11 @@ import shapely
 from jaxtyping import Float
 
 from cableway.errors import InputError
-from cableway.geometry import se2
+from cableway.geometry import polyline, se2
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification.follower import Followed, follow
-from cableway.verification.swept import closest_approach, smooth_cable
+from cableway.verification.swept import closest_approach
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
     limits = limits or VerificationLimits()
     if plan.shapes.shape[1] != task.cable.keypoints:
         raise InputError(f"the plan has {plan.shapes.shape[1]} keypoints, the task {task.cable.keypoints}")
-    lines = smooth_cable(plan.shapes)
+    lines = polyline.spline(plan.shapes, 4)
     followed = follow(plan.shapes, plan.poses, task.cable.length)
     checks = [
         _end("start", plan.shapes[0], task.start, limits),

@@ -7,12 +7,9 @@ import shapely
 
 from cableway.errors import InputError
 from cableway.geometry import se2
-from cableway.records import Check, Rollout, Verdict
+from cableway.records import SUCCESS_ERROR, Check, Rollout, Verdict
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.plan import at_most, cable_clearance, gripper_clearance
-
-SUCCESS_ERROR = 0.03
-"""Stacked error [m] below which the goal counts as reached (Tang et al., Section VI)."""
 
 
 def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:

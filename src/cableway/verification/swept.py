@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
 
 from cableway.scene.scene import Scene
 
@@ -28,13 +27,6 @@ class Closest:
     distance: float
     row: float
     obstacle: int
-
-
-def smooth_cable(keypoints: Float[np.ndarray, "t n 2"], pieces: int = 4) -> Float[np.ndarray, "t m 2"]:
-    """The cable between keypoints: a cubic spline through them, `pieces` vertices a segment."""
-    n = keypoints.shape[1]
-    at = np.linspace(0, 1, pieces * (n - 1) + 1)
-    return CubicSpline(np.linspace(0, 1, n), keypoints, axis=1)(at)
 
 
 def closest_approach(lines: Float[np.ndarray, "t m 2"], scene: Scene) -> Closest:

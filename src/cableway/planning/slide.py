@@ -1,0 +1,58 @@
+"""A guide without optimisation: the cable slides along one curve, one end leading.
+
+The curve is the start cable, a path from its leading end to the trailing end of the goal cable, and the goal cable.
+Every shape on it has the cable's length, whatever the clutter.
+
+Note:
+    Not in the paper (Tang et al.). Where the path turns back sharply the shapes are no shapes of a cable; the
+    realisation repairs them.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from cableway.geometry import polyline
+from cableway.planning.config import PivotConfig
+from cableway.planning.pivot import plan_pivot_path
+from cableway.records import DeformationSequence
+from cableway.scene.task import Task
+
+End = Literal["head", "tail"]
+
+ROW_STEP = 0.012
+"""Advance along the curve from shape to shape [m]: half a keypoint spacing of a 0.3 m cable."""
+
+
+def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> DeformationSequence:
+    """Shapes of a cable that slides from start to goal.
+
+    Args:
+        task: The task.
+        leading: "head": the right end goes first; "tail": the left end.
+        config: How the path between the two cables is found.
+        seed: For that path.
+
+    Returns:
+        The sequence; progress is the same for all keypoints, the share of the curve that is travelled.
+
+    Raises:
+        PlanningError: No path leads from one cable to the other.
+    """
+    start, goal = (task.start, task.goal) if leading == "head" else (task.start[::-1], task.goal[::-1])
+    radius = max(task.cable.radius, task.grippers.radius)
+    path = plan_pivot_path(task.scene, start[-1], goal[0], radius, config, seed=seed)
+    curve = polyline.remove_repeated(np.vstack([polyline.spline(start, 4), path, polyline.spline(goal, 4)]))
+    first, last = (float(polyline.length(polyline.spline(shape, 4))) for shape in (start, goal))
+    travel = float(polyline.length(curve)) - last
+    shares = np.linspace(0.0, 1.0, max(8, int(np.ceil(travel / ROW_STEP))) + 1)
+    along = np.linspace(0.0, 1.0, len(start))
+    shapes = np.array(
+        [polyline.point_at(curve, f * travel + along * ((1 - f) * first + f * last)) for f in shares]
+    )
+    shapes[0], shapes[-1] = start, goal
+    if leading == "tail":
+        shapes = shapes[:, ::-1]
+    return DeformationSequence(shapes, np.repeat(shares[:, None], len(start), axis=1))
