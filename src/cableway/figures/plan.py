@@ -100,7 +100,7 @@ def draw_shapes(ax: Axes, task: Task, shapes: Float[np.ndarray, "T+1 n 2"]) -> N
     last = len(shapes) - 1
     rows = spread_rows(shapes, SHAPES_SHOWN)
     scene.draw_cables(ax, scene.smooth(shapes[rows]), task.cable.radius, style.TIME(rows / last))
-    ways = ((0, "-", "left gripper"), (-1, (0, (4, 2)), "right gripper"))
+    ways: tuple[tuple[int, Any, str], ...] = ((0, "-", "left gripper"), (-1, (0, (4, 2)), "right gripper"))
     handles: list[Any] = [Patch(facecolor=style.TIME(0.5), label="cable, coloured by time")]
     for end, dashes, name in ways:
         ax.plot(*shapes[:, end].T, color=style.INK, linewidth=0.9, linestyle=dashes, alpha=0.7, zorder=5)

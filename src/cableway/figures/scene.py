@@ -132,8 +132,8 @@ def _draw_letters(ax: Axes, shape: np.ndarray, color: str, aside: bool) -> None:
         if aside and letter == "R":
             outward = np.array([-outward[1], outward[0]])
         ax.annotate(
-            letter, end, xytext=11 * outward, textcoords="offset points", ha="center", va="center",
-            fontsize=9, fontweight="bold", color=color, zorder=9,
+            letter, end, xytext=(11 * outward[0], 11 * outward[1]), textcoords="offset points", ha="center",
+            va="center", fontsize=9, fontweight="bold", color=color, zorder=9,
         )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from cableway.records import write_atomically
+from cableway.files import write_atomically
 
 INK = "#1d2733"
 MUTED = "#6b7683"

@@ -6,6 +6,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
@@ -20,7 +21,8 @@ from cableway.errors import CablewayError
 from cableway.figures import scene, style
 from cableway.figures.plan import draw_clearance
 from cableway.figures.rollout import draw_errors, stacked_errors
-from cableway.records import Rollout, write_atomically
+from cableway.files import write_atomically
+from cableway.records import Rollout
 from cableway.scene.task import Task
 
 SIZE = (1280, 720)
@@ -77,10 +79,11 @@ def playback(rollout: Rollout) -> tuple[range, float, int]:
 
 
 def _encode(path: Path, rate: float, frames: Iterator[np.ndarray]) -> None:
+    options: dict[str, Any] = {"fps": rate, "quality": None, "ffmpeg_log_level": "error"}
+    encoding = ["-preset", "veryfast", "-crf", "19", "-movflags", "+faststart"]
     writer = imageio_ffmpeg.write_frames(
-        str(path), SIZE, fps=rate, pix_fmt_in="rgba", pix_fmt_out="yuv420p", codec="libx264", quality=None,
-        output_params=["-preset", "veryfast", "-crf", "19", "-movflags", "+faststart"], ffmpeg_log_level="error",
-    )  # fmt: skip
+        str(path), SIZE, "rgba", "yuv420p", codec="libx264", output_params=encoding, **options
+    )
     try:
         writer.send(None)
         for frame in frames:

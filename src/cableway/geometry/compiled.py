@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -17,6 +18,9 @@ import platformdirs
 from numba.core import config
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+MARK = "planning-is-compiled"
+"""Empty file that says so."""
 
 
 @cache
@@ -43,5 +47,15 @@ def kernel(function: F) -> F:
 
 
 def is_compiled() -> bool:
-    """Whether an earlier process has left compiled kernels for these sources."""
-    return cache_folder().is_dir() and any(cache_folder().rglob("*.nbi"))
+    """Whether an earlier process went through planning with these sources, so that their kernels are compiled.
+
+    Compiled files alone tell nothing: loading a task compiles a few kernels, planning many more.
+    """
+    return (cache_folder() / MARK).is_file()
+
+
+def mark_compiled() -> None:
+    """Note for later processes that planning found or left its kernels compiled; a read-only cache stays as it is."""
+    with suppress(OSError):
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        (cache_folder() / MARK).touch()

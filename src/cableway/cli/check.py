@@ -1,0 +1,85 @@
+"""`cableway check`: judge a plan or rollout file afresh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from cableway.cli.options import Options
+from cableway.cli.outputs import REPORT
+from cableway.cli.terminal import Terminal, columns, literal
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from cableway.records import Verdict
+    from cableway.scene.task import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check(Options):
+    """Judge a plan.npz or rollout.npz afresh, independently of what made it."""
+
+    task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="TASK")]
+    """Name in the catalogue, or a YAML file."""
+
+    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
+    """A plan.npz or rollout.npz; its arrays tell which."""
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        from cableway.records import write_json
+        from cableway.scene.loading import load_task
+
+        task = load_task(self.task)
+        kind, verdict = _judge(task, self.file)
+        report = {
+            "task": task.name,
+            "file": str(self.file),
+            "kind": kind,
+            "passed": verdict.passed,
+            "checks": verdict.as_dict(),
+        }
+        if self.out is not None:
+            write_json(self.folder("check") / REPORT, report)
+        Terminal(self).result(report, _table(verdict))
+        return 0 if verdict.passed else 1
+
+
+def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
+    """The kind of a file and what is to be said of it.
+
+    Raises:
+        FileFormatError: It is neither a plan nor a rollout.
+        InputError: It belongs to a task with another number of keypoints.
+    """
+    from cableway.errors import FileFormatError
+    from cableway.records import Plan, Rollout, read_arrays
+    from cableway.verification import verify_plan, verify_rollout
+
+    arrays = read_arrays(file)
+    if "centreline" in arrays:
+        return "rollout", verify_rollout(Rollout.from_arrays(arrays, str(file)), task)
+    if "shapes" in arrays:
+        return "plan", verify_plan(Plan.from_arrays(arrays, str(file)), task)
+    raise FileFormatError(
+        f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
+        f"it has {', '.join(sorted(arrays)) or 'nothing'}"
+    )
+
+
+def _table(verdict: Verdict) -> Table:
+    table = columns("", "check", "value", "limit", "where")
+    for check in verdict.checks:
+        scale, unit = (1000.0, "mm") if check.unit == "m" else (1.0, check.unit)
+        table.add_row(
+            "[green]pass[/green]" if check.passed else "[red]FAIL[/red]",
+            literal(check.name),
+            f"{scale * check.value:.4g} {unit}".rstrip(),
+            f"{scale * check.limit:.4g} {unit}".rstrip(),
+            literal(check.where),
+        )
+    return table

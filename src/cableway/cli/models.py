@@ -1,0 +1,67 @@
+"""`cableway models`: shipped and local deformation models with their figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from cableway.cli.options import Options
+from cableway.cli.outputs import REPORT
+from cableway.cli.terminal import Terminal, columns, literal
+
+HORIZONS = (1, 10, 20, 30)
+"""Steps ahead at which errors are listed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Models(Options):
+    """List the shipped models, those below runs/, and those named, with their held-out errors."""
+
+    files: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """Other model files."""
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        from cableway.models.checkpoint import model_names, read_card
+        from cableway.records import write_json
+
+        local = sorted(Path("runs").rglob("*.safetensors"))
+        sources: list[str | Path] = [*model_names(), *self.files, *(path for path in local if path not in self.files)]
+        rows = [_row(str(source), read_card(source)) for source in sources]
+        names = [f"{steps} steps" for steps in HORIZONS]
+        table = columns("model", "kind", "parameters", "trained on", *names)
+        for row in rows:
+            errors = [_text(row["mean_error_mm"][f"{steps}"]) for steps in HORIZONS]
+            facts = (row["kind"], str(row["parameters"]), f"{row['transitions']} transitions")
+            table.add_row(literal(row["model"]), *facts, *errors)
+        table.caption = "Mean stacked error of open-loop prediction on held-out episodes."
+        table.caption_justify = "left"
+        report = {"models": rows}
+        if self.out is not None:
+            write_json(self.folder("models") / REPORT, report)
+        Terminal(self).result(report, table)
+        return 0
+
+
+def error_at(card: Mapping[str, Any], steps: int) -> float | None:
+    """The mean stacked held-out error [mm] after `steps` steps that a model's card states."""
+    rows = card.get("errors", {}).get("model", [])
+    return next((float(row["mean"]) for row in rows if row.get("horizon") == steps), None)
+
+
+def _row(name: str, card: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "model": name,
+        "kind": str(card.get("kind", "")),
+        "parameters": card.get("parameters"),
+        "transitions": card.get("data", {}).get("training_transitions"),
+        "mean_error_mm": {f"{steps}": error_at(card, steps) for steps in HORIZONS},
+    }
+
+
+def _text(millimetres: float | None) -> str:
+    return "" if millimetres is None else f"{millimetres:.2f} mm"

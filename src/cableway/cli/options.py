@@ -1,0 +1,53 @@
+"""The options that every command has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cableway.errors import InputError
+
+LARGEST_SEED = 2**31 - 1
+"""What the narrowest random generator in use takes: OMPL's and JAX's keys are 32 bits."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options that every command has."""
+
+    out: Path | None = None
+    """Where results go; runs/<task or command> unless given."""
+
+    seed: int | None = None
+    """Seed of everything random; 0, or what the configuration says, unless given."""
+
+    quiet: bool = False
+    """Print nothing but errors."""
+
+    json: bool = False
+    """Print the report alone, as JSON, on stdout."""
+
+    def __post_init__(self) -> None:
+        if self.seed is not None and not 0 <= self.seed <= LARGEST_SEED:
+            raise InputError(f"--seed must be from 0 to {LARGEST_SEED}, got {self.seed}")
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        raise NotImplementedError
+
+    def folder(self, name: str) -> Path:
+        """The folder for results, which need not exist yet.
+
+        Raises:
+            InputError: It is a file.
+        """
+        folder = self.out if self.out is not None else Path("runs") / name
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"--out {folder}: a file of that name is in the way; give a folder")
+        return folder
+
+    def target(self, name: str, default: str) -> Path:
+        """The one file of a command: `--out` itself where it ends as `default` does, else `default` in the folder."""
+        if self.out is not None and self.out.suffix.lower() == Path(default).suffix:
+            return self.out
+        return self.folder(name) / default

@@ -1,0 +1,35 @@
+"""The files that planning and running leave in a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cableway.cli.terminal import Terminal
+    from cableway.report import Report
+
+REPORT, TASK = "report.json", "task.yaml"
+PLAN, PLAN_PICTURE = "plan.npz", "plan.png"
+ROLLOUT, ROLLOUT_PICTURE, VIDEO = "rollout.npz", "rollout.png", "rollout.mp4"
+
+ALL = (REPORT, TASK, PLAN, PLAN_PICTURE, ROLLOUT, ROLLOUT_PICTURE, VIDEO)
+
+
+def clear(folder: Path) -> None:
+    """Remove what an earlier run left, so that a folder never mixes two runs."""
+    for name in ALL:
+        (folder / name).unlink(missing_ok=True)
+
+
+def announce(terminal: Terminal, folder: Path, report: Report) -> None:
+    """Say on the side how it ended and which files there are."""
+    names = ", ".join(name for name in ALL if (folder / name).exists())
+    terminal.note(f"{report.task}: {'success' if report.success else 'failed'}; in {folder}: {names}")
+
+
+def write_report(folder: Path, report: Report) -> None:
+    """Write a report's plain data."""
+    from cableway.records import write_json
+
+    write_json(folder / REPORT, report.as_dict())

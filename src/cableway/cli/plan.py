@@ -1,0 +1,26 @@
+"""`cableway plan`: plan a task and stop there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cableway.cli import outputs
+from cableway.cli.planning import PlanOptions, plan_into
+from cableway.cli.terminal import Terminal, pairs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(PlanOptions):
+    """Plan a task: plan.npz, plan.png, report.json and the task itself."""
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        from cableway.scene.loading import load_task
+
+        terminal, task = Terminal(self), load_task(self.task)
+        folder = self.folder(task.name)
+        with terminal.progress() as tell:
+            report = plan_into(folder, task, self, terminal, tell).report
+        outputs.announce(terminal, folder, report)
+        terminal.result(report.as_dict(), pairs(report.rows()))
+        return 0 if report.success else 1

@@ -1,0 +1,139 @@
+"""Planning at the edge, shared by `plan` and `run`: options, stage times, and the files that are left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cableway.cli import outputs
+from cableway.cli.options import Options
+from cableway.cli.terminal import StageTimer, Tell, Terminal
+from cableway.errors import PlanningError, UnknownNameError
+
+if TYPE_CHECKING:
+    from cableway.planning.config import PlannerConfig
+    from cableway.records import Plan
+    from cableway.report import Report
+    from cableway.scene.task import Task
+
+PLANNERS = ("default", "paper")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions(Options):
+    """Options of the commands that plan."""
+
+    task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="TASK")]
+    """Name in the catalogue, or a YAML file."""
+
+    planner: Annotated[str, tyro.conf.arg(metavar="{default,paper}")] = "default"
+    """Which variant of the planner's stages."""
+
+    pivot: Annotated[str | None, tyro.conf.arg(metavar="{grid,rrt_star}")] = None
+    """How the pivot path is found; as the planner has it unless given."""
+
+    def planner_config(self) -> PlannerConfig:
+        """The planner's configuration that the options ask for.
+
+        Raises:
+            UnknownNameError: There is no such planner or pivot method; the message lists them.
+        """
+        from cableway.planning.config import PlannerConfig
+
+        if self.planner not in PLANNERS:
+            raise UnknownNameError("planner", self.planner, PLANNERS)
+        config = PlannerConfig.paper() if self.planner == "paper" else PlannerConfig()
+        return config if self.pivot is None else replace(config, pivot=_with_method(config.pivot, self.pivot))
+
+
+def _with_method(pivot: Any, method: str) -> Any:
+    return replace(pivot, method=method)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Planned:
+    """What planning gave.
+
+    Attributes:
+        plan: The plan, or None where there is none.
+        report: Of planning alone.
+        timings: Wall time of each stage [s].
+        config: The planner's configuration.
+        notes: Sentences for the reader of the report.
+    """
+
+    plan: Plan | None
+    report: Report
+    timings: Mapping[str, float]
+    config: PlannerConfig
+    notes: tuple[str, ...]
+
+
+def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal, tell: Tell) -> Planned:
+    """Plan a task and leave plan, picture, report and task in a folder, in place of what was there.
+
+    A folder is left as it was until there is something to write, so an interrupt costs nothing.
+    """
+    from cableway.geometry.compiled import mark_compiled
+    from cableway.planning.planner import plan as find_plan
+    from cableway.provenance import describe, versions
+    from cableway.report import summarize
+
+    config, seed = options.planner_config(), options.seed or 0
+    notes = _warn_of_compilation(terminal)
+    timer = StageTimer(tell)
+    common: dict[str, Any] = {"timings": timer.seconds, "seed": seed, "notes": notes, "limits": config.limits}
+    try:
+        plan = find_plan(task, seed=seed, config=config, progress=timer)
+        mark_compiled()
+    except PlanningError as error:
+        mark_compiled()
+        configuration = {"plan": {"planner": describe(config)}}
+        report = summarize(task, None, attempt=error.attempt, problem=str(error), configuration=configuration, **common)
+        _write_attempt(folder, task, report, error)
+        return Planned(plan=None, report=report, timings=timer.seconds, config=config, notes=notes)
+    made_by = {"seed": seed, "versions": versions(), "planner": describe(config)}
+    plan = replace(plan, metadata={**made_by, **plan.metadata})
+    report = summarize(task, plan, **common)
+    _write_plan(folder, task, report, plan)
+    return Planned(plan=plan, report=report, timings=timer.seconds, config=config, notes=notes)
+
+
+def _warn_of_compilation(terminal: Terminal) -> tuple[str, ...]:
+    """Say so where kernels are yet to be compiled; what the report is to say about it."""
+    from cableway.geometry.compiled import is_compiled
+
+    if is_compiled():
+        return ()
+    terminal.note("Compiling the planner's kernels; this happens once, the next run finds them in your cache folder.")
+    return ("Planning time includes the compilation of kernels, which happens once.",)
+
+
+def _write_plan(folder: Path, task: Task, report: Report, plan: Plan) -> None:
+    from cableway.figures.plan import plan_figure
+    from cableway.figures.style import save_figure
+    from cableway.scene.saving import save_task
+
+    figure = plan_figure(task, plan)
+    outputs.clear(folder)
+    plan.save(folder / outputs.PLAN)
+    save_task(task, folder / outputs.TASK)
+    outputs.write_report(folder, report)
+    save_figure(figure, folder / outputs.PLAN_PICTURE)
+
+
+def _write_attempt(folder: Path, task: Task, report: Report, error: PlanningError) -> None:
+    from cableway.figures.plan import attempt_figure
+    from cableway.figures.style import save_figure
+    from cableway.records import Attempt
+    from cableway.scene.saving import save_task
+
+    figure = attempt_figure(task, error.attempt or Attempt(reason=str(error)))
+    outputs.clear(folder)
+    save_task(task, folder / outputs.TASK)
+    outputs.write_report(folder, report)
+    save_figure(figure, folder / outputs.PLAN_PICTURE)

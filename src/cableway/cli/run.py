@@ -1,0 +1,118 @@
+"""`cableway run`: plan a task, then lead the simulated cable along the plan in closed loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cableway.cli import outputs
+from cableway.cli.planning import Planned, PlanOptions, plan_into
+from cableway.cli.terminal import Tell, Terminal, pairs
+from cableway.errors import ControlError, SimulationError, UnknownNameError
+
+if TYPE_CHECKING:
+    from cableway.control.base import Controller
+    from cableway.records import Rollout
+    from cableway.report import Report
+    from cableway.scene.task import Task
+
+CONTROLLERS = ("neural-mpc", "open-loop")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(PlanOptions):
+    """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
+
+    model: str = "transformer"
+    """Deformation model of the controller: a shipped model's name, or a .safetensors file."""
+
+    controller: Annotated[str, tyro.conf.arg(metavar="{neural-mpc,open-loop}")] = "neural-mpc"
+    """What leads the grippers."""
+
+    no_video: bool = False
+    """Leave out the video."""
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        from cableway.scene.loading import load_task
+
+        terminal, task = Terminal(self), load_task(self.task)
+        folder, controller = self.folder(task.name), self._controller(terminal)
+        with terminal.progress() as tell:
+            planned = plan_into(folder, task, self, terminal, tell)
+            report = planned.report
+            if planned.plan is not None:
+                report = self._track_into(folder, task, planned, controller, tell)
+        outputs.announce(terminal, folder, report)
+        terminal.result(report.as_dict(), pairs(report.rows()))
+        return 0 if report.success else 1
+
+    def _controller(self, terminal: Terminal) -> Controller[Any]:
+        """The controller that the options ask for, before time is spent on planning.
+
+        Raises:
+            UnknownNameError: There is no such controller or model; the message lists them.
+        """
+        if self.controller not in CONTROLLERS:
+            raise UnknownNameError("controller", self.controller, CONTROLLERS)
+        if self.controller == "open-loop":
+            from cableway.control.open_loop import OpenLoop
+
+            return OpenLoop()
+        from cableway.control.neural_mpc import NeuralMPC
+        from cableway.models.checkpoint import load_model
+        from cableway.models.compilation import enable_compilation_cache
+
+        model = load_model(self.model)
+        if not enable_compilation_cache():
+            terminal.note(
+                "The controller is compiled once before it starts; the next run finds it in your cache folder."
+            )
+        return NeuralMPC(model)
+
+    def _track_into(
+        self, folder: Path, task: Task, planned: Planned, controller: Controller[Any], tell: Tell
+    ) -> Report:
+        """Track the plan, leave rollout, pictures and report in the folder, and return the report."""
+        from cableway.figures.rollout import rollout_figure
+        from cableway.figures.style import save_figure
+        from cableway.figures.video import write_video
+        from cableway.report import summarize
+
+        rollout, notes, problem = self._track(task, planned, controller, tell)
+        report = summarize(
+            task, planned.plan, rollout, timings=planned.timings, seed=self.seed or 0,
+            notes=[*planned.notes, *notes], limits=planned.config.limits, problem=problem,
+        )  # fmt: skip
+        if rollout is not None:
+            rollout.save(folder / outputs.ROLLOUT)
+            save_figure(rollout_figure(task, rollout), folder / outputs.ROLLOUT_PICTURE)
+        outputs.write_report(folder, report)
+        if rollout is not None and not self.no_video:
+            write_video(folder / outputs.VIDEO, task, rollout, progress=tell)
+        return report
+
+    def _track(
+        self, task: Task, planned: Planned, controller: Controller[Any], tell: Tell
+    ) -> tuple[Rollout | None, tuple[str, ...], str | None]:
+        """The rollout, what was not simulated, and what stopped it before it began, if something did."""
+        from cableway.provenance import describe, versions
+        from cableway.simulation.plant import CableSimulator
+        from cableway.tracking import track
+
+        assert planned.plan is not None
+        tell("track", 0.0)
+        notes: tuple[str, ...] = ()
+        try:
+            plant = CableSimulator(task)
+            notes = plant.unmodelled
+            rollout = track(plant, controller, planned.plan, progress=tell, seed=self.seed or 0)
+        except (SimulationError, ControlError) as error:
+            return None, notes, f"tracking failed: {error}"
+        made_by: dict[str, Any] = {"versions": versions(), "plant": describe(plant.config)}
+        if self.controller == "neural-mpc":
+            made_by["model"] = self.model
+        return replace(rollout, metadata={**made_by, **rollout.metadata}), notes, None

@@ -1,0 +1,116 @@
+"""What people see: progress with the time left on stderr, results on stdout; and the clock of the stages."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from cableway.cli.options import Options
+
+Tell = Callable[[str, float], None]
+"""Called with the name of a stage and the share of it that is done."""
+
+
+class Terminal:
+    """Speaks to the person at the terminal as `--quiet` and `--json` ask."""
+
+    def __init__(self, options: Options) -> None:
+        self._quiet, self._json = options.quiet, options.json
+        self._errors = Console(stderr=True, quiet=options.quiet, highlight=False)
+
+    def note(self, sentence: str) -> None:
+        """A sentence on the side."""
+        self._errors.print(sentence, style="dim", markup=False, soft_wrap=True)
+
+    @contextmanager
+    def progress(self) -> Iterator[Tell]:
+        """A bar for each stage that is told of; the bar runs back and forth until its share is known."""
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=32),
+            TextColumn("{task.percentage:>3.0f}%"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(compact=True),
+        )
+        bars: dict[str, TaskID] = {}
+        with Progress(*columns, console=self._errors, disable=self._quiet) as display:
+
+            def tell(stage: str, share: float) -> None:
+                name, _, detail = stage.partition(":")
+                if name not in bars:
+                    bars[name] = display.add_task(name, total=None)
+                display.update(bars[name], description=name + detail, completed=share, total=1.0 if share > 0 else None)
+
+            yield tell
+
+    def result(self, report: Mapping[str, Any], table: RenderableType) -> None:
+        """Print a result on stdout: as JSON, as a table, or not at all."""
+        try:
+            if self._json:
+                print(json.dumps(report, indent=1, allow_nan=False))
+            elif not self._quiet:
+                Console(highlight=False).print(table)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            leave_pipe()
+
+
+class StageTimer:
+    """Measures how long each stage of a computation takes, from what it tells of its progress.
+
+    Args:
+        tell: Told the same.
+        clock: Seconds.
+    """
+
+    def __init__(self, tell: Tell, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._tell, self._clock = tell, clock
+        self._last, self._running = clock(), ""
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Count the time since the last call to the stage that was running, or else to this one."""
+        now = self._clock()
+        name = self._running or stage
+        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._last
+        self._running, self._last = stage if share < 1 else "", now
+        self._tell(stage, share)
+
+
+def pairs(rows: list[tuple[str, str]]) -> Table:
+    """A table of names and values."""
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in rows:
+        table.add_row(name, literal(value))
+    return table
+
+
+def columns(*names: str) -> Table:
+    """An empty table with a header."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    for name in names:
+        table.add_column(name, overflow="fold")
+    return table
+
+
+def literal(text: str) -> RenderableType:
+    """Text in which brackets mean nothing special."""
+    from rich.text import Text
+
+    return Text(text)
+
+
+def leave_pipe() -> None:
+    """After the reader of stdout has gone: write the rest to nowhere, so that the interpreter ends in peace."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,249 @@
+"""What became of a task: one report of its plan and rollout, for people and for programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.provenance import describe, versions
+from cableway.records import SUCCESS_ERROR, Attempt, Plan, Rollout, Verdict
+from cableway.scene.task import Task
+from cableway.verification import VerificationLimits, verify_plan, verify_rollout
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlTime:
+    """Wall time of the controller in a step.
+
+    Attributes:
+        median: [s].
+        p99: 99th percentile [s].
+        max: [s].
+    """
+
+    median: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """The figures of one task; None where there is none, as after planning only.
+
+    Attributes:
+        task: Its name.
+        success: For a run: the final stacked error is below 3 cm and nothing was touched, by the simulator and by
+            independent verification. For a plan alone: it verified.
+        failure: Why not, in a sentence.
+        seed: Of everything random.
+        shape_error: Stacked distance of the final keypoints from the goal [m].
+        mean_keypoint_error: Mean distance of a final keypoint from its goal [m].
+        min_clearance: Least clearance of the cable's surface [m], whole cable, every simulated substep.
+        gripper_clearance: Least clearance of the gripper discs [m].
+        largest_deviation: Largest distance of a keypoint from its reference at the time [m].
+        gripper_travel: Length of the ways of the left and the right gripper [m].
+        plan_steps: Control steps of the plan.
+        steps: Control steps of the rollout.
+        duration: Of the rollout [s].
+        planning_time: Wall time of planning [s].
+        stage_times: Wall time of each planning stage [s].
+        control_time: Wall time of the controller's steps.
+        plan_verdict: Checks of the plan.
+        rollout_verdict: Checks of the rollout.
+        notes: What a reader should know, such as what was not simulated.
+        versions: Of cableway and what it builds on.
+        configuration: Everything that was chosen, as plain data.
+    """
+
+    task: str
+    success: bool
+    failure: str | None = None
+    seed: int | None = None
+    shape_error: float | None = None
+    mean_keypoint_error: float | None = None
+    min_clearance: float | None = None
+    gripper_clearance: float | None = None
+    largest_deviation: float | None = None
+    gripper_travel: tuple[float, float] | None = None
+    plan_steps: int | None = None
+    steps: int | None = None
+    duration: float | None = None
+    planning_time: float | None = None
+    stage_times: Mapping[str, float] | None = None
+    control_time: ControlTime | None = None
+    plan_verdict: Verdict | None = None
+    rollout_verdict: Verdict | None = None
+    notes: tuple[str, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    configuration: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, without the figures that there are none for; no number in it is not finite."""
+        content: dict[str, Any] = {}
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, Verdict):
+                content[entry.name] = {"passed": value.passed, "checks": value.as_dict()}
+            elif isinstance(value, ControlTime):
+                content[entry.name] = asdict(value)
+            elif not (value is None or (isinstance(value, float) and not math.isfinite(value))):
+                content[entry.name] = describe(value)
+        return content
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Names and values as text with units, in reading order."""
+        rows = [("task", self.task), ("result", "success" if self.success else f"failed: {self.failure}")]
+        rows += [
+            (name, _millimetres(value))
+            for name, value in (
+                ("shape error, stacked", self.shape_error),
+                ("shape error, mean keypoint", self.mean_keypoint_error),
+                ("least clearance, cable", self.min_clearance),
+                ("least clearance, grippers", self.gripper_clearance),
+                ("largest deviation from plan", self.largest_deviation),
+            )
+            if value is not None
+        ]
+        return rows + self._effort()
+
+    def _effort(self) -> list[tuple[str, str]]:
+        rows = []
+        if self.gripper_travel is not None:
+            left, right = self.gripper_travel
+            rows.append(("gripper travel, left and right", f"{left:.3f} m, {right:.3f} m"))
+        if self.plan_steps is not None:
+            rows.append(("plan", f"{self.plan_steps} steps"))
+        if self.steps is not None:
+            rows.append(("rollout", f"{self.steps} steps, {self.duration:.1f} s"))
+        if self.planning_time is not None:
+            stages = ", ".join(f"{name} {seconds:.2f}" for name, seconds in (self.stage_times or {}).items())
+            rows.append(("planning time", f"{self.planning_time:.2f} s" + (f" ({stages})" if stages else "")))
+        if self.control_time is not None:
+            times = self.control_time
+            each = f"{1000 * times.median:.1f} / {1000 * times.p99:.1f} / {1000 * times.max:.1f} ms"
+            rows.append(("control time, median / p99 / max", each))
+        for name, verdict in (("plan checks", self.plan_verdict), ("rollout checks", self.rollout_verdict)):
+            if verdict is not None:
+                rows.append((name, f"{len(verdict.checks) - len(verdict.failures())} of {len(verdict.checks)} passed"))
+        return rows + [("note", note) for note in self.notes]
+
+    def __str__(self) -> str:
+        width = max(len(name) for name, _ in self.rows())
+        return "\n".join(f"{name:<{width}}  {value}" for name, value in self.rows())
+
+
+def _millimetres(value: float) -> str:
+    return f"{1000 * value:.2f} mm"
+
+
+def summarize(
+    task: Task,
+    plan: Plan | None,
+    rollout: Rollout | None = None,
+    *,
+    timings: Mapping[str, float] | None = None,
+    attempt: Attempt | None = None,
+    seed: int | None = None,
+    configuration: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
+    limits: VerificationLimits | None = None,
+    length: float | None = None,
+    problem: str | None = None,
+) -> Report:
+    """Judge and measure what became of a task.
+
+    Args:
+        task: The task.
+        plan: Its plan, or None where planning failed.
+        rollout: What happened when the plan was tracked, if it was.
+        timings: Wall time [s] of each planning stage.
+        attempt: What planning came closest to, where it failed.
+        seed: Of everything random; else what the records say.
+        configuration: What was chosen, on top of what the records say.
+        notes: Sentences for the reader.
+        limits: What the plan had to keep, where that is not the default.
+        length: True length of the plant's cable [m] where it is not the task's.
+        problem: What stopped planning or tracking, where something did.
+    """
+    plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
+    rollout_verdict = None if rollout is None else verify_rollout(rollout, task, length=length)
+    recorded = {name: record.metadata for name, record in (("plan", plan), ("rollout", rollout)) if record is not None}
+    failure = problem or _failure(task, plan, rollout, attempt, plan_verdict, rollout_verdict)
+    return Report(
+        task=task.name,
+        success=failure is None,
+        failure=failure,
+        seed=next((r["seed"] for r in recorded.values() if "seed" in r), None) if seed is None else seed,
+        gripper_travel=None if plan is None else _travel(plan.poses if rollout is None else rollout.poses),
+        plan_steps=None if plan is None else plan.steps,
+        planning_time=None if timings is None else float(sum(timings.values())),
+        stage_times=timings,
+        plan_verdict=plan_verdict,
+        rollout_verdict=rollout_verdict,
+        notes=tuple(notes),
+        versions=versions(),
+        configuration={**describe(recorded), **describe(dict(configuration or {}))},
+        **({} if rollout is None else _figures(task, rollout)),
+    )
+
+
+def _figures(task: Task, rollout: Rollout) -> dict[str, Any]:
+    """What only a rollout can tell."""
+    offset = rollout.keypoints[-1] - task.goal
+    deviation = np.linalg.norm(rollout.keypoints - rollout.reference, axis=2)
+    return {
+        "shape_error": float(np.linalg.norm(offset)),
+        "mean_keypoint_error": float(np.linalg.norm(offset, axis=1).mean()),
+        "min_clearance": float(rollout.clearance.min()),
+        "gripper_clearance": float(rollout.gripper_clearance.min()),
+        "largest_deviation": float(deviation.max()),
+        "steps": rollout.steps,
+        "duration": float(rollout.times[-1] - rollout.times[0]),
+        "control_time": _control_time(rollout.solve_time),
+    }
+
+
+def _control_time(seconds: Float[np.ndarray, "K"]) -> ControlTime | None:
+    if len(seconds) == 0 or not np.isfinite(seconds).all():
+        return None
+    return ControlTime(
+        median=float(np.median(seconds)), p99=float(np.percentile(seconds, 99)), max=float(seconds.max())
+    )
+
+
+def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
+    left, right = np.linalg.norm(np.diff(poses[:, :, :2], axis=0), axis=2).sum(axis=0)
+    return float(left), float(right)
+
+
+def _failure(
+    task: Task,
+    plan: Plan | None,
+    rollout: Rollout | None,
+    attempt: Attempt | None,
+    plan_verdict: Verdict | None,
+    rollout_verdict: Verdict | None,
+) -> str | None:
+    """Why the task did not succeed, or None where it did."""
+    if plan is None:
+        return "no plan was found" + (f": {attempt.reason}" if attempt is not None else "")
+    if rollout is None or rollout_verdict is None:
+        return None if plan_verdict is None or plan_verdict.passed else f"the plan does not verify: {plan_verdict}"
+    reasons = []
+    outcome = str(rollout.metadata.get("outcome", ""))
+    if outcome.startswith("plant failed"):
+        reasons.append(outcome)
+    error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
+    if not error < SUCCESS_ERROR:
+        reasons.append(f"the final shape error is {_millimetres(error)}, not below {_millimetres(SUCCESS_ERROR)}")
+    for what, clearance in (("cable", rollout.clearance), ("grippers", rollout.gripper_clearance)):
+        if not clearance.min() > 0:
+            reasons.append(f"contact: the least clearance of the {what} is {_millimetres(float(clearance.min()))}")
+    if not reasons and not rollout_verdict.passed:
+        reasons.append(f"the rollout does not verify: {rollout_verdict}")
+    return "; ".join(reasons) or None
