@@ -14,6 +14,12 @@ from cableway.rod.equilibrium import Rod
 
 Bend = Literal["left", "right"]
 
+LEAST_AREA = 1e-6
+"""Area beside the chord, in squared lengths of the rod, up to which a shape counts as bent to neither side."""
+
+LOAD_RANGE = (30.0, 30.0, 6.0)
+"""Largest |a_x|, |a_y|, |m| of a first guess, beside the turn between the grippers: stable shapes have about these."""
+
 
 def fit_keypoints(
     rod: Rod, keypoints: Float[np.ndarray, "n 2"], guess: Float[np.ndarray, "6"] | None = None
@@ -62,19 +68,20 @@ def _guess_from_bends(rod: Rod, keypoints: np.ndarray) -> np.ndarray:
 def equilibria_at(
     rod: Rod,
     poses: Float[np.ndarray, "2 3"],
-    starts: int = 128,
+    starts: int = 129,
     minimum_stability: float = 0.0,
     most_energy: float = 120.0,
 ) -> Float[np.ndarray, "k 6"]:
     """The stable equilibria that grippers at `poses` allow, lowest energy first.
 
-    Newton's method from a fixed set of `starts` loads (Sobol points), so the answer is the same every time. The
-    rod's total turn is that of the grippers, modulo full turns.
+    Newton's method from a fixed set of `starts` loads, so the answer is the same every time. The set is its own mirror
+    image, and its own under reversal of the rod, so the answers are too. The rod's total turn is that of the grippers,
+    modulo full turns.
 
     Args:
         rod: The rod.
         poses: (2, 3) left and right gripper (x, y, theta) [m, m, rad].
-        starts: Number of first guesses.
+        starts: Number of first guesses, rounded up to one more than a multiple of four.
         minimum_stability: Least stability margin of what is returned.
         most_energy: Bending energy [EI/L] above which a shape is left out (wound-up shapes).
 
@@ -83,7 +90,7 @@ def equilibria_at(
     """
     poses = np.asarray(poses, float)
     gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
-    if gap > rod.length:
+    if gap > rod.length * (1 + 1e-9):
         raise InputError(f"the grippers are {gap:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)")
     found: list[np.ndarray] = []
     for guess in _load_guesses(rod, poses, starts):
@@ -116,26 +123,31 @@ def shape_between(rod: Rod, poses: Float[np.ndarray, "2 3"], bend: Bend) -> Floa
     """
     sign = 1.0 if bend == "left" else -1.0
     for q in equilibria_at(rod, poses):
-        if sign * polyline.signed_area(rod.shapes(q[None])[0][0]) > 0:
+        if sign * polyline.signed_area(rod.shapes(q[None])[0][0]) > LEAST_AREA * rod.length**2:
             return q
     raise InputError(f"no stable shape of the cable bends to the {bend} between these gripper poses")
 
 
 def _load_guesses(rod: Rod, poses: np.ndarray, count: int) -> np.ndarray:
-    """First guesses (count, 6): spread loads, each moved so that its ends lie about the grippers."""
-    from scipy.stats import qmc
+    """First guesses (count, 6): spread loads, each moved so that its ends lie about the grippers.
 
-    unit = qmc.Sobol(3, scramble=True, rng=0).random(count)
-    turn = float(se2.wrap_angle(poses[1, 2] - poses[0, 2]))
-    q = np.zeros((count, 6))
-    q[:, 3:] = (unit - 0.5) * [60.0, 60.0, 12.0]
-    q[0, 3:] = 0.0
-    q[:, 5] += turn
+    The loads are a low-discrepancy sequence (multiples of powers of 1/g, g^4 = 1 + g, modulo 1: Roberts 2018, "The
+    unreasonable effectiveness of quasirandom sequences") in all four images under mirroring and reversal, after none.
+    """
+    g = 1.2207440846057596
+    unit = (0.5 + np.arange(-(-(count - 1) // 4))[:, None] / g ** np.arange(1, 4)) % 1.0
+    unit[:, 0] = 2 * unit[:, 0] - 1
+    images = np.array([[1, 1, 1], [1, -1, -1], [1, 1, -1], [1, -1, 1]])
+    q = np.zeros((1 + 4 * len(unit), 6))
+    q[1:, 3:] = (unit[:, None] * images * LOAD_RANGE).reshape(-1, 3)
+    q[:, 5] += float(se2.wrap_angle(poses[1, 2] - poses[0, 2]))
+    target = poses[1, :2] - poses[0, :2]
     ends = rod.shapes(q)[1]
-    chord, target = ends[:, 1, :2] - ends[:, 0, :2], poses[1, :2] - poses[0, :2]
+    chord = ends[:, 1, :2] - ends[:, 0, :2]
     q[:, 2] = np.arctan2(target[1], target[0]) - np.arctan2(chord[:, 1], chord[:, 0])
     if np.linalg.norm(target) < 0.2 * rod.length:
-        q[:, 2] = poses[0, 2] - ends[:, 0, 2]
+        turns = poses[:, 2] - ends[:, :, 2]
+        q[:, 2] = turns[:, 0] + se2.wrap_angle(turns[:, 1] - turns[:, 0]) / 2
     q[:, :2] = poses[:, :2].mean(0) - rod.shapes(q)[1][:, :, :2].mean(1)
     return q
 
