@@ -189,9 +189,10 @@ def segment_distance(ax, ay, bx, by, polygon, count, rounding):
     db = convex_distance(bx, by, polygon, count, 0.0)[0]
     d = min(da, db)
     if d > 0.0:
-        depth = _depth_along(ax, ay, bx, by, polygon, count)
-        if depth <= 0.0:
-            return depth - rounding
+        if da + db <= math.hypot(bx - ax, by - ay):  # else too short to reach inside
+            depth = _depth_along(ax, ay, bx, by, polygon, count)
+            if depth <= 0.0:
+                return depth - rounding
         for i in range(count):
             d = min(d, math.sqrt(_segment_point_squared(ax, ay, bx, by, polygon[i, 0], polygon[i, 1])))
         return d - rounding

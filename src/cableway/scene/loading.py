@@ -170,7 +170,7 @@ def _shape(end: str, section: list[list[float]] | PosesSection, cable: Cable) ->
     if section.keypoints is not None:
         return section.keypoints, poses
     gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
-    if gap > cable.length:
+    if gap > cable.length * (1 + 1e-9):
         raise TaskError(
             f"are {gap:.4f} m apart, farther than the cable is long ({cable.length:g} m)", (end, "grippers")
         )
