@@ -97,6 +97,13 @@ def test_a_frictionless_cable_moves_alike_whatever_its_stiffness(task_at, stiffn
     np.testing.assert_allclose(run(other, actions)[-1], run(nominal, actions)[-1], atol=1e-3)
 
 
+def test_a_thick_cable_does_not_push_itself_straight(task_at):
+    """Capsules that overlap along the cable do not collide: radius changes nothing but contact with others."""
+    nominal, thick = CableSimulator(task_at()), CableSimulator(task_at(cable=Cable(radius=0.02)))
+    actions = moves(4, 5)
+    np.testing.assert_allclose(run(thick, actions), run(nominal, actions), atol=1e-4)
+
+
 def test_five_milliseconds_are_as_good_as_one(task_at):
     coarse, fine = (CableSimulator(task_at(), PlantConfig(time_step=dt)) for dt in (0.005, 0.001))
     actions = moves(5, 20)

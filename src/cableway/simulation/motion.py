@@ -21,7 +21,7 @@ from jaxtyping import Float
 from cableway.errors import InputError
 from cableway.geometry import polyline
 from cableway.rod.equilibrium import Rod
-from cableway.scene.task import Grippers
+from cableway.scene.grippers import Grippers
 
 CHECKS = 12
 """Shapes along a line at which stability, stretch and self-crossing are checked."""
