@@ -18,12 +18,14 @@ from cableway.records import write_atomically
 
 Tree = TypeVar("Tree")
 
+METADATA_KEY = "cableway"
+"""The one key of a file's metadata; with several, their order and so the file's bytes would be random."""
+
 
 def write_tree(path: Path, tree: Any, metadata: dict[str, Any]) -> None:
     """Write all arrays of a tree, and `metadata` as JSON, atomically."""
     arrays = {name: np.asarray(leaf) for name, leaf in _named_arrays(tree)}
-    text = {key: json.dumps(value, allow_nan=False, sort_keys=True) for key, value in metadata.items()}
-    content = save(arrays, metadata=text)
+    content = save(arrays, metadata={METADATA_KEY: json.dumps(metadata, allow_nan=False)})
     write_atomically(Path(path), lambda file: file.write(content))
 
 
@@ -65,11 +67,12 @@ def _read(path: Path, *, with_arrays: bool) -> tuple[dict[str, Any], dict[str, n
         raise FileFormatError(f"{path}: no such file")
     try:
         with safe_open(path, framework="np") as file:
-            metadata = {key: json.loads(text) for key, text in (file.metadata() or {}).items()}
+            metadata = json.loads((file.metadata() or {}).get(METADATA_KEY, "{}"))
             names = file.keys() if with_arrays else []
-            return metadata, {name: file.get_tensor(name) for name in names}
+            arrays = {name: file.get_tensor(name) for name in names}
     except (SafetensorError, OSError, ValueError, TypeError) as error:
         raise FileFormatError(f"{path}: not a readable safetensors file ({error})") from None
+    return metadata if isinstance(metadata, dict) else {}, arrays
 
 
 def _is_array(leaf: Any) -> bool:

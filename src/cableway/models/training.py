@@ -10,10 +10,12 @@ Note:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -143,17 +145,31 @@ def train(
     return TrainingResult(state.model, state.history, training_data, validation_data)
 
 
+def learning_rate(config: TrainingConfig, fraction: float) -> float:
+    """The rate when `fraction` of all steps is done: a linear rise, then half a cosine down to 0."""
+    if fraction < config.warmup:
+        return config.learning_rate * fraction / config.warmup
+    rest = (fraction - config.warmup) / (1.0 - config.warmup)
+    return 0.5 * config.learning_rate * (1.0 + math.cos(math.pi * rest))
+
+
+class _Compiled(NamedTuple):
+    optimizer: optax.GradientTransformation
+    update: Callable[..., Any]
+
+
 class _Trainer:
     """What stays the same throughout a training; the state is passed through."""
 
     def __init__(self, model_config: LearnedConfig, data: Transitions, config: TrainingConfig) -> None:
         self.config, self.data, self.model_config = config, data, model_config
-        self.starts = [dataset.window_starts(data.episode, config.horizon(e)) for e in range(config.epochs)]
-        if not all(len(starts) for starts in self.starts):
+        horizons = [config.horizon(epoch) for epoch in range(config.epochs)]
+        by_horizon = {horizon: dataset.window_starts(data.episode, horizon) for horizon in set(horizons)}
+        if not all(len(starts) for starts in by_horizon.values()):
             raise InputError(f"no training episode has rollout_steps = {config.rollout_steps} or more steps")
+        self.starts = [by_horizon[horizon] for horizon in horizons]
         self.steps = [self._steps(epoch) for epoch in range(config.epochs)]
-        self.optimizer = _optimizer(config, sum(self.steps))
-        self.update = _make_update(self.optimizer, config)
+        self.optimizer, self.update = _compiled(config.gradient_norm, config.weight_decay, config.mirror, config.swap)
 
     def _batch_size(self, epoch: int) -> int:
         return min(self.config.batch_size, self._samples(epoch))
@@ -178,13 +194,16 @@ class _Trainer:
         key = jax.random.fold_in(jax.random.key(self.config.seed), epoch)
         order, size = rng.permutation(self.starts[epoch]), self._batch_size(epoch)
         model, optimizer_state, total = state.model, state.optimizer, 0.0
+        done = sum(self.steps[:epoch])
         for step in range(self.steps[epoch]):
             batch = dataset.windows(self.data, order[step * size : (step + 1) * size], horizon)
-            model, optimizer_state, loss = self.update(model, optimizer_state, batch, jax.random.fold_in(key, step))
+            rate = jnp.asarray(learning_rate(self.config, (done + step) / sum(self.steps)), jnp.float32)
+            model, optimizer_state, loss = self.update(
+                model, optimizer_state, batch, rate, jax.random.fold_in(key, step)
+            )
             total += float(loss)
             if progress is not None:
-                done = sum(self.steps[:epoch]) + step + 1
-                progress(self._stage(state.history, total / (step + 1)), done / sum(self.steps))
+                progress(self._stage(state.history, total / (step + 1)), (done + step + 1) / sum(self.steps))
         if not np.isfinite(total):
             raise InputError(f"training diverged in epoch {epoch + 1}; a lower learning_rate is needed")
         error = 1e3 * float(np.mean(open_loop_errors(model, validation, horizon=1, stride=1)))
@@ -196,33 +215,29 @@ class _Trainer:
         return f"epoch {len(history) + 1}/{self.config.epochs}, loss {loss:.3g}{validation}"
 
 
-def _optimizer(config: TrainingConfig, steps: int) -> optax.GradientTransformation:
-    rate = optax.warmup_cosine_decay_schedule(0.0, config.learning_rate, max(1, int(config.warmup * steps)), steps + 1)
-    return optax.chain(
-        optax.clip_by_global_norm(config.gradient_norm), optax.adamw(rate, weight_decay=config.weight_decay)
-    )
-
-
-def _make_update(optimizer: optax.GradientTransformation, config: TrainingConfig) -> Callable[..., Any]:
-    """One compiled step of the optimiser."""
+@cache
+def _compiled(gradient_norm: float, weight_decay: float, mirror: bool, swap: bool) -> _Compiled:
+    """The optimiser and one compiled step of it, shared by all trainings of a process that it suits."""
+    optimizer = optax.chain(optax.clip_by_global_norm(gradient_norm), optax.adamw(1.0, weight_decay=weight_decay))
 
     @eqx.filter_jit
-    def update(model: LearnedModel, state: optax.OptState, batch: Windows, key: PRNGKeyArray) -> Any:
+    def update(model: LearnedModel, state: Any, batch: Windows, rate: Array, key: PRNGKeyArray) -> Any:
         trained, fixed = eqx.partition(model, trainable(model))
-        batch = _augmented(batch, config, key)
+        batch = _augmented(batch, mirror, swap, key)
         loss, gradient = jax.value_and_grad(lambda part: _loss(eqx.combine(part, fixed), batch))(trained)
         change, state = optimizer.update(gradient, state, trained)
-        return eqx.combine(eqx.apply_updates(trained, change), fixed), state, loss
+        trained = jax.tree.map(lambda weight, step: weight + rate * step, trained, change)
+        return eqx.combine(trained, fixed), state, loss
 
-    return update
+    return _Compiled(optimizer, update)
 
 
-def _augmented(batch: Windows, config: TrainingConfig, key: PRNGKeyArray) -> Windows:
-    """Each sample mirrored, and swapped, with probability one half, where the configuration says so."""
+def _augmented(batch: Windows, mirror: bool, swap: bool, key: PRNGKeyArray) -> Windows:
+    """Each sample mirrored, and swapped, with probability one half, where asked for."""
     keys, count = jax.random.split(key), len(batch.keypoints)
-    if config.mirror:
+    if mirror:
         batch = dataset.mirrored(batch, jax.random.bernoulli(keys[0], shape=(count,)))
-    if config.swap:
+    if swap:
         batch = dataset.swapped(batch, jax.random.bernoulli(keys[1], shape=(count,)))
     return batch
 
