@@ -25,10 +25,12 @@ class Target:
 
     Attributes:
         shapes: (H, n, 2) keypoints [m] after each action.
+        poses: (H, 2, 3) gripper poses [m, m, rad] after each action.
         actions: (H, 2, 3) gripper motions [m, m, rad].
     """
 
     shapes: Float[np.ndarray, "H n 2"]
+    poses: Float[np.ndarray, "H 2 3"]
     actions: Float[np.ndarray, "H 2 3"]
 
 
@@ -47,7 +49,7 @@ class HorizonCost:
         self._poses_by_actions = np.einsum("kj,gh,xy->kgxjhy", later, np.eye(2), np.eye(3)).reshape(
             config.horizon, 2, 3, -1
         )
-        self._weights = config.control_weight * np.array([1.0, 1.0, config.turn_lever**2])
+        self._units = np.array([1.0, 1.0, config.turn_lever**2])
 
     def terms(
         self,
@@ -61,7 +63,8 @@ class HorizonCost:
         reached = poses + np.cumsum(actions, axis=0)
         return [
             terms.tracking(shapes, target.shapes, config.tracking_weight),
-            terms.deviation(actions, target.actions, self._weights, np.eye(actions.size)),
+            terms.deviation(actions, target.actions, config.control_weight * self._units, np.eye(actions.size)),
+            terms.deviation(reached, target.poses, config.pose_weight * self._units, derivative),
             self._cable_clearance(shapes),
             self._gripper_clearance(reached),
             terms.separation(

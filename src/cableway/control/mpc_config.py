@@ -21,7 +21,8 @@ class MPCConfig:
         tracking_weight: lambda_1 [1/m^2] (paper: 150).
         obstacle_weight: lambda_2, [1/m^2] for the hinge, [m^2] for the barrier (paper: 0.01).
         control_weight: lambda_3 [1/m^2] (paper: 1).
-        turn_lever: Motion [m] that a turn of 1 rad counts as in the control term (paper: 1, as R is unit).
+        pose_weight: Pull of the gripper poses to the plan's [1/m^2]; 0 for none (paper).
+        turn_lever: Motion [m] that a turn of 1 rad counts as in the control and pose terms (paper: 1, as R is unit).
         profile: "hinge" or the paper's "barrier", see `terms.clearance`.
         threshold: d, clearance [m] below which obstacles cost (paper: 0.005).
         pieces: Points costed per segment between keypoints; 1 for keypoints alone, as in the paper.
@@ -39,7 +40,8 @@ class MPCConfig:
     tolerance: float = 1e-3
     tracking_weight: float = 150.0
     obstacle_weight: float = 3000.0
-    control_weight: float = 1.0
+    control_weight: float = 1e4
+    pose_weight: float = 300.0
     turn_lever: float = 0.1
     profile: Profile = "hinge"
     threshold: float = 0.005
@@ -59,7 +61,7 @@ class MPCConfig:
         for name in ("tracking_weight", "control_weight", "turn_lever", "threshold", "stretch", "longest"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be positive and finite, got {getattr(self, name)!r}")
-        for name in ("tolerance", "obstacle_weight", "stretch_weight", "hold", "blind_steps"):
+        for name in ("tolerance", "obstacle_weight", "pose_weight", "stretch_weight", "hold", "blind_steps"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
         if not 0 <= self.offset_gain <= 1:
@@ -72,6 +74,8 @@ class MPCConfig:
         """The controller as in Tang et al.: its table's weights, keypoints only, no feedforward, offset or hold."""
         return cls(
             obstacle_weight=0.01,
+            control_weight=1.0,
+            pose_weight=0.0,
             turn_lever=1.0,
             profile="barrier",
             pieces=1,

@@ -146,8 +146,7 @@ class NeuralMPC(Controller[MPCState]):
     ) -> tuple[Float[np.ndarray, "H 2 3"], Solution]:
         """Actions over the horizon that make the cost least."""
         problem, config, poses = state.problem, self.config, state.poses
-        shapes, wanted = problem.reference.window(state.index, config.horizon)
-        target = Target(shapes, wanted if config.feedforward else np.zeros_like(wanted))
+        target = self._target(state)
         box = ActionBox.around(target.actions, problem.task.grippers)
 
         def evaluate(x: np.ndarray) -> Residual:
@@ -171,19 +170,34 @@ class NeuralMPC(Controller[MPCState]):
         )
         return box.actions(solution.x), solution
 
+    def _target(self, state: MPCState) -> Target:
+        """What the plan asks of the next H actions."""
+        reference, horizon = state.problem.reference, self.config.horizon
+        actions = reference.actions(state.index, horizon)
+        poses = nearest_turns(reference.poses(state.index, horizon), state.poses)
+        return Target(
+            reference.shapes(state.index, horizon), poses, actions if self.config.feedforward else 0.0 * actions
+        )
+
     def _go_on(self, state: MPCState, status: Status) -> tuple[np.ndarray, MPCState]:
         """Without a solution: the plan's own motion for a few steps, then none, and the reference waits."""
         blind = state.blind + 1
         state = replace(state, blind=blind, predicted=None)
         if blind > self.config.blind_steps:
             return np.zeros((2, 3)), replace(state, status=Status.STOPPED)
-        wanted = state.problem.reference.window(state.index, self.config.horizon)[1]
+        wanted = state.problem.reference.actions(state.index, self.config.horizon)
         action = self._limited(state, wanted[0])
         return action, _advanced(replace(state, actions=wanted), action, status)
 
     def _limited(self, state: MPCState, action: np.ndarray) -> np.ndarray:
         task = state.problem.task
         return within_limits(action, state.poses, task.grippers, self.config.longest * task.cable.length)
+
+
+def nearest_turns(wanted: Float[np.ndarray, "H 2 3"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "H 2 3"]:
+    """The same poses with whole turns added, so that the first angles are within half a turn of those of `poses`."""
+    turns = np.round((poses[:, 2] - wanted[0, :, 2]) / (2 * np.pi))
+    return wanted + 2 * np.pi * turns[:, None] * np.array([0.0, 0.0, 1.0])
 
 
 def _advanced(state: MPCState, action: np.ndarray, status: Status) -> MPCState:

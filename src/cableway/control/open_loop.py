@@ -72,7 +72,7 @@ class OpenLoop(Controller[OpenLoopState]):
         """See `Controller.step`; of the observation only the gripper poses are used, for the limits."""
         seen = poses_usable(observation)
         poses = observation.poses if observation is not None and seen else state.poses
-        wanted = state.plan.window(state.index, 1)[1][0]
+        wanted = state.plan.actions(state.index, 1)[0]
         action = within_limits(wanted, poses, state.task.grippers, state.task.cable.length)
         index = state.index + 1
         return action, replace(

@@ -50,10 +50,17 @@ class PlanReference:
         """Keypoints [m] wanted at a control step."""
         return self.plan.shapes[self.rows(step, 1)[0]]
 
-    def window(self, step: int, horizon: int) -> tuple[Float[np.ndarray, "H n 2"], Float[np.ndarray, "H 2 3"]]:
-        """Keypoints [m] wanted after each of the next `horizon` actions, and the plan's own actions to get there."""
-        rows = self.rows(step, horizon + 1)
-        return self.plan.shapes[rows[1:]], np.diff(self.plan.poses[rows], axis=0)
+    def shapes(self, step: int, horizon: int) -> Float[np.ndarray, "H n 2"]:
+        """Keypoints [m] wanted after each of the next `horizon` actions."""
+        return self.plan.shapes[self.rows(step + 1, horizon)]
+
+    def poses(self, step: int, horizon: int) -> Float[np.ndarray, "H 2 3"]:
+        """The plan's gripper poses [m, m, rad] after each of the next `horizon` actions."""
+        return self.plan.poses[self.rows(step + 1, horizon)]
+
+    def actions(self, step: int, horizon: int) -> Float[np.ndarray, "H 2 3"]:
+        """The plan's next `horizon` gripper motions [m, m, rad]."""
+        return np.diff(self.plan.poses[self.rows(step, horizon + 1)], axis=0)
 
 
 def reference_for(task: Task, plan: Plan, hold: float) -> PlanReference:

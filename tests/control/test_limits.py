@@ -1,0 +1,61 @@
+"""Laws of what may be sent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from cableway.control.limits import within_limits
+from cableway.scene.task import Grippers
+
+GRIPPERS = Grippers()
+LONGEST = 0.3
+actions = arrays(float, (2, 3), elements=st.floats(-10, 10))
+poses = arrays(float, (2, 3), elements=st.floats(0, 0.3))
+
+
+def gap(at: np.ndarray) -> float:
+    return float(np.linalg.norm(at[1, :2] - at[0, :2]))
+
+
+@given(actions, poses)
+def test_limits_hold_for_any_action(action: np.ndarray, at: np.ndarray) -> None:
+    sent = within_limits(action, at, GRIPPERS, LONGEST)
+    assert np.linalg.norm(sent[:, :2], axis=1).max() <= GRIPPERS.max_step
+    assert np.abs(sent[:, 2]).max() <= GRIPPERS.max_turn
+    assert gap(at + sent) <= max(LONGEST, gap(at)) + 1e-12
+
+
+@given(arrays(float, (2, 3), elements=st.floats(-0.009, 0.009)))
+def test_allowed_actions_are_left_alone(action: np.ndarray) -> None:
+    at = np.array([[0.1, 0.1, 0.0], [0.3, 0.2, 0.0]])
+    np.testing.assert_allclose(within_limits(action, at, GRIPPERS, LONGEST), action, atol=1e-15)
+
+
+def test_steps_are_shortened_in_their_own_direction() -> None:
+    sent = within_limits(np.full((2, 3), 3.0), np.zeros((2, 3)), GRIPPERS, LONGEST)
+    np.testing.assert_allclose(sent[:, 0], GRIPPERS.max_step / np.sqrt(2))
+    np.testing.assert_allclose(sent[:, 0], sent[:, 1])
+
+
+def test_pulling_apart_is_stopped_and_common_motion_kept() -> None:
+    at = np.array([[0.0, 0.0, 0.0], [LONGEST, 0.0, 0.0]])
+    sent = within_limits(np.array([[-0.004, 0.006, 0.01], [0.004, 0.006, 0.02]]), at, GRIPPERS, LONGEST)
+    np.testing.assert_allclose(sent, [[0.0, 0.006, 0.01], [0.0, 0.006, 0.02]], atol=1e-12)
+
+
+def test_grippers_too_far_apart_may_come_closer() -> None:
+    at = np.array([[0.0, 0.0, 0.0], [LONGEST + 0.02, 0.0, 0.0]])
+    closing = np.array([[0.004, 0.0, 0.0], [-0.004, 0.0, 0.0]])
+    np.testing.assert_allclose(within_limits(closing, at, GRIPPERS, LONGEST), closing)
+    np.testing.assert_allclose(within_limits(-closing, at, GRIPPERS, LONGEST), 0.0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_an_action_that_is_not_finite_is_standing_still(bad: float) -> None:
+    action = np.full((2, 3), 0.001)
+    action[1, 2] = bad
+    np.testing.assert_array_equal(within_limits(action, np.zeros((2, 3)), GRIPPERS, LONGEST), 0.0)

@@ -1,0 +1,187 @@
+"""The closed loop: what it records, when it ends, and that controllers do what they are for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from quasi_static import START, QuasiStaticPlant, stacked, straight_plan, task_for
+
+from cableway.control.mpc_config import MPCConfig
+from cableway.control.neural_mpc import NeuralMPC
+from cableway.control.open_loop import OpenLoop, OpenLoopConfig
+from cableway.errors import InputError, SimulationError
+from cableway.models.baselines import RigidBlend
+from cableway.records import Measurement, Observation, Rollout
+from cableway.rod.equilibrium import Rod
+from cableway.simulation.plant import CableSimulator
+from cableway.tracking import TrackConfig, track
+
+ROD = Rod(0.3)
+PLAN = straight_plan(ROD, steps=40)
+TASK = task_for(PLAN)
+SHIFTED = START + [0.006, -0.004, 0.06, 0.0, 0.0, 0.0]
+"""A start that lies 7 mm and 3.4 degrees beside the planned one."""
+
+EAGER = OpenLoop(OpenLoopConfig(hold=0.0))
+
+
+def plant(q: np.ndarray = START, **settings: float) -> QuasiStaticPlant:
+    return QuasiStaticPlant(TASK, q, ROD, **settings)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.fixture(scope="module")
+def mpc() -> NeuralMPC:
+    return NeuralMPC(RigidBlend(), MPCConfig(hold=0.5))
+
+
+@pytest.fixture(scope="module")
+def shifted(mpc: NeuralMPC) -> Rollout:
+    return track(plant(SHIFTED), mpc, PLAN)
+
+
+def largest_deviation(rollout: Rollout, since: int = 0) -> float:
+    return float(np.linalg.norm(rollout.keypoints - rollout.reference, axis=-1)[since:].max())
+
+
+def test_open_loop_follows_a_true_plan() -> None:
+    rollout = track(plant(), OpenLoop(), PLAN)
+    assert largest_deviation(rollout) < 1e-6
+    assert rollout.metadata["outcome"] == "settled"
+
+
+def test_open_loop_keeps_an_initial_offset_that_control_removes(shifted: Rollout) -> None:
+    before = stacked(shifted.keypoints[0], PLAN.shapes[0])
+    opened = track(plant(SHIFTED), EAGER, PLAN)
+    assert before > 0.02
+    assert stacked(opened.keypoints[-1], TASK.goal) > 0.7 * before
+    assert stacked(shifted.keypoints[-1], TASK.goal) < 0.005
+    assert largest_deviation(shifted, since=25) < 0.006
+
+
+def test_in_the_simulator_control_removes_an_initial_offset(mpc: NeuralMPC) -> None:
+    """The simulated cable starts beside the first row of the plan, and ends within 5 mm of its last."""
+    moved = task_for(
+        replace(PLAN, shapes=np.concatenate([ROD.at_keypoints(ROD.shapes(SHIFTED[None])[0]), PLAN.shapes]))
+    )
+    rollout = track(CableSimulator(moved), mpc, PLAN)
+    assert stacked(rollout.keypoints[0], PLAN.shapes[0]) > 0.02
+    assert stacked(rollout.keypoints[-1], TASK.goal) < 0.005
+    assert rollout.clearance.min() > 0
+    assert rollout.metadata["outcome"] == "settled"
+
+
+def test_in_the_simulator_open_loop_stays_within_millimetres() -> None:
+    rollout = track(CableSimulator(TASK), EAGER, PLAN)
+    assert largest_deviation(rollout) < 0.003
+
+
+def test_what_is_sent_is_what_happens_and_never_exceeds_the_limits(shifted: Rollout) -> None:
+    moves = np.linalg.norm(shifted.actions[..., :2], axis=-1)
+    assert moves.max() <= TASK.grippers.max_step
+    assert np.abs(shifted.actions[..., 2]).max() <= TASK.grippers.max_turn
+    np.testing.assert_allclose(np.diff(shifted.poses, axis=0), shifted.actions, atol=1e-12)
+
+
+def test_the_record_is_complete(shifted: Rollout, tmp_path: Path) -> None:
+    np.testing.assert_allclose(shifted.times, 0.1 * np.arange(shifted.steps + 1))
+    np.testing.assert_array_equal(shifted.reference[5], PLAN.shapes[0])
+    np.testing.assert_array_equal(shifted.reference[15], PLAN.shapes[10])
+    np.testing.assert_array_equal(shifted.reference[-1], PLAN.shapes[-1])
+    np.testing.assert_array_equal(shifted.observed, shifted.keypoints)
+    assert (shifted.solve_time > 0).all()
+    assert set(shifted.status.tolist()) == {"tracking"}
+    assert shifted.metadata["controller"]["name"] == "NeuralMPC"
+    assert shifted.metadata["controller"]["config"]["horizon"] == 5
+    shifted.save(tmp_path / "rollout.npz")
+    assert Rollout.load(tmp_path / "rollout.npz").metadata == shifted.metadata
+
+
+def test_the_same_run_twice_is_the_same(mpc: NeuralMPC, shifted: Rollout) -> None:
+    again = track(plant(SHIFTED), mpc, PLAN)
+    np.testing.assert_array_equal(again.actions, shifted.actions)
+    np.testing.assert_array_equal(again.keypoints, shifted.keypoints)
+
+
+@pytest.mark.parametrize("fails_after", [0, 1, 12])
+def test_a_plant_that_fails_leaves_the_rollout_so_far(fails_after: int) -> None:
+    rollout = track(plant(fails_after=fails_after), EAGER, PLAN)
+    assert rollout.steps == fails_after
+    assert rollout.metadata["outcome"] == "plant failed: the chain came apart"
+    assert [status for status in rollout.status.tolist() if "failed" in status] == (
+        ["tracking; then the plant failed"] if fails_after else []
+    )
+
+
+def test_a_plant_that_reports_nonsense_has_failed() -> None:
+    class Nonsense(QuasiStaticPlant):
+        def measure(self) -> Measurement:
+            measured = super().measure()
+            return replace(measured, keypoints=measured.keypoints * (np.nan if self._step > 3 else 1.0))
+
+    rollout = track(Nonsense(TASK, START, ROD), EAGER, PLAN)
+    assert rollout.steps == 3
+    assert rollout.metadata["outcome"] == "plant failed: the plant reported keypoints that are not finite"
+
+
+def test_a_plant_that_cannot_start_is_an_error() -> None:
+    class Stuck(QuasiStaticPlant):
+        def reset(self) -> Observation:
+            raise SimulationError("no cable")
+
+    with pytest.raises(SimulationError, match="no cable"):
+        track(Stuck(TASK, START, ROD), EAGER, PLAN)
+
+
+def test_it_ends_at_once_where_the_error_is_small() -> None:
+    assert track(plant(), EAGER, PLAN).steps == PLAN.steps
+
+
+def test_it_goes_on_while_the_error_falls() -> None:
+    """A cable that lags: half of what is left in each step."""
+    lagging = plant(lag=0.5)
+    rollout = track(lagging, EAGER, PLAN, config=TrackConfig(small_error=1e-6))
+    errors = np.linalg.norm(rollout.keypoints - TASK.goal, axis=(1, 2))
+    assert rollout.steps > PLAN.steps + 5
+    assert errors[-1] < 1e-6 < errors[PLAN.steps]
+    patient = track(lagging, EAGER, PLAN, config=TrackConfig(small_error=0.0, settle_time=0.8, improvement=0.0))
+    assert patient.steps == PLAN.steps + 8
+
+
+def test_it_ends_where_the_error_no_longer_falls() -> None:
+    rollout = track(plant(SHIFTED), EAGER, PLAN, config=TrackConfig(patience=0.5))
+    assert rollout.steps == PLAN.steps + 5
+    assert rollout.metadata["outcome"] == "settled"
+
+
+def test_a_controller_that_sees_nothing_stops_and_time_runs_out(mpc: NeuralMPC) -> None:
+    class Dark(QuasiStaticPlant):
+        def step(self, action: np.ndarray) -> Observation:
+            seen = super().step(action)
+            return replace(seen, keypoints=np.full_like(seen.keypoints, np.nan))
+
+    rollout = track(Dark(TASK, START, ROD), mpc, PLAN, config=TrackConfig(overtime=1.0))
+    assert rollout.metadata["outcome"] == "time ran out"
+    assert rollout.steps == PLAN.steps + 10
+    assert rollout.status[-1] == "unseen: stopped"
+    np.testing.assert_array_equal(rollout.actions[-1], 0.0)
+    assert np.isnan(rollout.observed[-1]).all()
+
+
+def test_progress_rises_to_1() -> None:
+    told: list[tuple[str, float]] = []
+    note: Callable[[str, float], None] = lambda stage, share: told.append((stage, share))  # noqa: E731
+    track(plant(), EAGER, PLAN, progress=note)
+    shares = [share for _, share in told]
+    assert {stage for stage, _ in told} == {"track"}
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert max(shares[:-1]) < 1.0
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    with pytest.raises(InputError, match="patience must be finite and not negative, got nan"):
+        TrackConfig(patience=float("nan"))
