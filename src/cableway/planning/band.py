@@ -114,9 +114,16 @@ def encloses(path, first, last, points):
 
 @kernel
 def _clearances(path, world, most):
+    """A lower bound of each segment's least signed distance, at most `most`; exact where it is below that."""
     out = np.empty(len(path) - 1)
+    db = distance_at(path[0, 0], path[0, 1], world)
     for i in range(len(out)):
-        out[i] = min(most, segment_clearance(path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], world, -np.inf))
+        ax, ay, bx, by = path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1]
+        da, db = db, distance_at(bx, by, world)
+        if da + db - math.hypot(bx - ax, by - ay) >= 2 * most:
+            out[i] = most
+        else:
+            out[i] = min(most, segment_clearance(ax, ay, bx, by, world, -np.inf))
     return out
 
 
@@ -146,19 +153,17 @@ def shortcut(path, world, radius, points, length_weight, clearance_weight, step,
                 if length_weight * math.hypot(bx - ax, by - ay) > old * (1.0 - 1e-9) - 1e-12:
                     continue
                 keep = clearance[first:last].min()
-                if segment_clearance(ax, ay, bx, by, world, keep) < keep or encloses(path, first, last, points):
+                kept = segment_clearance(ax, ay, bx, by, world, keep)
+                if kept < keep or encloses(path, first, last, points):
                     continue
                 new = segment_cost(ax, ay, bx, by, world, length_weight, clearance_weight, step)
                 if new > old * (1.0 - 1e-9) - 1e-12:
                     continue
-                for i in range(1, stride):
-                    path[first + i, 0] = ax + (bx - ax) * i / stride
-                    path[first + i, 1] = ay + (by - ay) * i / stride
+                clearance[first:last] = min(radius, kept)
                 for i in range(first, last):
-                    clearance[i] = min(
-                        radius,
-                        segment_clearance(path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1], world, -np.inf),
-                    )
+                    path[i, 0] = ax + (bx - ax) * (i - first) / stride
+                    path[i, 1] = ay + (by - ay) * (i - first) / stride
+                for i in range(first, last):
                     cost[i] = segment_cost(
                         path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1],
                         world, length_weight, clearance_weight, step,
@@ -255,6 +260,18 @@ def _sweeps_over(path, i, x, y, points):
 
 
 @kernel
+def _both_free(path, i, x, y, here, d, world, keep, exact):
+    """Whether both segments of vertex i stay free with the vertex at (x, y), from distances alone unless `exact`."""
+    for j, required in ((i - 1, keep[i - 1]), (i + 1, keep[i])):
+        if exact:
+            if not is_free(path[j, 0], path[j, 1], d[j], x, y, here, world, required):
+                return False
+        elif min(here, d[j]) < required or here + d[j] - math.hypot(path[j, 0] - x, path[j, 1] - y) < 2 * required:
+            return False
+    return True
+
+
+@kernel
 def smooth(path, world, radius, points, bending, sweeps):
     """Move the inner vertices of `path` (m, 2) one by one towards less length and bending, in place.
 
@@ -264,9 +281,7 @@ def smooth(path, world, radius, points, bending, sweeps):
     """
     m = len(path)
     keep = _clearances(path, world, radius)
-    d = np.empty(m)
-    for i in range(m):
-        d[i] = distance_at(path[i, 0], path[i, 1], world)
+    d = np.full(m, -np.inf)  # lower bounds of the signed distance, which falls no faster than a vertex moves
     for _ in range(sweeps):
         for i in range(1, m - 1):
             weight = 2.0 + 4.0 * bending
@@ -280,14 +295,19 @@ def smooth(path, world, radius, points, bending, sweeps):
                     y += bending * (2.0 * path[i + side, 1] - path[j, 1])
             x, y = x / weight, y / weight
             for _ in range(3):
-                if (x - path[i, 0]) ** 2 + (y - path[i, 1]) ** 2 < 1e-14:
+                move = math.hypot(x - path[i, 0], y - path[i, 1])
+                if move < 1e-7:
                     break
-                here = distance_at(x, y, world)
-                if (
-                    is_free(path[i - 1, 0], path[i - 1, 1], d[i - 1], x, y, here, world, keep[i - 1])
-                    and is_free(x, y, here, path[i + 1, 0], path[i + 1, 1], d[i + 1], world, keep[i])
-                    and not _sweeps_over(path, i, x, y, points)
-                ):
-                    path[i, 0], path[i, 1], d[i] = x, y, here
-                    break
-                x, y = 0.5 * (x + path[i, 0]), 0.5 * (y + path[i, 1])
+                here = d[i] - move
+                if not _both_free(path, i, x, y, here, d, world, keep, False):
+                    here = distance_at(x, y, world)
+                    for j in (i - 1, i + 1):
+                        d[j] = distance_at(path[j, 0], path[j, 1], world)
+                    if not _both_free(path, i, x, y, here, d, world, keep, True):
+                        x, y = 0.5 * (x + path[i, 0]), 0.5 * (y + path[i, 1])
+                        continue
+                if _sweeps_over(path, i, x, y, points):
+                    x, y = 0.5 * (x + path[i, 0]), 0.5 * (y + path[i, 1])
+                    continue
+                path[i, 0], path[i, 1], d[i] = x, y, here
+                break

@@ -55,7 +55,7 @@ class PivotConfig:
     length_weight: float = 1.0
     clearance_weight: float = 1.0
     resolution: float = 0.005
-    iterations: int = 3000
+    iterations: int = 2000
     reach: float = 0.1
 
     def __post_init__(self) -> None:

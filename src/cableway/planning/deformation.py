@@ -111,7 +111,7 @@ def first_guess(path_set: PathSet, cable: Cable, config: DeformationConfig, gues
 def _limits(n: int, config: DeformationConfig) -> LinearLimits:
     """0 <= sigma <= 1 and lb <= sigma^{t+1} - sigma^t <= ub on the inner rows of sigma; its ends are fixed."""
     steps, m = config.steps, n * (config.steps - 1)
-    difference = scipy.sparse.diags_array([1.0, -1.0], offsets=[0, -1], shape=(steps, steps - 1))
+    difference = scipy.sparse.csr_array(np.eye(steps, steps - 1) - np.eye(steps, steps - 1, k=-1))
     matrix = scipy.sparse.csr_array(scipy.sparse.kron(difference, scipy.sparse.eye_array(n)))
     fixed = np.zeros(steps * n)
     fixed[-n:] = 1.0

@@ -6,7 +6,7 @@ and Hessian come as plain functions of NumPy arrays, so no derivative is made sy
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi
@@ -102,9 +102,9 @@ def minimize(
     Raises:
         PlanningError: Ipopt failed, or its answer is not feasible; the message names its return code.
     """
-    x = casadi.MX.sym("x", len(start))  # pyright: ignore[reportArgumentType, reportCallIssue]
+    x = casadi.MX.sym("x", len(start))
     matrix = limits.matrix.tocoo()
-    sparsity, order = _sparsity(matrix.row, matrix.col, matrix.shape)
+    sparsity, order = _sparsity(matrix.row, matrix.col, (len(limits.row_lower), len(start)))
     linear = casadi.DM(sparsity, matrix.data[order])
     value = _value(objective, len(start))
     derivatives = {
@@ -149,18 +149,23 @@ class _Function(casadi.Callback):
         self.construct(name, {})
 
     def get_n_in(self) -> int:
+        """How many arguments CasADi passes."""
         return len(self._inputs)
 
     def get_n_out(self) -> int:
+        """How many results it expects."""
         return len(self._outputs)
 
     def get_sparsity_in(self, i: int) -> casadi.Sparsity:
+        """Shape of argument i."""
         return self._inputs[i]
 
     def get_sparsity_out(self, i: int) -> casadi.Sparsity:
+        """Pattern of result i."""
         return self._outputs[i]
 
-    def eval(self, arg: list[casadi.DM]) -> list[casadi.DM]:
+    def eval(self, arg: Sequence[casadi.DM]) -> list[casadi.DM]:
+        """Call the function on plain vectors."""
         values = self._function(*(entry.full().ravel() for entry in arg))
         return [casadi.DM(pattern, value) for pattern, value in zip(self._outputs, values, strict=True)]
 

@@ -44,6 +44,7 @@ class SplineCurves(PathCurves):
     def __call__(
         self, progress: Float[np.ndarray, "t n"]
     ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n 2"]]:
+        """Points [m] and their derivatives by progress."""
         segment = np.clip((progress * self._segments).astype(int), 0, self._segments - 1)
         s = (progress - segment / self._segments)[..., None]
         rows = np.broadcast_to(np.arange(progress.shape[-1]), progress.shape)
@@ -65,6 +66,7 @@ class SigmoidCurves(PathCurves):
     def __call__(
         self, progress: Float[np.ndarray, "t n"]
     ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n 2"]]:
+        """Points [m] and their derivatives by progress."""
         a, count = self._sharpness, self._paths.shape[1]
         knots = np.linspace(0.0, 1.0, count)
         slope = np.diff(self._paths, axis=1) * (count - 1)

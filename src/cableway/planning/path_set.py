@@ -22,6 +22,7 @@ from cableway.geometry import polyline
 from cableway.planning import band
 from cableway.planning.config import PathSetConfig
 from cableway.planning.passages import crossings, traversed_passages
+from cableway.planning.path_transfer import transferred_paths
 from cableway.planning.pivot import pivot_keypoint
 from cableway.planning.pivot_grid import subdivide
 from cableway.records import Passage, PathSet
@@ -71,7 +72,7 @@ def generate_path_set(
     if config.kind == "homotopic":
         paths = _homotopic_paths(task, pivot, traversed, config)
     else:
-        raise NotImplementedError
+        paths = transferred_paths(task, pivot, traversed, config)
     paths[:, 0], paths[:, -1] = task.start, task.goal
     ends = np.array([passage.ends for passage, _ in traversed]).reshape(-1, 2, 2)
     return PathSet(paths, pivot, ends)
@@ -94,14 +95,14 @@ def _tighten(
     world, points = band.arrays(task.scene.world), band.reference_points(task.scene.world)
     keep = task.cable.radius + config.margin
     for piece in pieces:
-        band.shortcut(piece, world, keep, points, 1.0, 0.0, 1.0, 10)
+        band.shortcut(piece, world, keep, points, 1.0, 0.0, 1.0, 4)
     joined = np.vstack(pieces)
     path = _even(joined, config.waypoints)
     lengths = [float(polyline.length(piece)) for piece in pieces]
     target = _beside(path, lengths, guides)
     before = path.copy()
-    for scale in (4.0, 2.0, 1.0, 0.5):
-        for _ in range(3):
+    for scale in (4.0, 2.0, 1.0):
+        for _ in range(2):
             band.relax(path, world, keep, target, PULL * sum(lengths) / len(path), 1.0, CLEAR, scale * SPACING, 3)
             band.smooth(path, world, keep, points, BENDING, 10)
     loop = np.vstack([before, path[::-1]])

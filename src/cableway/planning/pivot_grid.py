@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import heapq
 import math
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -50,6 +49,7 @@ def grid_path(
         PlanningError: No path keeps that distance; the message gives the greatest distance that one does keep.
     """
     world, weights = band.arrays(scene.world), (config.length_weight, config.clearance_weight)
+    spacing = config.resolution
     for refinement in range(REFINEMENTS + 1):
         spacing = config.resolution / 2**refinement
         shape = np.maximum(2, np.ceil(np.array(scene.size) / spacing).astype(np.int64))
@@ -82,12 +82,10 @@ def polish(
 def subdivide(path: Float[np.ndarray, "m 2"], spacing: float) -> Float[np.ndarray, "k 2"]:
     """The same polyline with vertices added so that none are more than `spacing` [m] apart."""
     path = polyline.remove_repeated(path)
-    pieces = [
-        a + (b - a) * np.linspace(0.0, 1.0, count, endpoint=False)[:, None]
-        for a, b in pairwise(path)
-        for count in (max(1, math.ceil(np.linalg.norm(b - a) / spacing)),)
-    ]
-    return np.vstack([*pieces, path[-1:]])
+    count = np.ceil(np.linalg.norm(np.diff(path, axis=0), axis=1) / spacing).astype(int)
+    first = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)) / count[first]
+    return np.vstack([path[first] + share[:, None] * (path[first + 1] - path[first]), path[-1:]])
 
 
 def _even(path: np.ndarray, scene: Scene, radius: float, spacing: float) -> np.ndarray:
@@ -115,16 +113,6 @@ def _widest(scene: Scene, start: np.ndarray, goal: np.ndarray, spacing: float) -
 
 
 @kernel
-def _edge(ax, ay, da, bx, by, db, world, radius, length_weight, clearance_weight):
-    """Cost of a straight edge, infinite where it does not keep `radius`."""
-    if not band.is_free(ax, ay, da, bx, by, db, world, radius):
-        return np.inf
-    length = math.hypot(bx - ax, by - ay)
-    inverse = 0.5 / max(da, band.SMALLEST_CLEARANCE) + 0.5 / max(db, band.SMALLEST_CLEARANCE)
-    return length * (length_weight + clearance_weight * inverse)
-
-
-@kernel
 def _search(world, shape, start, goal, radius, length_weight, clearance_weight, neighbours, link):
     """Dijkstra's algorithm from start to goal over the nodes of a grid of shape + 1; (0, 2) if there is no path.
 
@@ -133,10 +121,13 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
     nx, ny = shape[0] + 1, shape[1] + 1
     hx, hy = world[3][0] / shape[0], world[3][1] / shape[1]
     d = np.full(1 + nx * ny, np.nan)
+    rate = np.empty(1 + nx * ny)  # half the cost per metre at a node: an edge costs its length times both ends' rates
     cost = np.full(1 + nx * ny, np.inf)
     parent = np.full(1 + nx * ny, -1, np.int64)
     d[0], cost[0] = band.distance_at(start[0], start[1], world), 0.0
+    rate[0] = 0.5 * length_weight + 0.5 * clearance_weight / max(d[0], band.SMALLEST_CLEARANCE)
     d_goal = band.distance_at(goal[0], goal[1], world)
+    rate_goal = 0.5 * length_weight + 0.5 * clearance_weight / max(d_goal, band.SMALLEST_CLEARANCE)
     best, last = np.inf, -1
     heap = [(0.0, 0)]
     while len(heap) > 0:
@@ -151,10 +142,8 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
             i, j = round(start[0] / hx), round(start[1] / hy)
             x, y = start[0], start[1]
         if abs(x - goal[0]) <= link * hx and abs(y - goal[1]) <= link * hy:
-            total = here + _edge(
-                x, y, d[node], goal[0], goal[1], d_goal, world, radius, length_weight, clearance_weight
-            )
-            if total < best:
+            total = here + math.hypot(goal[0] - x, goal[1] - y) * (rate[node] + rate_goal)
+            if total < best and band.is_free(x, y, d[node], goal[0], goal[1], d_goal, world, radius):
                 best, last = total, node
         around = (2 * link + 1) ** 2 if node == 0 else len(neighbours)
         for k in range(around):
@@ -167,17 +156,14 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
             other = 1 + a * ny + b
             if cost[other] <= here:
                 continue
+            ox, oy = a * hx, b * hy
             if np.isnan(d[other]):
-                d[other] = band.distance_at(a * hx, b * hy, world)
+                d[other] = band.distance_at(ox, oy, world)
+                rate[other] = 0.5 * length_weight + 0.5 * clearance_weight / max(d[other], band.SMALLEST_CLEARANCE)
             if d[other] < radius:
                 continue
-            optimistic = here + length_weight * math.hypot(a * hx - x, b * hy - y)
-            if optimistic >= cost[other]:
-                continue
-            total = here + _edge(
-                x, y, d[node], a * hx, b * hy, d[other], world, radius, length_weight, clearance_weight
-            )
-            if total < cost[other]:
+            total = here + math.hypot(ox - x, oy - y) * (rate[node] + rate[other])
+            if total < cost[other] and band.is_free(x, y, d[node], ox, oy, d[other], world, radius):
                 cost[other], parent[other] = total, node
                 heapq.heappush(heap, (total, other))
     return _trace(parent, last, ny, hx, hy, start, goal)
