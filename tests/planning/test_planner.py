@@ -1,0 +1,86 @@
+"""The whole planner on problems that are not in the catalogue."""
+
+from __future__ import annotations
+
+import numpy as np
+import problems
+import pytest
+
+from cableway.errors import InputError, PlanningError, UnknownNameError
+from cableway.planning.config import PlannerConfig
+from cableway.planning.planner import plan
+from cableway.records import Plan
+from cableway.verification import verify_plan
+
+
+@pytest.mark.parametrize("name", problems.SOLVABLE)
+def test_finds_a_plan_that_verifies(name):
+    """A plan is found, and verifies when judged afresh from its file's arrays."""
+    task = problems.SOLVABLE[name]()
+    found = plan(task)
+    assert verify_plan(found, task).passed
+    assert found.progress[0].max() < 1e-6
+    assert found.progress[-1].min() > 1 - 1e-6
+    assert (np.diff(found.progress, axis=0) > -1e-9).all()
+
+
+@pytest.mark.parametrize("guide", ["head", "tail", "uniform", "slide-head", "slide-tail"])
+def test_each_guide_alone_passes_the_door(guide):
+    """No guide is there for show: each leads through a door by itself."""
+    assert plan(problems.doorway(), config=PlannerConfig(guides=(guide,))).metadata["guide"] == guide
+
+
+def test_same_seed_same_plan():
+    """Two calls give the same arrays, bit for bit."""
+    first, second = plan(problems.beside_disc(), seed=3), plan(problems.beside_disc(), seed=3)
+    for name in ("shapes", "poses", "pivot", "passages", "path_set", "progress"):
+        assert np.array_equal(getattr(first, name), getattr(second, name)), name
+
+
+def test_stages_report_their_progress_in_order():
+    """Each stage begins at 0 and ends at 1."""
+    seen: list[tuple[str, float]] = []
+    plan(problems.free(), progress=lambda stage, share: seen.append((stage, share)))
+    stages = list(dict.fromkeys(stage for stage, _ in seen))
+    assert stages == ["pivot path", "path set", "deformation", "realisation", "verification"]
+    for stage in stages:
+        shares = [share for name, share in seen if name == stage]
+        assert shares[0] == 0.0
+        assert shares[-1] == 1.0
+
+
+def test_no_plan_says_why():
+    """Behind a sealed wall there is no plan, and the error says that no path exists."""
+    with pytest.raises(PlanningError, match="path"):
+        plan(problems.sealed())
+
+
+def test_what_does_not_verify_is_not_handed_on():
+    """A clearance that no shape can keep: the error names the failed check and carries the attempt for a picture."""
+    from cableway.verification import VerificationLimits
+
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.06), guides=("slide-head",))
+    with pytest.raises(PlanningError, match="clearance") as caught:
+        plan(problems.doorway(), config=config)
+    attempt = caught.value.attempt
+    assert not attempt.verdict.passed
+    assert attempt.shapes.shape[1:] == (13, 2)
+
+
+def test_plan_file_round_trip(tmp_path):
+    """A plan comes back from its file as it was."""
+    found = plan(problems.free())
+    found.save(tmp_path / "plan.npz")
+    loaded = Plan.load(tmp_path / "plan.npz")
+    assert np.array_equal(loaded.shapes, found.shapes)
+    assert np.array_equal(loaded.poses, found.poses)
+    assert loaded.metadata == found.metadata
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.npz"]
+
+
+def test_unknown_guides_are_refused():
+    """The message lists the guides there are."""
+    with pytest.raises(UnknownNameError, match="slide-head"):
+        PlannerConfig(guides=("sideways",))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="at least one of"):
+        PlannerConfig(guides=())

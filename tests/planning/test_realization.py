@@ -1,0 +1,72 @@
+"""Realisation: equilibria in, steps within limits out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import problems
+import pytest
+
+from cableway.errors import PlanningError
+from cableway.geometry import se2
+from cableway.planning.realization import RealizationConfig, end_equilibria, fit_sequence, interpolate, step_evenly
+from cableway.scene.task import Grippers
+
+
+@pytest.fixture(scope="module")
+def line():
+    task = problems.free()
+    return task, problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.HIGH_ARC, 30)
+
+
+def test_shapes_of_equilibria_are_fitted_exactly(line):
+    """Keypoints that come from equilibria lead back to them."""
+    task, q = line
+    rod = task.cable.rod
+    shapes = rod.at_keypoints(rod.shapes(q)[0])
+    fitted, rows = fit_sequence(rod, shapes, q[0], q[-1], row_step=0.012)
+    wanted = rod.shapes(interpolate(q, rows))[0]
+    assert np.abs(rod.shapes(fitted)[0] - wanted).max() < 2e-4
+    assert rows[0] == 0
+    assert rows[-1] == len(q) - 1
+    assert (np.diff(rows) > 0).all()
+
+
+def test_angles_run_on_through_a_full_turn(line):
+    """A cable that turns once about itself ends a full turn from where it began, not at the same angle."""
+    task, q = line
+    turning = np.repeat(q[:1], 41, axis=0)
+    turning[:, 2] += np.linspace(0, 2 * np.pi, 41)
+    turning[:, :2] = 0.35
+    shapes = task.cable.rod.at_keypoints(task.cable.rod.shapes(turning)[0])
+    goal = turning[-1] - [0, 0, 2 * np.pi, 0, 0, 0]
+    fitted, _ = fit_sequence(task.cable.rod, shapes, turning[0], goal, row_step=0.012)
+    assert fitted[-1, 2] - fitted[0, 2] == pytest.approx(2 * np.pi, abs=1e-6)
+
+
+@pytest.mark.parametrize("limits", [Grippers(), Grippers(max_step=0.004), Grippers(max_turn=0.01)])
+def test_no_step_exceeds_its_share_of_the_limits(line, limits):
+    """Whatever the limits, every row keeps to 70% of them, and the ends are kept."""
+    task, q = line
+    limited = replace(task, grippers=limits)
+    stepped, at = step_evenly(q, limited, RealizationConfig())
+    poses = task.cable.rod.shapes(stepped)[1]
+    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    assert move.max() <= 0.7 * limits.max_step * (1 + 1e-6)
+    assert turn.max() <= 0.7 * limits.max_turn * (1 + 1e-6)
+    assert max(move.max() / limits.max_step, turn.max() / limits.max_turn) > 0.4
+    assert np.allclose(stepped[[0, -1]], q[[0, -1]])
+    assert (np.diff(at) > 0).all()
+
+
+def test_an_end_that_is_no_shape_of_the_cable_is_refused():
+    """Half a circle that goes on straight is too far from every equilibrium, and the message says how far."""
+    task = problems.free()
+    s = np.linspace(-0.15, 0.15, 13)
+    radius = 0.15 / np.pi
+    angle = np.minimum(s, 0) / radius
+    hook = np.column_stack([radius * np.sin(angle) + np.maximum(s, 0), radius * (np.cos(angle) - 1)]) + [0.3, 0.4]
+    odd = replace(task, goal=hook)
+    with pytest.raises(PlanningError, match="the goal is no shape that the cable takes by itself"):
+        end_equilibria(odd, RealizationConfig())

@@ -1,0 +1,41 @@
+"""The sliding guide keeps the cable's length and leads from start to goal."""
+
+from __future__ import annotations
+
+import numpy as np
+import problems
+import pytest
+
+from cableway.errors import PlanningError
+from cableway.geometry import polyline
+from cableway.planning.config import PivotConfig
+from cableway.planning.slide import slide
+
+
+@pytest.mark.parametrize("leading", ["head", "tail"])
+@pytest.mark.parametrize("name", problems.SOLVABLE)
+def test_goes_from_start_to_goal_at_full_length(name, leading):
+    """The ends are the task's, and keypoints never come closer along the curve than a segment less a bend's chord."""
+    task = problems.SOLVABLE[name]()
+    sequence = slide(task, leading, PivotConfig())
+    assert np.array_equal(sequence.shapes[0], task.start)
+    assert np.array_equal(sequence.shapes[-1], task.goal)
+    longest = polyline.length(sequence.shapes).max()
+    assert 0.95 * task.cable.length < longest < 1.01 * task.cable.length
+    assert (np.diff(sequence.progress, axis=0) > 0).all()
+
+
+def test_the_leading_end_leads():
+    """Early on, the right end has moved farther with the head leading, the left end with the tail leading."""
+    task = problems.doorway()
+    for leading, first in (("head", -1), ("tail", 0)):
+        sequence = slide(task, leading, PivotConfig())
+        goals = task.goal[[0, -1]].mean(0)
+        early = sequence.shapes[len(sequence.shapes) // 4]
+        assert np.linalg.norm(early[first] - goals) < np.linalg.norm(early[-1 - first] - goals)
+
+
+def test_no_way_is_an_error():
+    """A wall without a door leaves no path."""
+    with pytest.raises(PlanningError):
+        slide(problems.sealed(), "head", PivotConfig())

@@ -1,0 +1,56 @@
+"""The verifier's rod against the planner's: two formulations of one rod, sharing no code."""
+
+from __future__ import annotations
+
+import numpy as np
+import problems
+import pytest
+
+from cableway.verification.follower import _Chain, follow
+
+
+@pytest.fixture(scope="module")
+def motion():
+    task = problems.moved()
+    q = problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.MOVED_ARC, 60)
+    return task.cable.rod, q
+
+
+def test_takes_the_shapes_of_the_other_rod(motion):
+    """Link angles (48 hinges) and centre coordinates (24 hinges) agree within the error of discretisation."""
+    rod, q = motion
+    stations, poses = rod.shapes(q)
+    followed = follow(rod.at_keypoints(stations), poses, rod.length)
+    assert followed.lost_at is None
+    assert followed.deviation.max() < 6e-4
+
+
+def test_stability_agrees_with_the_other_rod(motion):
+    """The margins of both rods are the same number up to discretisation."""
+    rod, q = motion
+    stations, poses = rod.shapes(q)
+    followed = follow(rod.at_keypoints(stations), poses, rod.length)
+    assert followed.stability == pytest.approx(rod.stability(q)[0], rel=0.03)
+
+
+def test_a_solution_is_stationary_and_closed(motion):
+    """Moving links against each other along the closure does not lower the energy to first order."""
+    rod, q = motion
+    stations, poses = rod.shapes(q[20:21])
+    chain = _Chain(rod.length, 48)
+    angles = chain.solve(poses[0], chain.angles_of(rod.at_keypoints(stations)[0]))
+    assert angles is not None
+    gradient, closure, rows, _ = chain._system(poses[0], angles, None)
+    null = np.linalg.svd(rows)[2][2:]
+    assert np.abs(null @ gradient).max() < 1e-8
+    assert np.abs(closure).max() < 1e-9
+
+
+def test_grippers_pulled_apart_lose_the_rod(motion):
+    """Farther apart than the rod is long there is no shape."""
+    rod, q = motion
+    stations, poses = rod.shapes(np.repeat(q[:1], 20, axis=0))
+    poses[:, 1, 0] += np.linspace(0, 0.2, 20)
+    followed = follow(rod.at_keypoints(stations), poses, rod.length)
+    assert followed.lost_at is not None
+    assert 0 < followed.lost_at < 20

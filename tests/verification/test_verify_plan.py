@@ -1,0 +1,156 @@
+"""A true plan passes; each way of spoiling it fails the check that is there for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import problems
+import pytest
+
+from cableway.errors import InputError
+from cableway.geometry import se2
+from cableway.planning.realization import RealizationConfig, step_evenly
+from cableway.records import Plan
+from cableway.scene.cable import Cable
+from cableway.scene.obstacles import Box, Disc
+from cableway.scene.scene import Scene
+from cableway.scene.task import Grippers, Task
+from cableway.verification import verify_plan
+
+
+def plan_of(q: np.ndarray, task: Task) -> Plan:
+    stations, poses = task.cable.rod.shapes(q)
+    shapes = task.cable.rod.at_keypoints(stations)
+    progress = np.repeat(np.linspace(0, 1, len(q))[:, None], 13, axis=1)
+    return Plan(shapes, poses, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((13, 0, 2)), progress)
+
+
+@pytest.fixture(scope="module")
+def good() -> tuple[Task, Plan]:
+    task = problems.moved()
+    q = problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.MOVED_ARC, 30)
+    return task, plan_of(step_evenly(q, task, RealizationConfig())[0], task)
+
+
+def failed(plan: Plan, task: Task) -> set[str]:
+    return {check.name for check in verify_plan(plan, task).failures()}
+
+
+def test_a_line_of_equilibria_passes(good):
+    """In free space a straight line in q is a true plan."""
+    task, plan = good
+    verdict = verify_plan(plan, task)
+    assert verdict.passed, str(verdict)
+
+
+def test_an_obstacle_in_the_way_is_found(good):
+    """A disc on the way: clearance fails, and the check names the disc."""
+    task, plan = good
+    blocked = replace(task, scene=Scene(obstacles=(Disc(center=(0.34, 0.36), radius=0.02),)))
+    check = next(check for check in verify_plan(plan, blocked).failures() if check.name == "cable clearance")
+    assert check.value < -0.004
+    assert "disc" in check.where
+
+
+def test_the_sweep_between_rows_is_judged(good):
+    """A thin wall that lies between two rows touches neither, and is found all the same."""
+    task, plan = good
+    rows = plan.shapes[[0, -1]]
+    far = replace(plan, shapes=rows, poses=plan.poses[[0, -1]], progress=plan.progress[[0, -1]])
+    walled = replace(task, scene=Scene(obstacles=(Box(center=(0.35, 0.36), size=(0.2, 0.004)),)))
+    assert task.scene.clearance(rows, 0.004).min() > 0.004
+    assert "cable clearance" in failed(far, walled)
+
+
+def test_a_corner_between_keypoints_is_judged(good):
+    """A needle through the middle of a segment, away from every keypoint, is found."""
+    task, plan = good
+    a, b = plan.shapes[0, 3], plan.shapes[0, 4]
+    angle = float(np.arctan2(*(b - a)[::-1])) + np.pi / 2
+    needle = Box(center=tuple((a + b) / 2 + 0.012 * se2.direction(angle)), size=(0.02, 0.001), angle=angle)
+    spoiled = replace(plan, shapes=np.repeat(plan.shapes[:1], 2, 0), poses=np.repeat(plan.poses[:1], 2, 0))
+    spoiled = replace(spoiled, progress=plan.progress[:2])
+    still = Task(name="needle", scene=task.scene, cable=task.cable, start=task.start, goal=task.start)
+    assert "cable clearance" not in failed(spoiled, still)
+    object.__setattr__(still, "scene", Scene(obstacles=(needle,)))
+    assert "cable clearance" in failed(spoiled, still)
+
+
+def test_grippers_are_judged_by_their_own_disc(good):
+    """A large gripper disc fails where the cable alone would pass."""
+    task, plan = good
+    ends = plan.poses[:, :, :2].reshape(-1, 2)
+    wide = replace(task, grippers=Grippers(radius=float(min(ends.min(), (0.7 - ends).min())) - 0.002))
+    assert failed(plan, wide) == {"gripper clearance"}
+
+
+def test_wrong_ends_are_found(good):
+    """A plan that stops short, or begins elsewhere, is no plan for this task."""
+    task, plan = good
+    cut = slice(0, -3)
+    assert failed(
+        replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut], progress=plan.progress[cut]), task
+    ) == {"distance to goal"}
+    cut = slice(3, None)
+    assert failed(
+        replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut], progress=plan.progress[cut]), task
+    ) == {"distance to start"}
+
+
+def test_skipping_rows_breaks_the_gripper_limits(good):
+    """Every second row only: the steps are too long."""
+    task, plan = good
+    keep = np.r_[0 : plan.steps : 3, plan.steps]
+    fast = replace(plan, shapes=plan.shapes[keep], poses=plan.poses[keep], progress=plan.progress[keep])
+    assert {"gripper step", "gripper turn"} & failed(fast, task)
+
+
+def test_shapes_no_rod_takes_are_found(good):
+    """Keypoints moved by 5 mm in the middle, poses as before: the rod that follows says so."""
+    task, plan = good
+    bump = 0.005 * np.sin(np.linspace(0, np.pi, 13))[:, None] * np.sin(np.linspace(0, np.pi, len(plan.shapes)))
+    shapes = plan.shapes.copy()
+    shapes[..., 1] += bump.T
+    assert "rod deviation" in failed(replace(plan, shapes=shapes), task)
+
+
+def test_wrong_gripper_angles_are_found(good):
+    """Angles off by 0.1 rad make another shape."""
+    task, plan = good
+    poses = plan.poses.copy()
+    poses[1:, 0, 2] += 0.1
+    assert "rod deviation" in failed(replace(plan, poses=poses), task)
+
+
+def test_a_snap_is_found():
+    """Pushed together past its fold and back, a bent cable does not return the way the plan says."""
+    task = problems.free()
+    rod = task.cable.rod
+    shapes, poses = rod.shapes(np.array([problems.LOW_ARC, problems.LOW_ARC * [1, 1, 1, 1, 1, -1]]))
+    keypoints = rod.at_keypoints(shapes)
+    rows = np.linspace(0, 1, 40)[:, None, None]
+    mirrored = keypoints[0] + rows * (keypoints[1] - keypoints[0])
+    turned = poses[0] + rows * (poses[1] - poses[0])
+    plan = Plan(
+        mirrored, turned, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((13, 0, 2)), np.repeat(rows[..., 0], 13, 1)
+    )
+    assert failed(plan, task) & {"rod deviation", "rows the rod does not reach", "rod stability"}
+
+
+def test_optional_limits_are_judged_where_the_task_has_them(good):
+    """Separation and bend radius count only when they are asked for."""
+    task, plan = good
+    apart = Grippers(separation=0.29)
+    object.__setattr__(judged := replace(task), "grippers", apart)
+    assert failed(plan, judged) == {"gripper separation"}
+    object.__setattr__(judged := replace(task), "cable", Cable(min_bend_radius=0.2))
+    assert failed(plan, judged) == {"curvature"}
+
+
+def test_a_plan_for_another_cable_is_refused(good):
+    """The number of keypoints must be the task's."""
+    task, plan = good
+    fewer = replace(plan, shapes=plan.shapes[:, ::2], progress=plan.progress[:, ::2])
+    with pytest.raises(InputError, match="7 keypoints, the task 13"):
+        verify_plan(fewer, task)
