@@ -117,8 +117,7 @@ def test_the_readme_shows_only_commands_and_targets_that_exist(capsys: pytest.Ca
     from cableway.cli import main
 
     text = (ROOT / "README.md").read_text()
-    with pytest.raises(SystemExit):
-        main(["--help"])
+    assert main(["--help"]) == 0
     shown = capsys.readouterr().out
     commands = set(re.findall(r"^(?:\$ )?cableway (\w+)", text, re.MULTILINE))
     assert commands

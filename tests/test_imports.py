@@ -20,20 +20,21 @@ print(*{{name.split(".")[0] for name in sys.modules}})
 """
 
 CHANGED_BY_IMPORT = """
-import importlib, os, pkgutil, warnings
-import equinox, imageio_ffmpeg, jax, matplotlib, mujoco, numba, numpy, optax, rich, shapely, tyro
-if "linux" in __import__("sys").platform:
+import importlib, os, pkgutil, sys, warnings
+# what others change when they are imported is theirs
+import casadi, equinox, imageio_ffmpeg, jax, matplotlib, mujoco, numba, numpy, optax, pydantic, rich, shapely, tyro
+import scipy.interpolate, scipy.optimize, scipy.sparse.linalg, scipy.stats, threadpoolctl
+if sys.platform == "linux":
     import ompl.base
-import casadi
 
 def state():
     return {
         "environment": dict(os.environ),
         "jax.config": dict(jax.config.values),
         "matplotlib.rcParams": dict(matplotlib.rcParams),
-        "numba cache": numba.config.CACHE_DIR,
-        "numpy errors": numpy.geterr(),
-        "warning filters": list(warnings.filters),
+        "numba.cache": numba.config.CACHE_DIR,
+        "numpy.errors": numpy.geterr(),
+        "warnings.filters": list(warnings.filters),
     }
 
 before = state()
