@@ -1,7 +1,7 @@
 """One simulated cable, moved by prescribing its gripper poses at every time step.
 
-Chain coordinates (N + 3) are x, y [m] and angle [rad] of the first link at the left end, then the bend [rad] at each
-hinge. The centreline is the polyline from the left end over the hinges to the right end, N + 2 vertices.
+Chain coordinates (N + 3) are those of `cableway.simulation.model`. The centreline is the polyline from the left end
+over the hinges to the right end, N + 2 vertices.
 """
 
 # MuJoCo's bindings are compiled and carry no type information
@@ -21,7 +21,7 @@ from cableway.errors import InputError, SimulationError
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene
-from cableway.simulation.model import build_model, link_lengths
+from cableway.simulation.model import build_model, link_lengths, middle_link
 
 _GRIPPER_INPUT = int(mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT)
 
@@ -95,15 +95,24 @@ class Chain:
 
     def polylines(self, coordinates: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k v 2"]:
         """The centreline [m] for each row of chain coordinates."""
-        angles = np.cumsum(coordinates[:, 2:], axis=1)
-        steps = self._lengths[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        start = coordinates[:, None, :2]
-        return np.concatenate([start, start + np.cumsum(steps, axis=1)], axis=1)
+        angles = self.link_angles(coordinates)
+        lines = np.zeros((len(angles), len(self._lengths) + 1, 2))
+        np.cumsum(self._lengths * np.cos(angles), axis=1, out=lines[:, 1:, 0])
+        np.cumsum(self._lengths * np.sin(angles), axis=1, out=lines[:, 1:, 1])
+        lines += (coordinates[:, :2] - lines[:, middle_link(self.rod)])[:, None]
+        return lines
+
+    def link_angles(self, coordinates: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k links"]:
+        """Angle [rad] of each link from left to right; they run on without jumps."""
+        right = len(self._lengths) - middle_link(self.rod)
+        outward = np.cumsum(coordinates[:, 2 : 2 + right], axis=1)
+        left = coordinates[:, 2:3] + np.cumsum(coordinates[:, 2 + right :], axis=1)
+        return np.concatenate([left[:, ::-1], outward], axis=1)
 
     def end_poses(self, coordinates: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k 2 3"]:
         """Poses [m, m, rad] of the cable's ends; the angles run on without jumps."""
-        right = np.column_stack([self.polylines(coordinates)[:, -1], coordinates[:, 2:].sum(axis=1)])
-        return np.stack([coordinates[:, :3], right], axis=1)
+        angles = self.link_angles(coordinates)[:, [0, -1], None]
+        return np.concatenate([self.polylines(coordinates)[:, [0, -1]], angles], axis=2)
 
     def keypoints(self, polylines: Float[np.ndarray, "k v 2"]) -> Float[np.ndarray, "k n 2"]:
         """The n points at equal arc length along centrelines: both ends, and middles of links between them."""
@@ -118,10 +127,12 @@ def chain_coordinates(rod: Rod, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, 
     stations, poses = rod.shapes(q[None])
     links = np.diff(stations[0, 1::2], axis=0)
     angles = np.concatenate([poses[0, :1, 2], np.arctan2(links[:, 1], links[:, 0]), poses[0, 1:, 2]])
-    # a bend of half a turn or more at one hinge cannot occur: the shape would be far from a rod's
+    # no hinge bends by half a turn: the shape would be far from a rod's
     bends = np.diff(angles)
     bends -= 2 * np.pi * np.round(bends / (2 * np.pi))
-    return np.concatenate([poses[0, 0], bends])
+    middle = middle_link(rod)
+    angle = angles[0] + bends[:middle].sum()
+    return np.concatenate([stations[0, 2 * middle - 1], [angle], bends[middle:], -bends[:middle][::-1]])
 
 
 def _gripper_bodies(

@@ -19,12 +19,11 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.errors import InputError, SimulationError
-from cableway.geometry import polyline
 from cableway.provenance import describe, versions
 from cableway.records import Transitions
 from cableway.scene.cable import Cable
 from cableway.simulation.chain import Chain
-from cableway.simulation.motion import MotionConfig, random_motion
+from cableway.simulation.motion import MotionConfig, random_motion, self_crossings
 from cableway.simulation.plant import PlantConfig
 
 Progress = Callable[[str, float], None]
@@ -127,13 +126,11 @@ class Collector:
         """Number of control steps before the first bad row, and what is bad there."""
         config, rod = self.config, self._chain.rod
         jumps = np.linalg.norm(np.diff(keypoints, axis=0), axis=-1).max(axis=1)
-        # a curve that turns by less than pi in all cannot cross itself
-        turns = zip(np.abs(coordinates[1:, 3:]).sum(axis=1), lines[1:], strict=True)
         bad = {
             "sharp bend": np.abs(coordinates[1:, 3:]).max(axis=1) * rod.hinges > config.sharpest_bend,
             "stretched": np.linalg.norm(lines[1:, -1] - lines[1:, 0], axis=1) > config.most_stretch * rod.length,
             "jump": jumps > config.largest_jump * config.motion.max_step,
-            "self-crossing": np.array([turn > np.pi and polyline.crosses_itself(line) for turn, line in turns]),
+            "self-crossing": self_crossings(lines[1:]),
         }
         count = len(coordinates) - 1
         first = {reason: int(np.argmax(rows)) if rows.any() else count for reason, rows in bad.items()}
@@ -193,7 +190,8 @@ def _episodes(config: CollectionConfig, workers: int) -> Iterator[Iterator[Episo
         yield itertools.chain.from_iterable(_in_flight(pool, config, firsts, 2 * workers))
     except BrokenProcessPool:
         raise SimulationError(
-            "a collecting process died: out of memory, or a main module without `if __name__ == '__main__'`"
+            "a collecting process died: out of memory, stopped from outside, or unable to import the main module "
+            "(which needs `if __name__ == '__main__'`)"
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)

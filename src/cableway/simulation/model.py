@@ -59,8 +59,7 @@ def build_model(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.M
         time_step: [s].
 
     Returns:
-        A model whose coordinates are x, y and angle of the first link, then the bend at each hinge; gripper bodies 0
-        and 1 are left and right.
+        The model; of its bodies without dynamics the first is the left gripper, the second the right one.
     """
     spec = mujoco.MjSpec()
     _set_options(spec.option, time_step)
@@ -87,36 +86,53 @@ def _set_options(option: mujoco.MjOption, time_step: float) -> None:
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
 
 
+def middle_link(rod: Rod) -> int:
+    """Index of the link the chain is built from."""
+    return rod.hinges // 2
+
+
 def _add_links(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
+    lengths, middle = link_lengths(cable.rod), middle_link(cable.rod)
+    root = spec.worldbody.add_body(name=f"link {middle}")
+    for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]):
+        root.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+    root.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
+    _add_capsule(root, cable, float(lengths[middle]), time_step)
+    _add_arm(root, cable, range(middle + 1, len(lengths)), float(lengths[middle]), time_step)
+    _add_arm(root, cable, range(middle - 1, -1, -1), 0.0, time_step)
+
+
+def _add_arm(parent: mujoco.MjsBody, cable: Cable, links: range, offset: float, time_step: float) -> None:
+    """Hang links on each other, the first at `offset` along `parent`, going right or left as their indices do."""
     stiffness = cable.bending_stiffness * cable.rod.hinges / cable.length
-    body, offset = spec.worldbody, 0.0
-    for index, length in enumerate(link_lengths(cable.rod)):
-        body = body.add_body(name=f"link {index}", pos=[offset, 0.0, 0.0])
-        if index == 0:
-            for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]):
-                body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-        hinge = body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
-        if index > 0:
-            hinge.stiffness[0] = stiffness
-            hinge.damping[0] = cable.damping_time * stiffness
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=[0.0, 0.0, 0.0, length, 0.0, 0.0],
-            size=[cable.radius, 0.0, 0.0],
-            mass=cable.linear_density * length,
-            contype=1,
-            conaffinity=0,
-            condim=1,
-            solref=[time_step, 1.0],
-            solimp=[*CONTACT_IMPEDANCE, *_IMPEDANCE_CURVE],
-            priority=1,
-        )
-        offset = length
+    lengths = link_lengths(cable.rod) * links.step
+    for index in links:
+        parent = parent.add_body(name=f"link {index}", pos=[offset, 0.0, 0.0])
+        hinge = parent.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
+        hinge.stiffness[0] = stiffness
+        hinge.damping[0] = cable.damping_time * stiffness
+        offset = float(lengths[index])
+        _add_capsule(parent, cable, offset, time_step)
+
+
+def _add_capsule(body: mujoco.MjsBody, cable: Cable, extent: float, time_step: float) -> None:
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0.0, 0.0, 0.0, extent, 0.0, 0.0],
+        size=[cable.radius, 0.0, 0.0],
+        mass=cable.linear_density * abs(extent),
+        contype=1,
+        conaffinity=0,
+        condim=1,
+        solref=[time_step, 1.0],
+        solimp=[*CONTACT_IMPEDANCE, *_IMPEDANCE_CURVE],
+        priority=1,
+    )
 
 
 def _add_grippers(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
-    last = cable.rod.hinges
-    for name, link, along in (("left", 0, 0.0), ("right", last, float(link_lengths(cable.rod)[-1]))):
+    last, extent = cable.rod.hinges, float(link_lengths(cable.rod)[-1])
+    for name, link, along in (("left", 0, -extent), ("right", last, extent)):
         spec.worldbody.add_body(name=f"{name} gripper", mocap=True)
         weld = spec.add_equality(
             type=mujoco.mjtEq.mjEQ_WELD,

@@ -16,7 +16,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from cableway.errors import InputError
 from cableway.geometry import polyline
@@ -155,7 +155,16 @@ def _allowed(rod: Rod, config: MotionConfig, line: Float[np.ndarray, "t 6"]) -> 
     chords = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
     if chords.max() > config.most_stretch * rod.length or rod.stability(line)[0].min() < config.least_stability:
         return False
-    return not any(polyline.crosses_itself(shape[::2]) for shape in stations)
+    return not self_crossings(stations[:, ::2]).any()
+
+
+def self_crossings(lines: Float[np.ndarray, "t v 2"]) -> Bool[np.ndarray, "t"]:
+    """Which polylines cross themselves."""
+    steps = np.diff(lines, axis=1)
+    bends = np.diff(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
+    total = np.abs(bends - 2 * np.pi * np.round(bends / (2 * np.pi))).sum(axis=1)
+    # one that turns by less than pi in all cannot
+    return np.array([turn >= np.pi and polyline.crosses_itself(line) for turn, line in zip(total, lines, strict=True)])
 
 
 def _timed(
