@@ -43,6 +43,6 @@ print(f"{plan.steps} steps; {cw.verify_plan(plan, task)}")
 moves = np.linalg.norm(np.diff(plan.poses[:, :, :2], axis=0), axis=2)
 print(f"largest gripper step {1000 * moves.max():.1f} mm of {1000 * task.grippers.max_step:.1f} mm allowed")
 
-picture = Path("post-and-corner.png")
+picture = Path("out/post-and-corner.png")
 save_figure(plan_figure(task, plan), picture)
 print("wrote", picture)
