@@ -34,8 +34,11 @@ PIECES = 6
 SPACING = 0.006
 """Distance [m] between vertices while paths are shortened: fine against cables of some 0.3 m."""
 
+SCALES = (4.0, 4.0, 2.0, 2.0, 1.0, 1.0, 0.5, 0.5)
+"""Size of the sideways moves, in `SPACING`s, from coarse to fine."""
+
 BENDING = 10.0
-"""Weight of bending against length while paths are smoothed: rounds corners over about sqrt(30) vertices."""
+"""Weight of bending against length while paths are smoothed, per vertex: rounds corners over a few vertices."""
 
 PULL = 500.0
 """Weight [1/m^2] of the squared distance to the guide against length: a bend of 5 cm radius is cut by 2 cm."""
@@ -43,7 +46,7 @@ PULL = 500.0
 CLEAR = 0.01
 """Weight [m] of 1/clearance against length: at 1 cm from an obstacle a detour of twice the length pays."""
 
-SWEEPS = 30
+SWEEPS = 20
 """Sweeps of smoothing; more change the paths by less than a millimetre."""
 
 
@@ -97,17 +100,17 @@ def _tighten(
     for piece in pieces:
         band.shortcut(piece, world, keep, points, 1.0, 0.0, 1.0, 4)
     joined = np.vstack(pieces)
-    path = _even(joined, config.waypoints)
     lengths = [float(polyline.length(piece)) for piece in pieces]
-    target = _beside(path, lengths, guides)
-    before = path.copy()
-    for scale in (4.0, 2.0, 1.0):
-        for _ in range(2):
-            band.relax(path, world, keep, target, PULL * sum(lengths) / len(path), 1.0, CLEAR, scale * SPACING, 3)
-            band.smooth(path, world, keep, points, BENDING, 10)
+    path = _even(joined, int(np.clip(sum(lengths) / SPACING, 12, config.waypoints)))
+    before, target = path.copy(), _beside(path, lengths, guides)
+    pull = PULL * sum(lengths) / len(path)
+    for scale in SCALES:
+        band.relax(path, world, keep, target, pull, 1.0, CLEAR, scale * SPACING, 3)
+        band.smooth(path, world, keep, points, BENDING, SWEEPS)
     loop = np.vstack([before, path[::-1]])
     if band.encloses(loop, 0, len(loop) - 1, points):
         path = before
+    path = _even(path, config.waypoints)
     band.smooth(path, world, keep, points, BENDING, SWEEPS)
     return _even(path, config.waypoints)
 
