@@ -10,6 +10,7 @@ keypoints.
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -36,14 +37,19 @@ def read_arrays(path: Path | str) -> dict[str, np.ndarray]:
         FileFormatError: The file is missing or is no archive of plain arrays.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
+        with open(path, "rb") as file:
+            if not zipfile.is_zipfile(file):
                 raise FileFormatError(f"{path}: not an .npz archive")
+        with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
+    except FileFormatError:
+        raise
     except FileNotFoundError:
         raise FileFormatError(f"{path}: no such file") from None
-    except (OSError, ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
-        raise FileFormatError(f"{path}: not a readable .npz archive ({error})") from None
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except Exception as error:  # NumPy, zipfile, zlib and tokenize have a dozen kinds for damaged archives
+        raise FileFormatError(f"{path}: a damaged .npz archive ({' '.join(str(error).split())})") from None
 
 
 class ArrayRecord:
@@ -81,6 +87,8 @@ class ArrayRecord:
             return cls(**values)
         except InputError as error:
             raise FileFormatError(f"{source}: {error}") from None
+        except (TypeError, IndexError, ValueError) as error:
+            raise FileFormatError(f"{source}: its arrays are not those of a {cls.kind} ({error})") from None
 
 
 def _metadata(value: np.ndarray, source: str) -> dict[str, Any]:
@@ -91,6 +99,35 @@ def _metadata(value: np.ndarray, source: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise FileFormatError(f"{source}: metadata is not a JSON object")
     return content
+
+
+def _check_shapes(record: Any) -> None:
+    """Check that the arrays of a record are real numbers of the shapes that its annotations state.
+
+    Raises:
+        InputError: One is not; a letter must stand for the same number throughout the record.
+    """
+    sizes: dict[str, int] = {}
+    for entry in fields(record):
+        stated = re.fullmatch(r"Float\[np\.ndarray, '(.*)'\]", str(entry.type))
+        if stated is None:
+            continue
+        value, axes = getattr(record, entry.name), stated[1].split()
+        _require(isinstance(value, np.ndarray) and value.dtype.kind in "fiu", f"{entry.name} is no array of numbers")
+        fits = value.ndim == len(axes) and all(
+            _is_size(axis, size, sizes) for axis, size in zip(axes, value.shape, strict=True)
+        )
+        known = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
+        _require(fits, f"{entry.name} has shape {value.shape}, not ({', '.join(axes)}) with {known or 'any sizes'}")
+
+
+def _is_size(axis: str, size: int, sizes: dict[str, int]) -> bool:
+    """Whether an axis such as "T+1" or "2" may have this size; a letter met for the first time gets its value."""
+    letter, _, more = axis.partition("+")
+    if letter.isdigit():
+        return size == int(letter)
+    counted = size - int(more or 0)
+    return counted == sizes.setdefault(letter, counted)
 
 
 def _require(condition: bool, message: str) -> None:
@@ -170,11 +207,9 @@ class Plan(ArrayRecord):
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        _check_shapes(self)
         rows = len(self.shapes)
-        _require(self.shapes.ndim == 3 and self.shapes.shape[2] == 2, f"shapes has shape {self.shapes.shape}")
         _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
-        _require(self.poses.shape == (rows, 2, 3), f"poses has shape {self.poses.shape}, not {(rows, 2, 3)}")
-        _require(self.progress.shape == self.shapes.shape[:2], f"progress has shape {self.progress.shape}")
         for name in ("shapes", "poses", "pivot", "passages", "path_set", "progress"):
             _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
 
@@ -280,16 +315,8 @@ class Transitions(ArrayRecord):
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        rows = len(self.keypoints)
-        _require(rows > 0, "a data set needs at least one transition")
-        for name in ("poses", "actions"):
-            _require(getattr(self, name).shape == (rows, 2, 3), f"{name} has shape {getattr(self, name).shape}")
-        _require(self.keypoints.ndim == 3, f"keypoints has shape {self.keypoints.shape}")
-        _require(
-            self.next_keypoints.shape == self.keypoints.shape,
-            "next_keypoints differs in shape from keypoints",
-        )
-        _require(self.episode.shape == (rows,), f"episode has shape {self.episode.shape}")
+        _check_shapes(self)
+        _require(len(self.keypoints) > 0, "a data set needs at least one transition")
         for name in ("keypoints", "poses", "actions", "next_keypoints"):
             _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
 
@@ -371,23 +398,9 @@ class Rollout(ArrayRecord):
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        rows = len(self.times)
-        _require(rows >= 1, "a rollout needs at least one row")
-        for name in (
-            "keypoints",
-            "observed",
-            "poses",
-            "centreline",
-            "reference",
-            "clearance",
-            "gripper_clearance",
-        ):
-            _require(len(getattr(self, name)) == rows, f"{name} has {len(getattr(self, name))} rows, not {rows}")
-        for name in ("actions", "solve_time", "status"):
-            _require(
-                len(getattr(self, name)) == rows - 1,
-                f"{name} has {len(getattr(self, name))} rows, not {rows - 1}",
-            )
+        _check_shapes(self)
+        _require(len(self.times) >= 1, "a rollout needs at least one row")
+        _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         for name in ("times", "keypoints", "poses", "centreline", "actions"):
             _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
 

@@ -13,7 +13,7 @@ from cableway.cli.options import Options
 from cableway.cli.outputs import REPORT
 from cableway.cli.terminal import Terminal, columns, literal
 
-HORIZONS = (1, 10, 20, 30)
+HORIZONS = (1, 10, 30)
 """Steps ahead at which errors are listed."""
 
 
@@ -33,10 +33,10 @@ class Models(Options):
         sources: list[str | Path] = [*model_names(), *self.files, *(path for path in local if path not in self.files)]
         rows = [_row(str(source), read_card(source)) for source in sources]
         names = [f"{steps} steps" for steps in HORIZONS]
-        table = columns("model", "kind", "parameters", "trained on", *names)
+        table = columns("model", "kind", "parameters", "transitions", *names)
         for row in rows:
             errors = [_text(row["mean_error_mm"][f"{steps}"]) for steps in HORIZONS]
-            facts = (row["kind"], str(row["parameters"]), f"{row['transitions']} transitions")
+            facts = (row["kind"], str(row["parameters"]), str(row["transitions"]))
             table.add_row(literal(row["model"]), *facts, *errors)
         table.caption = "Mean stacked error of open-loop prediction on held-out episodes."
         table.caption_justify = "left"

@@ -86,6 +86,7 @@ def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal
     config, seed = options.planner_config(), options.seed or 0
     notes = _warn_of_compilation(terminal)
     timer = StageTimer(tell)
+    timer("set up", 0.0)
     common: dict[str, Any] = {"timings": timer.seconds, "seed": seed, "notes": notes, "limits": config.limits}
     try:
         plan = find_plan(task, seed=seed, config=config, progress=timer)

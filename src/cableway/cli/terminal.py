@@ -33,7 +33,10 @@ class Terminal:
 
     @contextmanager
     def progress(self) -> Iterator[Tell]:
-        """A bar for each stage that is told of; the bar runs back and forth until its share is known."""
+        """A bar for each stage that is told of, which runs back and forth until its share is known.
+
+        One stage runs at a time: the next one ends those before it. What follows a colon in a stage's name may change.
+        """
         columns = (
             TextColumn("{task.description}"),
             BarColumn(bar_width=32),
@@ -46,6 +49,9 @@ class Terminal:
 
             def tell(stage: str, share: float) -> None:
                 name, _, detail = stage.partition(":")
+                for other, bar in bars.items():
+                    if other != name:
+                        display.update(bar, total=1.0, completed=1.0)
                 if name not in bars:
                     bars[name] = display.add_task(name, total=None)
                 display.update(bars[name], description=name + detail, completed=share, total=1.0 if share > 0 else None)

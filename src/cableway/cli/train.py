@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Train(Options):
     """Train a deformation model, going on where an interrupted training stopped; `--out` is a folder or a file."""
 
-    data: Path
+    data: Path = Path("runs/collect/data.npz")
     """Transitions from `cableway collect`."""
 
     config: Path | None = None
@@ -26,6 +26,7 @@ class Train(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.models.card import write_card
         from cableway.models.checkpoint import save_model
         from cableway.models.compilation import enable_compilation_cache
         from cableway.models.recipe import make_model
@@ -42,10 +43,14 @@ class Train(Options):
                 recipe, data, state_file=state, progress=lambda words, share: tell(f"train: {words}", share)
             )
         save_model(path, model, card)
+        page = write_card(path)
         errors = {f"{steps}": error_at(card, steps) for steps in HORIZONS}
-        report = {"file": str(path), "kind": card["kind"], "parameters": card["parameters"], "mean_error_mm": errors}
-        rows = [(name, str(report[name])) for name in ("file", "kind", "parameters")]
-        rows += [(f"held-out error, {steps} steps", f"{value} mm") for steps, value in errors.items() if value]
+        report = {
+            "file": str(path), "card": str(page), "kind": card["kind"], "parameters": card["parameters"],
+            "mean_error_mm": errors,
+        }  # fmt: skip
+        rows = [(name, str(report[name])) for name in ("file", "card", "kind", "parameters")]
+        rows += [(f"held-out error, {steps} steps", f"{value:.2f} mm") for steps, value in errors.items() if value]
         terminal.result(report, pairs(rows))
         return 0
 

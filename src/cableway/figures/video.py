@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
@@ -79,17 +79,28 @@ def playback(rollout: Rollout) -> tuple[range, float, int]:
 
 
 def _encode(path: Path, rate: float, frames: Iterator[np.ndarray]) -> None:
-    options: dict[str, Any] = {"fps": rate, "quality": None, "ffmpeg_log_level": "error"}
-    encoding = ["-preset", "veryfast", "-crf", "19", "-movflags", "+faststart"]
-    writer = imageio_ffmpeg.write_frames(
-        str(path), SIZE, "rgba", "yuv420p", codec="libx264", output_params=encoding, **options
-    )
-    try:
-        writer.send(None)
-        for frame in frames:
-            writer.send(frame)
-    finally:
-        writer.close()
+    """Send frames to ffmpeg.
+
+    Its process is started here and not by imageio-ffmpeg, which forks to do so: a risk where JAX's threads run.
+    A group of its own keeps ctrl-c from it; an interrupt ends it through its closed input.
+    """
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgba", "-s", f"{SIZE[0]}x{SIZE[1]}", "-r", f"{rate:.6g}", "-i", "-"]
+    coded = ["-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-preset", "veryfast", "-crf", "19"]
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *raw, *coded, "-movflags", "+faststart", str(path)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, process_group=0
+    ) as encoder:
+        assert encoder.stdin is not None
+        assert encoder.stderr is not None
+        try:
+            with encoder.stdin as sink:
+                for frame in frames:
+                    sink.write(np.ascontiguousarray(frame).data)
+        except BrokenPipeError:
+            pass  # ffmpeg gave up; it says why
+        complaint = encoder.stderr.read().decode(errors="replace").strip()
+    if encoder.returncode != 0:
+        raise OSError(complaint.splitlines()[-1] if complaint else f"ffmpeg ended with {encoder.returncode}")
 
 
 def _frames(
