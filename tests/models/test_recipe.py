@@ -83,6 +83,7 @@ def test_the_shipped_recipe_is_valid():
 
 
 def test_a_made_model_brings_a_card_with_its_own_figures(recipe, transitions, tmp_path):
+    recipe.write_text(GOOD.replace("{blend: false}", "{}"))
     model, card = make_model(read_training_config(recipe), transitions)
     assert json.loads(json.dumps(card, allow_nan=False)) == card
     assert card["data"]["sha256"] == fingerprint(transitions)

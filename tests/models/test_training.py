@@ -98,7 +98,7 @@ def test_training_leaves_the_normalisation_alone_and_changes_every_weight(whole,
 
 
 def test_a_small_set_can_be_learned_and_beats_the_baselines(small, transitions):
-    config = replace(SHORT, epochs=60, rollout_epochs=0, batch_size=128, learning_rate=1e-2)
+    config = replace(SHORT, epochs=60, rollout_epochs=0, learning_rate=1e-2)
     result = train(small, transitions, config)
     assert result.history[-1].loss < 0.1 * result.history[0].loss
     table = evaluate({"model": result.model, **baselines()}, result.training_data, horizons=(1, 10))

@@ -58,7 +58,7 @@ def test_without_hard_ends_the_network_moves_the_ends(plain_model, sample):
     assert np.abs(displacement[[0, -1]] - sample[2][:, :2]).max() > 1e-4
 
 
-@pytest.mark.parametrize("count", [5, 10, 25])
+@pytest.mark.parametrize("count", [5, 25])
 def test_one_model_takes_any_number_of_keypoints(model, sample, count):
     places = np.linspace(0, 12, count)
     keypoints = np.stack([np.interp(places, range(13), sample[0][:, i]) for i in (0, 1)], axis=1)
@@ -117,7 +117,8 @@ def test_the_paper_s_configuration_is_plain_and_wide():
     paper = TransformerConfig.paper()
     assert (paper.width, paper.heads, paper.encoder_blocks, paper.decoder_blocks) == (128, 4, 2, 1)
     assert paper.framing == Framing.plain()
-    parameters = TransformerModel(paper, key=jax.random.key(0)).parameters
+    shapes = eqx.filter_eval_shape(lambda: TransformerModel(paper, key=jax.random.key(0)))
+    parameters = sum(leaf.size for leaf in jax.tree.leaves(shapes))
     assert 0.3e6 < parameters < 0.8e6
 
 
