@@ -90,6 +90,8 @@ def array(value: Any, place: Place, columns: int) -> Float[np.ndarray, "rows col
         rows = np.array(value, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError):
         raise TaskError(f"must be rows of {columns} numbers, got {shown(value)}", place) from None
+    if rows.size == 0:
+        rows = np.empty((0, columns))
     if rows.ndim != 2 or rows.shape[1] != columns:
         raise TaskError(f"must be rows of {columns} numbers, got an array of shape {rows.shape}", place)
     wrong = np.argwhere(~(np.abs(rows) <= LARGEST))

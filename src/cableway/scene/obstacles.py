@@ -118,7 +118,7 @@ Obstacle = Box | Polygon | Disc
 
 def _require_area(area: float, name: str) -> None:
     if area < MINIMUM_AREA:
-        raise TaskError(f"makes a degenerate obstacle: its area is {area:.2g} m^2, below {MINIMUM_AREA:g}", (name,))
+        raise TaskError(f"is degenerate: it gives an area of {area:.2g} m^2, below {MINIMUM_AREA:g}", (name,))
 
 
 def _area(vertices: Float[np.ndarray, "k 2"]) -> float:

@@ -98,9 +98,10 @@ def _signed_distance(curve: shapely.LineString | shapely.Point, obstacle: Obstac
     if isinstance(obstacle, Disc):
         return float(curve.distance(shapely.Point(obstacle.center))) - obstacle.radius
     solid = to_shapely(obstacle)
+    distance = float(curve.distance(solid))
+    if distance > 0:
+        return distance
     inside = curve.intersection(solid)
-    if inside.is_empty:
-        return float(curve.distance(solid))
-    step = max(DEPTH_STEP, inside.length / 2000)
-    points = shapely.points(shapely.get_coordinates(shapely.segmentize(inside, step)))
-    return -float(shapely.distance(points, solid.exterior).max())
+    inside = shapely.segmentize(inside, max(DEPTH_STEP, inside.length / 2000))
+    points = shapely.points(np.vstack([shapely.get_coordinates(inside), shapely.get_coordinates(curve)]))
+    return -float(np.where(shapely.intersects(points, solid), shapely.distance(points, solid.exterior), 0.0).max())

@@ -164,6 +164,10 @@ _SECTIONS: dict[str, type[_Section]] = {
 }
 
 
+_UNKNOWN = ("extra_forbidden", "invalid_key")
+"""What Pydantic calls a key that is not in the schema: a text, or anything else."""
+
+
 def validate(document: Document) -> TaskFile:
     """The content of a task file with every key and type checked.
 
@@ -179,7 +183,7 @@ def validate(document: Document) -> TaskFile:
     try:
         return TaskFile.model_validate(document.data)
     except ValidationError as error:
-        faults = [(fault["type"] != "extra_forbidden", _explain(fault)) for fault in error.errors(include_url=False)]
+        faults = [(fault["type"] not in _UNKNOWN, _explain(fault)) for fault in error.errors(include_url=False)]
     raise document.locate(min(faults, key=lambda fault: (fault[0], document.line(fault[1].place)))[1])
 
 
@@ -187,8 +191,8 @@ def _explain(fault: Any) -> TaskError:
     """Pydantic's account of one fault in our words."""
     steps, value, kind = fault["loc"], fault["input"], fault["type"]
     place: Place = tuple(step for step in steps if not _is_tag(step))
-    if kind == "extra_forbidden" or (kind == "invalid_key" and steps):
-        return TaskError(_unknown_key(str(place[-1]), steps[:-1]), place)
+    if kind in _UNKNOWN:
+        return TaskError(_unknown_key(str(place[-1]), steps[:-1]), (*place[:-1], str(place[-1])))
     if kind == "missing":
         return TaskError(f"is missing; it must be {_wanted(steps)}", place)
     if kind.startswith("union_tag") and isinstance(value, dict):

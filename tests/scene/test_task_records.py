@@ -1,0 +1,185 @@
+"""Tasks made in Python, and tasks written to a file and read again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import cableway
+from cableway.errors import InputError, TaskError
+from cableway.rod.equilibrium import Rod
+from cableway.scene.cable import Cable
+from cableway.scene.grippers import Grippers, Plug, Port
+from cableway.scene.loading import load_task, task_names
+from cableway.scene.obstacles import Box, Disc, Polygon
+from cableway.scene.saving import save_task
+from cableway.scene.scene import Scene
+from cableway.scene.task import Task
+
+LINE = np.column_stack([np.linspace(0.2, 0.5, 13), np.full(13, 0.1)])
+
+
+def task(**changes: Any) -> Task:
+    values: dict[str, Any] = {
+        "name": "made",
+        "scene": Scene(),
+        "cable": Cable(),
+        "start": LINE,
+        "goal": LINE + np.array([0, 0.4]),
+    }
+    return Task(**{**values, **changes})
+
+
+def test_a_task_keeps_copies_of_its_arrays():
+    start = LINE.copy()
+    made = task(start=start)
+    start[:] = 0.0
+    np.testing.assert_array_equal(made.start, LINE)
+
+
+def test_tasks_are_equal_by_value():
+    assert task() == task(scene=Scene((0.7, 0.7)), grippers=Grippers())
+    assert task() != task(description="other")
+    assert task() != task(goal=LINE + np.array([0, 0.3]))
+    assert task() != "made"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"name": ""}, r"^name must be letters, digits, spaces or any of \. _ \+ -, got ''$"),
+        ({"name": "a/b"}, "^name must be letters"),
+        ({"name": None}, "^name must be letters"),
+        ({"start": LINE[:, 0]}, r"^start must be rows of 2 numbers, got an array of shape \(13,\)$"),
+        ({"goal": [["a", "b"]] * 13}, "^goal must be rows of 2 numbers, got"),
+        ({"goal": np.where(LINE == 0.1, np.nan, LINE)}, r"^goal\[0\]\[1\] must be finite, got nan$"),
+        ({"goal_poses": np.zeros((3, 3))}, r"^goal_poses must be two poses \(x, y, theta\), got 3$"),
+        ({"start_poses": np.zeros((2, 3))}, "^start_poses do not fit the keypoints: the left pose is 223.6 mm and 0 "),
+        ({"start_poses": [[0.2, 0.1, np.nan], [0.5, 0.1, 0]]}, r"^start_poses\[0\]\[2\] must be finite, got nan$"),
+        ({"port": Port(position=(0.1, 0.1), angle=0, standoff=0, depth=0)}, "^port needs a plug that goes there$"),
+    ],
+)
+def test_a_task_that_is_none_is_refused(changes: dict[str, Any], said: str):
+    with pytest.raises(TaskError, match=said):
+        task(**changes)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Cable(length=float("nan")), r"^cable\.length must be positive and finite, got nan$"),
+        (lambda: Cable(radius=-1), r"^cable\.radius must be positive, got -1\.0$"),
+        (lambda: Cable(keypoints=12.0), r"^cable\.keypoints must be a whole number, got 12\.0$"),  # pyright: ignore
+        (lambda: Cable(keypoints=201), r"^cable\.keypoints must be from 3 to 200, got 201$"),
+        (lambda: Cable(friction=float("inf")), r"^cable\.friction must be not negative and finite, got inf$"),
+        (lambda: Cable(length="long"), r"^cable\.length must be a number, got 'long'$"),  # pyright: ignore
+        (lambda: Grippers(max_turn=0.0), r"^grippers\.max_turn must be positive, got 0\.0$"),
+        (lambda: Grippers(separation=-0.1), r"^grippers\.separation must be not negative, got -0\.1$"),
+        (lambda: Plug(length=0.0, width=0.1), r"^plug\.length must be positive, got 0\.0$"),
+        (lambda: Port(position=(0, 0), angle=0, standoff=-1, depth=0), r"^port\.standoff must be not negative, got"),
+    ],
+)
+def test_parts_that_are_none_are_refused(make: Any, said: str):
+    with pytest.raises(TaskError, match=said):
+        make()
+
+
+def test_stated_poses_may_turn_fully():
+    poses = np.array([[0.2, 0.1, 2 * np.pi], [0.5, 0.1, 0.1]])
+    np.testing.assert_array_equal(task(start_poses=poses).start_poses, poses)
+
+
+def test_the_fit_of_a_start_is_the_rod_nearest_to_it():
+    q, distance = task().start_fit
+    np.testing.assert_allclose(q, [0.35, 0.1, 0, 0, 0, 0], atol=1e-6)
+    assert distance < 1e-9
+
+
+def test_the_top_of_the_package_has_the_tasks():
+    assert cableway.load_task is load_task
+    assert (cableway.Task, cableway.Scene, cableway.Cable) == (Task, Scene, Cable)
+
+
+# ------------------------------------------------------------------------------------------------ saving
+@pytest.mark.parametrize("name", task_names())
+def test_the_catalogue_is_saved_and_read_unchanged(tmp_path: Path, name: str):
+    before = load_task(name)
+    save_task(before, tmp_path / "task.yaml")
+    assert load_task(tmp_path / "task.yaml") == before
+
+
+def full_task(**changes: Any) -> Task:
+    """Every field is there, with numbers that have no short decimal form."""
+    rod = Rod(1 / 3, 10)
+    q = np.array([[0.35, 0.15, 0.1, 4.0, 2.0, 1.0], [0.35, 0.55, -0.1, 2.0, 4.0, -1.0]])
+    stations, poses = rod.shapes(q)
+    start, goal = rod.at_keypoints(stations)
+    obstacles = (
+        Box(center=(1 / 3, 0.37), size=(np.pi / 30, 0.03), angle=-1e-7),
+        Polygon(vertices=np.array([[0.1, 0.3], [0.1 + 1 / 7, 0.3], [0.15, 0.4]])),
+        Disc(center=(0.6, 0.1), radius=1 / 70),
+    )
+    values: dict[str, Any] = {
+        "name": "made 1",
+        "description": "First: with 'quotes', # and é.",
+        "scene": Scene((0.7, 2 / 3), obstacles),
+        "cable": Cable(length=1 / 3, radius=0.003, keypoints=10, bending_stiffness=1e-5 / 3, friction=0.1),
+        "grippers": Grippers(radius=0.005, max_step=0.01, max_turn=0.1, separation=0.02),
+        "start": start,
+        "goal": goal,
+        "start_poses": poses[0],
+        "goal_poses": poses[1],
+        "plug": Plug(length=0.04, width=0.01),
+        "port": Port(position=(0.6, 0.5), angle=1 / 3, standoff=0.01, depth=0.0),
+    }
+    return Task(**{**values, **changes})
+
+
+def test_every_field_is_saved_to_the_last_digit(tmp_path: Path):
+    before = full_task()
+    save_task(before, tmp_path / "task.yaml")
+    after = load_task(tmp_path / "task.yaml")
+    assert after == before
+    assert after.start.tobytes() == before.start.tobytes()
+
+
+def test_a_shape_that_the_rod_found_is_saved_as_it_is(tmp_path: Path):
+    path = tmp_path / "bent.yaml"
+    poses = "[[0.2, 0.1, 0.5], [0.45, 0.1, -0.5]]"
+    path.write_text(f"cableway: 1\nstart: {{grippers: {poses}, bend: left}}\ngoal: {LINE.tolist()}\n")
+    before = load_task(path)
+    save_task(before, tmp_path / "again.yaml")
+    after = load_task(tmp_path / "again.yaml")
+    assert after == before
+    np.testing.assert_array_equal(after.start_poses, [[0.2, 0.1, 0.5], [0.45, 0.1, -0.5]])
+
+
+def test_a_preset_of_ones_own_is_not_saved_but_its_values_are(tmp_path: Path):
+    save_task(task(cable=Cable(preset="mine", friction=0.2)), tmp_path / "task.yaml")
+    assert load_task(tmp_path / "task.yaml").cable == Cable(friction=0.2)
+
+
+@settings(deadline=None, derandomize=True, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.text(st.characters(exclude_categories=["Cs"])) | st.sampled_from(["1e3", "on", "~", "0x1F", ".5", "a: b", "#"])
+)
+def test_any_description_comes_back(tmp_path: Path, text: str):
+    save_task(task(description=text), tmp_path / "task.yaml")
+    assert load_task(tmp_path / "task.yaml").description == text
+
+
+def test_a_file_is_saved_whole_or_not_at_all(tmp_path: Path):
+    save_task(task(), tmp_path / "sub" / "task.yaml")
+    before = (tmp_path / "sub" / "task.yaml").read_bytes()
+    broken = task()
+    object.__setattr__(broken, "description", object())
+    with pytest.raises(Exception, match="cannot represent an object"):
+        save_task(broken, tmp_path / "sub" / "task.yaml")
+    assert (tmp_path / "sub" / "task.yaml").read_bytes() == before
+    assert [path.name for path in (tmp_path / "sub").iterdir()] == ["task.yaml"]
+    assert issubclass(TaskError, InputError)
