@@ -82,7 +82,7 @@ def _encode(path: Path, rate: float, frames: Iterator[np.ndarray]) -> None:
     """Send frames to ffmpeg.
 
     Its process is started here and not by imageio-ffmpeg, which forks to do so: a risk where JAX's threads run.
-    A group of its own keeps ctrl-c from it; an interrupt ends it through its closed input.
+    A group of its own keeps ctrl-c from it.
     """
     raw = ["-f", "rawvideo", "-pix_fmt", "rgba", "-s", f"{SIZE[0]}x{SIZE[1]}", "-r", f"{rate:.6g}", "-i", "-"]
     coded = ["-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-preset", "veryfast", "-crf", "19"]
@@ -98,6 +98,10 @@ def _encode(path: Path, rate: float, frames: Iterator[np.ndarray]) -> None:
                     sink.write(np.ascontiguousarray(frame).data)
         except BrokenPipeError:
             pass  # ffmpeg gave up; it says why
+        except BaseException:
+            encoder.kill()
+            encoder.wait()  # `with` alone does not wait after an interrupt
+            raise
         complaint = encoder.stderr.read().decode(errors="replace").strip()
     if encoder.returncode != 0:
         raise OSError(complaint.splitlines()[-1] if complaint else f"ffmpeg ended with {encoder.returncode}")
@@ -113,7 +117,7 @@ def _frames(
 ) -> Iterator[np.ndarray]:
     """Frames (height, width, 4) of 8-bit colours; only what moves is drawn afresh."""
     stage = _Stage(task, rollout, speed)
-    shown = [*rows, *[rollout.steps] * (1 + int(FINAL_PAUSE * rate))]
+    shown = [*rows, *[rollout.steps] * (round(FINAL_PAUSE * rate))]
     for count, row in enumerate(shown):
         yield stage.frame(row)
         if progress is not None:

@@ -1,0 +1,195 @@
+"""Laws of the pictures: what is drawn is where it is, at its size, and no picture is blank."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from problems import beside_disc
+from recorded import moved_aside, moved_plan, perfect_rollout
+
+from cableway.figures import style
+from cableway.figures.plan import attempt_figure, plan_figure, spread_rows
+from cableway.figures.rollout import rollout_figure, stacked_errors
+from cableway.figures.scene import cable_path, draw_cable, smooth, task_figure
+from cableway.records import Attempt, PathSet
+from cableway.scene.scene import Scene
+from cableway.scene.task import Task
+
+PLANNED, PLAN = moved_plan()
+
+
+def pixels(figure: Figure) -> np.ndarray:
+    """The picture (height, width, 3) with colours from 0 to 1, top row first, one pixel to the dot."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=figure.dpi)
+    file.seek(0)
+    return matplotlib.image.imread(file)[..., :3]
+
+
+def colour_at(figure: Figure, ax: Axes, x: float, y: float) -> np.ndarray:
+    """The colour of the picture at a point of the scene [m]."""
+    picture = pixels(figure)
+    column, row = ax.transData.transform((x, y))
+    return picture[int(picture.shape[0] - row), int(column)]
+
+
+def is_colour(found: np.ndarray, wanted: str) -> bool:
+    return bool(np.abs(found - to_rgb(wanted)).max() < 0.02)
+
+
+def not_blank(figure: Figure) -> bool:
+    picture = pixels(figure)
+    drawn = np.abs(picture - 1.0).max(axis=2) > 0.02
+    return 0.02 < drawn.mean() < 0.9
+
+
+@pytest.fixture(scope="module")
+def task() -> Task:
+    return beside_disc()
+
+
+def test_obstacle_start_and_goal_are_drawn_where_they_are(task: Task):
+    figure = task_figure(task)
+    ax = figure.axes[0]
+    start, goal = smooth(task.start), smooth(task.goal)
+    assert is_colour(colour_at(figure, ax, 0.34, 0.36), style.OBSTACLE)
+    assert is_colour(colour_at(figure, ax, 0.34 + 0.065, 0.36), style.OBSTACLE)
+    assert is_colour(colour_at(figure, ax, 0.34 + 0.075, 0.36), "white")
+    assert is_colour(colour_at(figure, ax, *start[36]), style.START)
+    assert is_colour(colour_at(figure, ax, *goal[36]), style.GOAL)
+    assert is_colour(colour_at(figure, ax, *task.start[0]), style.INK)
+
+
+@pytest.mark.parametrize("size", [(0.7, 0.7), (1.4, 0.7), (0.7, 1.0)])
+def test_a_metre_is_as_long_upward_as_it_is_across(task: Task, size: tuple[float, float]):
+    figure = task_figure(replace(task, scene=Scene(size=size)))
+    pixels(figure)
+    origin, across, up = figure.axes[0].transData.transform([(0, 0), (0.1, 0), (0, 0.1)])
+    assert across[0] - origin[0] == pytest.approx(up[1] - origin[1], rel=1e-6)
+
+
+def test_a_cable_covers_its_length_times_its_thickness():
+    line = np.array([[0.1, 0.2], [0.2, 0.2], [0.4, 0.2]])
+    (left, bottom), (right, top) = cable_path(line, 0.01).get_extents().get_points()
+    assert (left, right, bottom, top) == pytest.approx((0.09, 0.41, 0.19, 0.21))
+
+
+def test_a_cable_that_closes_on_itself_has_a_hole(task: Task):
+    figure = task_figure(replace(task, scene=Scene()))
+    turn = np.linspace(0, 2 * np.pi, 60)
+    draw_cable(figure.axes[0], 0.35 + 0.1 * np.column_stack([np.cos(turn), np.sin(turn)]), 0.02, style.BAD)
+    assert is_colour(colour_at(figure, figure.axes[0], 0.46, 0.35), style.BAD)
+    assert is_colour(colour_at(figure, figure.axes[0], 0.35, 0.35), "white")
+
+
+def test_the_picture_of_a_plan_shows_its_parts():
+    figure = plan_figure(PLANNED, PLAN)
+    assert not_blank(figure)
+    guide, shapes = figure.axes[0], figure.axes[1]
+    names = [text.get_text() for text in guide.get_legend().get_texts()]  # pyright: ignore[reportOptionalMemberAccess]
+    assert {"start", "goal", "pivot path", "keypoint paths", "passage traversed", "obstacle"} <= set(names)
+    assert is_colour(colour_at(figure, guide, *PLAN.pivot[20]), style.PIVOT)
+    line = smooth(PLAN.shapes[-1])
+    along = (line[31] - line[30]) / np.linalg.norm(line[31] - line[30])
+    beside = line[30] + 0.0025 * np.array([-along[1], along[0]])
+    assert is_colour(colour_at(figure, shapes, *beside), style.GOAL), "the last shape has the colour of the goal"
+
+
+def test_the_curves_of_a_plan_are_its_clearance_and_its_gripper_motion():
+    clearance, motion = plan_figure(PLANNED, PLAN).axes[-2:]
+    least = 1000 * float(PLANNED.scene.clearance(smooth(PLAN.shapes), PLANNED.cable.radius).min())
+    cable = next(line for line in clearance.lines if str(line.get_label()).startswith("cable"))
+    assert np.min(cable.get_ydata()) == pytest.approx(least)
+    assert cable.get_label() == f"cable, least {least:.1f} mm"
+    moves = np.linalg.norm(np.diff(PLAN.poses[:, 0, :2], axis=0), axis=1) / PLANNED.grippers.max_step
+    left = next(line for line in motion.lines if line.get_label() == "left, move")
+    np.testing.assert_allclose(left.get_ydata(), 100 * moves)
+
+
+@pytest.mark.parametrize("reached", ["nothing", "pivot", "paths", "shapes"])
+def test_a_failed_attempt_is_drawn_as_far_as_it_got(task: Task, reached: str):
+    paths = PathSet(PLAN.path_set, PLAN.pivot, PLAN.passages)
+    attempt = {
+        "nothing": Attempt("no way for the pivot"),
+        "pivot": Attempt("no path set", pivot=PLAN.pivot),
+        "paths": Attempt("no shapes", pivot=PLAN.pivot, path_set=paths),
+        "shapes": Attempt("the rod snaps " * 20, pivot=PLAN.pivot, path_set=paths, shapes=PLAN.shapes),
+    }[reached]
+    figure = attempt_figure(task, attempt)
+    assert not_blank(figure)
+    said = " ".join(text.get_text() for text in figure.texts)
+    assert attempt.reason.split()[0] in said
+    titles = [ax.get_title(loc="left") for ax in figure.axes]
+    assert ("the closest attempt" in titles) == (reached == "shapes")
+    assert (f"{task.name}: no guide found" in titles) == (reached == "nothing")
+
+
+def test_the_picture_of_a_rollout_shows_errors_and_clearance():
+    rollout = moved_aside(perfect_rollout(PLANNED, PLAN), 0.004)
+    figure = rollout_figure(PLANNED, rollout)
+    assert not_blank(figure)
+    errors, clearance = figure.axes[-2:]
+    goal = next(line for line in errors.lines if str(line.get_label()).startswith("to the goal"))
+    stacked = 1000 * np.linalg.norm(rollout.keypoints - PLANNED.goal, axis=(1, 2))
+    np.testing.assert_allclose(goal.get_ydata(), np.maximum(stacked, 0.1))
+    assert any(np.allclose(line.get_ydata(), 30.0) for line in errors.lines), "the line of success"
+    recorded = next(line for line in clearance.lines if str(line.get_label()).startswith("cable"))
+    np.testing.assert_allclose(recorded.get_ydata(), 1000 * rollout.clearance)
+
+
+def test_errors_are_stacked_over_all_keypoints():
+    rollout = moved_aside(perfect_rollout(PLANNED, PLAN), 0.004)
+    to_goal, to_reference = stacked_errors(PLANNED, rollout)
+    assert to_reference[0] == 0.0
+    assert to_reference[-1] == pytest.approx(0.004 * np.sqrt(PLANNED.cable.keypoints))
+    assert to_goal[-1] == pytest.approx(np.linalg.norm(rollout.keypoints[-1] - PLANNED.goal))
+
+
+def test_a_rollout_of_a_single_row_can_be_drawn():
+    whole = perfect_rollout(PLANNED, PLAN)
+    rows = ("times", "keypoints", "observed", "poses", "centreline", "reference", "clearance", "gripper_clearance")
+    short = replace(
+        whole,
+        **{name: getattr(whole, name)[:1] for name in rows},
+        **{name: getattr(whole, name)[:0] for name in ("actions", "solve_time", "status")},
+    )
+    assert not_blank(rollout_figure(PLANNED, short))
+
+
+def test_rows_shown_begin_and_end_with_the_motion_and_are_spread_over_it():
+    rows = spread_rows(PLAN.shapes, 12)
+    assert rows[0] == 0
+    assert rows[-1] == len(PLAN.shapes) - 1
+    assert len(rows) <= 12
+    assert (np.diff(rows) > 0).all()
+    slow_then_fast = np.concatenate([np.repeat(PLAN.shapes[:1], 100, axis=0), PLAN.shapes])
+    assert (spread_rows(slow_then_fast, 12)[1:-1] > 99).all(), "standing still is not shown again and again"
+    assert spread_rows(np.repeat(PLAN.shapes[:1], 5, axis=0), 12).tolist() == [0, 4]
+
+
+def test_the_same_plan_gives_the_same_file(tmp_path: Path):
+    for name in ("a.png", "b.png"):
+        style.save_figure(plan_figure(PLANNED, PLAN), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.png"]
+
+
+def test_drawing_leaves_matplotlibs_window_system_alone():
+    code = (
+        "import sys; from recorded import moved_plan; from cableway.figures.plan import plan_figure\n"
+        "plan_figure(*moved_plan()); print('matplotlib.pyplot' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "False"
