@@ -61,12 +61,11 @@ def test_no_step_exceeds_its_share_of_the_limits(line, limits):
 
 
 def test_an_end_that_is_no_shape_of_the_cable_is_refused():
-    """Half a circle that goes on straight is too far from every equilibrium, and the message says how far."""
+    """Three bends of one side, other side, one side, unevenly spaced: no equilibrium has them."""
     task = problems.free()
-    s = np.linspace(-0.15, 0.15, 13)
-    radius = 0.15 / np.pi
-    angle = np.minimum(s, 0) / radius
-    hook = np.column_stack([radius * np.sin(angle) + np.maximum(s, 0), radius * (np.cos(angle) - 1)]) + [0.3, 0.4]
-    odd = replace(task, goal=hook)
+    fine = np.linspace(0, task.cable.length, 1201)
+    angle = 1.2 * np.sin(2 * np.pi * (fine / fine[-1]) ** 2 * 1.75)
+    curve = np.cumsum(np.column_stack([np.cos(angle), np.sin(angle)]), axis=0) * (fine[1] - fine[0])
+    odd = replace(task, goal=curve[::100] + [0.2, 0.4])
     with pytest.raises(PlanningError, match="the goal is no shape that the cable takes by itself"):
         end_equilibria(odd, RealizationConfig())
