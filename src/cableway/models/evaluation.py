@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from cableway.errors import InputError
 from cableway.models.base import DeformationModel, rollout
 from cableway.models.baselines import Persistence, RigidBlend
-from cableway.models.dataset import window_starts, windows
+from cableway.models.dataset import window_starts
 from cableway.records import Transitions
 
 HORIZONS = (1, 5, 10, 20, 30)
@@ -74,30 +74,38 @@ def evaluate(
         raise InputError(f"no episode of the data has {min(horizons)} or more steps")
     table: dict[str, tuple[HorizonError, ...]] = {}
     for name, model in models.items():
-        table[name] = tuple(_summary(h, open_loop_errors(model, data, h, stride)) for h in used)
+        errors = open_loop_errors(model, data, tuple(used), stride)
+        table[name] = tuple(_summary(h, errors[h]) for h in used)
     return table
 
 
 def open_loop_errors(
-    model: DeformationModel, data: Transitions, horizon: int, stride: int = WINDOW_STRIDE
-) -> Float[np.ndarray, "k"]:
-    """Stacked error [m] after `horizon` steps from every `stride`-th row of each episode."""
-    starts = window_starts(data.episode, horizon, stride)
+    model: DeformationModel, data: Transitions, horizons: tuple[int, ...], stride: int = WINDOW_STRIDE
+) -> dict[int, Float[np.ndarray, "k"]]:
+    """Stacked error [m] after each number of steps, from every `stride`-th row of each episode that is long enough."""
+    starts = window_starts(data.episode, min(horizons), stride)
+    fits = {h: np.isin(starts, window_starts(data.episode, h, stride)) for h in horizons}
+    last = len(data) - 1
     errors = []
     for first in range(0, len(starts), BATCH):
         rows = starts[first : first + BATCH]
         padded = np.pad(rows, (0, BATCH - len(rows)), mode="edge") if first else rows
-        part = windows(data, padded, horizon)
-        predicted = _predict(model, part.keypoints, part.poses, part.actions)
-        left = np.asarray(predicted, float)[: len(rows)] - data.next_keypoints[rows + horizon - 1]
-        errors.append(np.linalg.norm(left.reshape(len(rows), -1), axis=1))
-    return np.concatenate(errors)
+        actions = data.actions[np.minimum(padded[:, None] + np.arange(max(horizons)), last)]
+        predicted = _predict(model, data.keypoints[padded], data.poses[padded], actions, horizons)
+        true = data.next_keypoints[np.minimum(rows[:, None] + np.array(horizons) - 1, last)]
+        left = np.asarray(predicted, float)[: len(rows)] - true
+        errors.append(np.linalg.norm(left.reshape(len(rows), len(horizons), -1), axis=2))
+    stacked = np.concatenate(errors)
+    return {h: stacked[fits[h], i] for i, h in enumerate(horizons)}
 
 
 @eqx.filter_jit
-def _predict(model: DeformationModel, keypoints: Array, poses: Array, actions: Array) -> Array:
-    """Shapes after the last action of each window."""
-    return jax.vmap(lambda *window: rollout(model, *window)[-1])(keypoints, poses, actions)
+def _predict(
+    model: DeformationModel, keypoints: np.ndarray, poses: np.ndarray, actions: np.ndarray, horizons: tuple[int, ...]
+) -> Array:
+    """Shapes after the given numbers of actions of each window; what lies past an episode's end is not used."""
+    chosen = np.array(horizons) - 1
+    return jax.vmap(lambda *window: rollout(model, *window)[chosen])(keypoints, poses, actions)
 
 
 def _summary(horizon: int, errors: Float[np.ndarray, "k"]) -> HorizonError:

@@ -206,7 +206,7 @@ class _Trainer:
                 progress(self._stage(state.history, total / (step + 1)), (done + step + 1) / sum(self.steps))
         if not np.isfinite(total):
             raise InputError(f"training diverged in epoch {epoch + 1}; a lower learning_rate is needed")
-        error = 1e3 * float(np.mean(open_loop_errors(model, validation, horizon=1, stride=1)))
+        error = 1e3 * float(np.mean(open_loop_errors(model, validation, (1,), stride=1)[1]))
         record = EpochRecord(epoch=epoch + 1, loss=total / self.steps[epoch], validation_error=error)
         return TrainingState(model, optimizer_state, (*state.history, record))
 
