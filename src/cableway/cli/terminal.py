@@ -37,7 +37,7 @@ class Terminal:
 
         One stage runs at a time: the next one ends those before it. What follows a colon in a stage's name may change.
         """
-        columns = (
+        shown = (
             TextColumn("{task.description}"),
             BarColumn(bar_width=32),
             TextColumn("{task.percentage:>3.0f}%"),
@@ -45,18 +45,23 @@ class Terminal:
             TimeRemainingColumn(compact=True),
         )
         bars: dict[str, TaskID] = {}
-        with Progress(*columns, console=self._errors, disable=self._quiet) as display:
+        display = Progress(*shown, console=self._errors, disable=self._quiet)
 
-            def tell(stage: str, share: float) -> None:
-                name, _, detail = stage.partition(":")
-                for other, bar in bars.items():
-                    if other != name:
-                        display.update(bar, total=1.0, completed=1.0)
-                if name not in bars:
-                    bars[name] = display.add_task(name, total=None)
-                display.update(bars[name], description=name + detail, completed=share, total=1.0 if share > 0 else None)
+        def tell(stage: str, share: float) -> None:
+            name, _, detail = stage.partition(":")
+            for other, bar in bars.items():
+                if other != name:
+                    display.update(bar, total=1.0, completed=1.0)
+            if name not in bars:
+                display.start()
+                bars[name] = display.add_task(name, total=None)
+            display.update(bars[name], description=name + detail, completed=share, total=1.0 if share > 0 else None)
 
+        try:
             yield tell
+        finally:
+            if bars:
+                display.stop()
 
     def result(self, report: Mapping[str, Any], table: RenderableType) -> None:
         """Print a result on stdout: as JSON, as a table, or not at all."""
@@ -64,7 +69,11 @@ class Terminal:
             if self._json:
                 print(json.dumps(report, indent=1, allow_nan=False))
             elif not self._quiet:
-                Console(highlight=False).print(table)
+                # Rich ends the process where the reader has gone, so it only renders.
+                console = Console(highlight=False)
+                with console.capture() as rendered:
+                    console.print(table)
+                sys.stdout.write(rendered.get())
             sys.stdout.flush()
         except BrokenPipeError:
             leave_pipe()
@@ -103,10 +112,10 @@ def pairs(rows: list[tuple[str, str]]) -> Table:
 
 
 def columns(*names: str) -> Table:
-    """An empty table with a header."""
+    """An empty table with a header; the first column is never broken into lines."""
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
-    for name in names:
-        table.add_column(name, overflow="fold")
+    for index, name in enumerate(names):
+        table.add_column(name, overflow="fold", no_wrap=index == 0)
     return table
 
 

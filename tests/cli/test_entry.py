@@ -1,0 +1,133 @@
+"""Laws of the command as a whole: help, versions, exit statuses, one sentence for every mistake."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import Command
+
+import cableway as package
+from cableway.errors import ControlError
+from cableway.provenance import versions
+from cableway.scene.loading import task_names
+
+COMMANDS = ("tasks", "show", "plan", "run", "check", "collect", "train", "models")
+
+
+def one_sentence(text: str) -> bool:
+    return text.startswith("cableway: ") and text.count("\n") == 1 and "Traceback" not in text
+
+
+def test_help_lists_every_command(cableway: Command):
+    done = cableway("--help")
+    assert done.status == 0
+    assert all(f"• {name} " in done.out for name in COMMANDS)
+    assert done.err == ""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_and_the_four_common_options(cableway: Command, command: str):
+    done = cableway(command, "--help")
+    assert done.status == 0
+    assert all(option in done.out for option in ("--out", "--seed", "--quiet", "--json"))
+
+
+def test_version_is_the_packages(cableway: Command):
+    assert cableway("--version") == (0, f"cableway {versions()['cableway']}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "tasks"),
+        (["plam"], "plam"),
+        (["plan", "maze-1", "--sed", "3"], "--seed"),
+        (["plan"], "TASK"),
+        (["plan", "maze-1", "--seed", "three"], "--seed"),
+        (["check", "maze-1"], "FILE"),
+    ],
+)
+def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
+    cableway: Command, arguments: list[str], said: str
+):
+    done = cableway(*arguments)
+    assert done.status == 2
+    assert done.out == ""
+    assert said in done.err
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["plan", "maze-9"], f"unknown task 'maze-9'; known: {', '.join(task_names())}"),
+        (["show", "no/such.yaml"], "no/such.yaml: no such file"),
+        (["plan", "maze-1", "--seed", "-1"], "--seed must be from 0 to 2147483647, got -1"),
+        (["plan", "maze-1", "--seed", "2147483648"], "--seed must be from 0 to 2147483647, got 2147483648"),
+        (["plan", "maze-1", "--planner", "best"], "unknown planner 'best'; known: default, paper"),
+        (["plan", "maze-1", "--pivot", "prm"], "unknown pivot method 'prm'; known: grid, rrt_star"),
+        (["run", "maze-1", "--controller", "pid"], "unknown controller 'pid'; known: neural-mpc, open-loop"),
+        (["run", "maze-1", "--model", "no/such.safetensors"], "no/such.safetensors: no such file"),
+        (["check", "maze-1", "plan.npz"], "plan.npz: no such file"),
+        (["collect", "--config", "none.yaml"], "none.yaml: no such file"),
+        (["collect", "--transitions", "0"], "collection.transitions must be at least 1, got 0"),
+        (["collect", "--transitions", "9", "--workers", "0"], "workers must be at least 1, got 0"),
+        (["train"], "runs/collect/data.npz: no such file"),
+        (["models", "none.safetensors"], "none.safetensors: no such file"),
+    ],
+)
+def test_a_mistake_is_status_2_and_one_sentence(cableway: Command, arguments: list[str], sentence: str):
+    done = cableway(*arguments)
+    assert done == (2, "", f"cableway: {sentence}\n")
+    assert not Path("runs").exists(), "a mistake leaves nothing behind"
+
+
+def test_an_unknown_model_lists_those_there_are(cableway: Command):
+    done = cableway("run", "maze-1", "--model", "convolution")
+    assert done.status == 2
+    assert done.err.startswith("cableway: unknown model 'convolution'; known: ")
+
+
+@pytest.mark.parametrize("command", [["plan", "maze-1"], ["show", "maze-1"], ["tasks"], ["collect"]])
+def test_a_file_in_the_way_of_the_folder_is_named(cableway: Command, command: list[str]):
+    Path("taken").write_text("mine")
+    done = cableway(*command, "--out", "taken")
+    assert done == (2, "", "cableway: --out taken: a file of that name is in the way; give a folder\n")
+    assert Path("taken").read_text() == "mine"
+
+
+def test_a_folder_that_cannot_be_made_is_named(cableway: Command):
+    Path("file").write_text("")
+    done = cableway("show", "maze-1", "--out", "file/below")
+    assert done.status == 2
+    assert one_sentence(done.err)
+    assert "file/below" in done.err
+
+
+def test_a_failure_that_is_nobodys_mistake_is_status_1(cableway: Command, monkeypatch: pytest.MonkeyPatch):
+    def fail(source: str) -> None:
+        raise ControlError("the controller gave up")
+
+    monkeypatch.setattr("cableway.scene.loading.load_task", fail)
+    assert cableway("show", "maze-1") == (1, "", "cableway: the controller gave up\n")
+
+
+def test_a_reader_that_leaves_early_makes_no_noise():
+    """`cableway tasks | head -1`: the status stays that of the command."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "cableway", "tasks"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        said = process.stderr.read()
+    assert (process.returncode, said) == (0, "")
+
+
+def test_the_package_is_a_program_too():
+    done = subprocess.run([sys.executable, "-m", package.__name__, "--version"], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert done.stdout.startswith("cableway ")

@@ -1,0 +1,178 @@
+"""Laws of `plan` and `run`: which files there are, what is in them, and what is left when something stops them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+from conftest import Command
+
+from cableway.control.open_loop import OpenLoop
+from cableway.errors import SimulationError
+from cableway.figures import video
+from cableway.planning import planner
+from cableway.records import Plan, Rollout, read_arrays
+from cableway.scene.loading import load_task
+from cableway.verification import verify_plan, verify_rollout
+
+PLANNED = {"plan.npz", "plan.png", "report.json", "task.yaml"}
+TRACKED = PLANNED | {"rollout.npz", "rollout.png", "rollout.mp4"}
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def report(folder: Path) -> dict:
+    return json.loads((folder / "report.json").read_text())
+
+
+def test_a_run_leaves_all_its_files(run_folder: Path):
+    assert names(run_folder) == TRACKED
+    for picture in ("plan.png", "rollout.png"):
+        assert matplotlib.image.imread(run_folder / picture).std() > 0.05
+
+
+def test_the_files_of_a_run_belong_together(run_folder: Path):
+    task = load_task(run_folder / "task.yaml")
+    plan, rollout = Plan.load(run_folder / "plan.npz"), Rollout.load(run_folder / "rollout.npz")
+    content = report(run_folder)
+    assert content["success"] is True
+    assert verify_plan(plan, task).passed
+    assert verify_rollout(rollout, task).passed
+    assert content["shape_error"] == pytest.approx(np.linalg.norm(rollout.keypoints[-1] - task.goal), abs=1e-12)
+    assert content["min_clearance"] == rollout.clearance.min()
+    assert content["steps"] == rollout.steps
+    assert content["plan_steps"] == plan.steps
+
+
+def test_the_files_hold_the_arrays_that_are_documented(run_folder: Path):
+    plan, rollout = read_arrays(run_folder / "plan.npz"), read_arrays(run_folder / "rollout.npz")
+    assert set(plan) == {"shapes", "poses", "pivot", "passages", "path_set", "progress", "metadata"}
+    assert {"times", "keypoints", "observed", "poses", "centreline", "actions", "reference"} <= set(rollout)
+    assert {"solve_time", "status", "clearance", "gripper_clearance", "metadata"} <= set(rollout)
+
+
+def test_report_and_records_say_where_they_come_from(run_folder: Path):
+    content = report(run_folder)
+    assert content["seed"] == 3
+    assert content["versions"]["cableway"]
+    assert {"set up", "pivot path", "path set", "realisation", "verification"} <= set(content["stage_times"])
+    assert content["planning_time"] == pytest.approx(sum(content["stage_times"].values()))
+    assert any("not simulated" in note or "do not collide" in note for note in content["notes"])
+    configuration = content["configuration"]
+    assert configuration["plan"]["planner"]["pivot"]["method"] == "grid"
+    assert configuration["rollout"]["controller"]["name"] == "OpenLoop"
+    assert configuration["rollout"]["plant"]["time_step"] == 0.005
+    for name, record in (("plan", Plan), ("rollout", Rollout)):
+        assert record.load(run_folder / f"{name}.npz").metadata == configuration[name]
+
+
+def test_plan_alone_says_so(cableway: Command, moved_file: Path):
+    done = cableway("plan", moved_file, "--pivot", "grid")
+    assert done.status == 0
+    assert names(Path("runs/moved")) == PLANNED
+    assert "success" in done.out
+    assert "pivot path" in done.err, "progress goes to stderr"
+    assert "shape_error" not in report(Path("runs/moved"))
+
+
+def test_planning_again_replaces_what_belonged_to_another_plan(cableway: Command, moved_file: Path, run_folder: Path):
+    Path("mixed").mkdir()
+    for path in run_folder.iterdir():
+        (Path("mixed") / path.name).write_bytes(path.read_bytes())
+    (Path("mixed") / "notes.txt").write_text("mine")
+    assert cableway("plan", moved_file, "--quiet", "--out", "mixed").status == 0
+    assert names(Path("mixed")) == PLANNED | {"notes.txt"}
+
+
+def test_the_same_seed_gives_the_same_plan(cableway: Command, moved_file: Path, run_folder: Path):
+    assert cableway("plan", moved_file, "--quiet", "--seed", "3", "--out", "again") == (0, "", "")
+    first, second = Plan.load(run_folder / "plan.npz"), Plan.load("again/plan.npz")
+    assert np.array_equal(first.shapes, second.shapes)
+    assert np.array_equal(first.poses, second.poses)
+
+
+def test_json_is_the_report_alone(cableway: Command, moved_file: Path):
+    done = cableway("run", moved_file, "--controller", "open-loop", "--no-video", "--json", "--out", "o")
+    assert done.status == 0
+    assert json.loads(done.out) == report(Path("o"))
+    assert names(Path("o")) == TRACKED - {"rollout.mp4"}
+    assert "track" in done.err
+
+
+def test_a_task_without_a_plan_is_status_1_with_reason_and_picture(cableway: Command, sealed_file: Path):
+    done = cableway("run", sealed_file, "--controller", "open-loop", "--out", "o")
+    assert done.status == 1
+    assert names(Path("o")) == {"report.json", "plan.png", "task.yaml"}
+    content = report(Path("o"))
+    assert content["success"] is False
+    assert content["failure"]
+    assert content["configuration"]["plan"]["planner"]
+    assert "failed" in done.out
+    assert matplotlib.image.imread("o/plan.png").std() > 0.05
+    assert "Traceback" not in done.err
+
+
+def test_a_goal_that_is_missed_is_status_1(cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch):
+    """Grippers that never move leave the cable where it was."""
+    whole = OpenLoop.step
+    monkeypatch.setattr(OpenLoop, "step", lambda *args: (np.zeros((2, 3)), whole(*args)[1]))
+    done = cableway("run", moved_file, "--controller", "open-loop", "--no-video", "--out", "o")
+    assert done.status == 1
+    assert report(Path("o"))["failure"].startswith("the final shape error is ")
+    assert names(Path("o")) == TRACKED - {"rollout.mp4"}
+
+
+def test_an_interrupt_while_planning_leaves_what_was_there(
+    cableway: Command, moved_file: Path, run_folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    Path("o").mkdir()
+    (Path("o") / "plan.npz").write_bytes(b"earlier")
+    monkeypatch.setattr(planner, "verify_plan", interrupt)
+    done = cableway("plan", moved_file, "--out", "o")
+    assert (done.status, done.out) == (130, "")
+    assert done.err.endswith("cableway: interrupted\n")
+    assert names(Path("o")) == {"plan.npz"}
+    assert (Path("o") / "plan.npz").read_bytes() == b"earlier"
+
+
+def test_an_interrupt_while_tracking_leaves_the_plan(
+    cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(OpenLoop, "step", interrupt)
+    done = cableway("run", moved_file, "--controller", "open-loop", "--out", "o")
+    assert done.status == 130
+    assert names(Path("o")) == PLANNED
+    assert Plan.load("o/plan.npz").steps > 0
+    assert report(Path("o"))["success"] is True
+
+
+def test_an_interrupt_in_the_video_leaves_the_rollout_and_its_report(
+    cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(video._Stage, "frame", interrupt)
+    done = cableway("run", moved_file, "--controller", "open-loop", "--out", "o")
+    assert done.status == 130
+    assert names(Path("o")) == TRACKED - {"rollout.mp4"}
+    assert "shape_error" in report(Path("o"))
+
+
+def test_a_plant_that_cannot_start_is_reported(cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch):
+    from cableway.simulation import plant
+
+    def refuse(*_: object) -> None:
+        raise SimulationError("the cable overlaps the scene at the start")
+
+    monkeypatch.setattr(plant.CableSimulator, "__init__", refuse)
+    done = cableway("run", moved_file, "--controller", "open-loop", "--out", "o")
+    assert done.status == 1
+    assert report(Path("o"))["failure"] == "tracking failed: the cable overlaps the scene at the start"
+    assert names(Path("o")) == PLANNED
+
+
+def interrupt(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt

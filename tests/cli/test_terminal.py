@@ -1,0 +1,50 @@
+"""Laws of the stage timer and of the progress display."""
+
+from __future__ import annotations
+
+import pytest
+
+from cableway.cli.options import Options
+from cableway.cli.terminal import StageTimer, Terminal
+
+
+def test_every_second_is_counted_to_one_stage():
+    now, told = [100.0], []
+    timer = StageTimer(lambda stage, share: told.append((stage, share)), clock=lambda: now[0])
+    for wait, stage, share in (
+        (1.0, "a", 0.0),  # before the first word: to a
+        (2.0, "a", 0.5),
+        (4.0, "a", 1.0),
+        (8.0, "b", 0.0),  # between two stages: to the one that begins
+        (16.0, "c", 0.0),  # b never said that it ended
+        (32.0, "c", 1.0),
+        (64.0, "b", 1.0),
+    ):
+        now[0] += wait
+        timer(stage, share)
+    assert timer.seconds == {"a": 7.0, "b": 8.0 + 16.0 + 64.0, "c": 32.0}
+    assert sum(timer.seconds.values()) == now[0] - 100.0
+    assert told[:2] == [("a", 0.0), ("a", 0.5)]
+
+
+def test_progress_goes_to_stderr_and_each_stage_has_one_line(capsys: pytest.CaptureFixture[str]):
+    with Terminal(Options()).progress() as tell:
+        for stage, share in (("dig", 0.0), ("dig", 1.0), ("train: epoch 1", 0.3), ("train: epoch 2", 1.0)):
+            tell(stage, share)
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert [line.split()[0] for line in shown.err.splitlines()] == ["dig", "train"]
+    assert "epoch 2" in shown.err
+    assert shown.err.count("100%") == 2
+
+
+def test_quiet_is_quiet_and_json_is_json(capsys: pytest.CaptureFixture[str]):
+    for options in (Options(quiet=True), Options(json=True)):
+        terminal = Terminal(options)
+        with terminal.progress() as tell:
+            tell("dig", 1.0)
+        terminal.note("by the way")
+        terminal.result({"a": 1}, "table")
+        shown = capsys.readouterr()
+        assert shown.out == ("" if options.quiet else '{\n "a": 1\n}\n')
+        assert (shown.err == "") == options.quiet
