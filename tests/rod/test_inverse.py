@@ -112,15 +112,29 @@ def test_full_turns_of_a_gripper_change_nothing():
     np.testing.assert_allclose(rod.shapes(there[None])[0], rod.shapes(here[None])[0], atol=1e-9)
 
 
-def test_grippers_as_far_apart_as_the_rod_is_long_allow_the_straight_rod_alone():
+@pytest.mark.parametrize("angle", [0.0, 0.7, 2.0, -1.1])
+def test_grippers_as_far_apart_as_the_rod_is_long_allow_the_straight_rod_alone(angle: float):
     rod = Rod(0.3)
-    poses = np.array([[0.1, 0.1, 0.0], [0.4, 0.1, 0.0]])
+    poses = np.array([[0.5, 0.5, angle], [*np.array([0.5, 0.5]) + 0.3 * se2.direction(angle), angle]])
     found = equilibria_at(rod, poses)
     assert len(found) == 1
-    np.testing.assert_allclose(rod.shapes(found)[0][0][:, 1], 0.1, atol=1e-6)
+    across = rod.shapes(found)[0][0] @ se2.direction(angle + np.pi / 2)
+    np.testing.assert_allclose(across, across[0], atol=1e-6)
     for bend in ("left", "right"):
         with pytest.raises(InputError, match=f"no stable shape of the cable bends to the {bend}"):
             shape_between(rod, poses, bend)
+
+
+def test_even_the_first_guesses_are_their_own_mirror_image_and_reverse():
+    """With five of them not every shape is found, but the same ones in the mirror and from the other end."""
+    rod, rng = Rod(0.3), np.random.default_rng(0)
+    for _ in range(6):
+        poses = np.array([[0, 0, rng.uniform(-2, 2)], [rng.uniform(0.05, 0.28), 0, rng.uniform(-2, 2)]])
+        found = rod.shapes(equilibria_at(rod, poses, starts=5))[0]
+        mirrored = rod.shapes(equilibria_at(rod, poses * [1, -1, -1], starts=5))[0]
+        turned = rod.shapes(equilibria_at(rod, poses[::-1] + np.array([0, 0, np.pi]), starts=5))[0]
+        np.testing.assert_allclose(mirrored * [1, -1], found, atol=1e-9)
+        np.testing.assert_allclose(turned[:, ::-1], found, atol=1e-9)
 
 
 def test_grippers_farther_apart_than_the_rod_is_long_are_refused():

@@ -453,6 +453,8 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
          "obstacles[1].vertices is not convex, its edges cross; split it into convex parts"),
         (at("obstacles", 0, "center", [0.35, 0.7]), "obstacles[0] (box at (0.350, 0.700)) reaches outside the "
          "workspace of 0.7 m x 0.7 m, by 39.3 mm"),
+        (at("obstacles", 2, "center", [0.55, 0.68]), "obstacles[2] (disc at (0.550, 0.680)) reaches outside the "
+         "workspace of 0.7 m x 0.7 m, by 20.0 mm"),
         (at("obstacles", 2, "center", [-0.1, 0.3]), "obstacles[2] (disc at (-0.100, 0.300)) lies wholly outside the "
          "workspace of 0.7 m x 0.7 m, by 140.0 mm"),
         # shapes in the scene
