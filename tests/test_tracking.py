@@ -23,7 +23,7 @@ from cableway.tracking import TrackConfig, track
 ROD = Rod(0.3)
 PLAN = straight_plan(ROD, steps=40)
 TASK = task_for(PLAN)
-SHIFTED = START + [0.006, -0.004, 0.06, 0.0, 0.0, 0.0]
+SHIFTED = START + np.array([0.006, -0.004, 0.06, 0.0, 0.0, 0.0])
 """A start that lies 7 mm and 3.4 degrees beside the planned one."""
 
 EAGER = OpenLoop(OpenLoopConfig(hold=0.0))
@@ -64,9 +64,7 @@ def test_open_loop_keeps_an_initial_offset_that_control_removes(shifted: Rollout
 
 def test_in_the_simulator_control_removes_an_initial_offset(mpc: NeuralMPC) -> None:
     """The simulated cable starts beside the first row of the plan, and ends within 5 mm of its last."""
-    moved = task_for(
-        replace(PLAN, shapes=np.concatenate([ROD.at_keypoints(ROD.shapes(SHIFTED[None])[0]), PLAN.shapes]))
-    )
+    moved = replace(TASK, start=ROD.at_keypoints(ROD.shapes(SHIFTED[None])[0])[0])
     rollout = track(CableSimulator(moved), mpc, PLAN)
     assert stacked(rollout.keypoints[0], PLAN.shapes[0]) > 0.02
     assert stacked(rollout.keypoints[-1], TASK.goal) < 0.005

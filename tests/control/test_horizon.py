@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from quasi_static import outward, straight_plan, task_for
@@ -13,6 +15,7 @@ from cableway.errors import InputError
 from cableway.geometry import convex
 from cableway.rod.equilibrium import Rod
 from cableway.scene.obstacles import Box, Disc
+from cableway.scene.scene import Scene
 from cableway.scene.task import Grippers, Task
 
 PLAN = straight_plan(Rod(0.3))
@@ -96,22 +99,16 @@ def test_the_barrier_is_that_of_the_paper_near_contact() -> None:
 def test_points_between_keypoints_are_seen() -> None:
     line = PLAN.shapes[0]
     between = (line[5] + line[6]) / 2
-    task = FREE.__class__(
-        name="pin",
-        scene=FREE.scene.__class__(obstacles=(Disc(center=(between[0], between[1] + 0.0115), radius=0.003),)),
-        cable=FREE.cable,
+    task = replace(
+        FREE,
+        scene=Scene(obstacles=(Disc(center=(between[0], between[1] + 0.0115), radius=0.003),)),
         start=PLAN.shapes[0] - [0.0, 0.01],
-        goal=PLAN.shapes[-1],
     )
     target = Target(PLAN.shapes[[0] * H], PLAN.poses[[0] * H], np.zeros((H, 2, 3)))
-    sizes = {
-        pieces: len(
-            HorizonCost(task, MPCConfig(pieces=pieces)).terms(target.shapes, PLAN.poses[0], target.actions, target)[3][
-                0
-            ]
-        )
-        for pieces in (1, 4)
-    }
+    sizes = {}
+    for pieces in (1, 4):
+        cost = HorizonCost(task, MPCConfig(pieces=pieces))
+        sizes[pieces] = len(cost.terms(target.shapes, PLAN.poses[0], target.actions, target)[3][0])
     assert sizes[4] > sizes[1]
 
 

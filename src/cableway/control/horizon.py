@@ -61,6 +61,7 @@ class HorizonCost:
         """All terms for predicted `shapes` [m] and `actions` from gripper `poses`."""
         config, cable, derivative = self._config, self._task.cable, self._poses_by_actions
         reached = poses + np.cumsum(actions, axis=0)
+        planned = np.linalg.norm(target.poses[:, 1, :2] - target.poses[:, 0, :2], axis=1)
         return [
             terms.tracking(shapes, target.shapes, config.tracking_weight),
             terms.deviation(actions, target.actions, config.control_weight * self._units, np.eye(actions.size)),
@@ -71,7 +72,7 @@ class HorizonCost:
                 reached[:, 1, :2] - reached[:, 0, :2],
                 derivative[:, 1, :2] - derivative[:, 0, :2],
                 self._task.grippers.separation,
-                config.stretch * cable.length,
+                np.maximum(config.stretch * cable.length, planned),
                 config.stretch_weight,
             ),
         ]
@@ -108,17 +109,18 @@ class HorizonCost:
 
 @dataclass(frozen=True)
 class ActionBox:
-    """Unknowns in which the allowed actions contain a box: actions = basis @ x, |x| <= bound.
+    """Unknowns in which the allowed actions contain a box, |x| <= bound.
 
     For each gripper and action one side of the box lies along the wanted step and reaches `HEADROOM` beyond it, the
-    other reaches as far as the disc of allowed steps lets it; without a wanted step the box is a square.
+    other reaches as far as the disc of allowed steps lets it; without a wanted step the box is a square. The third
+    unknown is the turn.
 
     Attributes:
-        basis: (a, a) [m or rad per unit].
+        basis: (2 H, 3, 3) from three unknowns to one gripper's action [m or rad per unit].
         bound: (a,) half the width of the box.
     """
 
-    basis: Float[np.ndarray, "a a"]
+    basis: Float[np.ndarray, "g 3 3"]
     bound: Float[np.ndarray, "a"]
 
     @classmethod
@@ -128,18 +130,22 @@ class ActionBox:
         size = np.linalg.norm(moves, axis=1)
         long = np.clip(size / grippers.max_step + HEADROOM, np.sqrt(0.5), LONGEST_SIDE)
         along = np.where(size[:, None] > 1e-9, moves / np.maximum(size, 1e-9)[:, None], [1.0, 0.0])
-        basis = np.zeros((len(moves), 3, len(moves), 3))
-        each = np.arange(len(moves))
-        basis[each, :2, each, 0] = grippers.max_step * along
-        basis[each, :2, each, 1] = grippers.max_step * np.stack([-along[:, 1], along[:, 0]], axis=1)
-        basis[each, 2, each, 2] = grippers.max_turn
-        bound = np.column_stack([long, np.sqrt(1 - long**2), np.ones(len(moves))])
-        return cls(basis.reshape(bound.size, bound.size), bound.ravel())
+        basis = np.zeros((len(moves), 3, 3))
+        basis[:, :2, 0] = grippers.max_step * along
+        basis[:, :2, 1] = grippers.max_step * np.stack([-along[:, 1], along[:, 0]], axis=1)
+        basis[:, 2, 2] = grippers.max_turn
+        return cls(basis, np.column_stack([long, np.sqrt(1 - long**2), np.ones(len(moves))]).ravel())
 
     def actions(self, x: Float[np.ndarray, "a"]) -> Float[np.ndarray, "H 2 3"]:
         """The actions that unknowns stand for."""
-        return (self.basis @ x).reshape(-1, 2, 3)
+        return np.einsum("gxu,gu->gx", self.basis, x.reshape(-1, 3)).reshape(-1, 2, 3)
+
+    def by_unknowns(self, by_actions: Float[np.ndarray, "m a"]) -> Float[np.ndarray, "m a"]:
+        """A derivative by the unknowns from that by the actions."""
+        split = by_actions.reshape(len(by_actions), -1, 3)
+        return np.einsum("mgx,gxu->mgu", split, self.basis).reshape(by_actions.shape)
 
     def unknowns(self, actions: Float[np.ndarray, "H 2 3"]) -> Float[np.ndarray, "a"]:
-        """The unknowns of actions; the columns of the basis are orthogonal."""
-        return (self.basis.T @ actions.ravel()) / np.sum(self.basis**2, axis=0)
+        """The unknowns of actions; the columns of each basis are orthogonal."""
+        x = np.einsum("gxu,gx->gu", self.basis, actions.reshape(-1, 3)) / np.sum(self.basis**2, axis=1)
+        return x.ravel()

@@ -28,7 +28,8 @@ class MPCConfig:
         pieces: Points costed per segment between keypoints; 1 for keypoints alone, as in the paper.
         feedforward: Regularise towards the plan's gripper steps instead of, as in the paper, towards no motion.
         offset_gain: Share of the newest prediction error that enters the output offset; 0 for no offset (paper).
-        stretch: Distance between the grippers over the cable's length from where it costs.
+        stretch: Distance between the grippers over the cable's length from where it costs; where the plan stretches
+            the cable farther, the plan's distance.
         stretch_weight: w_s [1/m^2]; 0 for no such cost (paper).
         longest: Distance between the grippers over the cable's length that is never exceeded.
         hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
@@ -39,7 +40,7 @@ class MPCConfig:
     iterations: int = 15
     tolerance: float = 1e-3
     tracking_weight: float = 150.0
-    obstacle_weight: float = 3000.0
+    obstacle_weight: float = 1e5
     control_weight: float = 1e4
     pose_weight: float = 300.0
     turn_lever: float = 0.1

@@ -5,7 +5,7 @@ the plan's shapes and gripper steps and b the output offset, find the actions a_
 
     sum_{k=1..H}   lambda_1/2 |s_k + b_k - s_ref,k|^2                                     tracking
                  + lambda_2   obstacle(clearance of the cable and of the gripper discs)   `terms.clearance`
-                 + w_s/2      max(0, |x_R,k - x_L,k| - stretch L)^2                       stretch
+                 + w_s/2      max(0, |x_R,k - x_L,k| - max(stretch L, planned))^2         stretch
                  + lambda_3/2 |a_{k-1} - a_ref,k-1|^2_R                                   control
 
 least, subject to s_{k+1} = s_k + f(s_k, y_k, a_k), y_{k+1} = y_k + a_k and the grippers' limits; then send a_0.
@@ -156,7 +156,7 @@ class NeuralMPC(Controller[MPCState]):
 
             def derivative() -> np.ndarray:
                 by_actions = problem.predictor.linearized(keypoints, poses, actions)[1]
-                return np.concatenate([rows(by_actions) for _, rows in terms]) @ box.basis
+                return box.by_unknowns(np.concatenate([rows(by_actions) for _, rows in terms]))
 
             return np.concatenate([residual for residual, _ in terms]), derivative
 

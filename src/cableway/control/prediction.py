@@ -23,7 +23,7 @@ class Predictor:
     """
 
     horizon: int
-    _arrays: Any
+    _weights: list[jax.Array]
     _shapes: Callable[..., jax.Array]
     _linearized: Callable[..., tuple[jax.Array, jax.Array]]
 
@@ -34,7 +34,7 @@ class Predictor:
         actions: Float[np.ndarray, "H 2 3"],
     ) -> Float[np.ndarray, "H n 2"]:
         """Keypoints [m] after each action."""
-        return np.asarray(self._shapes(self._arrays, *_single(keypoints, poses, actions)), float)
+        return np.asarray(self._shapes(self._weights, *_single(keypoints, poses, actions)), float)
 
     def linearized(
         self,
@@ -43,20 +43,22 @@ class Predictor:
         actions: Float[np.ndarray, "H 2 3"],
     ) -> tuple[Float[np.ndarray, "H n 2"], Float[np.ndarray, "H n 2 a"]]:
         """Keypoints [m] after each action, and their derivative by all a = 6 H numbers of the actions."""
-        shapes, jacobian = self._linearized(self._arrays, *_single(keypoints, poses, actions))
+        shapes, jacobian = self._linearized(self._weights, *_single(keypoints, poses, actions))
         return np.asarray(shapes, float), np.asarray(jacobian, float).reshape(*shapes.shape, -1)
 
 
 def compile_predictor(model: DeformationModel, horizon: int, keypoints: int) -> Predictor:
     """Compile the rollout of `model` for `horizon` actions and a cable of `keypoints` points."""
     arrays, rest = eqx.partition(model, eqx.is_array)
+    # A flat list, because JAX would take a model apart anew at every call.
+    weights, structure = jax.tree.flatten(arrays)
 
-    def shapes(arrays: Any, keypoints: jax.Array, poses: jax.Array, actions: jax.Array) -> jax.Array:
-        return rollout(eqx.combine(arrays, rest), keypoints, poses, actions)
+    def shapes(weights: list[jax.Array], keypoints: jax.Array, poses: jax.Array, actions: jax.Array) -> jax.Array:
+        return rollout(eqx.combine(jax.tree.unflatten(structure, weights), rest), keypoints, poses, actions)
 
-    def linearized(arrays: Any, keypoints: jax.Array, poses: jax.Array, actions: jax.Array) -> Any:
+    def linearized(weights: list[jax.Array], keypoints: jax.Array, poses: jax.Array, actions: jax.Array) -> Any:
         def twice(actions: jax.Array) -> Any:
-            predicted = shapes(arrays, keypoints, poses, actions)
+            predicted = shapes(weights, keypoints, poses, actions)
             return predicted, predicted
 
         jacobian, predicted = jax.jacfwd(twice, has_aux=True)(actions)
@@ -65,8 +67,8 @@ def compile_predictor(model: DeformationModel, horizon: int, keypoints: int) -> 
     example = _single(np.zeros((keypoints, 2)), np.zeros((2, 3)), np.zeros((horizon, 2, 3)))
     compiled = [jax.jit(function) for function in (shapes, linearized)]
     for function in compiled:
-        jax.block_until_ready(function(arrays, *example))
-    return Predictor(horizon, arrays, *compiled)
+        jax.block_until_ready(function(weights, *example))
+    return Predictor(horizon, weights, *compiled)
 
 
 def _single(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:

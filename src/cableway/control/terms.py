@@ -82,7 +82,11 @@ def clearance(
 
 
 def separation(
-    gaps: Float[np.ndarray, "H 2"], derivative: Float[np.ndarray, "H 2 a"], least: float, most: float, weight: float
+    gaps: Float[np.ndarray, "H 2"],
+    derivative: Float[np.ndarray, "H 2 a"],
+    least: float,
+    most: Float[np.ndarray, "H"],
+    weight: float,
 ) -> Term:
     """weight/2 times the squares of how far the distance between the grippers [m] is outside [least, most]."""
     distance = np.linalg.norm(gaps, axis=-1)
