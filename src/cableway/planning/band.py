@@ -186,7 +186,7 @@ def _slots(path, keep, world, scale, reach):
         before, after = max(i - 1, 0), min(i + 1, m - 1)
         nx, ny = path[before, 1] - path[after, 1], path[after, 0] - path[before, 0]
         norm = max(math.hypot(nx, ny), 1e-12)
-        at[i, reach] = path[i]
+        at[i, reach, 0], at[i, reach, 1] = path[i, 0], path[i, 1]
         d[i, reach] = distance_at(path[i, 0], path[i, 1], world)
         if i == 0 or i == m - 1:
             continue
@@ -237,7 +237,7 @@ def relax(path, world, radius, target, pull, length_weight, clearance_weight, sc
                     best[i, j], previous[i, j] = cost, k
     j = reach
     for i in range(m - 1, 0, -1):
-        path[i] = at[i, j]
+        path[i, 0], path[i, 1] = at[i, j, 0], at[i, j, 1]
         j = previous[i, j]
 
 
@@ -260,15 +260,20 @@ def _sweeps_over(path, i, x, y, points):
 
 
 @kernel
-def _both_free(path, i, x, y, here, d, world, keep, exact):
-    """Whether both segments of vertex i stay free with the vertex at (x, y), from distances alone unless `exact`."""
+def _surely_free(path, i, x, y, here, d, keep):
+    """Whether both segments of vertex i stay free with it at (x, y), by lower bounds of the distances alone."""
     for j, required in ((i - 1, keep[i - 1]), (i + 1, keep[i])):
-        if exact:
-            if not is_free(path[j, 0], path[j, 1], d[j], x, y, here, world, required):
-                return False
-        elif min(here, d[j]) < required or here + d[j] - math.hypot(path[j, 0] - x, path[j, 1] - y) < 2 * required:
+        if min(here, d[j]) < required or here + d[j] - math.hypot(path[j, 0] - x, path[j, 1] - y) < 2 * required:
             return False
     return True
+
+
+@kernel
+def _both_free(path, i, x, y, here, d, world, keep):
+    """The same by exact distances."""
+    return is_free(path[i - 1, 0], path[i - 1, 1], d[i - 1], x, y, here, world, keep[i - 1]) and is_free(
+        x, y, here, path[i + 1, 0], path[i + 1, 1], d[i + 1], world, keep[i]
+    )
 
 
 @kernel
@@ -299,15 +304,13 @@ def smooth(path, world, radius, points, bending, sweeps):
                 if move < 1e-7:
                     break
                 here = d[i] - move
-                if not _both_free(path, i, x, y, here, d, world, keep, False):
+                free = _surely_free(path, i, x, y, here, d, keep)
+                if not free:
                     here = distance_at(x, y, world)
                     for j in (i - 1, i + 1):
                         d[j] = distance_at(path[j, 0], path[j, 1], world)
-                    if not _both_free(path, i, x, y, here, d, world, keep, True):
-                        x, y = 0.5 * (x + path[i, 0]), 0.5 * (y + path[i, 1])
-                        continue
-                if _sweeps_over(path, i, x, y, points):
-                    x, y = 0.5 * (x + path[i, 0]), 0.5 * (y + path[i, 1])
-                    continue
-                path[i, 0], path[i, 1], d[i] = x, y, here
-                break
+                    free = _both_free(path, i, x, y, here, d, world, keep)
+                if free and not _sweeps_over(path, i, x, y, points):
+                    path[i, 0], path[i, 1], d[i] = x, y, here
+                    break
+                x, y = 0.5 * (x + path[i, 0]), 0.5 * (y + path[i, 1])

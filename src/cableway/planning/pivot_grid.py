@@ -177,11 +177,11 @@ def _trace(parent, last, ny, hx, hy, start, goal):
     if count == 0:
         return np.empty((0, 2))
     path = np.empty((count + 1, 2))
-    path[count] = goal
+    path[count, 0], path[count, 1] = goal[0], goal[1]
     node = last
     while node > 0:
         count -= 1
         path[count, 0], path[count, 1] = (node - 1) // ny * hx, (node - 1) % ny * hy
         node = parent[node]
-    path[0] = start
+    path[0, 0], path[0, 1] = start[0], start[1]
     return path
