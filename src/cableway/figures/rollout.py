@@ -79,7 +79,7 @@ def draw_errors(
     floor = 1e-4
     curves = ((to_reference, style.LEFT, 1.3, "to the reference"), (to_goal, style.INK, 1.7, "to the goal"))
     for curve, color, width, name in curves:
-        label = f"{name}, final {1000 * curve[-1]:.2g} mm"
+        label = f"{name}, final {1000 * curve[-1]:.2f} mm"
         ax.plot(times, 1000 * np.maximum(curve, floor), color=color, linewidth=width, label=label)
     ax.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=1.0, linestyle="--")
     ax.annotate(

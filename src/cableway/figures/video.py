@@ -40,6 +40,9 @@ FINAL_PAUSE = 1.5
 FASTEST = 20
 """Most frames a second; a faster run leaves rows out."""
 
+BELOW_LEGEND = 0.8
+"""Share of the curves' height that their legend leaves free; drawing a legend in every frame would be slow."""
+
 
 def write_video(
     path: Path, task: Task, rollout: Rollout, *, progress: Callable[[str, float], None] | None = None
@@ -186,13 +189,12 @@ class _Stage:
         for ax in (above, below):
             for line in ax.lines[:2]:
                 line.set_alpha(0.9)
-            future = ax.axvspan(0, 1, color="white", alpha=0.75, linewidth=0, zorder=3)
-            cursor = ax.axvline(0, color=style.GOAL, linewidth=1.2, zorder=4)
+            future = ax.axvspan(0, 1, ymax=BELOW_LEGEND, color="white", alpha=0.75, linewidth=0, zorder=3)
+            cursor = ax.axvline(0, ymax=BELOW_LEGEND, color=style.GOAL, linewidth=1.2, zorder=4)
             ax.set_xlim(0, max(float(rollout.times[-1]), 1e-3))
             self._cursors.append((future, cursor))
-            for artist in (future, cursor, ax.get_legend()):
-                assert artist is not None
-                self._add(ax, artist)
+            self._add(ax, future)
+            self._add(ax, cursor)
 
     def frame(self, row: int) -> np.ndarray:
         """The picture of one row."""
