@@ -1,0 +1,47 @@
+"""All commands, and reading a command line."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import tyro
+
+from cableway.cli.check import Check
+from cableway.cli.collect import Collect
+from cableway.cli.models import Models
+from cableway.cli.options import Options
+from cableway.cli.plan import Plan
+from cableway.cli.run import Run
+from cableway.cli.show import Show
+from cableway.cli.tasks import Tasks
+from cableway.cli.train import Train
+
+DESCRIPTION = """A cable's way through clutter: plan how two grippers lead a cable past obstacles, and lead it there.
+
+Exit status: 0 done and the task succeeded, 1 done but it did not, 2 the input was wrong, 130 interrupted."""
+
+Command = (
+    Annotated[Tasks, tyro.conf.subcommand("tasks")]
+    | Annotated[Show, tyro.conf.subcommand("show")]
+    | Annotated[Plan, tyro.conf.subcommand("plan")]
+    | Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[Collect, tyro.conf.subcommand("collect")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Models, tyro.conf.subcommand("models")]
+)
+
+
+def parse(arguments: list[str]) -> Options:
+    """The command that a command line asks for.
+
+    Raises:
+        SystemExit: It asks for help (status 0), or it cannot be read (status 2).
+    """
+    return tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]
+        prog="cableway",
+        description=DESCRIPTION,
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+    )
