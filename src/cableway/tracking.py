@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
 from cableway.control.base import Controller, ControllerState
 from cableway.errors import InputError, SimulationError
@@ -130,6 +131,8 @@ class _Log:
         )
 
 
+# Threads of the linear algebra library cost more than they save on matrices of this size, most on a busy machine.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def track(
     plant: Plant,
     controller: Controller[Any],

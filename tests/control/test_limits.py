@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cableway.control.limits import within_limits
+from cableway.control.limits import longest_gap, within_limits
 from cableway.scene.task import Grippers
 
 GRIPPERS = Grippers()
@@ -59,3 +59,10 @@ def test_an_action_that_is_not_finite_is_standing_still(bad: float) -> None:
     action = np.full((2, 3), 0.001)
     action[1, 2] = bad
     np.testing.assert_array_equal(within_limits(action, np.zeros((2, 3)), GRIPPERS, LONGEST), 0.0)
+
+
+def test_a_plan_may_pull_the_cable_straighter_but_not_tear_it() -> None:
+    """The share holds below it and for a plan that no cable of this length allows; in between the plan does."""
+    apart = np.array([0.2, 0.2995, 0.31])
+    gaps = np.stack([np.zeros((3, 3)), np.column_stack([apart, np.zeros((3, 2))])], axis=1)
+    np.testing.assert_allclose(longest_gap(gaps, 0.3, 0.99), [0.297, 0.2995, 0.297])

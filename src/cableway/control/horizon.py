@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control import terms
+from cableway.control.limits import longest_gap
 from cableway.control.mpc_config import MPCConfig
 from cableway.geometry import polyline
 from cableway.scene.task import Grippers, Task
@@ -61,7 +62,6 @@ class HorizonCost:
         """All terms for predicted `shapes` [m] and `actions` from gripper `poses`."""
         config, cable, derivative = self._config, self._task.cable, self._poses_by_actions
         reached = poses + np.cumsum(actions, axis=0)
-        planned = np.linalg.norm(target.poses[:, 1, :2] - target.poses[:, 0, :2], axis=1)
         return [
             terms.tracking(shapes, target.shapes, config.tracking_weight),
             terms.deviation(actions, target.actions, config.control_weight * self._units, np.eye(actions.size)),
@@ -72,7 +72,7 @@ class HorizonCost:
                 reached[:, 1, :2] - reached[:, 0, :2],
                 derivative[:, 1, :2] - derivative[:, 0, :2],
                 self._task.grippers.separation,
-                np.maximum(config.stretch * cable.length, planned),
+                longest_gap(target.poses, cable.length, config.stretch),
                 config.stretch_weight,
             ),
         ]

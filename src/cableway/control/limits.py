@@ -39,6 +39,15 @@ def within_limits(
     return np.column_stack([np.stack([together - share * apart, together + share * apart]), turns])
 
 
+def longest_gap(poses: Float[np.ndarray, "H 2 3"], length: float, share: float) -> Float[np.ndarray, "H"]:
+    """Largest distance [m] allowed between the grippers: `share` of the cable's length [m], or the plan's if longer.
+
+    A plan that pulls the grippers farther apart than the cable is long is not believed.
+    """
+    planned = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+    return np.where(planned <= length, np.maximum(planned, share * length), share * length)
+
+
 def shorten(moves: Float[np.ndarray, "... 2"], most: float) -> Float[np.ndarray, "... 2"]:
     """Vectors no longer than `most` [m], in their own direction."""
     norms = np.linalg.norm(moves, axis=-1, keepdims=True)

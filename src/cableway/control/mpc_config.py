@@ -31,7 +31,7 @@ class MPCConfig:
         stretch: Distance between the grippers over the cable's length from where it costs; where the plan stretches
             the cable farther, the plan's distance.
         stretch_weight: w_s [1/m^2]; 0 for no such cost (paper).
-        longest: Distance between the grippers over the cable's length that is never exceeded.
+        longest: Distance between the grippers over the cable's length that is never exceeded, unless by the plan.
         hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
         blind_steps: Steps in a row that go on by feedforward without a usable observation before the grippers stop.
     """

@@ -32,7 +32,7 @@ from jaxtyping import Float
 from cableway.control.base import Controller, ControllerState, Status
 from cableway.control.gauss_newton import Residual, Solution, minimize_in_box
 from cableway.control.horizon import ActionBox, HorizonCost, Target
-from cableway.control.limits import within_limits
+from cableway.control.limits import longest_gap, within_limits
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.prediction import Predictor, compile_predictor
 from cableway.control.reference import PlanReference, reference_for
@@ -96,11 +96,12 @@ class NeuralMPC(Controller[MPCState]):
     def __init__(self, model: DeformationModel, config: MPCConfig | None = None) -> None:
         self.model = model
         self.config = config or MPCConfig()
+        self._predictors: dict[int, Predictor] = {}
 
     def init(self, task: Task, plan: Plan) -> MPCState:
         """See `Controller.init`."""
         reference = reference_for(task, plan, self.config.hold)
-        predictor = compile_predictor(self.model, self.config.horizon, task.cable.keypoints)
+        predictor = self._predictor(task.cable.keypoints)
         return MPCState(
             status=Status.STARTED,
             reference=reference.shape(0),
@@ -126,6 +127,12 @@ class NeuralMPC(Controller[MPCState]):
             return self._track(state, np.array(observation.keypoints, float))
         except ControlError:
             return self._go_on(state, Status.FAILED)
+
+    def _predictor(self, keypoints: int) -> Predictor:
+        """Compiled once per number of keypoints, whatever the number of runs."""
+        if keypoints not in self._predictors:
+            self._predictors[keypoints] = compile_predictor(self.model, self.config.horizon, keypoints)
+        return self._predictors[keypoints]
 
     def _track(self, state: MPCState, keypoints: np.ndarray) -> tuple[np.ndarray, MPCState]:
         problem, gain = state.problem, self.config.offset_gain
@@ -190,8 +197,9 @@ class NeuralMPC(Controller[MPCState]):
         return action, _advanced(replace(state, actions=wanted), action, status)
 
     def _limited(self, state: MPCState, action: np.ndarray) -> np.ndarray:
-        task = state.problem.task
-        return within_limits(action, state.poses, task.grippers, self.config.longest * task.cable.length)
+        task, planned = state.problem.task, state.problem.reference.poses(state.index, 1)
+        longest = longest_gap(planned, task.cable.length, self.config.longest)
+        return within_limits(action, state.poses, task.grippers, float(longest[0]))
 
 
 def nearest_turns(wanted: Float[np.ndarray, "H 2 3"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "H 2 3"]:
