@@ -200,7 +200,7 @@ def test_unusable_observations_go_on_by_feedforward_then_stop(started: Shared, n
 def test_limits_hold_whatever_is_seen(started: Shared) -> None:
     controller, state = started()
     rng = np.random.default_rng(4)
-    grippers, believed = TASK.grippers, PLAN.poses[0].copy()
+    grippers = TASK.grippers
     hostile = list(HOSTILE.values())
     for row in range(150):
         kind = rng.integers(4)
@@ -218,7 +218,6 @@ def test_limits_hold_whatever_is_seen(started: Shared) -> None:
         assert np.abs(action[:, 2]).max() <= grippers.max_turn
         assert state.status in set(Status)
         assert np.isfinite(state.offset).all()
-        assert np.isfinite(believed).all()
 
 
 class Broken(DeformationModel):

@@ -1,8 +1,8 @@
 """What a controller is: `init(task, plan)` makes a state, `step(state, observation)` an action and the next state.
 
 Nothing but compiled code is kept in the controller itself, so one controller can lead any number of runs. All
-compilation belongs in `init`. A `step` always answers: where it cannot use what it saw it says so in the state's status and goes on with
-the plan's own gripper motion, or stands still.
+compilation belongs in `init`. A `step` always answers: where it cannot use what it saw it says so in the state's
+status and goes on with the plan's own gripper motion, or stands still.
 """
 
 from __future__ import annotations
