@@ -89,13 +89,13 @@ def test_wrong_ends_are_found(good):
     """A plan that stops short, or begins elsewhere, is no plan for this task."""
     task, plan = good
     cut = slice(0, -3)
-    assert failed(
-        replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut], progress=plan.progress[cut]), task
-    ) == {"distance to goal"}
+    assert failed(replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut], progress=plan.progress[cut]), task) == {
+        "distance to goal"
+    }
     cut = slice(3, None)
-    assert failed(
-        replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut], progress=plan.progress[cut]), task
-    ) == {"distance to start"}
+    assert failed(replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut], progress=plan.progress[cut]), task) == {
+        "distance to start"
+    }
 
 
 def test_skipping_rows_breaks_the_gripper_limits(good):

@@ -29,9 +29,7 @@ Progress = Callable[[str, float], None]
 
 # Threads of the linear algebra library wait for each other at every column of a banded factor: 20 times slower.
 @threadpool_limits.wrap(limits=1, user_api="blas")
-def plan(
-    task: Task, *, seed: int = 0, config: PlannerConfig | None = None, progress: Progress | None = None
-) -> Plan:
+def plan(task: Task, *, seed: int = 0, config: PlannerConfig | None = None, progress: Progress | None = None) -> Plan:
     """Find a verified sequence of shapes and gripper poses from start to goal.
 
     Args:

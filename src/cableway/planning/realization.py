@@ -9,7 +9,7 @@ Note:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -35,7 +35,7 @@ class RealizationConfig:
         fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
     """
 
-    refinement: RefinementConfig = RefinementConfig()
+    refinement: RefinementConfig = field(default_factory=RefinementConfig)
     row_step: float = 0.012
     limit_share: float = 0.7
     keypoint_step: float = 1.5
@@ -77,9 +77,7 @@ def realize(sequence: DeformationSequence, task: Task, config: RealizationConfig
     return RealizedSequence(q, progress)
 
 
-def end_equilibria(
-    task: Task, config: RealizationConfig
-) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
+def end_equilibria(task: Task, config: RealizationConfig) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
     """The equilibria nearest to start and goal.
 
     Raises:

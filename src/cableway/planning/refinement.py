@@ -24,7 +24,6 @@ from jaxtyping import Float
 from scipy.linalg import LinAlgError, solveh_banded
 
 from cableway.geometry import convex
-from cableway.rod.equilibrium import Rod
 from cableway.scene.task import Task
 
 

@@ -49,9 +49,7 @@ def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> De
     travel = float(polyline.length(curve)) - last
     shares = np.linspace(0.0, 1.0, max(8, int(np.ceil(travel / ROW_STEP))) + 1)
     along = np.linspace(0.0, 1.0, len(start))
-    shapes = np.array(
-        [polyline.point_at(curve, f * travel + along * ((1 - f) * first + f * last)) for f in shares]
-    )
+    shapes = np.array([polyline.point_at(curve, f * travel + along * ((1 - f) * first + f * last)) for f in shares])
     shapes[0], shapes[-1] = start, goal
     if leading == "tail":
         shapes = shapes[:, ::-1]

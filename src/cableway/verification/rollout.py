@@ -28,7 +28,7 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
     error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
     begin = float(np.linalg.norm(rollout.keypoints[0] - task.start))
     measured = np.linalg.norm(np.diff(rollout.centreline, axis=1), axis=2).sum(1)
-    curves = shapely.linestrings(rollout.centreline)
+    curves = np.asarray(shapely.linestrings(rollout.centreline))
     off = shapely.distance(curves[:, None], shapely.points(rollout.keypoints)).max(1)
     held = np.linalg.norm(rollout.poses[:, :, :2] - rollout.centreline[:, [0, -1]], axis=2).max(1)
     checks = [

@@ -57,13 +57,13 @@ def closest_approach(lines: Float[np.ndarray, "t m 2"], scene: Scene) -> Closest
 
 def _distances(lines: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Distance (t,) of each polyline (t, m, 2), a single point where m = 1, and the obstacle that is nearest."""
-    points = shapely.points(lines)
-    curves = shapely.linestrings(lines) if lines.shape[1] > 1 else points[:, 0]
+    points = np.asarray(shapely.points(lines))
+    curves = np.asarray(shapely.linestrings(lines)) if lines.shape[1] > 1 else points[:, 0]
     x, y = lines[..., 0], lines[..., 1]
     width, height = scene.size
     rows = []
     for solid in scene.solids:
-        gap = shapely.distance(curves, solid)
+        gap = np.asarray(shapely.distance(curves, solid))
         inside = shapely.contains_xy(solid, x, y)
         hit = inside.any(1)
         if hit.any():
