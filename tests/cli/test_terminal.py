@@ -18,11 +18,14 @@ def test_every_second_is_counted_to_one_stage():
         (8.0, "b", 0.0),  # between two stages: to the one that begins
         (16.0, "c", 0.0),  # b never said that it ended
         (32.0, "c", 1.0),
-        (64.0, "b", 1.0),
+        (64.0, "b", 0.0),
     ):
         now[0] += wait
         timer(stage, share)
-    assert timer.seconds == {"a": 7.0, "b": 8.0 + 16.0 + 64.0, "c": 32.0}
+    now[0] += 128.0  # b failed
+    timer.stop()
+    timer.stop()
+    assert timer.seconds == {"a": 7.0, "b": 8.0 + 16.0 + 64.0 + 128.0, "c": 32.0}
     assert sum(timer.seconds.values()) == now[0] - 100.0
     assert told[:2] == [("a", 0.0), ("a", 0.5)]
 

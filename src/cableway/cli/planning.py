@@ -92,6 +92,7 @@ def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal
         plan = find_plan(task, seed=seed, config=config, progress=timer)
         mark_compiled()
     except PlanningError as error:
+        timer.stop()
         mark_compiled()
         configuration = {"plan": {"planner": describe(config)}}
         report = summarize(task, None, attempt=error.attempt, problem=str(error), configuration=configuration, **common)

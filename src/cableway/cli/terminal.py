@@ -94,11 +94,20 @@ class StageTimer:
 
     def __call__(self, stage: str, share: float) -> None:
         """Count the time since the last call to the stage that was running, or else to this one."""
-        now = self._clock()
-        name = self._running or stage
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._last
-        self._running, self._last = stage if share < 1 else "", now
+        self._count(self._running or stage)
+        self._running = stage if share < 1 else ""
         self._tell(stage, share)
+
+    def stop(self) -> None:
+        """Count the time since the last call to the stage that never said that it ended, if there is one."""
+        if self._running:
+            self._count(self._running)
+            self._running = ""
+
+    def _count(self, stage: str) -> None:
+        now = self._clock()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+        self._last = now
 
 
 def pairs(rows: list[tuple[str, str]]) -> Table:

@@ -45,23 +45,21 @@ def plan_figure(task: Task, plan: Plan) -> Figure:
 def attempt_figure(task: Task, attempt: Attempt) -> Figure:
     """How far planning got before it failed, and why it did."""
     width, height = scene.panel_size(task)
-    reason = style.wrap(f"No plan: {attempt.reason}", 120)
+    panels = 1 if attempt.shapes is None else 2
+    wide = LEFT + panels * width + (panels - 1) * (BETWEEN + BAR) + 0.4
+    reason = style.wrap(f"No plan: {attempt.reason}", int(11 * wide))
     tall = BELOW + height + ABOVE + 0.2 + 0.2 * len(reason)
-    figure = style.new_figure(LEFT + 2 * width + BETWEEN + BAR, tall)
-    guide, reached = (style.add_axes(figure, LEFT + i * (width + BETWEEN), BELOW, width, height) for i in (0, 1))
+    figure = style.new_figure(wide, tall)
+    guide = style.add_axes(figure, LEFT, BELOW, width, height)
     paths = attempt.path_set
     pivot = attempt.pivot if paths is None else paths.pivot
     draw_guide(guide, task, pivot, None if paths is None else paths.paths, None if paths is None else paths.passages)
     style.title(guide, f"{task.name}: {'no guide found' if pivot is None else 'the guide'}")
-    if attempt.shapes is None:
-        scene.draw_scene(reached, task)
-        scene.draw_end_shapes(reached, task)
-    else:
+    if attempt.shapes is not None:
+        reached = style.add_axes(figure, LEFT + width + BETWEEN, BELOW, width, height)
         draw_shapes(reached, task, attempt.shapes)
-    style.title(reached, "no shapes reached" if attempt.shapes is None else "the closest attempt")
-    figure.text(
-        LEFT / figure.get_size_inches()[0], 1 - 0.14 / tall, "\n".join(reason), fontsize=10, color=style.BAD, va="top"
-    )
+        style.title(reached, "the closest attempt")
+    figure.text(LEFT / wide, 1 - 0.14 / tall, "\n".join(reason), fontsize=10, color=style.BAD, va="top")
     return figure
 
 
