@@ -80,6 +80,8 @@ def optimize_deformation(
         columns,
     )
     found = minimize(objective, _limits(n, config), inner.ravel(), config.iterations)
+    if progress:
+        progress("deformation", 1.0)
     sigma = np.maximum.accumulate(np.clip(at(found), 0.0, 1.0), axis=0)
     shapes = curves(sigma)[0]
     shapes[0], shapes[-1] = path_set.paths[:, 0], path_set.paths[:, -1]

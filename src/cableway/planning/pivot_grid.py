@@ -13,7 +13,7 @@ import heapq
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from cableway.errors import PlanningError
 from cableway.geometry import polyline
@@ -22,7 +22,7 @@ from cableway.planning import band
 from cableway.planning.config import PivotConfig
 from cableway.scene.scene import Scene
 
-REFINEMENTS = 3
+REFINEMENTS = 2
 """How often the spacing is halved before a path is said not to exist."""
 
 LINK = 3
@@ -49,17 +49,17 @@ def grid_path(
         PlanningError: No path keeps that distance; the message gives the greatest distance that one does keep.
     """
     world, weights = band.arrays(scene.world), (config.length_weight, config.clearance_weight)
-    spacing = config.resolution
+    shape = np.zeros(2, np.int64)
     for refinement in range(REFINEMENTS + 1):
         spacing = config.resolution / 2**refinement
         shape = np.maximum(2, np.ceil(np.array(scene.size) / spacing).astype(np.int64))
         path = _search(world, shape, start, goal, radius, *weights, NEIGHBOURS, LINK)
         if len(path):
             return polish(path, scene, radius, config, spacing)
-    widest = _widest(scene, start, goal, spacing)
+    widest = _widest(world, shape, start, goal, radius)
     raise PlanningError(
         f"no path for the cable's centre keeps {1000 * radius:.1f} mm from the obstacles; "
-        + (f"the widest way keeps {1000 * widest:.1f} mm" if widest > 0 else "there is no way at all")
+        + (f"the widest way keeps {1000 * widest:.1f} mm" if widest else "there is no way at all")
     )
 
 
@@ -96,13 +96,11 @@ def _even(path: np.ndarray, scene: Scene, radius: float, spacing: float) -> np.n
     return even if scene.clearance(even[None], radius)[0] >= 0 else subdivide(path, spacing)
 
 
-def _widest(scene: Scene, start: np.ndarray, goal: np.ndarray, spacing: float) -> float:
-    """Greatest distance [m] that some path keeps, on the grid, by bisection; below 0 if there is no path."""
-    world = band.arrays(scene.world)
-    shape = np.maximum(2, np.ceil(np.array(scene.size) / spacing).astype(np.int64))
-    low, high = 0.0, float(scene.signed_distance(np.array([start, goal])).min())
-    if not len(_search(world, shape, start, goal, low, 1.0, 0.0, NEIGHBOURS, LINK)):
-        return -1.0
+def _widest(
+    world: band.World, shape: Int[np.ndarray, "2"], start: np.ndarray, goal: np.ndarray, radius: float
+) -> float:
+    """Greatest distance [m] below `radius` that some path on the grid keeps, to 0.1 mm; 0 if there is none."""
+    low, high = 0.0, radius
     while high - low > 1e-4:
         middle = 0.5 * (low + high)
         if len(_search(world, shape, start, goal, middle, 1.0, 0.0, NEIGHBOURS, LINK)):
