@@ -69,8 +69,8 @@ def test_a_corner_between_keypoints_is_judged(good):
     a, b = plan.shapes[0, 3], plan.shapes[0, 4]
     angle = float(np.arctan2(*(b - a)[::-1])) + np.pi / 2
     needle = Box(center=tuple((a + b) / 2 + 0.012 * se2.direction(angle)), size=(0.02, 0.001), angle=angle)
-    spoiled = replace(plan, shapes=np.repeat(plan.shapes[:1], 2, 0), poses=np.repeat(plan.poses[:1], 2, 0))
-    spoiled = replace(spoiled, progress=plan.progress[:2])
+    twice = [0, 0]
+    spoiled = replace(plan, shapes=plan.shapes[twice], poses=plan.poses[twice], progress=plan.progress[twice])
     still = Task(name="needle", scene=task.scene, cable=task.cable, start=task.start, goal=task.start)
     assert "cable clearance" not in failed(spoiled, still)
     object.__setattr__(still, "scene", Scene(obstacles=(needle,)))
@@ -151,6 +151,17 @@ def test_optional_limits_are_judged_where_the_task_has_them(good):
 def test_a_plan_for_another_cable_is_refused(good):
     """The number of keypoints must be the task's."""
     task, plan = good
-    fewer = replace(plan, shapes=plan.shapes[:, ::2], progress=plan.progress[:, ::2])
+    fewer = replace(plan, shapes=plan.shapes[:, ::2], progress=plan.progress[:, ::2], path_set=plan.path_set[::2])
     with pytest.raises(InputError, match="7 keypoints, the task 13"):
         verify_plan(fewer, task)
+
+
+def test_stated_gripper_poses_are_judged(good):
+    """Where the task states poses, half a degree is near enough and two degrees are not."""
+    task, plan = good
+    near, far = plan.poses[-1].copy(), plan.poses[-1].copy()
+    near[0, 2] += 0.009 + 2 * np.pi
+    far[0, 2] += 0.035
+    assert failed(plan, replace(task, goal_poses=near)) == set()
+    object.__setattr__(judged := replace(task), "goal_poses", far)
+    assert failed(plan, judged) == {"gripper angle to goal"}

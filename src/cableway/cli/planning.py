@@ -80,7 +80,7 @@ def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal
     """
     from cableway.geometry.compiled import mark_compiled
     from cableway.planning.planner import plan as find_plan
-    from cableway.provenance import describe, versions
+    from cableway.provenance import describe
     from cableway.report import summarize
 
     config, seed = options.planner_config(), options.seed or 0
@@ -98,8 +98,6 @@ def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal
         report = summarize(task, None, attempt=error.attempt, problem=str(error), configuration=configuration, **common)
         _write_attempt(folder, task, report, error)
         return Planned(plan=None, report=report, timings=timer.seconds, config=config, notes=notes)
-    made_by = {"seed": seed, "versions": versions(), "planner": describe(config)}
-    plan = replace(plan, metadata={**made_by, **plan.metadata})
     report = summarize(task, plan, **common)
     _write_plan(folder, task, report, plan)
     return Planned(plan=plan, report=report, timings=timer.seconds, config=config, notes=notes)

@@ -8,6 +8,7 @@ realisation verifies is the plan, so that the answer does not depend on timing.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,6 +21,7 @@ from cableway.planning.path_set import generate_path_set
 from cableway.planning.pivot import pivot_keypoint, plan_pivot_path
 from cableway.planning.realization import end_equilibria, realize
 from cableway.planning.slide import slide
+from cableway.provenance import describe, versions
 from cableway.records import Attempt, DeformationSequence, PathSet, Plan
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
@@ -47,9 +49,10 @@ def plan(task: Task, *, seed: int = 0, config: PlannerConfig | None = None, prog
     path_set = _path_set(task, config, seed, report)
     best: Attempt | None = None
     for guide, sequence in _sequences(task, path_set, config, seed, report):
-        outcome = _try(task, path_set, guide, sequence, config, report)
+        outcome = _try(task, path_set, sequence, config, report)
         if isinstance(outcome, Plan):
-            return outcome
+            made_by = {"guide": guide, "seed": seed, "versions": versions(), "planner": describe(config)}
+            return replace(outcome, metadata=made_by)
         best = _better(best, outcome)
     if best is None:
         raise PlanningError("no guide led anywhere", Attempt("no guide led anywhere", path_set=path_set))
@@ -88,7 +91,6 @@ def _sequences(
 def _try(
     task: Task,
     path_set: PathSet,
-    guide: Guide,
     sequence: DeformationSequence,
     config: PlannerConfig,
     report: Progress,
@@ -107,7 +109,6 @@ def _try(
         path_set.passages,
         path_set.paths,
         realised.progress,
-        metadata={"guide": guide},
     )
     report("verification", 0.0)
     verdict = verify_plan(candidate, task, config.limits)

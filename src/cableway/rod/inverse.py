@@ -17,6 +17,9 @@ Bend = Literal["left", "right"]
 LEAST_AREA = 1e-6
 """Area beside the chord, in squared lengths of the rod, up to which a shape counts as bent to neither side."""
 
+SAME_SHAPE = 1e-4
+"""Distance, in lengths of the rod, up to which two shapes count as one."""
+
 LOAD_RANGE = (30.0, 30.0, 6.0)
 """Largest |a_x|, |a_y|, |m| of a first guess, beside the turn between the grippers: stable shapes have about these."""
 
@@ -92,22 +95,16 @@ def equilibria_at(
     gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
     if gap > rod.length * (1 + 1e-9):
         raise InputError(f"the grippers are {gap:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)")
-    found: list[np.ndarray] = []
-    for guess in _load_guesses(rod, poses, starts):
-        q = _meet_poses(rod, poses, guess)
-        if q is None:
-            continue
-        if rod.stability(q[None])[0][0] <= minimum_stability or rod.energy(q[None])[0] > most_energy:
-            continue
-        shape = rod.shapes(q[None])[0][0]
-        if polyline.crosses_itself(shape[::2]):
-            continue
-        if all(np.abs(shape - rod.shapes(other[None])[0][0]).max() > 1e-4 * rod.length for other in found):
-            found.append(q)
-    if not found:
-        return np.empty((0, 6))
-    rows = np.array(found)
-    return rows[np.argsort(rod.energy(rows), kind="stable")]
+    q = _meet_poses(rod, poses, _load_guesses(rod, poses, starts))
+    q = q[(rod.stability(q)[0] > minimum_stability) & (rod.energy(q) <= most_energy)]
+    q = q[np.argsort(rod.energy(q), kind="stable")]
+    shapes = rod.shapes(q)[0]
+    found: list[int] = []
+    for i, shape in enumerate(shapes):
+        known = any(np.abs(shape - shapes[j]).max() <= SAME_SHAPE * rod.length for j in found)
+        if not known and not polyline.crosses_itself(shape[::2]):
+            found.append(i)
+    return q[found]
 
 
 def shape_between(rod: Rod, poses: Float[np.ndarray, "2 3"], bend: Bend) -> Float[np.ndarray, "6"]:
@@ -152,28 +149,37 @@ def _load_guesses(rod: Rod, poses: np.ndarray, count: int) -> np.ndarray:
     return q
 
 
-def _meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray | None:
-    """Damped Newton on the six pose residuals; None where it does not arrive."""
-    scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
+def _meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
+    """Damped Newton on the six pose residuals from each row of q; the rows that arrive."""
     units = np.array([rod.length, rod.length, 1.0])
+    scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
+    longest = np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale
 
-    def residual(reached: np.ndarray) -> np.ndarray:
-        return (se2.pose_step(poses, reached) / units).ravel()
+    def residual(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        error = (se2.pose_step(poses, rod.shapes(rows)[1]) / units).reshape(-1, 6)
+        return error, np.linalg.norm(error, axis=1)
 
-    error = residual(rod.shapes(q[None])[1][0])
+    error, norm = residual(q)
+    moving = np.ones(len(q), dtype=bool)
     for _ in range(iterations):
-        norm = float(np.linalg.norm(error))
-        if norm < 1e-11:
-            return q
-        jacobian = (rod.jacobians(q[None])[3][0] / units[None, :, None]).reshape(6, 6) * scale
-        step = scale * np.linalg.lstsq(jacobian, -error, rcond=1e-9)[0]
-        step *= min(1.0, float((np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale / (np.abs(step) + 1e-15)).min()))
+        moving &= norm > 1e-11
+        if not moving.any():
+            break
+        jacobian = (rod.jacobians(q[moving])[3] / units[:, None]).reshape(-1, 6, 6) * scale
+        step = -scale * np.einsum("kij,kj->ki", np.linalg.pinv(jacobian, rcond=1e-9), error[moving])
+        step *= np.minimum(1.0, (longest / (np.abs(step) + 1e-15)).min(axis=1, keepdims=True))
+        left = np.flatnonzero(moving)
         for _ in range(8):
-            trial = residual(rod.shapes((q + step)[None])[1][0])
-            if np.linalg.norm(trial) < norm:
+            trial = q[left] + step
+            trial_error, trial_norm = residual(trial)
+            better = trial_norm < norm[left]
+            q[left[better]], error[left[better]], norm[left[better]] = (
+                trial[better],
+                trial_error[better],
+                trial_norm[better],
+            )
+            left, step = left[~better], step[~better] / 2
+            if not len(left):
                 break
-            step = step / 2
-        else:
-            return None
-        q, error = q + step, trial
-    return q if np.linalg.norm(error) < 1e-9 else None
+        moving[left] = False
+    return q[norm < 1e-9]

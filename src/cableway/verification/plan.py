@@ -25,6 +25,8 @@ class VerificationLimits:
         length: Relative error of the cable's length.
         follow: How far a keypoint of the rod may stray from the plan [m].
         end: Stacked distance of the first and last row from start and goal [m].
+        pose: Distance of the grippers from the poses that a task states for start or goal [m].
+        pose_angle: The same for their angles [rad].
         grasp: Distance of the end keypoints from the grippers [m].
         stability: Least margin mu of the rod that follows.
     """
@@ -33,6 +35,8 @@ class VerificationLimits:
     length: float = 0.02
     follow: float = 0.002
     end: float = 0.01
+    pose: float = 0.002
+    pose_angle: float = 0.02
     grasp: float = 0.001
     stability: float = 20.0
 
@@ -58,6 +62,8 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
         _grasp(plan, limits),
         *_gripper_motion(plan.poses, task),
         *_following(followed, plan, task, limits),
+        *_poses("start", plan.poses[0], task.start_poses, limits),
+        *_poses("goal", plan.poses[-1], task.goal_poses, limits),
         *_optional(plan, followed, task),
     ]
     return Verdict(tuple(checks))
@@ -106,6 +112,17 @@ def self_crossings(lines: Float[np.ndarray, "t m 2"]) -> Check:
 def _end(name: str, shape: np.ndarray, wanted: np.ndarray, limits: VerificationLimits) -> Check:
     distance = float(np.linalg.norm(shape - wanted))
     return Check(f"distance to {name}", distance, "m", limits.end, distance <= limits.end)
+
+
+def _poses(name: str, poses: np.ndarray, wanted: np.ndarray | None, limits: VerificationLimits) -> list[Check]:
+    """Where a task states gripper poses, the plan must have them."""
+    if wanted is None:
+        return []
+    gap, turn = se2.pose_distance(poses, wanted)
+    return [
+        at_most(f"gripper distance to {name}", gap[None].max(1), "m", limits.pose),
+        at_most(f"gripper angle to {name}", turn[None].max(1), "rad", limits.pose_angle),
+    ]
 
 
 def _length(lines: np.ndarray, task: Task, limits: VerificationLimits) -> Check:
