@@ -2,7 +2,8 @@
 # Make or update the environment in .venv: the locked packages, then cableway itself, editable.
 #
 # uv, put into .venv by pip, installs several times faster than pip; where uv cannot be had or cannot reach the
-# packages, pip installs the same lock. Neither compiles anything.
+# packages, pip installs the same lock. Neither needs a compiler. Bytecode is made now: where
+# PYTHONDONTWRITEBYTECODE is set, every start would make it anew, and take seconds.
 set -eu
 cd "$(dirname "$0")/.."
 python=.venv/bin/python
@@ -32,10 +33,10 @@ with_uv() {
   index=$("$python" -m pip config list | sed -n "s/^[^=]*\.index.url='\(.*\)'\$/\1/p" | head -n 1)
   if [ -n "$index" ] && [ -z "${UV_DEFAULT_INDEX:-}" ]; then export UV_DEFAULT_INDEX="$index"; fi
   export VIRTUAL_ENV="$PWD/.venv"
-  .venv/bin/uv pip install --only-binary :all: --require-hashes -r requirements.lock &&
+  .venv/bin/uv pip install --only-binary :all: --compile-bytecode --require-hashes -r requirements.lock &&
     .venv/bin/uv pip install --quiet --no-build-isolation --no-deps -e .
 }
 
 [ -x .venv/bin/uv ] || "$python" -m pip install --quiet --only-binary :all: uv || echo "uv cannot be had; pip takes longer."
-if [ -x .venv/bin/uv ] && with_uv; then exit 0; fi
-with_pip
+{ [ -x .venv/bin/uv ] && with_uv; } || with_pip
+"$python" -m compileall -q src/cableway

@@ -9,130 +9,14 @@ keypoints.
 
 from __future__ import annotations
 
-import json
-import re
-import zipfile
-from dataclasses import asdict, dataclass, field, fields
-from pathlib import Path
-from typing import Any, ClassVar, Self
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import FileFormatError, InputError
-from cableway.files import write_atomically
-
-
-# ------------------------------------------------------------------------------------------------ files
-def write_json(path: Path, content: Any) -> None:
-    """Write indented JSON atomically; not-a-number is refused."""
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    write_atomically(path, lambda file: file.write(text.encode()))
-
-
-def read_arrays(path: Path | str) -> dict[str, np.ndarray]:
-    """All arrays of an `.npz` file, without executing anything in it.
-
-    Raises:
-        FileFormatError: The file is missing or is no archive of plain arrays.
-    """
-    try:
-        with open(path, "rb") as file:
-            if not zipfile.is_zipfile(file):
-                raise FileFormatError(f"{path}: not an .npz archive")
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except FileFormatError:
-        raise
-    except FileNotFoundError:
-        raise FileFormatError(f"{path}: no such file") from None
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except Exception as error:  # NumPy, zipfile, zlib and tokenize have a dozen kinds for damaged archives
-        raise FileFormatError(f"{path}: a damaged .npz archive ({' '.join(str(error).split())})") from None
-
-
-class ArrayRecord:
-    """Base of the records that save to `.npz`. Subclasses are frozen dataclasses."""
-
-    kind: ClassVar[str]
-
-    def save(self, path: Path | str) -> None:
-        """Write all fields to an `.npz` file, atomically."""
-        arrays: dict[str, Any] = {}
-        for entry in fields(self):  # pyright: ignore[reportArgumentType]
-            value = getattr(self, entry.name)
-            arrays[entry.name] = json.dumps(value) if isinstance(value, dict) else value
-        write_atomically(Path(path), lambda file: np.savez_compressed(file, **arrays))
-
-    @classmethod
-    def load(cls, path: Path | str) -> Self:
-        """Read a file that `save` wrote.
-
-        Raises:
-            FileFormatError: The file is missing, damaged or holds another kind of record.
-        """
-        return cls.from_arrays(read_arrays(path), str(path))
-
-    @classmethod
-    def from_arrays(cls, arrays: dict[str, np.ndarray], source: str) -> Self:
-        """The record from the arrays of a file; `source` names it in errors."""
-        values: dict[str, Any] = {}
-        for entry in fields(cls):  # pyright: ignore[reportArgumentType]
-            if entry.name not in arrays:
-                raise FileFormatError(f"{source}: not a {cls.kind} file, it has no array {entry.name!r}")
-            value = arrays[entry.name]
-            values[entry.name] = _metadata(value, source) if entry.name == "metadata" else value
-        try:
-            return cls(**values)
-        except InputError as error:
-            raise FileFormatError(f"{source}: {error}") from None
-        except (TypeError, IndexError, ValueError) as error:
-            raise FileFormatError(f"{source}: its arrays are not those of a {cls.kind} ({error})") from None
-
-
-def _metadata(value: np.ndarray, source: str) -> dict[str, Any]:
-    try:
-        content = json.loads(str(value))
-    except json.JSONDecodeError as error:
-        raise FileFormatError(f"{source}: metadata is not JSON ({error})") from None
-    if not isinstance(content, dict):
-        raise FileFormatError(f"{source}: metadata is not a JSON object")
-    return content
-
-
-def _check_shapes(record: Any) -> None:
-    """Check that the arrays of a record are real numbers of the shapes that its annotations state.
-
-    Raises:
-        InputError: One is not; a letter must stand for the same number throughout the record.
-    """
-    sizes: dict[str, int] = {}
-    for entry in fields(record):
-        stated = re.fullmatch(r"Float\[np\.ndarray, '(.*)'\]", str(entry.type))
-        if stated is None:
-            continue
-        value, axes = getattr(record, entry.name), stated[1].split()
-        _require(isinstance(value, np.ndarray) and value.dtype.kind in "fiu", f"{entry.name} is no array of numbers")
-        fits = value.ndim == len(axes) and all(
-            _is_size(axis, size, sizes) for axis, size in zip(axes, value.shape, strict=True)
-        )
-        known = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
-        _require(fits, f"{entry.name} has shape {value.shape}, not ({', '.join(axes)}) with {known or 'any sizes'}")
-
-
-def _is_size(axis: str, size: int, sizes: dict[str, int]) -> bool:
-    """Whether an axis such as "T+1" or "2" may have this size; a letter met for the first time gets its value."""
-    letter, _, more = axis.partition("+")
-    if letter.isdigit():
-        return size == int(letter)
-    counted = size - int(more or 0)
-    return counted == sizes.setdefault(letter, counted)
-
-
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise InputError(message)
+from cableway.errors import InputError
+from cableway.files import ArrayRecord, check_shapes
 
 
 # ------------------------------------------------------------------------------------------------ planning
@@ -207,7 +91,7 @@ class Plan(ArrayRecord):
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_shapes(self)
+        check_shapes(self)
         rows = len(self.shapes)
         _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
         for name in ("shapes", "poses", "pivot", "passages", "path_set", "progress"):
@@ -315,7 +199,7 @@ class Transitions(ArrayRecord):
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_shapes(self)
+        check_shapes(self)
         _require(len(self.keypoints) > 0, "a data set needs at least one transition")
         for name in ("keypoints", "poses", "actions", "next_keypoints"):
             _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
@@ -398,7 +282,7 @@ class Rollout(ArrayRecord):
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        _check_shapes(self)
+        check_shapes(self)
         _require(len(self.times) >= 1, "a rollout needs at least one row")
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         for name in ("times", "keypoints", "poses", "centreline", "actions"):
@@ -408,3 +292,8 @@ class Rollout(ArrayRecord):
     def steps(self) -> int:
         """K."""
         return len(self.times) - 1
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise InputError(message)

@@ -13,8 +13,9 @@ from conftest import Command
 from cableway.control.open_loop import OpenLoop
 from cableway.errors import SimulationError
 from cableway.figures import video
+from cableway.files import read_arrays
 from cableway.planning import planner
-from cableway.records import Plan, Rollout, read_arrays
+from cableway.records import Plan, Rollout
 from cableway.scene.loading import load_task
 from cableway.verification import verify_plan, verify_rollout
 

@@ -31,7 +31,7 @@ class Check(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.records import write_json
+        from cableway.files import write_json
         from cableway.scene.loading import load_task
 
         task = load_task(self.task)
@@ -57,7 +57,8 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
         InputError: It belongs to a task with another number of keypoints.
     """
     from cableway.errors import FileFormatError
-    from cableway.records import Plan, Rollout, read_arrays
+    from cableway.files import read_arrays
+    from cableway.records import Plan, Rollout
     from cableway.verification import verify_plan, verify_rollout
 
     arrays = read_arrays(file)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 
@@ -10,9 +9,6 @@ from cableway.errors import CablewayError, InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses: succeeded; done, but the task did not succeed; the input was wrong; ctrl-c."""
-
-ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
-"""NumPy's matrices are small here: more threads make a control step wait for them instead of faster."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -25,7 +21,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit status.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    os.environ.setdefault(*ONE_THREAD)
     try:
         if arguments == ["--version"]:
             print(f"cableway {_version()}")

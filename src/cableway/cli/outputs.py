@@ -30,6 +30,6 @@ def announce(terminal: Terminal, folder: Path, report: Report) -> None:
 
 def write_report(folder: Path, report: Report) -> None:
     """Write a report's plain data."""
-    from cableway.records import write_json
+    from cableway.files import write_json
 
     write_json(folder / REPORT, report.as_dict())

@@ -15,7 +15,7 @@ class Tasks(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.records import write_json
+        from cableway.files import write_json
         from cableway.scene.loading import load_task, task_names
 
         table, rows = columns("task", "cable", "obstacles", "description"), []

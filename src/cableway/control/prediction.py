@@ -25,7 +25,7 @@ class Predictor:
     horizon: int
     _weights: list[jax.Array]
     _shapes: Callable[..., jax.Array]
-    _linearized: Callable[..., tuple[jax.Array, jax.Array]]
+    _linearized: Callable[..., tuple[jax.Array, ...]]
 
     def shapes(
         self,
@@ -43,8 +43,18 @@ class Predictor:
         actions: Float[np.ndarray, "H 2 3"],
     ) -> tuple[Float[np.ndarray, "H n 2"], Float[np.ndarray, "H n 2 a"]]:
         """Keypoints [m] after each action, and their derivative by all a = 6 H numbers of the actions."""
-        shapes, jacobian = self._linearized(self._weights, *_single(keypoints, poses, actions))
-        return np.asarray(shapes, float), np.asarray(jacobian, float).reshape(*shapes.shape, -1)
+        shapes, by_shape, by_poses, by_action = (
+            np.asarray(array, float) for array in self._linearized(self._weights, *_single(keypoints, poses, actions))
+        )
+        count, points = shapes.shape[:2]
+        jacobian = np.zeros((count, 2 * points, count, 6))
+        before = np.zeros((2 * points, count, 6))
+        for k in range(count):
+            after = np.tensordot(by_shape[k], before, axes=1)
+            after[:, :k] += by_poses[k][:, None]  # the poses before step k are the sum of the actions before it
+            after[:, k] += by_action[k]
+            jacobian[k] = before = after
+        return shapes, jacobian.reshape(count, points, 2, 6 * count)
 
 
 def compile_predictor(model: DeformationModel, horizon: int, keypoints: int) -> Predictor:
@@ -56,13 +66,25 @@ def compile_predictor(model: DeformationModel, horizon: int, keypoints: int) -> 
     def shapes(weights: list[jax.Array], keypoints: jax.Array, poses: jax.Array, actions: jax.Array) -> jax.Array:
         return rollout(eqx.combine(jax.tree.unflatten(structure, weights), rest), keypoints, poses, actions)
 
-    def linearized(weights: list[jax.Array], keypoints: jax.Array, poses: jax.Array, actions: jax.Array) -> Any:
-        def twice(actions: jax.Array) -> Any:
-            predicted = shapes(weights, keypoints, poses, actions)
-            return predicted, predicted
+    def linearized(
+        weights: list[jax.Array], keypoints: jax.Array, poses: jax.Array, actions: jax.Array
+    ) -> tuple[jax.Array, ...]:
+        """The shape after each step, and its derivative by shape, poses and action of that step alone.
 
-        jacobian, predicted = jax.jacfwd(twice, has_aux=True)(actions)
-        return predicted, jacobian
+        Backwards, because a shape has fewer numbers than shape, poses and actions together.
+        """
+        model = eqx.combine(jax.tree.unflatten(structure, weights), rest)
+
+        def after(keypoints: jax.Array, poses: jax.Array, action: jax.Array) -> tuple[jax.Array, jax.Array]:
+            shape = keypoints + model(keypoints, poses, action)
+            return shape, shape
+
+        def step(state: tuple[jax.Array, jax.Array], action: jax.Array) -> Any:
+            jacobians, shape = jax.jacrev(after, argnums=(0, 1, 2), has_aux=True)(*state, action)
+            rows = shape.size
+            return (shape, state[1] + action), (shape, *(jacobian.reshape(rows, -1) for jacobian in jacobians))
+
+        return jax.lax.scan(step, (keypoints, poses), actions)[1]
 
     example = _single(np.zeros((keypoints, 2)), np.zeros((2, 3)), np.zeros((horizon, 2, 3)))
     compiled = [jax.jit(function) for function in (shapes, linearized)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from cableway.files import write_atomically
 from cableway.models.checkpoint import read_card
-from cableway.records import write_atomically
 
 MAIN_PACKAGES = ("cableway", "jax", "equinox", "optax", "mujoco", "numpy")
 """Packages whose versions the page shows; the file holds all."""

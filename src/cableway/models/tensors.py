@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from cableway.errors import FileFormatError
-from cableway.records import write_atomically
+from cableway.files import write_atomically
 
 Tree = TypeVar("Tree")
 
