@@ -36,8 +36,6 @@ def timed(action: Callable[[], Any]) -> float:
 
 def until_first_step(name: str) -> dict[str, float]:
     """Seconds of each part of a run, up to and with the first control step."""
-    import jax
-
     from cableway.control.neural_mpc import NeuralMPC
     from cableway.models.checkpoint import load_model
     from cableway.models.compilation import enable_compilation_cache
@@ -47,7 +45,6 @@ def until_first_step(name: str) -> dict[str, float]:
 
     found: dict[str, Any] = {}
     enable_compilation_cache()
-    jax.clear_caches()
     parts: dict[str, Callable[[], Any]] = {
         "load task": lambda: found.update(task=load_task(name)),
         "plan": lambda: found.update(plan=plan(found["task"])),
@@ -61,6 +58,7 @@ def until_first_step(name: str) -> dict[str, float]:
 
 
 def main() -> None:
+    """Print the table."""
     name = sys.argv[1] if len(sys.argv) > 1 else "single-obstacle-2"
     imports = timed(lambda: [importlib.import_module(module) for module in MODULES])
     first, second = until_first_step(name), until_first_step(name)

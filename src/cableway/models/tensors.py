@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
@@ -58,7 +57,7 @@ def read_tree(path: Path, like: Tree) -> Tree:
         if np.issubdtype(found.dtype, np.inexact) and not np.isfinite(found).all():
             raise FileFormatError(f"{path}: array {name!r} holds a number that is not finite")
     return jax.tree_util.tree_map_with_path(
-        lambda place, leaf: jnp.asarray(arrays[_name(place)]) if _is_array(leaf) else leaf, like
+        lambda place, leaf: jax.device_put(arrays[_name(place)]) if _is_array(leaf) else leaf, like
     )
 
 
