@@ -40,10 +40,29 @@ def test_a_solution_is_stationary_and_closed(motion):
     chain = _Chain(rod.length, 48)
     angles = chain.solve(poses[0], chain.angles_of(rod.at_keypoints(stations)[0]))
     assert angles is not None
-    gradient, closure, rows, _ = chain._system(poses[0], angles, None)
+    full = chain.full(poses[0], angles)
+    rows = chain.links[1:-1] * np.array([-np.sin(angles), np.cos(angles)])
     null = np.linalg.svd(rows)[2][2:]
-    assert np.abs(null @ gradient).max() < 1e-8
-    assert np.abs(closure).max() < 1e-9
+    assert np.abs(null @ np.diff(full, n=2)).max() < 1e-8
+    np.testing.assert_allclose(chain.vertices(poses[0], angles)[-1], poses[0, 1, :2], atol=1e-9)
+
+
+def test_the_margin_is_the_least_energy_of_a_change_that_keeps_the_chain_closed(motion):
+    """Against the second difference of the energy along every eigenvector of an explicit null space."""
+    rod, q = motion
+    stations, poses = rod.shapes(q[20:21])
+    chain = _Chain(rod.length, 48)
+    angles = chain.solve(poses[0], chain.angles_of(rod.at_keypoints(stations)[0]))
+    assert angles is not None
+    full = chain.full(poses[0], angles)
+    rows = chain.links[1:-1] * np.array([-np.sin(angles), np.cos(angles)])
+    multipliers = np.linalg.lstsq(rows.T, np.diff(full, n=2), rcond=None)[0]
+    free = len(angles)
+    load = chain.links[1:-1] * (np.cos(angles) * multipliers[0] + np.sin(angles) * multipliers[1])
+    hessian = 2 * np.eye(free) - np.eye(free, k=1) - np.eye(free, k=-1) - np.diag(load)
+    null = np.linalg.svd(rows)[2][2:]
+    wanted = np.linalg.eigvalsh(null @ hessian @ null.T)[0] * 48**2
+    assert chain.stability(poses[0], angles) == pytest.approx(wanted, rel=1e-9)
 
 
 def test_grippers_pulled_apart_lose_the_rod(motion):

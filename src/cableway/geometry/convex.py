@@ -130,13 +130,33 @@ def point_distance(px, py, vertices, counts, rounding, size):
 
 
 @kernel
+def _bounding_circles(vertices, counts, rounding):
+    """Centres (k, 2) and radii (k,) of circles that hold the obstacles."""
+    centres, radii = np.zeros((len(counts), 2)), np.zeros(len(counts))
+    for k in range(len(counts)):
+        for i in range(counts[k]):
+            centres[k] += vertices[k, i] / counts[k]
+        for i in range(counts[k]):
+            radii[k] = max(radii[k], math.hypot(vertices[k, i, 0] - centres[k, 0], vertices[k, i, 1] - centres[k, 1]))
+        radii[k] += rounding[k]
+    return centres, radii
+
+
+@kernel
 def _point_distances(points, vertices, counts, rounding, size):
     m = len(points)
+    centres, radii = _bounding_circles(vertices, counts, rounding)
     d, gradient, index = np.empty(m), np.empty((m, 2)), np.empty(m, np.int64)
     for i in range(m):
-        d[i], gradient[i, 0], gradient[i, 1], index[i] = point_distance(
-            points[i, 0], points[i, 1], vertices, counts, rounding, size
-        )
+        px, py = points[i, 0], points[i, 1]
+        best, gx, gy, wall = wall_distance(px, py, size)
+        nearest = len(counts) + wall
+        for k in range(len(counts)):
+            if math.hypot(px - centres[k, 0], py - centres[k, 1]) - radii[k] < best:
+                dk, ux, uy = convex_distance(px, py, vertices[k], counts[k], rounding[k])
+                if dk < best:
+                    best, gx, gy, nearest = dk, ux, uy, k
+        d[i], gradient[i, 0], gradient[i, 1], index[i] = best, gx, gy, nearest
     return d, gradient, index
 
 

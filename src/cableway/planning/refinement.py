@@ -24,6 +24,7 @@ from jaxtyping import Float
 from scipy.linalg import LinAlgError, solveh_banded
 
 from cableway.geometry import convex
+from cableway.geometry.compiled import kernel
 from cableway.scene.task import Task
 
 
@@ -212,15 +213,22 @@ def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "T-1 6"] | None
     diagonal, above, further = (block[1:-1] for block in normal.blocks)
     free = len(diagonal)
     banded = np.zeros((18, 6 * free))
-    for d, blocks in enumerate((diagonal, above, further)):
-        for i in range(6):
-            for j in range(6):
-                offset = 6 * d + j - i
-                if offset >= 0 and len(blocks):
-                    columns = 6 * (np.arange(len(blocks)) + d) + j
-                    banded[17 - offset, columns] = blocks[:, i, j]
+    _fill_bands(diagonal, above, further, banded)
     banded[17] += damping * np.maximum(banded[17], 1e-9)
     try:
         return -solveh_banded(banded, normal.gradient[1:-1].ravel(), check_finite=False).reshape(free, 6)
     except LinAlgError:
         return None
+
+
+@kernel
+def _fill_bands(diagonal, above, further, banded):
+    """Write blocks (t, 6, 6), (t-1, 6, 6), (t-2, 6, 6) into the upper banded form (18, 6 t) of `solveh_banded`."""
+    for i in range(6):
+        for j in range(6):
+            for t in range(len(diagonal) if j >= i else 0):
+                banded[17 + i - j, 6 * t + j] = diagonal[t, i, j]
+            for t in range(len(above)):
+                banded[11 + i - j, 6 * (t + 1) + j] = above[t, i, j]
+            for t in range(len(further)):
+                banded[5 + i - j, 6 * (t + 2) + j] = further[t, i, j]

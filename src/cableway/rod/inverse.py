@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import least_squares
 
 from cableway.errors import InputError
 from cableway.geometry import polyline, se2
+from cableway.rod import fitting
 from cableway.rod.equilibrium import Rod
 
 Bend = Literal["left", "right"]
@@ -39,18 +39,11 @@ def fit_keypoints(
     Returns:
         q (6,) and ||keypoints(q) - keypoints|| [m].
     """
-    starts = [_guess_from_bends(rod, keypoints)] + ([] if guess is None else [np.asarray(guess, float)])
-
-    def residual(q: np.ndarray) -> np.ndarray:
-        return (rod.at_keypoints(rod.shapes(q[None])[0])[0] - keypoints).ravel() / rod.length
-
-    def jacobian(q: np.ndarray) -> np.ndarray:
-        return rod.at_keypoints(rod.jacobians(q[None])[1])[0].reshape(-1, 6) / rod.length
-
-    scale = [rod.length, rod.length, 1.0, 10.0, 10.0, 3.0]
-    fits = [least_squares(residual, q, jacobian, x_scale=scale) for q in starts]  # pyright: ignore[reportArgumentType]
-    best = min(fits, key=lambda fit: fit.cost)
-    return best.x, float(np.sqrt(2 * best.cost) * rod.length)
+    keypoints = np.ascontiguousarray(keypoints, dtype=float)
+    starts = [_guess_from_bends(rod, keypoints)] + ([] if guess is None else [np.array(guess, float)])
+    costs = [fitting.fit(keypoints, q, rod.length, rod.hinges, rod.stride) for q in starts]
+    best = int(np.argmin(costs))
+    return starts[best], float(np.sqrt(2 * costs[best]) * rod.length)
 
 
 def _guess_from_bends(rod: Rod, keypoints: np.ndarray) -> np.ndarray:

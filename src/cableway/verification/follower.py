@@ -13,9 +13,16 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import polyline, se2
+from cableway.geometry.compiled import kernel
 
 LINKS_PER_SEGMENT = 4
 """Links between two keypoints: twice as fine as the planner's chain."""
+
+ITERATIONS = 40
+"""Most Newton steps to an equilibrium; four are usual."""
+
+FORBIDDEN = 1e3
+"""Eigenvalue given to directions that would open the chain; those of the energy are at most about four."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +91,6 @@ class _Chain:
         links = np.full(hinges + 1, self.spacing)
         links[[0, -1]] /= 2
         self.links, self.arc = links, np.concatenate([[0.0], np.cumsum(links)])
-        free = hinges - 1
-        self.stiffness = 2 * np.eye(free) - np.eye(free, k=1) - np.eye(free, k=-1)
 
     def full(self, pose: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """All link angles; the end links lie along the grippers, in the turn nearest to their neighbours."""
@@ -108,47 +113,104 @@ class _Chain:
         steps = np.diff(joints, axis=0)
         return np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
 
-    def solve(self, pose: np.ndarray, angles: np.ndarray, iterations: int = 40) -> np.ndarray | None:
+    def solve(self, pose: np.ndarray, angles: np.ndarray) -> np.ndarray | None:
         """The stationary shape near `angles`, or None."""
-        angles, free = angles.copy(), len(angles)
-        multipliers = None
-        for _ in range(iterations):
-            gradient, closure, rows, hessian = self._system(pose, angles, multipliers)
-            if multipliers is None:
-                multipliers = np.linalg.lstsq(rows.T, -gradient, rcond=None)[0]
-                continue
-            stationarity = gradient + rows.T @ multipliers
-            if np.abs(stationarity).max() < 1e-10 and np.abs(closure).max() < 1e-10:
-                return angles
-            kkt = np.block([[hessian, rows.T], [rows, np.zeros((2, 2))]])
-            try:
-                step = np.linalg.solve(kkt, -np.concatenate([stationarity, closure]))
-            except np.linalg.LinAlgError:
-                return None
-            size = np.abs(step[:free]).max()
-            if not np.isfinite(size):
-                return None
-            scale = min(1.0, 0.3 / size) if size > 0 else 1.0
-            angles += scale * step[:free]
-            multipliers = multipliers + scale * step[free:]
-        return None
-
-    def _system(self, pose: np.ndarray, angles: np.ndarray, multipliers: np.ndarray | None) -> tuple[np.ndarray, ...]:
-        """Gradient, closure error over L, its derivative, and the Hessian of the Lagrangian."""
-        full = self.full(pose, angles)
-        gradient = 2 * full[1:-1] - full[:-2] - full[2:]
-        units = se2.direction(full) * self.links[:, None] / self.length
-        closure = units.sum(0) - (pose[1, :2] - pose[0, :2]) / self.length
-        inner = units[1:-1]
-        rows = np.vstack([-inner[:, 1], inner[:, 0]])
-        hessian = self.stiffness if multipliers is None else self.stiffness - np.diag(inner @ multipliers)
-        return gradient, closure, rows, hessian
+        solved = angles.copy()
+        try:
+            return solved if _settle(pose, solved, self.links / self.length, self.length) else None
+        except np.linalg.LinAlgError:
+            return None
 
     def stability(self, pose: np.ndarray, angles: np.ndarray) -> float:
         """Least eigenvalue of the Hessian on the changes that keep the chain closed, times N^2."""
-        gradient, _, rows, _ = self._system(pose, angles, None)
-        multipliers = np.linalg.lstsq(rows.T, -gradient, rcond=None)[0]
-        hessian = self._system(pose, angles, multipliers)[3]
-        _, singular, vectors = np.linalg.svd(rows)
-        null = vectors[int(np.sum(singular > 1e-9 * singular[0])) :]
-        return float(np.linalg.eigvalsh(null @ hessian @ null.T)[0] * self.hinges**2)
+        return float(_least_eigenvalue(pose, angles, self.links / self.length, self.length) * self.hinges**2)
+
+
+@kernel
+def _system(pose, angles, links, length, gradient, closure, rows):
+    """Fill the energy's gradient (free,), the closure error over L (2,) and its derivative (2, free)."""
+    free = len(angles)
+    ends = np.empty(2)
+    for side, neighbour in ((0, 0), (1, free - 1)):  # the end links, in the turn nearest to their neighbours
+        turns = np.round((angles[neighbour] - pose[side, 2]) / (2 * np.pi))
+        ends[side] = pose[side, 2] + 2 * np.pi * turns
+        closure[side] = (pose[0, side] - pose[1, side]) / length
+    closure[0] += links[0] * np.cos(ends[0]) + links[-1] * np.cos(ends[1])
+    closure[1] += links[0] * np.sin(ends[0]) + links[-1] * np.sin(ends[1])
+    for i in range(free):
+        before = angles[i - 1] if i > 0 else ends[0]
+        after = angles[i + 1] if i < free - 1 else ends[1]
+        gradient[i] = 2 * angles[i] - before - after
+        x, y = links[i + 1] * np.cos(angles[i]), links[i + 1] * np.sin(angles[i])
+        closure[0] += x
+        closure[1] += y
+        rows[0, i], rows[1, i] = -y, x
+
+
+@kernel
+def _least_squares_multipliers(gradient, rows):
+    """Multipliers that leave the least of gradient + rows' multipliers, by the eigenvectors of rows rows'."""
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    out = np.zeros(2)
+    for k in range(2):
+        if values[k] > 1e-18 * values[1]:
+            out -= vectors[:, k] * (np.dot(vectors[:, k], rows @ gradient) / values[k])
+    return out
+
+
+@kernel
+def _hessian(rows, multipliers):
+    """Hessian of the Lagrangian: tridiag(-1, 2, -1), less the load along each link."""
+    free = rows.shape[1]
+    hessian = np.zeros((free, free))
+    for i in range(free):
+        hessian[i, i] = 2.0 - (rows[1, i] * multipliers[0] - rows[0, i] * multipliers[1])
+        if i > 0:
+            hessian[i, i - 1] = hessian[i - 1, i] = -1.0
+    return hessian
+
+
+@kernel
+def _settle(pose, angles, links, length):
+    """Newton's method on stationarity and closure, from and into `angles`; whether it arrives."""
+    free = len(angles)
+    gradient, closure, rows = np.empty(free), np.empty(2), np.empty((2, free))
+    kkt, right = np.zeros((free + 2, free + 2)), np.empty(free + 2)
+    _system(pose, angles, links, length, gradient, closure, rows)
+    multipliers = _least_squares_multipliers(gradient, rows)
+    for _ in range(ITERATIONS):
+        right[:free] = -gradient - rows.T @ multipliers
+        right[free:] = -closure
+        if np.abs(right).max() < 1e-10:
+            return True
+        kkt[:free, :free] = _hessian(rows, multipliers)
+        kkt[free:, :free], kkt[:free, free:] = rows, rows.T
+        step = np.linalg.solve(kkt, right)
+        size = np.abs(step[:free]).max()
+        if not np.isfinite(size):
+            return False
+        scale = 0.3 / size if size > 0.3 else 1.0
+        angles += scale * step[:free]
+        multipliers += scale * step[free:]
+        _system(pose, angles, links, length, gradient, closure, rows)
+    return False
+
+
+@kernel
+def _least_eigenvalue(pose, angles, links, length):
+    """Least eigenvalue of the Hessian on the changes that keep the chain closed."""
+    free = len(angles)
+    gradient, closure, rows = np.empty(free), np.empty(2), np.empty((2, free))
+    _system(pose, angles, links, length, gradient, closure, rows)
+    hessian = _hessian(rows, _least_squares_multipliers(gradient, rows))
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    for k in range(2):
+        if values[k] > 1e-18 * values[1]:
+            normal = vectors[:, k] @ rows / np.sqrt(values[k])
+            product = hessian @ normal
+            along = np.dot(normal, product)
+            for i in range(free):  # the direction that the closure forbids gets a large eigenvalue of its own
+                for j in range(free):
+                    hessian[i, j] += (along + FORBIDDEN) * normal[i] * normal[j]
+                    hessian[i, j] -= product[i] * normal[j] + normal[i] * product[j]
+    return np.linalg.eigvalsh(hessian)[0]
