@@ -61,7 +61,7 @@ def test_report_and_records_say_where_they_come_from(run_folder: Path):
     content = report(run_folder)
     assert content["seed"] == 3
     assert content["versions"]["cableway"]
-    assert {"set up", "pivot path", "path set", "realisation", "verification"} <= set(content["stage_times"])
+    assert {"set up", "pivot path", "guide", "realisation", "verification"} <= set(content["stage_times"])
     assert content["planning_time"] == pytest.approx(sum(content["stage_times"].values()))
     assert any("not simulated" in note or "do not collide" in note for note in content["notes"])
     configuration = content["configuration"]

@@ -24,7 +24,7 @@ def test_finds_a_plan_that_verifies(name):
     assert (np.diff(found.progress, axis=0) > -1e-9).all()
 
 
-@pytest.mark.parametrize("guide", ["head", "tail", "slide-head", "slide-tail"])
+@pytest.mark.parametrize("guide", ["corridor", "tube", "slide-head", "slide-tail", "head", "tail", "anywhere"])
 def test_each_guide_alone_passes_the_door(guide):
     """Each of these leads through a door by itself ("uniform", in which no end leads, does not)."""
     assert plan(problems.doorway(), config=PlannerConfig(guides=(guide,))).metadata["guide"] == guide
@@ -42,7 +42,7 @@ def test_stages_report_their_progress_in_order():
     seen: list[tuple[str, float]] = []
     plan(problems.free(), progress=lambda stage, share: seen.append((stage, share)))
     stages = list(dict.fromkeys(stage for stage, _ in seen))
-    assert stages == ["pivot path", "path set", "deformation", "realisation", "verification"]
+    assert stages == ["pivot path", "guide", "realisation", "verification"]
     for stage in stages:
         shares = [share for name, share in seen if name == stage]
         assert shares[0] == 0.0
@@ -50,9 +50,31 @@ def test_stages_report_their_progress_in_order():
 
 
 def test_no_plan_says_why():
-    """Behind a sealed wall there is no plan, and the error says that no path exists."""
-    with pytest.raises(PlanningError, match="path"):
+    """Behind a sealed wall there is no plan, and the error says who cannot pass."""
+    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a way 8 mm wide"):
         plan(problems.sealed())
+
+
+def test_when_time_runs_out_the_closest_attempt_is_handed_on():
+    """With a clearance that no shape can keep, all guides fail; the limit ends the search after the first."""
+    from cableway.verification import VerificationLimits
+
+    seen: list[str] = []
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.06), guides=("slide-head", "slide-tail"))
+    with pytest.raises(PlanningError, match=r"the time limit ran out .*cable clearance") as caught:
+        plan(
+            problems.doorway(),
+            config=config,
+            progress=lambda stage, share: seen.append(stage),
+            expired=lambda: seen.count("verification") == 2,
+        )
+    assert caught.value.attempt is not None
+    assert caught.value.attempt.shapes is not None
+
+
+def test_time_that_is_up_at_once():
+    with pytest.raises(PlanningError, match=r"the time limit ran out before a plan was found$"):
+        plan(problems.free(), expired=lambda: True)
 
 
 def test_what_does_not_verify_is_not_handed_on():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import tyro
 from cableway.cli import outputs
 from cableway.cli.options import Options
 from cableway.cli.terminal import StageTimer, Tell, Terminal
-from cableway.errors import PlanningError, UnknownNameError
+from cableway.errors import InputError, PlanningError, UnknownNameError
 
 if TYPE_CHECKING:
     from cableway.planning.config import PlannerConfig
@@ -35,6 +36,14 @@ class PlanOptions(Options):
 
     pivot: Annotated[str | None, tyro.conf.arg(metavar="{grid,rrt_star}")] = None
     """How the pivot path is found; as the planner has it unless given."""
+
+    time_limit: float = 30.0
+    """Seconds after which the search for a plan ends; a search that it does not cut short gives the same plan."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.time_limit > 0:
+            raise InputError(f"--time-limit must be positive, got {self.time_limit}")
 
     def planner_config(self) -> PlannerConfig:
         """The planner's configuration that the options ask for.
@@ -89,7 +98,8 @@ def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal
     timer("set up", 0.0)
     common: dict[str, Any] = {"timings": timer.seconds, "seed": seed, "notes": notes, "limits": config.limits}
     try:
-        plan = find_plan(task, seed=seed, config=config, progress=timer)
+        deadline = time.monotonic() + options.time_limit
+        plan = find_plan(task, seed=seed, config=config, progress=timer, expired=lambda: time.monotonic() > deadline)
         mark_compiled()
     except PlanningError as error:
         timer.stop()

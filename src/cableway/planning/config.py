@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from cableway.errors import InputError, UnknownNameError
+from cableway.planning.explore import ExploreConfig
 from cableway.planning.realization import RealizationConfig
 from cableway.verification import VerificationLimits
 
 PivotMethod = Literal["grid", "rrt_star"]
 PathSetKind = Literal["homotopic", "transfer"]
 Interpolation = Literal["spline", "sigmoid"]
-Guide = Literal["head", "tail", "uniform", "slide-head", "slide-tail"]
+Guide = Literal["corridor", "tube", "slide-head", "slide-tail", "head", "tail", "uniform", "anywhere"]
 
 
 def require_range(config: object, low: float, high: float, *names: str) -> None:
@@ -142,9 +143,11 @@ class PlannerConfig:
         pivot: Path of the cable's centre.
         path_set: One path per keypoint.
         deformation: Progress of the keypoints along their paths.
-        guides: What is realised, in this order, until a plan verifies: the deformation optimised from a first guess
-            in which the right end ("head"), the left end ("tail") or neither leads, or the cable sliding along one
-            curve.
+        explore: The guides that search among equilibria.
+        guides: What is realised, in this order, until a plan verifies: a search among equilibria about the pivot
+            path ("corridor"), about the shapes of "slide-head" ("tube") or all over ("anywhere"); the cable sliding
+            along one curve, its right or left end leading; the deformation optimised along the path set from a
+            first guess in which the right end ("head"), the left end ("tail") or neither leads.
         realization: How a guide is made true.
         limits: What a plan must keep.
     """
@@ -152,7 +155,8 @@ class PlannerConfig:
     pivot: PivotConfig = field(default_factory=PivotConfig)
     path_set: PathSetConfig = field(default_factory=PathSetConfig)
     deformation: DeformationConfig = field(default_factory=DeformationConfig)
-    guides: tuple[Guide, ...] = ("head", "tail", "uniform", "slide-head", "slide-tail")
+    explore: ExploreConfig = field(default_factory=ExploreConfig)
+    guides: tuple[Guide, ...] = ("corridor", "tube", "slide-head", "slide-tail", "head", "anywhere", "tail")
     realization: RealizationConfig = field(default_factory=RealizationConfig)
     limits: VerificationLimits = field(default_factory=VerificationLimits)
 

@@ -1,0 +1,97 @@
+"""The guides: sequences of shapes from start to goal, not yet true, that the realisation starts from.
+
+Each guide is a short method of `Guides`; what several need (the pivot path, the path set) is made once, when it is
+first asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from cableway.planning import explore
+from cableway.planning.config import Guide, PlannerConfig
+from cableway.planning.deformation import optimize_deformation
+from cableway.planning.passages import find_passages
+from cableway.planning.path_set import generate_path_set
+from cableway.planning.pivot import pivot_keypoint, plan_pivot_path
+from cableway.planning.realization import fit_sequence
+from cableway.planning.slide import End, slide
+from cableway.records import DeformationSequence, PathSet
+from cableway.scene.task import Task
+
+Progress = Callable[[str, float], None]
+
+
+class Guides:
+    """Makes the guides of one task.
+
+    Args:
+        task: The task.
+        config: Of all stages.
+        seed: For those that draw random numbers.
+        progress: Called with the name of a stage and the share of it that is done.
+    """
+
+    def __init__(self, task: Task, config: PlannerConfig, seed: int, progress: Progress) -> None:
+        self.task, self.config, self.seed, self.progress = task, config, seed, progress
+
+    def make(self, name: Guide) -> tuple[DeformationSequence, PathSet]:
+        """A guide and the paths that its keypoints take.
+
+        Raises:
+            PlanningError: There is no such guide for this task.
+        """
+        if name in ("head", "tail", "uniform"):
+            paths = self.path_set
+            self.progress("guide", 0.0)
+            sequence = optimize_deformation(paths, self.task.cable, self.config.deformation, name)
+        else:
+            pivot = self.pivot
+            self.progress("guide", 0.0)
+            sequence = (
+                self._slide("head" if name == "slide-head" else "tail") if "slide" in name else self._search(name)
+            )
+            paths = PathSet(np.ascontiguousarray(sequence.shapes.swapaxes(0, 1)), pivot, np.empty((0, 2, 2)))
+        self.progress("guide", 1.0)
+        return sequence, paths
+
+    @cached_property
+    def pivot(self) -> np.ndarray:
+        """(P, 2) path of the cable's middle [m]."""
+        self.progress("pivot path", 0.0)
+        task, middle = self.task, pivot_keypoint(self.task.cable.keypoints)
+        ends = task.start[middle], task.goal[middle]
+        path = plan_pivot_path(task.scene, *ends, task.cable.radius, self.config.pivot, seed=self.seed)
+        self.progress("pivot path", 1.0)
+        return path
+
+    @cached_property
+    def path_set(self) -> PathSet:
+        """One path per keypoint along the pivot path."""
+        pivot = self.pivot
+        self.progress("path set", 0.0)
+        paths = generate_path_set(self.task, pivot, find_passages(self.task.scene), self.config.path_set)
+        self.progress("path set", 1.0)
+        return paths
+
+    def _slide(self, leading: End) -> DeformationSequence:
+        return slide(self.task, leading, self.config.pivot, seed=self.seed)
+
+    def _search(self, name: Guide) -> DeformationSequence:
+        task, config = self.task, self.config.explore
+        if name == "corridor":
+            sampler = explore.about_path(task, self.pivot, config)
+        elif name == "tube":
+            ends = task.start_fit[0], task.goal_fit[0]
+            shapes = self._slide("head").shapes
+            sampler = explore.about_shapes(fit_sequence(task.cable.rod, shapes, *ends, explore.TUBE_STEP)[0], config)
+        else:
+            sampler = explore.anywhere(task, config)
+
+        def tell(share: float) -> None:
+            self.progress("guide", share)
+
+        return explore.explored_guide(task, sampler, config, seed=self.seed, progress=tell)
