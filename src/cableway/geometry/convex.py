@@ -130,7 +130,7 @@ def point_distance(px, py, vertices, counts, rounding, size):
 
 
 @kernel
-def _bounding_circles(vertices, counts, rounding):
+def bounding_circles(vertices, counts, rounding):
     """Centres (k, 2) and radii (k,) of circles that hold the obstacles."""
     centres, radii = np.zeros((len(counts), 2)), np.zeros(len(counts))
     for k in range(len(counts)):
@@ -145,7 +145,7 @@ def _bounding_circles(vertices, counts, rounding):
 @kernel
 def _point_distances(points, vertices, counts, rounding, size):
     m = len(points)
-    centres, radii = _bounding_circles(vertices, counts, rounding)
+    centres, radii = bounding_circles(vertices, counts, rounding)
     d, gradient, index = np.empty(m), np.empty((m, 2)), np.empty(m, np.int64)
     for i in range(m):
         px, py = points[i, 0], points[i, 1]

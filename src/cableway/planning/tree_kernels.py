@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cableway.geometry.compiled import kernel
-from cableway.geometry.convex import point_distance
+from cableway.geometry.convex import convex_distance, wall_distance
 from cableway.rod.kernels import stability, world_shape
 
 FEATURES = 5
@@ -48,11 +48,36 @@ def crosses_itself(stations):
 
 
 @kernel
+def _keeps_distance(stations, center, length, world, limits):
+    """Whether the centre line and its two ends keep their distances from walls and obstacles."""
+    vertices, counts, rounding, size, centers, radii = world
+    last = len(stations) - 1
+    widest = max(limits[0], limits[1])
+    for i in range(last + 1):
+        wanted = limits[1] if i == 0 or i == last else limits[0]
+        if wall_distance(stations[i, 0], stations[i, 1], size)[0] < wanted:
+            return False
+    for k in range(len(counts)):
+        off = math.hypot(center[0] - centers[k, 0], center[1] - centers[k, 1])
+        if off - radii[k] > length / 2 + widest:
+            continue
+        for i in range(last + 1):
+            wanted = limits[1] if i == 0 or i == last else limits[0]
+            x, y = stations[i, 0], stations[i, 1]
+            if math.hypot(x - centers[k, 0], y - centers[k, 1]) - radii[k] > wanted:
+                continue
+            if convex_distance(x, y, vertices[k], counts[k], rounding[k])[0] < wanted:
+                return False
+    return True
+
+
+@kernel
 def is_free(q, rod, world, limits):
     """Whether a shape keeps its distances, is stable, has slack and does not cross itself.
 
-    Args: rod (length, hinges); world (vertices, counts, rounding, size); limits (distance of the centre line,
-    distance of the grippers' centres, stability margin, chord over length).
+    Args: rod (length, hinges); world (vertices, counts, rounding, size, centres and radii of circles about the
+    obstacles); limits (distance of the centre line, distance of the grippers' centres, stability margin, chord over
+    length).
     """
     length, hinges = rod
     stations, poses = np.empty((2 * hinges + 1, 2)), np.empty((2, 3))
@@ -60,10 +85,8 @@ def is_free(q, rod, world, limits):
     last = 2 * hinges
     if math.hypot(stations[last, 0] - stations[0, 0], stations[last, 1] - stations[0, 1]) > limits[3] * length:
         return False
-    for i in range(last + 1):
-        wanted = limits[1] if i == 0 or i == last else limits[0]
-        if point_distance(stations[i, 0], stations[i, 1], world[0], world[1], world[2], world[3])[0] < wanted:
-            return False
+    if not _keeps_distance(stations, q, length, world, limits):
+        return False
     gradient = np.empty(3)
     if stability(q[3:], length, hinges, limits[2], gradient) < limits[2]:
         return False

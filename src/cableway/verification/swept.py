@@ -56,21 +56,30 @@ def closest_approach(lines: Float[np.ndarray, "t m 2"], scene: Scene) -> Closest
 
 
 def _distances(lines: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (t,) of each polyline (t, m, 2), a single point where m = 1, and the obstacle that is nearest."""
-    points = np.asarray(shapely.points(lines))
-    curves = np.asarray(shapely.linestrings(lines)) if lines.shape[1] > 1 else points[:, 0]
+    """Distance (t,) of each polyline (t, m, 2), a single point where m = 1, and the obstacle that is nearest.
+
+    An obstacle is measured only where the circle about it leaves room for it to be nearer than what is found.
+    """
     x, y = lines[..., 0], lines[..., 1]
     width, height = scene.size
-    rows = []
-    for solid in scene.solids:
-        gap = np.asarray(shapely.distance(curves, solid))
-        inside = shapely.contains_xy(solid, x, y)
+    walls = np.array([x.min(1), y.min(1), (width - x).min(1), (height - y).min(1)])
+    distance, nearest = walls.min(0), len(scene.solids) + walls.argmin(0)
+    points = np.asarray(shapely.points(lines))
+    curves = np.asarray(shapely.linestrings(lines)) if lines.shape[1] > 1 else points[:, 0]
+    longest = np.linalg.norm(np.diff(lines, axis=1), axis=2).max(initial=0.0)
+    for index, solid in enumerate(scene.solids):
+        center = shapely.get_coordinates(solid.centroid)[0]
+        radius = np.linalg.norm(shapely.get_coordinates(solid.exterior) - center, axis=1).max()
+        off = np.hypot(x - center[0], y - center[1]).min(1) - longest / 2 - radius
+        rows = np.flatnonzero(off < distance)
+        if not len(rows):
+            continue
+        gap = np.asarray(shapely.distance(curves[rows], solid))
+        inside = shapely.contains_xy(solid, x[rows], y[rows])
         hit = inside.any(1)
         if hit.any():
-            depth = shapely.distance(points[hit], solid.exterior)
+            depth = shapely.distance(points[rows[hit]], solid.exterior)
             gap[hit] = -np.where(inside[hit], depth, 0.0).max(1)
-        rows.append(gap)
-    rows += [x.min(1), y.min(1), (width - x).min(1), (height - y).min(1)]
-    table = np.array(rows)
-    nearest = table.argmin(0)
-    return table[nearest, np.arange(len(lines))], nearest
+        nearer = gap < distance[rows]
+        distance[rows[nearer]], nearest[rows[nearer]] = gap[nearer], index
+    return distance, nearest
