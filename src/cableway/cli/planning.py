@@ -87,23 +87,20 @@ def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal
 
     A folder is left as it was until there is something to write, so an interrupt costs nothing.
     """
-    from cableway.geometry.compiled import mark_compiled
     from cableway.planning.planner import plan as find_plan
     from cableway.provenance import describe
     from cableway.report import summarize
 
     config, seed = options.planner_config(), options.seed or 0
-    notes = _warn_of_compilation(terminal)
+    notes = _compile(terminal, tell)
     timer = StageTimer(tell)
     timer("set up", 0.0)
     common: dict[str, Any] = {"timings": timer.seconds, "seed": seed, "notes": notes, "limits": config.limits}
     try:
         deadline = time.monotonic() + options.time_limit
         plan = find_plan(task, seed=seed, config=config, progress=timer, expired=lambda: time.monotonic() > deadline)
-        mark_compiled()
     except PlanningError as error:
         timer.stop()
-        mark_compiled()
         configuration = {"plan": {"planner": describe(config)}}
         report = summarize(task, None, attempt=error.attempt, problem=str(error), configuration=configuration, **common)
         _write_attempt(folder, task, report, error)
@@ -113,14 +110,20 @@ def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal
     return Planned(plan=plan, report=report, timings=timer.seconds, config=config, notes=notes)
 
 
-def _warn_of_compilation(terminal: Terminal) -> tuple[str, ...]:
-    """Say so where kernels are yet to be compiled; what the report is to say about it."""
+def _compile(terminal: Terminal, tell: Tell) -> tuple[str, ...]:
+    """Compile the kernels where that is yet to be done; what the report is to say about it."""
     from cableway.geometry.compiled import is_compiled
 
     if is_compiled():
         return ()
+    from cableway.planning.compilation import compile_kernels
+
     terminal.note("Compiling the planner's kernels; this happens once, the next run finds them in your cache folder.")
-    return ("Planning time includes the compilation of kernels, which happens once.",)
+    tell("compilation", 0.0)
+    start = time.monotonic()
+    compile_kernels()
+    tell("compilation", 1.0)
+    return (f"Before planning, kernels were compiled for {time.monotonic() - start:.0f} s, which happens once.",)
 
 
 def _write_plan(folder: Path, task: Task, report: Report, plan: Plan) -> None:

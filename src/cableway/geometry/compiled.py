@@ -55,7 +55,7 @@ def is_compiled() -> bool:
 
 
 def mark_compiled() -> None:
-    """Note for later processes that planning found or left its kernels compiled; a read-only cache stays as it is."""
+    """Note for later processes that the kernels of planning are compiled; a read-only cache stays as it is."""
     with suppress(OSError):
         cache_folder().mkdir(parents=True, exist_ok=True)
         (cache_folder() / MARK).touch()
