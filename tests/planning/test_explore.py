@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import problems
 import pytest
@@ -32,6 +34,26 @@ def test_every_shape_on_the_way_is_free_and_stable(name):
         assert rod.stability(rows)[0].min() > 0.8 * CONFIG.stability
         assert shapely.is_simple(lines).all()
         assert (np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1) < 0.99 * rod.length).all()
+
+
+def test_keeps_the_grippers_apart_and_the_bends_wide():
+    """Limits that only some tasks have: without them the search breaks both here."""
+    free = problems.doorway()
+    rod = free.cable.rod
+
+    def extremes(task):
+        q = explore(task, anywhere(task, CONFIG), CONFIG, seed=1)
+        stations, poses = rod.shapes(q)
+        turns = [tree_kernels.sharpest_turn(row, rod.length, rod.hinges) for row in stations]
+        return np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1).min(), max(turns) * rod.hinges / rod.length
+
+    apart, sharpest = extremes(free)
+    assert apart < 0.26
+    assert sharpest > 1 / 0.08
+    cable, grippers = replace(free.cable, min_bend_radius=0.08), replace(free.grippers, separation=0.26)
+    apart, sharpest = extremes(replace(free, cable=cable, grippers=grippers))
+    assert apart >= 0.26
+    assert sharpest <= 1 / 0.08 + 0.1  # the sine of a turn is a little less than the turn
 
 
 def test_rows_are_near_each_other():

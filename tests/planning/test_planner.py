@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import problems
 import pytest
@@ -106,3 +108,13 @@ def test_unknown_guides_are_refused():
         PlannerConfig(guides=("sideways",))  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="at least one of"):
         PlannerConfig(guides=())
+
+
+def test_a_plan_keeps_the_grippers_apart_and_the_bends_wide():
+    """Limits that only some tasks have; the plan made without them breaks both."""
+    free = problems.doorway()
+    cable, grippers = replace(free.cable, min_bend_radius=0.09), replace(free.grippers, separation=0.26)
+    task = replace(free, cable=cable, grippers=grippers)
+    broken = {check.name for check in verify_plan(plan(free), task).failures()}
+    assert broken >= {"gripper separation", "curvature"}
+    assert verify_plan(plan(task), task).passed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import problems
 import pytest
@@ -31,6 +33,23 @@ def test_gradient_is_that_of_the_cost(crossing):
         h = 1e-5
         numeric = (problem.cost(q + h * direction) - problem.cost(q - h * direction)) / (2 * h)
         assert np.sum(normal.gradient * direction) == pytest.approx(numeric, rel=2e-4)
+
+
+def test_gradient_with_all_limits_of_the_task(crossing):
+    """The same where the grippers must stay apart and the cable must not bend sharply."""
+    task, q = crossing
+    task = replace(
+        task, grippers=replace(task.grippers, separation=0.2), cable=replace(task.cable, min_bend_radius=0.06)
+    )
+    problem = _Problem(task, RefinementConfig(), 1.0, len(q))
+    assert problem._bends(problem.rod.shapes(q)[0]).any()
+    assert problem._chord(problem.rod.shapes(q)[1])[0][:, 1].any()
+    normal = problem.linearise(q)
+    assert normal.cost == pytest.approx(problem.cost(q), rel=1e-12)
+    direction = np.random.default_rng(1).normal(size=q.shape) * [0.01, 0.01, 0.1, 1, 1, 0.3]
+    h = 1e-5
+    numeric = (problem.cost(q + h * direction) - problem.cost(q - h * direction)) / (2 * h)
+    assert np.sum(normal.gradient * direction) == pytest.approx(numeric, rel=2e-4)
 
 
 def test_moves_the_cable_out_of_the_way_and_keeps_the_ends(crossing):

@@ -17,6 +17,7 @@ from cableway.scene.obstacles import Box, Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Grippers, Task
 from cableway.verification import verify_plan
+from cableway.verification.plan import self_clearance
 
 
 def plan_of(q: np.ndarray, task: Task) -> Plan:
@@ -51,6 +52,22 @@ def test_an_obstacle_in_the_way_is_found(good):
     check = next(check for check in verify_plan(plan, blocked).failures() if check.name == "cable clearance")
     assert check.value < -0.004
     assert "disc" in check.where
+
+
+@pytest.mark.parametrize("gap", [0.012, 0.007])
+def test_clearance_of_the_cable_from_itself(gap):
+    """A hairpin: what is nearest are its legs, or in a wide one the ends of half a turn of the cable's radius."""
+    radius = 0.004
+    half_turn = min(np.pi / 2, np.pi * radius / gap)
+    wanted = gap * np.sin(half_turn) - 2 * radius
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 60)
+    bend = gap / 2 * np.column_stack([np.cos(turn), np.sin(turn)])
+    leg = np.linspace(-0.1, 0.0, 40, endpoint=False)
+    lower = np.column_stack([leg, np.full(40, -gap / 2)])
+    line = np.vstack([lower, bend, lower[::-1] * [1, -1]])
+    check = self_clearance(line[None], radius)
+    assert check.value == pytest.approx(wanted, abs=2e-4)
+    assert check.passed == (wanted > 0)
 
 
 def test_the_sweep_between_rows_is_judged(good):

@@ -12,6 +12,7 @@ Note:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ from cableway.errors import PlanningError
 from cableway.geometry import convex
 from cableway.planning import tree_kernels
 from cableway.planning.band import arrays
+from cableway.planning.refinement import bend_limit
 from cableway.records import DeformationSequence
 from cableway.scene.task import Task
 
@@ -48,6 +50,7 @@ class ExploreConfig:
         load_spread: Least standard deviation of sampled loads (a_x, a_y, m); more where start or goal have more.
         corridor: Standard deviation [m] of the cable's centre about a path.
         tube: Standard deviations about the shapes of another guide [m, m, rad, -, -, -].
+        self_distance: Distance that the cable's surface keeps from itself [m]; less where start or goal have less.
         shortcuts: Attempts to replace a stretch of the path found by a straight one.
     """
 
@@ -59,6 +62,7 @@ class ExploreConfig:
     load_spread: tuple[float, float, float] = (8.0, 8.0, 2.0)
     corridor: float = 0.05
     tube: tuple[float, float, float, float, float, float] = (0.03, 0.03, 0.4, 6.0, 6.0, 1.5)
+    self_distance: float = 0.001
     shortcuts: int = 100
 
 
@@ -179,14 +183,21 @@ def _limits(task: Task, ends: np.ndarray, config: ExploreConfig) -> np.ndarray:
     stations, poses = rod.shapes(ends)
     cable = task.scene.signed_distance(stations).min() - 1e-6
     grippers = task.scene.signed_distance(poses[..., :2]).min() - 1e-6
-    chord = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1).max() / rod.length + 1e-9
+    chords = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
     gripper_radius = max(task.grippers.radius, task.cable.radius)
+    places = math.ceil(math.pi * task.cable.radius * 2 * rod.hinges / rod.length) + 1
+    selves = min(tree_kernels.self_distance(shape, places) for shape in stations) - 1e-9
+    turns = [tree_kernels.sharpest_turn(shape, rod.length, rod.hinges) for shape in stations]
     return np.array(
         [
             min(task.cable.radius + config.margin, cable),
             min(gripper_radius + config.margin, grippers),
             min(config.stability, rod.stability(ends)[0].min() - 1e-6),
-            max(config.chord, chord),
+            max(config.chord * rod.length, chords.max() + 1e-9),
+            min(task.grippers.separation, chords.min() - 1e-9),
+            max(bend_limit(task), *turns),
+            places,
+            min(2 * task.cable.radius + config.self_distance, selves),
         ]
     )
 

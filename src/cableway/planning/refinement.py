@@ -5,7 +5,8 @@ Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
     1/2 sum_t |x_{t+1} - x_t|^2 / v^2 + 1/2 sum_t |x_{t-1} - 2 x_t + x_{t+1}|^2 / u^2      keypoints x, smoothness
     + 1/2 w sum_t sum_i max(0, margin - clearance_{t,i})^2 / e^2                           stations and gripper discs
     + 1/2 sum_t max(0, mu_0 - mu_t)^2 / d^2                                                stability
-    + 1/2 sum_t max(0, chord_t/L - chord_0)^2 / g^2                                        slack
+    + 1/2 sum_t max(0, chord_t/L - chord_0)^2 / g^2                                        slack, gripper separation
+    + 1/2 sum_t sum_j max(0, |sin turn_{t,j}| - turn_0)^2 / b^2                            sharpest bend
     + small pulls on the loads and on their differences,
 
 with the clearance weight w rising in stages. Smoothness couples rows at most two apart, so the normal matrix has
@@ -17,6 +18,7 @@ Note:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,13 +39,16 @@ class RefinementConfig:
         clearance_weights: The rising stages of the clearance weight.
         clearance_scale: [m].
         step_scale: Of a keypoint's move from row to row [m].
-        bend_scale: Of the change of that move [m].
+        change_scale: Of the change of that move [m].
         load_scale: Of a load, in units of (10, 10, 3) for (a_x, a_y, m).
         load_step_scale: Of its change from row to row.
         stability_wanted: Margin mu under which a shape is pushed back.
         stability_scale: Of that shortfall.
         chord_wanted: Distance between the grippers over L above which the cable is given slack.
         chord_scale: Of that excess.
+        separation_margin: Distance between the grippers beyond the least one that the task allows [m].
+        bend_share: Of the curvature that the cable allows.
+        bend_scale: Of the sine of the turn at a hinge beyond that.
         iterations: Cap for each stage.
         tolerance: Relative fall of the cost that ends a stage.
     """
@@ -52,13 +57,16 @@ class RefinementConfig:
     clearance_weights: tuple[float, ...] = (0.3, 1.0, 3.0)
     clearance_scale: float = 0.001
     step_scale: float = 0.05
-    bend_scale: float = 0.005
+    change_scale: float = 0.005
     load_scale: float = 10.0
     load_step_scale: float = 1.0
     stability_wanted: float = 34.0
     stability_scale: float = 2.0
     chord_wanted: float = 0.97
     chord_scale: float = 0.005
+    separation_margin: float = 0.002
+    bend_share: float = 0.95
+    bend_scale: float = 0.01
     iterations: int = 60
     tolerance: float = 1e-4
 
@@ -94,10 +102,11 @@ class _Problem:
     def __init__(self, task: Task, config: RefinementConfig, weight: float, rows: int) -> None:
         self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
         first, second = np.diff(np.eye(rows), axis=0), np.diff(np.eye(rows), n=2, axis=0)
-        smooth = first.T @ first / config.step_scale**2 + second.T @ second / config.bend_scale**2
+        smooth = first.T @ first / config.step_scale**2 + second.T @ second / config.change_scale**2
         self.smooth = tuple(np.diagonal(smooth, d).copy() for d in range(3))
         loads = first.T @ first / config.load_step_scale**2
         self.loads = tuple(np.diagonal(loads, d).copy() for d in range(3))
+        self.sharpest = config.bend_share * bend_limit(task)
 
     def cost(self, q: Float[np.ndarray, "T+1 6"]) -> float:
         """The cost alone, for trial steps."""
@@ -106,8 +115,9 @@ class _Problem:
         loads = q[:, 3:] / _LOAD_UNITS
         total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
         total += 0.5 * np.sum(loads**2) / self.config.load_scale**2
-        total += 0.5 * np.sum(self._clearance(stations)[0] ** 2) + 0.5 * np.sum(self._slack(poses)[0] ** 2)
-        return float(total + 0.5 * np.sum(self._stability(q)[0] ** 2))
+        terms = (self._clearance(stations), self._chord(poses), self._stability(q))
+        total += sum(0.5 * np.sum(value**2) for value, _ in terms) + 0.5 * np.sum(self._bends(stations) ** 2)
+        return float(total)
 
     def linearise(self, q: Float[np.ndarray, "T+1 6"]) -> _Normal:
         """Cost, gradient and Gauss-Newton blocks at q."""
@@ -133,9 +143,11 @@ class _Problem:
         short, slope = self._clearance(stations)
         rise = np.einsum("tsk,tski->tsi", slope, dstations)
         lack, dlack = self._stability(q)
-        taut, dtaut = self._slack(poses)
-        rise_taut = np.einsum("tkj,tkji->ti", dtaut, dposes)
-        for value, slopes in ((short, rise), (lack[:, None], dlack[:, None]), (taut[:, None], rise_taut[:, None])):
+        chord, dchord = self._chord(poses)
+        terms = [(short, rise), (lack[:, None], dlack[:, None]), (chord, np.einsum("tckj,tkji->tci", dchord, dposes))]
+        if np.isfinite(self.sharpest):
+            terms.append((self._bends(stations), self._bend_slopes(stations, dstations)))
+        for value, slopes in terms:
             cost += 0.5 * np.sum(value**2)
             gradient += np.einsum("tsi,ts->ti", slopes, value)
             blocks[0] += np.matmul(slopes.transpose(0, 2, 1), slopes)
@@ -155,16 +167,50 @@ class _Problem:
         lack = np.maximum(0.0, self.config.stability_wanted - mu) / self.config.stability_scale
         return lack, -dmu * (lack > 0)[:, None] / self.config.stability_scale
 
-    def _slack(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Excess of the chord between the grippers over the wanted part of L, and its slope by the poses."""
+    def _chord(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Excess and shortfall (t, 2) of the chord between the grippers, and their slopes (t, 2, 2, 3) by the poses."""
+        length, scale = self.rod.length, self.config.chord_scale
         chord = poses[:, 1, :2] - poses[:, 0, :2]
         reach = np.linalg.norm(chord, axis=1)
-        excess = np.maximum(0.0, reach / self.rod.length - self.config.chord_wanted) / self.config.chord_scale
-        slope = np.zeros_like(poses)
-        unit = chord / np.maximum(reach, 1e-12)[:, None] * (excess > 0)[:, None]
-        slope[:, 1, :2] = unit / (self.rod.length * self.config.chord_scale)
-        slope[:, 0, :2] = -slope[:, 1, :2]
-        return excess, slope
+        least = self.task.grippers.separation
+        least += self.config.separation_margin if least else 0.0
+        over = np.column_stack([reach - self.config.chord_wanted * length, least - reach]) / (length * scale)
+        slope = np.zeros((len(poses), 2, 2, 3))
+        unit = chord / np.maximum(reach, 1e-12)[:, None] / (length * scale)
+        slope[:, 0, 1, :2], slope[:, 1, 1, :2] = unit, -unit
+        slope[:, :, 0] = -slope[:, :, 1]
+        return np.maximum(0.0, over), slope * (over > 0)[..., None, None]
+
+    def _bends(self, stations: np.ndarray) -> np.ndarray:
+        """Excess (t, hinges) of the sine of the turn at each hinge over the greatest wanted."""
+        before, after = _half_links(stations)
+        sines = np.abs(_cross(before, after)) / (self.rod.length / (2 * self.rod.hinges)) ** 2
+        return np.maximum(0.0, sines - self.sharpest) / self.config.bend_scale
+
+    def _bend_slopes(self, stations: np.ndarray, dstations: np.ndarray) -> np.ndarray:
+        """Slopes (t, hinges, 6) of `_bends` by q."""
+        before, after = (part[..., None] for part in _half_links(stations))
+        dbefore, dafter = _half_links(dstations)
+        sine = _cross(before, after)
+        slopes = (_cross(dbefore, after) + _cross(before, dafter)) * np.sign(sine)
+        slopes /= (self.rod.length / (2 * self.rod.hinges)) ** 2 * self.config.bend_scale
+        return slopes * (self._bends(stations) > 0)[..., None]
+
+
+def bend_limit(task: Task) -> float:
+    """Greatest sine of the turn at a hinge that the cable's least bend radius allows; infinite where it has none."""
+    radius, rod = task.cable.min_bend_radius, task.cable.rod
+    return math.sin(min(math.pi / 2, rod.length / rod.hinges / radius)) if radius > 0 else math.inf
+
+
+def _half_links(stations: Float[np.ndarray, "t s 2 ..."]) -> tuple[np.ndarray, np.ndarray]:
+    """The half links before and after each hinge, which are the stations of odd number."""
+    halves = np.diff(stations, axis=1)
+    return halves[:, ::2], halves[:, 1::2]
+
+
+def _cross(a: Float[np.ndarray, "t k 2 ..."], b: Float[np.ndarray, "t k 2 ..."]) -> np.ndarray:
+    return a[:, :, 0] * b[:, :, 1] - a[:, :, 1] * b[:, :, 0]
 
 
 _LOAD_UNITS = np.array([10.0, 10.0, 3.0])

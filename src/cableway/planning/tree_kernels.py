@@ -48,6 +48,17 @@ def crosses_itself(stations):
 
 
 @kernel
+def sharpest_turn(stations, length, hinges):
+    """Greatest sine of the turn from link to link."""
+    most = 0.0
+    for i in range(1, 2 * hinges, 2):
+        ux, uy = stations[i, 0] - stations[i - 1, 0], stations[i, 1] - stations[i - 1, 1]
+        vx, vy = stations[i + 1, 0] - stations[i, 0], stations[i + 1, 1] - stations[i, 1]
+        most = max(most, abs(ux * vy - uy * vx))
+    return most / (length / (2 * hinges)) ** 2
+
+
+@kernel
 def _keeps_distance(stations, center, length, world, limits):
     """Whether the centre line and its two ends keep their distances from walls and obstacles."""
     vertices, counts, rounding, size, centers, radii = world
@@ -72,25 +83,38 @@ def _keeps_distance(stations, center, length, world, limits):
 
 
 @kernel
+def self_distance(stations, apart):
+    """Least distance [m] between two stations at least `apart` places from each other; infinite if there are none."""
+    least = np.inf
+    for i in range(len(stations) - apart):
+        for j in range(i + apart, len(stations)):
+            x, y = stations[j, 0] - stations[i, 0], stations[j, 1] - stations[i, 1]
+            least = min(least, x * x + y * y)
+    return math.sqrt(least)
+
+
+@kernel
 def is_free(q, rod, world, limits):
-    """Whether a shape keeps its distances, is stable, has slack and does not cross itself.
+    """Whether a shape keeps its distances, is stable, has slack, bends no further and does not cross itself.
 
     Args: rod (length, hinges); world (vertices, counts, rounding, size, centres and radii of circles about the
-    obstacles); limits (distance of the centre line, distance of the grippers' centres, stability margin, chord over
-    length).
+    obstacles); limits (distance of the centre line, distance of the grippers' centres, stability margin, greatest and
+    least distance between the grippers, greatest sine of the turn at a hinge, places along the rod from which on it
+    could touch itself, distance of stations there).
     """
     length, hinges = rod
     stations, poses = np.empty((2 * hinges + 1, 2)), np.empty((2, 3))
     world_shape(q, length, hinges, stations, poses)
     last = 2 * hinges
-    if math.hypot(stations[last, 0] - stations[0, 0], stations[last, 1] - stations[0, 1]) > limits[3] * length:
+    chord = math.hypot(stations[last, 0] - stations[0, 0], stations[last, 1] - stations[0, 1])
+    if not limits[4] <= chord <= limits[3] or sharpest_turn(stations, length, hinges) > limits[5]:
         return False
     if not _keeps_distance(stations, q, length, world, limits):
         return False
     gradient = np.empty(3)
     if stability(q[3:], length, hinges, limits[2], gradient) < limits[2]:
         return False
-    return not crosses_itself(stations)
+    return not crosses_itself(stations) and self_distance(stations, int(limits[6])) >= limits[7]
 
 
 @kernel

@@ -59,6 +59,7 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
         gripper_clearance(plan.poses, task, limits.clearance),
         _length(lines, task, limits),
         self_crossings(lines),
+        self_clearance(lines, task.cable.radius),
         _grasp(plan, limits),
         *_gripper_motion(plan.poses, task),
         *_following(followed, plan, task, limits),
@@ -107,6 +108,26 @@ def self_crossings(lines: Float[np.ndarray, "t m 2"]) -> Check:
     crossed = ~shapely.is_simple(shapely.linestrings(lines))
     where = f"first at row {int(np.argmax(crossed))}" if crossed.any() else ""
     return Check("self-crossings", float(crossed.sum()), "", 0.0, not crossed.any(), where)
+
+
+def self_clearance(lines: Float[np.ndarray, "t m 2"], radius: float) -> Check:
+    """Least clearance of the cable's surface from itself, between parts at least half a turn of it apart.
+
+    Those are pi radius of arc length or more from each other: nearer ones cannot touch unless the cable bends more
+    sharply than its radius.
+    """
+    starts, along = lines[:, :-1], np.diff(lines, axis=1)
+    lengths = np.linalg.norm(along, axis=2)
+    arcs = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(lengths, axis=1)], axis=1)
+    gap = np.full(len(lines), np.inf)
+    for point in range(lines.shape[1]):
+        offset = lines[:, point, None] - starts
+        share = np.clip(np.sum(offset * along, axis=2) / np.maximum(lengths**2, 1e-30), 0.0, 1.0)
+        distance = np.linalg.norm(offset - share[..., None] * along, axis=2)
+        here = arcs[:, point, None]
+        apart = np.maximum(arcs[:, :-1] - here, here - arcs[:, 1:])
+        gap = np.minimum(gap, np.where(apart >= np.pi * radius, distance, np.inf).min(1))
+    return at_least("self-clearance", gap - 2 * radius, "m", 0.0)
 
 
 def _end(name: str, shape: np.ndarray, wanted: np.ndarray, limits: VerificationLimits) -> Check:
