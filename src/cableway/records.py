@@ -65,6 +65,12 @@ class DeformationSequence:
     shapes: Float[np.ndarray, "T+1 n 2"]
     progress: Float[np.ndarray, "T+1 n"]
 
+    @classmethod
+    def in_step(cls, shapes: Float[np.ndarray, "T+1 n 2"]) -> DeformationSequence:
+        """Shapes in which the progress of all keypoints is the same, the share of the rows."""
+        shares = np.linspace(0.0, 1.0, len(shapes))
+        return cls(np.ascontiguousarray(shapes), np.repeat(shares[:, None], shapes.shape[1], axis=1))
+
 
 @dataclass(frozen=True)
 class Plan(ArrayRecord):

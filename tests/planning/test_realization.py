@@ -10,7 +10,7 @@ import pytest
 
 from cableway.errors import PlanningError
 from cableway.geometry import se2
-from cableway.planning.realization import RealizationConfig, end_equilibria, fit_sequence, interpolate, step_evenly
+from cableway.planning.realization import RealizationConfig, between, end_equilibria, fit_sequence, step_evenly
 from cableway.scene.task import Grippers
 
 
@@ -26,7 +26,7 @@ def test_shapes_of_equilibria_are_fitted_exactly(line):
     rod = task.cable.rod
     shapes = rod.at_keypoints(rod.shapes(q)[0])
     fitted, rows = fit_sequence(rod, shapes, q[0], q[-1], row_step=0.012)
-    wanted = rod.shapes(interpolate(q, rows))[0]
+    wanted = rod.shapes(between(q, rows))[0]
     assert np.abs(rod.shapes(fitted)[0] - wanted).max() < 2e-4
     assert rows[0] == 0
     assert rows[-1] == len(q) - 1

@@ -13,15 +13,13 @@ import tyro
 from cableway.cli import outputs
 from cableway.cli.options import Options
 from cableway.cli.terminal import StageTimer, Tell, Terminal
-from cableway.errors import InputError, PlanningError, UnknownNameError
+from cableway.errors import InputError, PlanningError
 
 if TYPE_CHECKING:
     from cableway.planning.config import PlannerConfig
     from cableway.records import Plan
     from cableway.report import Report
     from cableway.scene.task import Task
-
-PLANNERS = ("default", "paper")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +29,8 @@ class PlanOptions(Options):
     task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="TASK")]
     """Name in the catalogue, or a YAML file."""
 
-    planner: Annotated[str, tyro.conf.arg(metavar="{default,paper}")] = "default"
-    """Which variant of the planner's stages."""
+    planner: Annotated[str, tyro.conf.arg(metavar="NAME")] = "default"
+    """default, paper, or one to compare with: paper-refined, straight, slide, rrt-connect."""
 
     pivot: Annotated[str | None, tyro.conf.arg(metavar="{grid,rrt_star}")] = None
     """How the pivot path is found; as the planner has it unless given."""
@@ -53,9 +51,7 @@ class PlanOptions(Options):
         """
         from cableway.planning.config import PlannerConfig
 
-        if self.planner not in PLANNERS:
-            raise UnknownNameError("planner", self.planner, PLANNERS)
-        config = PlannerConfig.paper() if self.planner == "paper" else PlannerConfig()
+        config = PlannerConfig.named(self.planner)
         return config if self.pivot is None else replace(config, pivot=_with_method(config.pivot, self.pivot))
 
 

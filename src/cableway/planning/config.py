@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 from cableway.errors import InputError, UnknownNameError
@@ -14,7 +14,12 @@ from cableway.verification import VerificationLimits
 PivotMethod = Literal["grid", "rrt_star"]
 PathSetKind = Literal["homotopic", "transfer"]
 Interpolation = Literal["spline", "sigmoid"]
-Guide = Literal["corridor", "tube", "slide-head", "slide-tail", "head", "tail", "uniform", "anywhere"]
+Guide = Literal[
+    "corridor", "tube", "slide-head", "slide-tail", "head", "tail", "uniform", "anywhere", "straight", "previous"
+]
+
+PLANNERS = ("default", "paper", "paper-refined", "straight", "slide", "rrt-connect")
+"""Names of planners, see `PlannerConfig.named`."""
 
 
 def require_range(config: object, low: float, high: float, *names: str) -> None:
@@ -147,7 +152,8 @@ class PlannerConfig:
         guides: What is realised, in this order, until a plan verifies: a search among equilibria about the pivot
             path ("corridor"), about the shapes of "slide-head" ("tube") or all over ("anywhere"); the cable sliding
             along one curve, its right or left end leading; the deformation optimised along the path set from a
-            first guess in which the right end ("head"), the left end ("tail") or neither leads.
+            first guess in which the right end ("head"), the left end ("tail") or neither leads ("uniform"); each
+            keypoint going straight to its goal ("straight").
         realization: How a guide is made true.
         limits: What a plan must keep.
     """
@@ -168,7 +174,7 @@ class PlannerConfig:
 
     @classmethod
     def paper(cls) -> PlannerConfig:
-        """The values and variants of the paper (Tang et al., table of key hyperparameters)."""
+        """The values and variants of the paper (Tang et al., table of key hyperparameters), and nothing else."""
         return cls(
             pivot=PivotConfig(method="rrt_star"),
             path_set=PathSetConfig(kind="transfer"),
@@ -181,4 +187,32 @@ class PlannerConfig:
                 interpolation="sigmoid",
             ),
             guides=("uniform",),
+            realization=RealizationConfig(kind="none"),
         )
+
+    @classmethod
+    def named(cls, name: str) -> PlannerConfig:
+        """A planner by its name: the default, the paper's, and simpler ones to compare with.
+
+        "paper-refined" is the paper's chain with our realisation; "straight" moves each keypoint straight to its
+        goal; "slide" only slides the cable along one curve; "rrt-connect" only searches among equilibria, all over
+        the workspace, and refines nothing, as sampling-based planners before it.
+
+        Raises:
+            UnknownNameError: There is none of that name; the message lists them.
+        """
+        match name:
+            case "default":
+                return cls()
+            case "paper":
+                return cls.paper()
+            case "paper-refined":
+                return replace(cls.paper(), realization=RealizationConfig())
+            case "straight":
+                return cls(guides=("straight",), realization=RealizationConfig(kind="none"))
+            case "slide":
+                return cls(guides=("slide-head", "slide-tail"), realization=RealizationConfig(kind="fit"))
+            case "rrt-connect":
+                return cls(guides=("anywhere",), realization=RealizationConfig(kind="fit"))
+            case _:
+                raise UnknownNameError("planner", name, PLANNERS)

@@ -152,12 +152,10 @@ def explored_guide(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> DeformationSequence:
-    """The same as keypoint shapes; progress is the same for all keypoints, the share of the rows."""
+    """The same as keypoint shapes."""
     rod = task.cable.rod
     q = explore(task, sampler, config, seed=seed, progress=progress)
-    shapes = np.ascontiguousarray(rod.at_keypoints(rod.shapes(q)[0]))
-    shares = np.linspace(0.0, 1.0, len(q))
-    return DeformationSequence(shapes, np.repeat(shares[:, None], rod.keypoints, axis=1))
+    return DeformationSequence.in_step(rod.at_keypoints(rod.shapes(q)[0]))
 
 
 def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:

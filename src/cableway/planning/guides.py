@@ -10,7 +10,9 @@ from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
+from cableway.errors import PlanningError
 from cableway.planning import explore
 from cableway.planning.config import Guide, PlannerConfig
 from cableway.planning.deformation import optimize_deformation
@@ -19,10 +21,13 @@ from cableway.planning.path_set import generate_path_set
 from cableway.planning.pivot import pivot_keypoint, plan_pivot_path
 from cableway.planning.realization import fit_sequence
 from cableway.planning.slide import End, slide
-from cableway.records import DeformationSequence, PathSet
+from cableway.records import DeformationSequence, PathSet, Plan
 from cableway.scene.task import Task
 
 Progress = Callable[[str, float], None]
+
+STRAIGHT_STEPS = 50
+"""Shapes of the straight interpolation; as many as the paper's table gives the deformation."""
 
 
 class Guides:
@@ -33,10 +38,22 @@ class Guides:
         config: Of all stages.
         seed: For those that draw random numbers.
         progress: Called with the name of a stage and the share of it that is done.
+        route: Finds the pivot path, in place of the best one.
+        previous: An earlier plan, for the guide of that name.
     """
 
-    def __init__(self, task: Task, config: PlannerConfig, seed: int, progress: Progress) -> None:
+    def __init__(
+        self,
+        task: Task,
+        config: PlannerConfig,
+        seed: int,
+        progress: Progress,
+        *,
+        route: Callable[[], Float[np.ndarray, "P 2"]] | None = None,
+        previous: Plan | None = None,
+    ) -> None:
         self.task, self.config, self.seed, self.progress = task, config, seed, progress
+        self._route, self._previous = route, previous
 
     def make(self, name: Guide) -> tuple[DeformationSequence, PathSet]:
         """A guide and the paths that its keypoints take.
@@ -44,16 +61,22 @@ class Guides:
         Raises:
             PlanningError: There is no such guide for this task.
         """
-        if name in ("head", "tail", "uniform"):
-            paths = self.path_set
-            self.progress("guide", 0.0)
-            sequence = optimize_deformation(paths, self.task.cable, self.config.deformation, name)
-        else:
-            pivot = self.pivot
-            self.progress("guide", 0.0)
-            sequence = (
-                self._slide("head" if name == "slide-head" else "tail") if "slide" in name else self._search(name)
-            )
+        paths = self.path_set if name in ("head", "tail", "uniform") else None
+        pivot = paths.pivot if paths else self.pivot
+        self.progress("guide", 0.0)
+        match name:
+            case "head" | "tail" | "uniform":
+                assert paths is not None
+                sequence = optimize_deformation(paths, self.task.cable, self.config.deformation, name)
+            case "slide-head" | "slide-tail":
+                sequence = self._slide("head" if name == "slide-head" else "tail")
+            case "straight":
+                sequence = straight(self.task)
+            case "previous":
+                sequence = self._rest()
+            case _:
+                sequence = self._search(name)
+        if paths is None:
             paths = PathSet(np.ascontiguousarray(sequence.shapes.swapaxes(0, 1)), pivot, np.empty((0, 2, 2)))
         self.progress("guide", 1.0)
         return sequence, paths
@@ -63,8 +86,11 @@ class Guides:
         """(P, 2) path of the cable's middle [m]."""
         self.progress("pivot path", 0.0)
         task, middle = self.task, pivot_keypoint(self.task.cable.keypoints)
-        ends = task.start[middle], task.goal[middle]
-        path = plan_pivot_path(task.scene, *ends, task.cable.radius, self.config.pivot, seed=self.seed)
+        if self._route is not None:
+            path = self._route()
+        else:
+            ends = task.start[middle], task.goal[middle]
+            path = plan_pivot_path(task.scene, *ends, task.cable.radius, self.config.pivot, seed=self.seed)
         self.progress("pivot path", 1.0)
         return path
 
@@ -76,6 +102,15 @@ class Guides:
         paths = generate_path_set(self.task, pivot, find_passages(self.task.scene), self.config.path_set)
         self.progress("path set", 1.0)
         return paths
+
+    def _rest(self) -> DeformationSequence:
+        """What is left of the previous plan, from the row nearest to the start on."""
+        if self._previous is None:
+            raise PlanningError("there is no previous plan")
+        old = self._previous.shapes
+        first = int(np.argmin(np.linalg.norm(old - self.task.start, axis=2).sum(1)))
+        shapes = np.concatenate([self.task.start[None], old[first + 1 : -1], self.task.goal[None]])
+        return DeformationSequence.in_step(shapes)
 
     def _slide(self, leading: End) -> DeformationSequence:
         return slide(self.task, leading, self.config.pivot, seed=self.seed)
@@ -95,3 +130,9 @@ class Guides:
             self.progress("guide", share)
 
         return explore.explored_guide(task, sampler, config, seed=self.seed, progress=tell)
+
+
+def straight(task: Task) -> DeformationSequence:
+    """Each keypoint goes straight from start to goal: no shapes of a cable in between, nothing avoided."""
+    shares = np.linspace(0.0, 1.0, STRAIGHT_STEPS + 1)[:, None, None]
+    return DeformationSequence.in_step((1 - shares) * task.start + shares * task.goal)

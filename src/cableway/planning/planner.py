@@ -5,25 +5,48 @@ The first guide in the order whose realisation verifies is the plan, so that the
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from typing import overload
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cableway.errors import PlanningError
-from cableway.planning.config import Guide, PlannerConfig
-from cableway.planning.guides import Guides, Progress
+from cableway.errors import InputError, PlanningError
+from cableway.planning.alternatives import ROUTED, find_alternatives
+from cableway.planning.config import PlannerConfig
+from cableway.planning.guides import Progress
+from cableway.planning.homotopy import requested_route, unmet_request
 from cableway.planning.reachability import find_blockage
-from cableway.planning.realization import end_equilibria, realize
-from cableway.provenance import describe, versions
-from cableway.records import Attempt, DeformationSequence, PathSet, Plan
+from cableway.planning.realization import end_equilibria
+from cableway.planning.search import OutOfTime, Search
+from cableway.records import Passage, Plan
 from cableway.scene.task import Task
-from cableway.verification import verify_plan
 
 
-class _OutOfTime(Exception):
-    """The time limit ran out within a stage."""
+@overload
+def plan(
+    task: Task,
+    *,
+    seed: int = ...,
+    config: PlannerConfig | None = ...,
+    progress: Progress | None = ...,
+    expired: Callable[[], bool] | None = ...,
+    through: Sequence[Passage] = ...,
+    avoiding: Sequence[Passage] = ...,
+    previous: Plan | None = ...,
+    alternatives: None = None,
+) -> Plan: ...
+
+
+@overload
+def plan(
+    task: Task,
+    *,
+    seed: int = ...,
+    config: PlannerConfig | None = ...,
+    progress: Progress | None = ...,
+    expired: Callable[[], bool] | None = ...,
+    alternatives: int,
+) -> tuple[Plan, ...]: ...
 
 
 # Threads of the linear algebra library wait for each other at every column of a banded factor: 20 times slower.
@@ -35,7 +58,11 @@ def plan(
     config: PlannerConfig | None = None,
     progress: Progress | None = None,
     expired: Callable[[], bool] | None = None,
-) -> Plan:
+    through: Sequence[Passage] = (),
+    avoiding: Sequence[Passage] = (),
+    previous: Plan | None = None,
+    alternatives: int | None = None,
+) -> Plan | tuple[Plan, ...]:
     """Find a verified sequence of shapes and gripper poses from start to goal.
 
     Args:
@@ -44,68 +71,49 @@ def plan(
         config: What to use in each stage; `PlannerConfig.paper()` for the paper's choices.
         progress: Called with the name of a stage and the share of it that is done.
         expired: Asked at every report of progress; the search ends once it says yes.
+        through: Passages (`find_passages`) that the cable's middle must go through, in this order.
+        avoiding: Passages that it must not go through.
+        previous: A plan for a task that has changed since; what is left of it is tried first.
+        alternatives: Number of plans wanted that go round the obstacles in different ways (homotopy classes).
+
+    Returns:
+        The plan; with `alternatives`, up to that many, in the order of `alternatives.plan_cost`.
 
     Raises:
         PlanningError: No plan was found; `attempt` holds the one that came closest. The message says so where the
             grippers or the cable cannot pass, and where the time ran out.
+        InputError: `alternatives` is not positive, or comes with a requested way.
     """
-    config = config or PlannerConfig()
-
-    def report(stage: str, share: float) -> None:
-        if expired is not None and expired():
-            raise _OutOfTime
-        if progress is not None:
-            progress(stage, share)
-
-    end_equilibria(task, config.realization)
-    guides, best = Guides(task, config, seed, report), None
+    search = Search(task, config or PlannerConfig(), seed, progress, expired)
+    if search.config.realization.kind != "none":
+        end_equilibria(task, search.config.realization)
     try:
-        for place, name in enumerate(config.guides):
-            outcome = _try(guides, name)
-            if isinstance(outcome, Plan):
-                made_by = {"guide": name, "seed": seed, "versions": versions(), "planner": describe(config)}
-                return replace(outcome, metadata=made_by)
-            best = outcome if best is None else _better(best, outcome)
-            if place == 0 and (blockage := find_blockage(task)) is not None:
-                raise PlanningError(f"there is no plan: {blockage}", best)
-    except _OutOfTime:
-        reason = f"; what came closest: {best.reason}" if best else ""
-        raise PlanningError(f"the time limit ran out before a plan was found{reason}", best) from None
-    assert best is not None
-    raise PlanningError(f"no plan was found with any of {len(config.guides)} guides: {best.reason}", best)
+        if alternatives is None:
+            return _find(search, through, avoiding, previous)
+        if alternatives < 1 or through or avoiding or previous:
+            raise InputError(f"alternatives must be 1 or more, without a requested way, got {alternatives}")
+        return find_alternatives(search, alternatives)
+    except OutOfTime:
+        reason = f"; what came closest: {search.best.reason}" if search.best else ""
+        raise PlanningError(f"the time limit ran out before a plan was found{reason}", search.best) from None
 
 
-def _try(guides: Guides, name: Guide) -> Plan | Attempt:
-    """The plan that a guide leads to, or what is wrong with it."""
-    try:
-        sequence, paths = guides.make(name)
-    except PlanningError as error:
-        return Attempt(str(error))
-    return _realize(sequence, paths, guides)
+def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage], previous: Plan | None) -> Plan:
+    """The plan of the first guide that leads to one."""
+    task, config = search.task, search.config
+    names, guides, accept = config.guides, search.guides(previous=previous), None
+    if through or avoiding:
+        names = tuple(name for name in names if name in ROUTED)
+        guides = search.guides(lambda: requested_route(task, config.pivot, search.seed, through, avoiding))
 
+        def accept(plan: Plan) -> str:
+            return unmet_request(plan.shapes, task, through, avoiding)
 
-def _realize(sequence: DeformationSequence, paths: PathSet, guides: Guides) -> Plan | Attempt:
-    """The verified plan that a sequence of shapes becomes, or what is wrong with it."""
-    task, config, report = guides.task, guides.config, guides.progress
-    report("realisation", 0.0)
-    realised = realize(sequence, task, config.realization)
-    report("realisation", 1.0)
-    rod = task.cable.rod
-    stations, poses = rod.shapes(realised.q)
-    shapes = np.ascontiguousarray(rod.at_keypoints(stations))
-    candidate = Plan(shapes, poses, paths.pivot, paths.passages, paths.paths, realised.progress)
-    report("verification", 0.0)
-    verdict = verify_plan(candidate, task, config.limits)
-    report("verification", 1.0)
-    if verdict.passed:
-        return candidate
-    return Attempt(str(verdict), pivot=paths.pivot, path_set=paths, shapes=shapes, verdict=verdict)
-
-
-def _better(best: Attempt, other: Attempt) -> Attempt:
-    """The attempt with fewer failed checks; the earlier one of two equals."""
-
-    def failures(attempt: Attempt) -> int:
-        return len(attempt.verdict.failures()) if attempt.verdict else 99
-
-    return other if failures(other) < failures(best) else best
+    for place, name in enumerate(("previous", *names) if previous is not None else names):
+        found = search.follow(guides, name, accept)
+        if found is not None:
+            return found
+        if place == 0 and (blockage := find_blockage(task)) is not None:
+            raise PlanningError(f"there is no plan: {blockage}", search.best)
+    reason = f": {search.best.reason}" if search.best else ""
+    raise PlanningError(f"no plan was found with any of {len(names)} guides{reason}", search.best)

@@ -10,17 +10,20 @@ Note:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import PlanningError
-from cableway.geometry import se2
+from cableway.errors import PlanningError, UnknownNameError
+from cableway.geometry import polyline, se2
 from cableway.planning.refinement import RefinementConfig, refine
 from cableway.records import DeformationSequence
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
+
+Kind = Literal["refine", "fit", "none"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +31,8 @@ class RealizationConfig:
     """How a sequence of shapes is made true.
 
     Attributes:
+        kind: "refine": nearest equilibria, refined; "fit": nearest equilibria; "none": the shapes as they are, the
+            grippers along the tangents at their ends, as in the paper.
         refinement: Weights of the refinement.
         row_step: Largest move of a keypoint between rows during refinement [m].
         limit_share: Share of the gripper limits that a plan uses; the rest is left to the controller.
@@ -35,23 +40,30 @@ class RealizationConfig:
         fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
     """
 
+    kind: Kind = "refine"
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     row_step: float = 0.012
     limit_share: float = 0.7
     keypoint_step: float = 1.5
     fit_tolerance: float = 0.01
 
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise UnknownNameError("realisation", self.kind, get_args(Kind))
+
 
 @dataclass(frozen=True)
 class RealizedSequence:
-    """Equilibria in order, one per control step.
+    """Shapes and the gripper poses that go with them, one row per control step.
 
     Attributes:
-        q: (T+1, 6) rod coordinates.
+        shapes: (T+1, n, 2) keypoints [m].
+        poses: (T+1, 2, 3) gripper poses [m, m, rad].
         progress: (T+1, n) carried over from the sequence they were made from.
     """
 
-    q: Float[np.ndarray, "T+1 6"]
+    shapes: Float[np.ndarray, "T+1 n 2"]
+    poses: Float[np.ndarray, "T+1 2 3"]
     progress: Float[np.ndarray, "T+1 n"]
 
 
@@ -66,15 +78,33 @@ def realize(sequence: DeformationSequence, task: Task, config: RealizationConfig
     Raises:
         PlanningError: Start or goal is too far from any shape of the cable.
     """
+    if config.kind == "none":
+        return _as_it_is(sequence, task, config)
     rod = task.cable.rod
     q, rows = fit_sequence(rod, sequence.shapes, *end_equilibria(task, config), config.row_step)
-    q = refine(q, task, config.refinement)
+    if config.kind == "refine":
+        q = refine(q, task, config.refinement)
     q, at = step_evenly(q, task, config)
+    stations, poses = rod.shapes(q)
     at = np.interp(at, np.arange(len(rows)), rows)
-    progress = np.column_stack(
-        [np.interp(at, np.arange(len(sequence.progress)), column) for column in sequence.progress.T]
-    )
-    return RealizedSequence(q, progress)
+    return RealizedSequence(np.ascontiguousarray(rod.at_keypoints(stations)), poses, between(sequence.progress, at))
+
+
+def _as_it_is(sequence: DeformationSequence, task: Task, config: RealizationConfig) -> RealizedSequence:
+    """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
+    at = np.linspace(0, len(sequence.shapes) - 1, 8 * (len(sequence.shapes) - 1) + 1)
+    shapes = between(sequence.shapes, at)
+    at = at_equal_effort(at, shapes, _tangent_poses(shapes), task, config)
+    shapes = between(sequence.shapes, at)
+    return RealizedSequence(shapes, _tangent_poses(shapes), between(sequence.progress, at))
+
+
+def _tangent_poses(shapes: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 2 3"]:
+    """Poses of grippers that hold the ends of keypoint shapes, angles without jumps."""
+    fine = polyline.spline(shapes, 16)
+    first, last = fine[:, 1] - fine[:, 0], fine[:, -1] - fine[:, -2]
+    angles = np.unwrap(np.stack([np.arctan2(step[:, 1], step[:, 0]) for step in (first, last)], axis=1), axis=0)
+    return np.concatenate([shapes[:, [0, -1]], angles[..., None]], axis=2)
 
 
 def end_equilibria(task: Task, config: RealizationConfig) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
@@ -117,13 +147,13 @@ def fit_sequence(
     arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
     count = max(8, int(np.ceil(arc[-1] / row_step)))
     rows = np.interp(np.linspace(0, arc[-1], count + 1), arc, np.arange(len(q)))
-    return interpolate(q, rows), rows
+    return between(q, rows), rows
 
 
-def interpolate(q: Float[np.ndarray, "T+1 6"], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 6"]:
-    """Rows of q at fractional indices; between rows q runs straight, through equilibria."""
-    index = np.arange(len(q))
-    return np.column_stack([np.interp(at, index, column) for column in q.T])
+def between(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:
+    """Rows at fractional indices; coordinates q run straight between rows, through equilibria."""
+    index, flat = np.arange(len(rows)), rows.reshape(len(rows), -1)
+    return np.column_stack([np.interp(at, index, column) for column in flat.T]).reshape(len(at), *rows.shape[1:])
 
 
 def step_evenly(
@@ -131,15 +161,28 @@ def step_evenly(
 ) -> tuple[Float[np.ndarray, "K+1 6"], Float[np.ndarray, "K+1"]]:
     """The same polyline in q with rows at equal effort, none above `limit_share` of the gripper limits.
 
-    The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit.
-
     Returns:
         q (K+1, 6) and the fractional index of each row in the q given.
     """
     fine = np.linspace(0, len(q) - 1, 8 * (len(q) - 1) + 1)
-    stations, poses = task.cable.rod.shapes(interpolate(q, fine))
+    stations, poses = task.cable.rod.shapes(between(q, fine))
+    at = at_equal_effort(fine, task.cable.rod.at_keypoints(stations), poses, task, config)
+    return between(q, at), at
+
+
+def at_equal_effort(
+    fine: Float[np.ndarray, "f"],
+    shapes: Float[np.ndarray, "f n 2"],
+    poses: Float[np.ndarray, "f 2 3"],
+    task: Task,
+    config: RealizationConfig,
+) -> Float[np.ndarray, "K+1"]:
+    """Places among `fine`, increasing, at equal effort, none above `limit_share` of the gripper limits.
+
+    The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit.
+    """
     move, turn = se2.pose_distance(poses[:-1], poses[1:])
-    shift = np.linalg.norm(np.diff(task.cable.rod.at_keypoints(stations), axis=0), axis=2).max(1)
+    shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
     limits = task.grippers
     effort = np.maximum.reduce(
         [
@@ -150,5 +193,4 @@ def step_evenly(
     )
     total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
     count = max(1, int(np.ceil(total[-1] / config.limit_share)))
-    at = np.interp(np.linspace(0, total[-1], count + 1), total, fine)
-    return interpolate(q, at), at
+    return np.interp(np.linspace(0, total[-1], count + 1), total, fine)

@@ -53,4 +53,4 @@ def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> De
     shapes[0], shapes[-1] = start, goal
     if leading == "tail":
         shapes = shapes[:, ::-1]
-    return DeformationSequence(shapes, np.repeat(shares[:, None], len(start), axis=1))
+    return DeformationSequence.in_step(shapes)

@@ -1,0 +1,60 @@
+"""Plans that go round the obstacles in different ways, best first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cableway.errors import PlanningError
+from cableway.planning.config import Guide
+from cableway.planning.homotopy import different_routes, motion_class
+from cableway.planning.search import OutOfTime, Search
+from cableway.records import Plan
+from cableway.scene.task import Task
+
+ROUTED: tuple[Guide, ...] = ("corridor", "head", "tail", "uniform")
+"""The guides that follow a pivot path, and so keep to its class."""
+
+SEARCHES_EACH = 6
+"""Pivot paths looked for, for each plan that is asked for."""
+
+CLEARANCE_WEIGHT = 0.001
+"""Of one over the least clearance, in `plan_cost` [m^2]: 5 mm count like 0.2 m of travel."""
+
+
+def plan_cost(plan: Plan, task: Task) -> float:
+    """What alternatives are ranked by: travel of both grippers [m] + 0.001 m^2 / least clearance of the cable."""
+    travel = float(np.linalg.norm(np.diff(plan.poses[:, :, :2], axis=0), axis=2).sum())
+    clearance = float(task.scene.clearance(plan.shapes, task.cable.radius).min())
+    return travel + CLEARANCE_WEIGHT / max(clearance, 1e-4)
+
+
+def find_alternatives(search: Search, count: int) -> tuple[Plan, ...]:
+    """Up to `count` plans of different homotopy classes, in the order of their cost.
+
+    Raises:
+        PlanningError: There is none at all.
+        OutOfTime: The time ran out before there was one.
+    """
+    found: dict[tuple[int, ...], Plan] = {}
+    task, config = search.task, search.config
+
+    def is_known(plan: Plan) -> str:
+        known = motion_class(task, plan.shapes) in found
+        return "the plan goes round the obstacles as an earlier one does" if known else ""
+
+    try:
+        for route in different_routes(task, config.pivot, search.seed, SEARCHES_EACH * count):
+            guides = search.guides(route=lambda route=route: route)
+            plans = (search.follow(guides, name, is_known) for name in config.guides if name in ROUTED)
+            plan = next((plan for plan in plans if plan is not None), None)
+            if plan is not None:
+                found[motion_class(task, plan.shapes)] = plan
+            if len(found) == count:
+                break
+    except OutOfTime:
+        if not found:
+            raise
+    if not found:
+        reason = f": {search.best.reason}" if search.best else ""
+        raise PlanningError(f"no plan was found along any pivot path{reason}", search.best)
+    return tuple(sorted(found.values(), key=lambda plan: plan_cost(plan, task)))

@@ -1,0 +1,103 @@
+"""One search for plans of a task: guides are tried one after the other, and the closest failure is remembered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.errors import PlanningError
+from cableway.planning.config import Guide, PlannerConfig
+from cableway.planning.guides import Guides, Progress
+from cableway.planning.realization import realize
+from cableway.provenance import describe, versions
+from cableway.records import Attempt, DeformationSequence, PathSet, Plan
+from cableway.scene.task import Task
+from cableway.verification import verify_plan
+
+Accept = Callable[[Plan], str]
+"""What is wrong with a verified plan, "" if nothing."""
+
+
+class OutOfTime(Exception):
+    """The time limit ran out within a stage."""
+
+
+class Search:
+    """Tries guides and remembers what came closest.
+
+    Args:
+        task: The task.
+        config: What to use in each stage.
+        seed: For the guides that draw random numbers.
+        progress: Called with the name of a stage and the share of it that is done.
+        expired: Asked at every report of progress.
+
+    Attributes:
+        best: The failure with the fewest failed checks.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        config: PlannerConfig,
+        seed: int,
+        progress: Progress | None,
+        expired: Callable[[], bool] | None,
+    ) -> None:
+        self.task, self.config, self.seed = task, config, seed
+        self.best: Attempt | None = None
+        self._progress, self._expired = progress, expired
+
+    def guides(
+        self, route: Callable[[], Float[np.ndarray, "P 2"]] | None = None, previous: Plan | None = None
+    ) -> Guides:
+        """The guides of the task, which use a given pivot path or an earlier plan if there are any."""
+        return Guides(self.task, self.config, self.seed, self.report, route=route, previous=previous)
+
+    def report(self, stage: str, share: float) -> None:
+        """Tell of progress.
+
+        Raises:
+            OutOfTime: The time is up.
+        """
+        if self._expired is not None and self._expired():
+            raise OutOfTime
+        if self._progress is not None:
+            self._progress(stage, share)
+
+    def follow(self, guides: Guides, name: Guide, accept: Accept | None = None) -> Plan | None:
+        """The verified plan that a guide leads to; None where it leads to none that is accepted."""
+        try:
+            sequence, paths = guides.make(name)
+        except PlanningError as error:
+            return self._fail(Attempt(str(error)))
+        found = self._realize(sequence, paths)
+        if isinstance(found, Attempt):
+            return self._fail(found)
+        if accept is not None and (fault := accept(found)):
+            return self._fail(Attempt(fault, pivot=paths.pivot, path_set=paths, shapes=found.shapes))
+        made_by = {"guide": name, "seed": self.seed, "versions": versions(), "planner": describe(self.config)}
+        return Plan(found.shapes, found.poses, found.pivot, found.passages, found.path_set, found.progress, made_by)
+
+    def _realize(self, sequence: DeformationSequence, paths: PathSet) -> Plan | Attempt:
+        task, config = self.task, self.config
+        self.report("realisation", 0.0)
+        realised = realize(sequence, task, config.realization)
+        self.report("realisation", 1.0)
+        candidate = Plan(realised.shapes, realised.poses, paths.pivot, paths.passages, paths.paths, realised.progress)
+        self.report("verification", 0.0)
+        verdict = verify_plan(candidate, task, config.limits)
+        self.report("verification", 1.0)
+        if verdict.passed:
+            return candidate
+        return Attempt(str(verdict), pivot=paths.pivot, path_set=paths, shapes=candidate.shapes, verdict=verdict)
+
+    def _fail(self, attempt: Attempt) -> None:
+        if self.best is None or _faults(attempt) < _faults(self.best):
+            self.best = attempt
+
+
+def _faults(attempt: Attempt) -> int:
+    return len(attempt.verdict.failures()) if attempt.verdict else 99
