@@ -92,19 +92,19 @@ def _motion_rows(results: dict[str, dict[str, Any]]) -> list[str]:
 
 def _contact_rows(results: dict[str, dict[str, Any]]) -> list[str]:
     corners, corridors, squeezes = results["corners"], results["corridors"], results["squeezes"]
-    plans = results["plans"]
+    free, names = 1000 * np.array(results["plans"]["clearance"]), results["plans"]["task"]
     rows = [("corner", f"EI = {value:g} N m²", row) for value, row in _groups(corners, "stiffness")]
     rows += [(f"corridor of {1000 * value:g} mm", "sideways", row) for value, row in _groups(corridors, "width")]
     rows += [
         ("corridor of 30 mm", f"squeezed at {10_000 * value:g} mm/s", row) for value, row in _groups(squeezes, "speed")
     ]
     refused = sum(len(row) for each in (corners, corridors, squeezes) for row in each["refused"])
+    cases = refused + sum(len(values) for *_, values in rows)
     return [
         *(_row(f"penetration, {what}, {how}", "≤ 1", values) for what, how, values in rows),
-        f"| cases of penetration that the plant refused | | | | {refused} | {sum(len(r) for *_, r in rows) + refused} |",
-        _row("penetration on a verified plan of the catalogue", "0", np.maximum(0.0, -np.array(plans["clearance"]))),
-        f"| clearance on a verified plan of the catalogue, least | > 0 | {1000 * np.median(plans['clearance']):.3f} | | "
-        f"{1000 * min(plans['clearance']):.3f} mm | {len(plans['task'])} |",
+        f"| of these cases, refused by the plant | | | | {refused} | {cases} |",
+        _row("penetration on the verified plans of the catalogue", "0", np.maximum(0.0, -free), 1.0),
+        f"| least clearance on them | > 0 | {np.median(free):.3f} | | {free.min():.3f} mm | {len(names)} |",
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -85,7 +86,7 @@ def closed_form(seed: int) -> dict[str, Any]:
     poses[:, 1, 0] += cable.length * (1 - np.array([0.01, *SHORTENINGS]))
     bent_left = [q for q in equilibria_at(rod, poses[0]) if rod.shapes(q[None])[0][0, rod.hinges, 1] > MIDDLE[1]]
     plant, found = plant_at(bent_left[0], cable), []
-    for start, end in zip(poses[:-1], poses[1:], strict=True):
+    for start, end in pairwise(poses):
         way = start + np.linspace(0, 1, LEADING + 1)[:, None, None] * (end - start)
         *_, last = led(plant, way, SETTLING)
         found.append(((last.keypoints - MIDDLE) / cable.length).tolist())

@@ -1,0 +1,235 @@
+"""The pictures of `docs/simulator.md`, drawn from results alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from accuracy import shapes
+from cableway.figures import style
+from cableway.figures.scene import draw_cable
+from cableway.geometry import polyline
+from cableway.scene.cable import Cable
+
+Results = dict[str, dict[str, Any]]
+
+HEIGHT = 3.0
+"""Height [inch] of a panel."""
+
+WIDE, NARROW = 4.2, 2.9
+"""Widths [inch] of panels."""
+
+
+def settled(results: Results) -> Figure:
+    """Settled shapes beside the elastica, and the error against the sharpest bend."""
+    figure, (left, right) = _panels(WIDE, WIDE)
+    style.title(left, "settled (dots) and elastica (lines)")
+    for place, (result, row) in enumerate(_shown(results)):
+        offset = np.array([0.34 * (place % 3), -0.3 * (place // 3)])
+        line, dots = (_level(np.array(result[name][row])) + offset for name in ("elastica", "plant"))
+        left.plot(*polyline.spline(line, 8).T, color=style.MUTED, linewidth=1.2)
+        left.plot(*dots.T, "o", color=style.START, markersize=3.2)
+    left.set_aspect("equal")
+    left.set_axis_off()
+    style.title(right, "worst keypoint of each shape")
+    for name, colour, label in (
+        ("any-poses", style.GOAL, "any gripper poses"),
+        ("after-motions", style.START, "after random motions"),
+    ):
+        worst = 1000 * shapes.errors(results[name]).max(axis=1)
+        radius = 1000 * np.array(results[name]["radius"])
+        right.loglog(radius, worst, "o", color=colour, markersize=3.5, alpha=0.7, label=label)
+    _limit(right, 1.0, "asked for")
+    style.curve_axes(right, "radius of the sharpest bend [mm]", "distance to the elastica [mm]")
+    _plain_ticks(right.xaxis, [10, 20, 50, 100, 200, 500])
+    _plain_ticks(right.yaxis, [0.03, 0.1, 0.3, 1])
+    _legend(right)
+    return figure
+
+
+def closed_form(results: Results) -> Figure:
+    """Parallel ends pushed together: shapes, and the worst keypoint."""
+    result = results["closed-form"]
+    figure, (left, right) = _panels(WIDE, WIDE)
+    style.title(left, "pushed together: settled (dots), closed form")
+    for plant, exact in zip(result["plant"], result["elastica"], strict=True):
+        left.plot(*polyline.spline(np.array(exact), 8).T, color=style.MUTED, linewidth=1.2)
+        left.plot(*np.array(plant).T, "o", color=style.START, markersize=3.2)
+    left.set_aspect("equal")
+    style.curve_axes(left, "x/L", "y/L")
+    style.title(right, "worst keypoint")
+    off = 100 * np.linalg.norm(np.array(result["plant"]) - result["elastica"], axis=-1).max(axis=1)
+    right.plot(result["shortening"], off, "o-", color=style.START, markersize=4)
+    _limit(right, 0.3, "asked for")
+    style.curve_axes(right, "pushed together by d/L", "distance [% of L]")
+    right.set_ylim(0, None)
+    return figure
+
+
+def convergence(results: Results) -> Figure:
+    """The error against the number of links and against the time step."""
+    links, steps = results["links"], results["time-step"]
+    figure, (left, right) = _panels(WIDE, WIDE)
+    style.title(left, "links")
+    hinges, errors = np.array(links["hinges"]), 1000 * np.array(links["errors"])
+    left.loglog(hinges, errors, color=style.GRID, linewidth=0.8)
+    left.loglog(hinges, np.median(errors, axis=1), "o-", color=style.START, markersize=4, label="median")
+    left.loglog(hinges, errors.max(axis=1), "o-", color=style.GOAL, markersize=4, label="worst shape")
+    slope = np.median(errors[0]) * (hinges / hinges[0]) ** -2.0
+    left.loglog(hinges, 0.7 * slope, "--", color=style.MUTED, linewidth=1, label="second order")
+    style.curve_axes(left, "hinges N", "mean over keypoints [mm]")
+    _plain_ticks(left.xaxis, hinges)
+    _plain_ticks(left.yaxis, [0.01, 0.03, 0.1, 0.3, 1])
+    _legend(left)
+    style.title(right, f"time step, against {1000 * steps['time_step'][-1]:g} ms")
+    sizes, off = 1000 * np.array(steps["time_step"][:-1]), 1000 * np.array(steps["to_finest"][:-1])
+    for values, colour, label in (
+        (off.mean(axis=1), style.START, "mean"),
+        (np.percentile(off, 95, axis=1), style.GUIDE, "95%"),
+        (off.max(axis=1), style.GOAL, "worst"),
+    ):
+        right.loglog(sizes, values, "o-", color=colour, markersize=4, label=label)
+    slope = 0.7 * off[0].mean() * sizes / sizes[0]
+    right.loglog(sizes, slope, "--", color=style.MUTED, linewidth=1, label="first order")
+    style.curve_axes(right, "time step [ms]", "distance of keypoints [mm]")
+    _plain_ticks(right.xaxis, sizes)
+    _plain_ticks(right.yaxis, [0.001, 0.01, 0.1, 1])
+    _legend(right)
+    return figure
+
+
+def lag(results: Results) -> Figure:
+    """How far the moving cable is behind its equilibrium, and how it comes to rest."""
+    result = results["lag"]
+    taus = np.array(result["damping_time"])
+    moving = [1000 * np.concatenate(rows) for rows in result["moving"]]
+    figure, (left, right) = _panels(WIDE, WIDE)
+    style.title(left, "lag behind equilibrium at full speed")
+    for share, colour, label in ((50, style.START, "median"), (95, style.GUIDE, "95%"), (100, style.GOAL, "worst")):
+        values = [np.percentile(each, share) for each in moving]
+        left.loglog(taus, values, "o-", color=colour, markersize=4, label=label)
+    style.curve_axes(left, "damping time τ [s]", "mean over keypoints [mm]")
+    _plain_ticks(left.xaxis, taus)
+    _plain_ticks(left.yaxis, [0.03, 0.1, 0.3, 1, 3, 10])
+    _legend(left)
+    style.title(right, "left alone: median lag, as a share of the first")
+    colours = style.TIME(np.linspace(0, 1, len(taus)))
+    for tau, rows, colour in zip(taus, result["resting"], colours, strict=True):
+        rows = np.array(rows)
+        share = np.median(rows / rows[:, :1], axis=0)
+        times = result["control_step"] * np.arange(len(share)) / tau
+        right.semilogy(times, share, color=colour, linewidth=1.4, label=f"τ = {tau:g} s")
+    times = np.linspace(0, 6, 50)
+    right.semilogy(times, np.exp(-times), "--", color=style.MUTED, linewidth=1, label="exp(-t/τ)")
+    right.set_xlim(0, 6)
+    right.set_ylim(3e-3, 1.2)
+    style.curve_axes(right, "t/τ", "share")
+    _legend(right)
+    return figure
+
+
+def contact(results: Results) -> Figure:
+    """Penetration at corners and in corridors, and the deepest case of squeezing."""
+    figure, panels = _panels(NARROW, NARROW, NARROW)
+    texts = (
+        ("corners", "stiffness", 1.0, "moved against a corner", "stiffness EI [N m²]"),
+        ("corridors", "width", 1000.0, "sideways in a corridor", "width [mm]"),
+        ("squeezes", "speed", 10_000.0, "squeezed in 30 mm", "speed of each gripper [mm/s]"),
+    )
+    for ax, (name, key, scale, title, label) in zip(panels, texts, strict=True):
+        result = results[name]
+        style.title(ax, title)
+        _strips(ax, [1000 * np.array(row) for row in result["deepest"]])
+        ax.set_xticks(range(len(result[key])), [f"{scale * value:g}" for value in result[key]])
+        _limit(ax, 1.0, "asked for")
+        style.curve_axes(ax, label, "deepest penetration [mm]" if ax is panels[0] else "")
+        ax.set_ylim(0, max(1.1, 1050 * max(map(max, result["deepest"]))))
+    return figure
+
+
+def deepest(results: Results) -> Figure:
+    """The deepest case of a corner, of a corridor and of squeezing, in the moment of deepest contact."""
+    figure, panels = _panels(NARROW, NARROW, NARROW)
+    names = ("corners", "corridors", "squeezes")
+    texts = ("corner, EI = 0.001 N m²", "corridor of 30 mm", "squeezed, fastest")
+    for ax, name, text in zip(panels, names, texts, strict=True):
+        drawn = results[name]["drawn"]
+        style.title(ax, text)
+        for obstacle in drawn["obstacles"]:
+            ax.fill(*np.array(obstacle).T, facecolor=style.OBSTACLE, edgecolor=style.OBSTACLE_EDGE)
+        line = np.array(drawn["centreline"])
+        draw_cable(ax, line, Cable.radius, style.START, alpha=0.75)
+        middle, half = (line.max(axis=0) + line.min(axis=0)) / 2, 0.55 * np.ptp(line, axis=0).max() + 0.01
+        ax.set_xlim(middle[0] - half, middle[0] + half)
+        ax.set_ylim(middle[1] - half * HEIGHT / NARROW, middle[1] + half * HEIGHT / NARROW)
+        ax.set_aspect("equal")
+        ax.set_xticks([])
+        ax.set_yticks([])
+    return figure
+
+
+PICTURES: dict[str, Callable[[Results], Figure]] = {
+    "settled": settled,
+    "closed-form": closed_form,
+    "convergence": convergence,
+    "lag": lag,
+    "contact": contact,
+    "deepest": deepest,
+}
+
+
+def _panels(*widths: float) -> tuple[Figure, list[Axes]]:
+    gap, left = 0.7, 0.65
+    figure = style.new_figure(left + sum(widths) + gap * (len(widths) - 1) + 0.2, HEIGHT + 0.95)
+    starts = left + np.concatenate([[0.0], np.cumsum(np.array(widths) + gap)])
+    return figure, [
+        style.add_axes(figure, float(start), 0.55, width, HEIGHT) for start, width in zip(starts, widths, strict=False)
+    ]
+
+
+def _shown(results: Results) -> list[tuple[dict[str, Any], int]]:
+    """Five shapes between any poses, from good to bad, and the worst one last."""
+    result = results["any-poses"]
+    order = np.argsort(shapes.errors(result).max(axis=1))
+    rows = order[np.linspace(0, len(order) - 1, 6).astype(int)]
+    return [(result, int(row)) for row in rows]
+
+
+def _level(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """The points turned and moved so that their ends lie level about the origin."""
+    chord = points[-1] - points[0]
+    along = chord / np.linalg.norm(chord)
+    moved = points - (points[0] + points[-1]) / 2
+    return np.column_stack([moved @ along, moved @ [-along[1], along[0]]])
+
+
+def _strips(ax: Axes, rows: Sequence[Float[np.ndarray, "k"]]) -> None:
+    """One column of points for each row, spread sideways by rank so that none hides another, and its median."""
+    for place, values in enumerate(rows):
+        spread = 0.5 * ((np.arange(len(values)) * 0.618) % 1 - 0.5)
+        ax.plot(place + spread, values, "o", color=style.START, markersize=2.8, alpha=0.6)
+        ax.plot([place - 0.3, place + 0.3], [np.median(values)] * 2, color=style.INK, linewidth=1.5)
+
+
+def _limit(ax: Axes, value: float, text: str) -> None:
+    ax.axhline(value, color=style.BAD, linewidth=1, linestyle="--")
+    ax.annotate(
+        text, (1, value), xycoords=("axes fraction", "data"), xytext=(-2, 3), textcoords="offset points",
+        ha="right", fontsize=8, color=style.BAD,
+    )  # fmt: skip
+
+
+def _plain_ticks(axis: Any, values: Sequence[float] | np.ndarray) -> None:
+    axis.set_major_locator(FixedLocator(list(values)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _legend(ax: Axes) -> None:
+    ax.legend(fontsize=8, frameon=False, labelcolor=style.INK)
