@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from accuracy.leading import GENTLE_BEND, LEAST_STABILITY, random_shape
+from accuracy.leading import GENTLE_BEND, LEAST_STABILITY, catalogue_plan, random_shape
 from cableway.control.open_loop import OpenLoop
 from cableway.errors import SimulationError
 from cableway.geometry import polyline, se2
-from cableway.planning.planner import plan
 from cableway.scene.cable import Cable
 from cableway.scene.grippers import Grippers
-from cableway.scene.loading import load_task, task_names
+from cableway.scene.loading import task_names
 from cableway.scene.obstacles import Box
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
@@ -95,8 +94,8 @@ def plans(seed: int) -> dict[str, Any]:
     """
     found: dict[str, list[Any]] = {"task": [], "clearance": [], "gripper_clearance": [], "outcome": []}
     for name in task_names():
-        task = load_task(name)
-        rollout = track(CableSimulator(task), OpenLoop(), plan(task, seed=seed), seed=seed)
+        task, plan = catalogue_plan(name, seed)
+        rollout = track(CableSimulator(task), OpenLoop(), plan, seed=seed)
         found["task"].append(name)
         found["clearance"].append(float(rollout.clearance.min()))
         found["gripper_clearance"].append(float(rollout.gripper_clearance.min()))

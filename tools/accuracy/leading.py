@@ -1,17 +1,20 @@
-"""Random shapes of a cable, and a plant led from one to another."""
+"""Random shapes of a cable, plans of the catalogue, and a plant led along them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import polyline
-from cableway.records import Measurement
+from cableway.planning.planner import plan
+from cableway.records import Measurement, Plan
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
+from cableway.scene.loading import load_task
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.simulation.motion import MotionConfig, random_motion
@@ -31,9 +34,6 @@ WIDEST_ANGLE = np.deg2rad(120)
 
 GENTLE_BEND = 0.5
 """Angle [rad] between neighbouring links where a cable of 0.3 m is bent to a radius of 25 mm."""
-
-SHARP_BEND = 1.0
-"""The same for 12 mm, three radii of the default cable: few cables stand more."""
 
 ROOM = Scene(size=(4.0, 4.0))
 """Open space: its walls are out of reach."""
@@ -57,6 +57,13 @@ def led(plant: CableSimulator, poses: Float[np.ndarray, "k 2 3"], wait: int = 0)
         yield plant.measure()
 
 
+@cache
+def catalogue_plan(name: str, seed: int) -> tuple[Task, Plan]:
+    """A task of the catalogue and its verified plan."""
+    task = load_task(name)
+    return task, plan(task, seed=seed)
+
+
 def motion_of_collect(
     rod: Rod, steps: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "steps+1 2 3"]]:
@@ -71,7 +78,7 @@ def motion_of_collect(
             return q + [*moved, 0.0, 0.0, 0.0], poses + moved
 
 
-def random_shape(rod: Rod, rng: np.random.Generator, sharpest: float) -> Float[np.ndarray, "6"]:
+def random_shape(rod: Rod, rng: np.random.Generator, sharpest: float = np.inf) -> Float[np.ndarray, "6"]:
     """The stable shape of lowest energy between random gripper poses, of those bent by at most `sharpest` [rad]."""
     while True:
         left, right = rng.uniform(-WIDEST_ANGLE, WIDEST_ANGLE, 2)

@@ -17,6 +17,7 @@ from cableway.provenance import versions
 
 EXPERIMENTS: dict[str, Callable[[int], dict[str, Any]]] = {
     "after-motions": shapes.after_motions,
+    "along-plans": shapes.along_plans,
     "any-poses": shapes.any_poses,
     "closed-form": shapes.closed_form,
     "links": shapes.by_links,

@@ -9,9 +9,20 @@ import numpy as np
 from jaxtyping import Float
 
 from accuracy.elastica import clamped_shape, pushed_together
-from accuracy.leading import GENTLE_BEND, MIDDLE, SHARP_BEND, led, line_to, motion_of_collect, plant_at, random_shape
+from accuracy.leading import (
+    GENTLE_BEND,
+    MIDDLE,
+    catalogue_plan,
+    led,
+    line_to,
+    motion_of_collect,
+    plant_at,
+    random_shape,
+)
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
+from cableway.scene.loading import task_names
+from cableway.simulation.plant import CableSimulator
 
 SHORTENINGS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 """Of the closed form, in lengths of the cable."""
@@ -33,10 +44,21 @@ def after_motions(seed: int, pairs: int = 100) -> dict[str, Any]:
     return _listed([_settled(cable, *motion_of_collect(cable.rod, LEADING, rng)) for _ in range(pairs)])
 
 
+def along_plans(seed: int, stops: int = 10) -> dict[str, Any]:
+    """The same at `stops` rows, evenly spaced, of each of the catalogue's verified plans."""
+    rows = []
+    for name in task_names():
+        task, plan = catalogue_plan(name, seed)
+        plant = CableSimulator(task)
+        places = np.linspace(0, plan.steps, stops + 1).astype(int)
+        rows += [_led_beside(plant, plan.poses[a : b + 1]) for a, b in pairwise(places)]
+    return _listed(rows)
+
+
 def any_poses(seed: int, pairs: int = 100) -> dict[str, Any]:
     """The same after lines of stable shapes to random gripper poses; see `leading.random_shape`."""
     rod, rng = Cable().rod, np.random.default_rng(seed)
-    lines = (line_to(random_shape(rod, rng, SHARP_BEND), rod, rng, LEADING + 1) for _ in range(pairs))
+    lines = (line_to(random_shape(rod, rng), rod, rng, LEADING + 1) for _ in range(pairs))
     return _listed([_settled(Cable(), line[0], rod.shapes(line)[1]) for line in lines])
 
 
@@ -56,8 +78,13 @@ def by_links(seed: int, pairs: int = 30) -> dict[str, Any]:
 def _settled(
     cable: Cable, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "k 2 3"]
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """13 keypoints of the plant and of the elastica, and the elastica's sharpest bend."""
-    *_, last = led(plant_at(q, cable), poses, SETTLING)
+    return _led_beside(plant_at(q, cable), poses)
+
+
+def _led_beside(plant: CableSimulator, poses: Float[np.ndarray, "k 2 3"]) -> tuple[np.ndarray, np.ndarray, float]:
+    """13 keypoints of the plant, led and settled, and of the elastica, and the elastica's sharpest bend."""
+    cable = plant.cable
+    *_, last = led(plant, poses, SETTLING)
     elastica, radius = clamped_shape(cable.length, poses[-1], last.centreline, cable.keypoints)
     stride = (cable.keypoints - 1) // 12
     return last.keypoints[::stride], elastica[::stride], radius
