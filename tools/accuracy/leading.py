@@ -14,6 +14,7 @@ from cableway.records import Measurement, Plan
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
+from cableway.scene.grippers import Grippers
 from cableway.scene.loading import load_task
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
@@ -96,15 +97,26 @@ def largest_bend(rod: Rod, q: Float[np.ndarray, "6"]) -> float:
     return float(np.abs(q[5] + force[0] * offsets[:, 1] - force[1] * offsets[:, 0]).max() / rod.hinges)
 
 
-def line_to(q: Float[np.ndarray, "6"], rod: Rod, rng: np.random.Generator, rows: int) -> Float[np.ndarray, "rows 6"]:
-    """Rod coordinates on a line of stable shapes that ends at q; it begins elsewhere, bent otherwise and gently."""
+def line_to(q: Float[np.ndarray, "6"], rod: Rod, rng: np.random.Generator) -> Float[np.ndarray, "t 6"]:
+    """Rod coordinates in each control step on a line of stable shapes to q, with the grippers at full speed.
+
+    It begins elsewhere, bent otherwise and gently.
+    """
     for scale in np.repeat(0.9 ** np.arange(60), 5):
         start = q + scale * rng.normal(0, [0.05, 0.05, 0.4, 10.0, 6.0, 3.0])
         start[3:] -= rng.uniform(0, 0.8) * q[3:]
-        line = start + np.linspace(0, 1, rows)[:, None] * (q - start)
+        line = start + np.linspace(0, 1, 101)[:, None] * (q - start)
         if largest_bend(rod, start) <= GENTLE_BEND and allowed(rod, line):
-            return line
+            return _at_full_speed(rod, line)
     raise RuntimeError(f"no line of stable shapes leads to {q.tolist()}")
+
+
+def _at_full_speed(rod: Rod, line: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "t 6"]:
+    steps = np.abs(np.diff(rod.shapes(line)[1], axis=0))
+    effort = np.maximum(np.linalg.norm(steps[..., :2], axis=-1) / Grippers.max_step, steps[..., 2] / Grippers.max_turn)
+    along = np.concatenate([[0.0], np.cumsum(effort.max(axis=1))])
+    share = np.interp(np.linspace(0, along[-1], int(np.ceil(along[-1])) + 1), along, np.linspace(0, 1, len(line)))
+    return line[0] + share[:, None] * (line[-1] - line[0])
 
 
 def allowed(rod: Rod, line: Float[np.ndarray, "t 6"]) -> bool:

@@ -9,7 +9,6 @@ from jaxtyping import Float
 
 from accuracy.leading import GENTLE_BEND, led, line_to, motion_of_collect, plant_at, random_shape
 from cableway.scene.cable import Cable
-from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP
 
 TIME_STEPS = (0.01, 0.005, 0.0025, 0.001, 0.0005, 0.00025)
@@ -61,12 +60,7 @@ def by_damping_time(seed: int, motions: int = 20) -> dict[str, Any]:
 
 def _lag(cable: Cable, rng: np.random.Generator) -> Float[np.ndarray, "k"]:
     rod = cable.rod
-    line = line_to(random_shape(rod, rng, GENTLE_BEND), rod, rng, 101)
-    steps = np.abs(np.diff(rod.shapes(line)[1], axis=0))
-    effort = np.maximum(np.linalg.norm(steps[..., :2], axis=-1) / Grippers.max_step, steps[..., 2] / Grippers.max_turn)
-    along = np.concatenate([[0.0], np.cumsum(effort.max(axis=1))])
-    share = np.interp(np.linspace(0, along[-1], int(np.ceil(along[-1])) + 1), along, np.linspace(0, 1, 101))
-    q = line[0] + share[:, None] * (line[-1] - line[0])
+    q = line_to(random_shape(rod, rng, GENTLE_BEND), rod, rng)
     stations, poses = rod.shapes(q)
     wanted = rod.at_keypoints(stations)[1:]
     wanted = np.concatenate([wanted, np.repeat(wanted[-1:], RELAXING, axis=0)])

@@ -16,6 +16,7 @@ from cableway.figures import style
 from cableway.figures.scene import draw_cable
 from cableway.geometry import polyline
 from cableway.scene.cable import Cable
+from cableway.simulation.plant import PlantConfig
 
 Results = dict[str, dict[str, Any]]
 
@@ -40,6 +41,7 @@ def settled(results: Results) -> Figure:
     style.title(right, "worst keypoint of each shape")
     for name, colour, label in (
         ("any-poses", style.GOAL, "any gripper poses"),
+        ("along-plans", style.GUIDE, "along plans"),
         ("after-motions", style.START, "after random motions"),
     ):
         worst = 1000 * shapes.errors(results[name]).max(axis=1)
@@ -119,9 +121,9 @@ def lag(results: Results) -> Figure:
     _plain_ticks(left.yaxis, [0.03, 0.1, 0.3, 1, 3, 10])
     _legend(left)
     style.title(right, "left alone: median lag, as a share of the first")
-    colours = style.TIME(np.linspace(0, 1, len(taus)))
-    for tau, rows, colour in zip(taus, result["resting"], colours, strict=True):
-        rows = np.array(rows)
+    slow = [place for place, tau in enumerate(taus) if tau >= result["control_step"]]
+    for place, colour in zip(slow, style.TIME(np.linspace(0, 1, len(slow))), strict=True):
+        tau, rows = taus[place], np.array(result["resting"][place])
         share = np.median(rows / rows[:, :1], axis=0)
         times = result["control_step"] * np.arange(len(share)) / tau
         right.semilogy(times, share, color=colour, linewidth=1.4, label=f"τ = {tau:g} s")
@@ -135,21 +137,28 @@ def lag(results: Results) -> Figure:
 
 
 def contact(results: Results) -> Figure:
-    """Penetration at corners and in corridors, and the deepest case of squeezing."""
+    """Penetration at corners and in corridors."""
     figure, panels = _panels(NARROW, NARROW, NARROW)
+    squeezes = results["squeezes"]
+    stiffnesses = [f"{value:g}" for value in results["corners"]["stiffness"]]
+    widths = [f"{1000 * value:g}" for value in results["corridors"]["width"]]
+    speeds = [
+        f"{10_000 * speed:g}" if time_step == PlantConfig.time_step else f"{10_000 * speed:g}\n{1000 * time_step:g} ms"
+        for speed, time_step in zip(squeezes["speed"], squeezes["time_step"], strict=True)
+    ]
     texts = (
-        ("corners", "stiffness", 1.0, "moved against a corner", "stiffness EI [N m²]"),
-        ("corridors", "width", 1000.0, "sideways in a corridor", "width [mm]"),
-        ("squeezes", "speed", 10_000.0, "squeezed in 30 mm", "speed of each gripper [mm/s]"),
+        ("corners", "against a corner", "stiffness EI [N m²]", stiffnesses),
+        ("corridors", "sideways in a corridor", "width [mm]", widths),
+        ("squeezes", "squeezed in 30 mm", "speed of each gripper [mm/s]", speeds),
     )
-    for ax, (name, key, scale, title, label) in zip(panels, texts, strict=True):
-        result = results[name]
+    highest = 1050 * max(max(row) for name, *_ in texts for row in results[name]["deepest"])
+    for ax, (name, title, label, ticks) in zip(panels, texts, strict=True):
         style.title(ax, title)
-        _strips(ax, [1000 * np.array(row) for row in result["deepest"]])
-        ax.set_xticks(range(len(result[key])), [f"{scale * value:g}" for value in result[key]])
+        _strips(ax, [1000 * np.array(row) for row in results[name]["deepest"]])
+        ax.set_xticks(range(len(ticks)), ticks)
         _limit(ax, 1.0, "asked for")
         style.curve_axes(ax, label, "deepest penetration [mm]" if ax is panels[0] else "")
-        ax.set_ylim(0, max(1.1, 1050 * max(map(max, result["deepest"]))))
+        ax.set_ylim(0, highest)
     return figure
 
 

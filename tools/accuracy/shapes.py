@@ -31,7 +31,7 @@ LINKS = {24: 13, 36: 37, 48: 49, 72: 73, 96: 97}
 """Keypoints that make a chain of so many hinges."""
 
 LEADING, SETTLING = 60, 40
-"""Control steps in which the plant is led to a shape, and for which it is then left alone (40 damping times)."""
+"""Control steps of a motion, and those for which the plant is then left alone: 40 damping times."""
 
 
 def after_motions(seed: int, pairs: int = 100) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def along_plans(seed: int, stops: int = 10) -> dict[str, Any]:
 def any_poses(seed: int, pairs: int = 100) -> dict[str, Any]:
     """The same after lines of stable shapes to random gripper poses; see `leading.random_shape`."""
     rod, rng = Cable().rod, np.random.default_rng(seed)
-    lines = (line_to(random_shape(rod, rng), rod, rng, LEADING + 1) for _ in range(pairs))
+    lines = (line_to(random_shape(rod, rng), rod, rng) for _ in range(pairs))
     return _listed([_settled(Cable(), line[0], rod.shapes(line)[1]) for line in lines])
 
 
@@ -69,7 +69,7 @@ def by_links(seed: int, pairs: int = 30) -> dict[str, Any]:
         `hinges`, and `errors` (hinges, pairs): mean distance [m] of the 13 keypoints to the elastica's.
     """
     rod, rng = Cable().rod, np.random.default_rng(seed)
-    lines = [line_to(random_shape(rod, rng, GENTLE_BEND), rod, rng, LEADING + 1) for _ in range(pairs)]
+    lines = [line_to(random_shape(rod, rng, GENTLE_BEND), rod, rng) for _ in range(pairs)]
     cables = [Cable(keypoints=keypoints) for keypoints in LINKS.values()]
     found = (_listed([_settled(cable, line[0], cable.rod.shapes(line)[1]) for line in lines]) for cable in cables)
     return {"hinges": list(LINKS), "errors": [errors(each).mean(axis=1).tolist() for each in found]}
