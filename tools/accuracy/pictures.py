@@ -30,12 +30,14 @@ WIDE, NARROW = 4.2, 2.9
 def settled(results: Results) -> Figure:
     """Settled shapes beside the elastica, and the error against the sharpest bend."""
     figure, (left, right) = _panels(WIDE, WIDE)
-    style.title(left, "settled (dots) and elastica (lines)")
-    for place, (result, row) in enumerate(_shown(results)):
-        offset = np.array([0.34 * (place % 3), -0.3 * (place // 3)])
-        line, dots = (_level(np.array(result[name][row])) + offset for name in ("elastica", "plant"))
-        left.plot(*polyline.spline(line, 8).T, color=style.MUTED, linewidth=1.2)
-        left.plot(*dots.T, "o", color=style.START, markersize=3.2)
+    style.title(left, "settled (dots), elastica, worst keypoint")
+    for place, (line, dots) in enumerate(_shown(results["any-poses"])):
+        middle = (line.max(axis=0) + line.min(axis=0)) / 2
+        offset = np.array([0.36 * (place % 2), -0.19 * (place // 2)]) - middle
+        left.plot(*polyline.spline(line + offset, 8).T, color=style.MUTED, linewidth=1.2)
+        left.plot(*(dots + offset).T, "o", color=style.START, markersize=3.2)
+        text = f"{1000 * np.linalg.norm(dots - line, axis=1).max():.2f} mm"
+        left.text(*(offset + middle - [0.0, 0.09]), text, ha="center", va="center", fontsize=8, color=style.MUTED)
     left.set_aspect("equal")
     left.set_axis_off()
     style.title(right, "worst keypoint of each shape")
@@ -176,10 +178,9 @@ def deepest(results: Results) -> Figure:
         draw_cable(ax, line, Cable.radius, style.START, alpha=0.75)
         middle, half = (line.max(axis=0) + line.min(axis=0)) / 2, 0.55 * np.ptp(line, axis=0).max() + 0.01
         ax.set_xlim(middle[0] - half, middle[0] + half)
-        ax.set_ylim(middle[1] - half * HEIGHT / NARROW, middle[1] + half * HEIGHT / NARROW)
+        ax.set_ylim(middle[1] - half, middle[1] + half)
         ax.set_aspect("equal")
-        ax.set_xticks([])
-        ax.set_yticks([])
+        ax.set_axis_off()
     return figure
 
 
@@ -202,20 +203,13 @@ def _panels(*widths: float) -> tuple[Figure, list[Axes]]:
     ]
 
 
-def _shown(results: Results) -> list[tuple[dict[str, Any], int]]:
-    """Five shapes between any poses, from good to bad, and the worst one last."""
-    result = results["any-poses"]
+def _shown(result: dict[str, Any]) -> list[tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]]:
+    """Elastica and keypoints of six shapes from the best to the worst, with the elastica's ends level."""
     order = np.argsort(shapes.errors(result).max(axis=1))
     rows = order[np.linspace(0, len(order) - 1, 6).astype(int)]
-    return [(result, int(row)) for row in rows]
-
-
-def _level(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """The points turned and moved so that their ends lie level about the origin."""
-    chord = points[-1] - points[0]
-    along = chord / np.linalg.norm(chord)
-    moved = points - (points[0] + points[-1]) / 2
-    return np.column_stack([moved @ along, moved @ [-along[1], along[0]]])
+    lines, dots = (np.array(result[name])[rows] for name in ("elastica", "plant"))
+    turns = [np.column_stack([chord, [-chord[1], chord[0]]]) / np.linalg.norm(chord) for chord in lines[:, -1] - lines[:, 0]]
+    return [(line @ turn, dot @ turn) for line, dot, turn in zip(lines, dots, turns, strict=True)]
 
 
 def _strips(ax: Axes, rows: Sequence[Float[np.ndarray, "k"]]) -> None:

@@ -117,9 +117,11 @@ def _contact_rows(results: dict[str, dict[str, Any]]) -> list[str]:
     ]
     refused = sum(len(row) for each in (corners, corridors, squeezes) for row in each["refused"])
     cases = refused + sum(len(values) for *_, values in rows)
+    resting = [value for each in (corners, corridors, squeezes) for row in each["resting"] for value in row]
     least = free.mean(), float(np.median(free)), float(np.percentile(free, 5)), free.min(), len(free)
     return [
         *(_row(f"penetration, {what}, {how}", "≤ 1", values) for what, how, values in rows),
+        _row("all of them, one second later, at rest", "≤ 1", np.maximum(0.0, resting)),
         f"| of these {cases} cases, refused by the plant | | | | | {refused} | |",
         _row("penetration on the verified plans of the catalogue", "0", np.maximum(0.0, -free), 1.0),
         _line("least clearance on them (95%: 5%; worst: least)", "> 0", *least),
