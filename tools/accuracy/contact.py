@@ -49,42 +49,40 @@ def corners(seed: int, cases: int = 40) -> dict[str, Any]:
 
     Returns:
         `stiffness`; for each of them lists over the cases of `deepest` and `resting` penetration [m], the last after
-        `WAITING` steps (negative: clear), and why the plant `refused`, for those it did; `drawn`: the deepest case at
-        the default stiffness, its centreline and the obstacles' corners.
+        `WAITING` steps (negative: clear), and why the plant `refused`, for those it did.
     """
     rows = []
     for stiffness in STIFFNESSES:
         rng = np.random.default_rng(seed)
         rows.append([_corner(Cable(bending_stiffness=stiffness), rng) for _ in range(cases)])
-    return {"stiffness": STIFFNESSES, **_summary(rows, STIFFNESSES.index(Cable.bending_stiffness))}
+    return {"stiffness": STIFFNESSES, **_summary(rows)}
 
 
 def corridors(seed: int, cases: int = 40) -> dict[str, Any]:
     """A bent cable in a corridor, moved sideways against a wall.
 
     Returns:
-        As `corners`, with `width` [m] in place of the stiffness; the stiffnesses take turns, 30 mm is drawn.
+        As `corners`, with `width` [m] in place of the stiffness; the stiffnesses take turns.
     """
     rows = []
     for width in WIDTHS:
         rng = np.random.default_rng(seed)
         rows.append([_sideways(cable, width, rng) for cable in _cables(cases)])
-    return {"width": WIDTHS, **_summary(rows, WIDTHS.index(0.030))}
+    return {"width": WIDTHS, **_summary(rows)}
 
 
 def squeezes(seed: int, cases: int = 40) -> dict[str, Any]:
     """A cable in a corridor of 30 mm, pushed together by both grippers, slowly and fast.
 
     Returns:
-        As `corridors`, with `speed` [m in a control step] and `time_step` [s] in place of the width; the fastest with
-        the default time step is drawn.
+        As `corridors`, with `speed` [m in a control step] and `time_step` [s] in place of the width.
     """
     rows = []
     for speed, time_step in SQUEEZES:
         rng = np.random.default_rng(seed)
         rows.append([_squeezed(cable, speed, time_step, rng) for cable in _cables(cases)])
     speeds, time_steps = zip(*SQUEEZES, strict=True)
-    return {"speed": speeds, "time_step": time_steps, **_summary(rows, SQUEEZES.index((0.006, PlantConfig.time_step)))}
+    return {"speed": speeds, "time_step": time_steps, **_summary(rows)}
 
 
 def plans(seed: int) -> dict[str, Any]:
@@ -183,21 +181,13 @@ def _pressed(
             seen.append(plant.measure())
     except SimulationError as error:
         return {"refused": str(error)}
-    worst = min(seen, key=lambda each: each.clearance)
-    return {
-        "deepest": -worst.clearance,
-        "resting": -seen[-1].clearance,
-        "centreline": worst.centreline.tolist(),
-        "obstacles": [obstacle.vertices.tolist() for obstacle in scene.obstacles],
-    }
+    return {"deepest": -min(each.clearance for each in seen), "resting": -seen[-1].clearance}
 
 
-def _summary(rows: list[list[dict[str, Any]]], drawn: int) -> dict[str, Any]:
-    """Lists over the groups of cases, and the deepest case of one group."""
+def _summary(rows: list[list[dict[str, Any]]]) -> dict[str, Any]:
+    """Lists over the groups of cases."""
     taken = [[case for case in row if "refused" not in case] for row in rows]
-    worst = max(taken[drawn], key=lambda case: case["deepest"])
     return {
         **{name: [[case[name] for case in row] for row in taken] for name in ("deepest", "resting")},
         "refused": [[case["refused"] for case in row if "refused" in case] for row in rows],
-        "drawn": {name: worst[name] for name in ("centreline", "obstacles")},
     }

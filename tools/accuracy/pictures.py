@@ -13,9 +13,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from accuracy import shapes
 from cableway.figures import style
-from cableway.figures.scene import draw_cable
 from cableway.geometry import polyline
-from cableway.scene.cable import Cable
 from cableway.simulation.plant import PlantConfig
 
 Results = dict[str, dict[str, Any]]
@@ -38,7 +36,7 @@ def settled(results: Results) -> Figure:
         left.plot(*(dots + offset).T, "o", color=style.START, markersize=3.2)
         text = f"{1000 * np.linalg.norm(dots - line, axis=1).max():.2f} mm"
         left.text(*(offset + middle - [0.0, 0.09]), text, ha="center", va="center", fontsize=8, color=style.MUTED)
-    left.set_aspect("equal")
+    left.set_aspect("equal", anchor="NW")
     left.set_axis_off()
     style.title(right, "worst keypoint of each shape")
     for name, colour, label in (
@@ -65,7 +63,7 @@ def closed_form(results: Results) -> Figure:
     for plant, exact in zip(result["plant"], result["elastica"], strict=True):
         left.plot(*polyline.spline(np.array(exact), 8).T, color=style.MUTED, linewidth=1.2)
         left.plot(*np.array(plant).T, "o", color=style.START, markersize=3.2)
-    left.set_aspect("equal")
+    left.set_aspect("equal", anchor="NW")
     style.curve_axes(left, "x/L", "y/L")
     style.title(right, "worst keypoint")
     off = 100 * np.linalg.norm(np.array(result["plant"]) - result["elastica"], axis=-1).max(axis=1)
@@ -164,33 +162,12 @@ def contact(results: Results) -> Figure:
     return figure
 
 
-def deepest(results: Results) -> Figure:
-    """The deepest case of a corner, of a corridor and of squeezing, in the moment of deepest contact."""
-    figure, panels = _panels(NARROW, NARROW, NARROW)
-    names = ("corners", "corridors", "squeezes")
-    texts = ("corner, EI = 0.001 N m²", "corridor of 30 mm", "squeezed, fastest")
-    for ax, name, text in zip(panels, names, texts, strict=True):
-        drawn = results[name]["drawn"]
-        style.title(ax, text)
-        for obstacle in drawn["obstacles"]:
-            ax.fill(*np.array(obstacle).T, facecolor=style.OBSTACLE, edgecolor=style.OBSTACLE_EDGE)
-        line = np.array(drawn["centreline"])
-        draw_cable(ax, line, Cable.radius, style.START, alpha=0.75)
-        middle, half = (line.max(axis=0) + line.min(axis=0)) / 2, 0.55 * np.ptp(line, axis=0).max() + 0.01
-        ax.set_xlim(middle[0] - half, middle[0] + half)
-        ax.set_ylim(middle[1] - half, middle[1] + half)
-        ax.set_aspect("equal")
-        ax.set_axis_off()
-    return figure
-
-
 PICTURES: dict[str, Callable[[Results], Figure]] = {
     "settled": settled,
     "closed-form": closed_form,
     "convergence": convergence,
     "lag": lag,
     "contact": contact,
-    "deepest": deepest,
 }
 
 
@@ -206,10 +183,13 @@ def _panels(*widths: float) -> tuple[Figure, list[Axes]]:
 def _shown(result: dict[str, Any]) -> list[tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]]:
     """Elastica and keypoints of six shapes from the best to the worst, with the elastica's ends level."""
     order = np.argsort(shapes.errors(result).max(axis=1))
-    rows = order[np.linspace(0, len(order) - 1, 6).astype(int)]
-    lines, dots = (np.array(result[name])[rows] for name in ("elastica", "plant"))
-    turns = [np.column_stack([chord, [-chord[1], chord[0]]]) / np.linalg.norm(chord) for chord in lines[:, -1] - lines[:, 0]]
-    return [(line @ turn, dot @ turn) for line, dot, turn in zip(lines, dots, turns, strict=True)]
+    shown = []
+    for row in order[np.linspace(0, len(order) - 1, 6).astype(int)]:
+        line, dots = np.array(result["elastica"][row]), np.array(result["plant"][row])
+        x, y = line[-1] - line[0]
+        turn = np.array([[x, -y], [y, x]]) / np.hypot(x, y)
+        shown.append((line @ turn, dots @ turn))
+    return shown
 
 
 def _strips(ax: Axes, rows: Sequence[Float[np.ndarray, "k"]]) -> None:
