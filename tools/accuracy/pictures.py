@@ -80,7 +80,6 @@ def convergence(results: Results) -> Figure:
     figure, (left, right) = _panels(WIDE, WIDE)
     style.title(left, "links")
     hinges, errors = np.array(links["hinges"]), 1000 * np.array(links["errors"])
-    left.loglog(hinges, errors, color=style.GRID, linewidth=0.8)
     left.loglog(hinges, np.median(errors, axis=1), "o-", color=style.START, markersize=4, label="median")
     left.loglog(hinges, errors.max(axis=1), "o-", color=style.GOAL, markersize=4, label="worst shape")
     slope = np.median(errors[0]) * (hinges / hinges[0]) ** -2.0
