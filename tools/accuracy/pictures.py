@@ -202,8 +202,8 @@ def _strips(ax: Axes, rows: Sequence[Float[np.ndarray, "k"]]) -> None:
 def _limit(ax: Axes, value: float, text: str) -> None:
     ax.axhline(value, color=style.BAD, linewidth=1, linestyle="--")
     ax.annotate(
-        text, (1, value), xycoords=("axes fraction", "data"), xytext=(-2, 3), textcoords="offset points",
-        ha="right", fontsize=8, color=style.BAD,
+        text, (0, value), xycoords=("axes fraction", "data"), xytext=(3, 3), textcoords="offset points",
+        fontsize=8, color=style.BAD,
     )  # fmt: skip
 
 
