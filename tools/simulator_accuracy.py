@@ -1,0 +1,38 @@
+"""How accurate the simulator is: the table and the pictures of `docs/simulator.md`.
+
+    .venv/bin/python tools/simulator_accuracy.py [FOLDER]
+
+Some eight minutes on one core. An experiment whose result is in FOLDER (runs/simulator unless given) is not made
+again, so an interrupted call goes on where it was; for a new measurement empty the folder.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from accuracy.pictures import PICTURES
+from accuracy.results import EXPERIMENTS, fill_in, result, table
+
+from cableway.figures.style import save_figure
+
+SEED = 0
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def main() -> None:
+    """Make what is missing, then the pictures and the table."""
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/simulator")
+    results = {}
+    for name in EXPERIMENTS:
+        start = time.perf_counter()
+        results[name] = result(name, SEED, folder)
+        print(f"{name:14} {time.perf_counter() - start:6.1f} s", flush=True)
+    for name, draw in PICTURES.items():
+        save_figure(draw(results), DOCS / "images" / f"simulator-{name}.png")
+    fill_in(DOCS / "simulator.md", table(results))
+
+
+if __name__ == "__main__":
+    main()
