@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from cableway.control.neural_mpc import MPCConfig, NeuralMPC
     from cableway.models.checkpoint import load_model
     from cableway.planning.config import PlannerConfig
+    from cableway.planning.passages import find_passages
     from cableway.planning.planner import plan
     from cableway.records import Plan, Rollout, Transitions
     from cableway.report import summarize
@@ -37,6 +38,7 @@ _HOME = {
     "Scene": "scene.scene",
     "Task": "scene.task",
     "Transitions": "records",
+    "find_passages": "planning.passages",
     "load_model": "models.checkpoint",
     "load_task": "scene.loading",
     "plan": "planning.planner",

@@ -14,7 +14,7 @@ from cableway.control.open_loop import OpenLoop
 from cableway.errors import SimulationError
 from cableway.figures import video
 from cableway.files import read_arrays
-from cableway.planning import planner
+from cableway.planning import search
 from cableway.records import Plan, Rollout
 from cableway.scene.loading import load_task
 from cableway.verification import verify_plan, verify_rollout
@@ -133,7 +133,7 @@ def test_an_interrupt_while_planning_leaves_what_was_there(
 ):
     Path("o").mkdir()
     (Path("o") / "plan.npz").write_bytes(b"earlier")
-    monkeypatch.setattr(planner, "verify_plan", interrupt)
+    monkeypatch.setattr(search, "verify_plan", interrupt)
     done = cableway("plan", moved_file, "--out", "o")
     assert (done.status, done.out) == (130, "")
     assert done.err.endswith("cableway: interrupted\n")
@@ -177,3 +177,14 @@ def test_a_plant_that_cannot_start_is_reported(cableway: Command, moved_file: Pa
 
 def interrupt(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
+
+
+def test_alternatives(cableway: Command):
+    """Three ways, each a plan that `check` accepts, and one picture of all; planning again leaves one plan."""
+    assert cableway("plan", "multi-obstacle-1", "--alternatives", "3", "--out", "o").status == 0
+    assert names(Path("o")) == {*PLANNED, "plan-2.npz", "plan-3.npz", "alternatives.png"}
+    assert cableway("check", "multi-obstacle-1", "o/plan-3.npz").status == 0
+    assert cableway("plan", "multi-obstacle-1", "--out", "o").status == 0
+    assert names(Path("o")) == PLANNED
+    refused = cableway("plan", "maze-1", "--alternatives", "0")
+    assert (refused.status, refused.err) == (2, "cableway: --alternatives must be 1 or more, got 0\n")

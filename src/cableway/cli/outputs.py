@@ -11,20 +11,31 @@ if TYPE_CHECKING:
 
 REPORT, TASK = "report.json", "task.yaml"
 PLAN, PLAN_PICTURE = "plan.npz", "plan.png"
+ALTERNATIVES_PICTURE = "alternatives.png"
 ROLLOUT, ROLLOUT_PICTURE, VIDEO = "rollout.npz", "rollout.png", "rollout.mp4"
 
-ALL = (REPORT, TASK, PLAN, PLAN_PICTURE, ROLLOUT, ROLLOUT_PICTURE, VIDEO)
+ALL = (REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, ROLLOUT, ROLLOUT_PICTURE, VIDEO)
+
+
+def alternative(place: int) -> str:
+    """Name of the file of the alternative at a place, 1 for the best.
+
+    >>> alternative(1), alternative(2)
+    ('plan.npz', 'plan-2.npz')
+    """
+    return PLAN if place == 1 else f"plan-{place}.npz"
 
 
 def clear(folder: Path) -> None:
     """Remove what an earlier run left, so that a folder never mixes two runs."""
-    for name in ALL:
-        (folder / name).unlink(missing_ok=True)
+    for path in (*(folder / name for name in ALL), *folder.glob("plan-*.npz")):
+        path.unlink(missing_ok=True)
 
 
 def announce(terminal: Terminal, folder: Path, report: Report) -> None:
     """Say on the side how it ended and which files there are."""
-    names = ", ".join(name for name in ALL if (folder / name).exists())
+    others = sorted(path.name for path in folder.glob("plan-*.npz"))
+    names = ", ".join([*(name for name in ALL if (folder / name).exists()), *others])
     terminal.note(f"{report.task}: {'success' if report.success else 'failed'}; in {folder}: {names}")
 
 

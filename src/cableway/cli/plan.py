@@ -7,11 +7,20 @@ from dataclasses import dataclass
 from cableway.cli import outputs
 from cableway.cli.planning import PlanOptions, plan_into
 from cableway.cli.terminal import Terminal, pairs
+from cableway.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan(PlanOptions):
     """Plan a task: plan.npz, plan.png, report.json and the task itself."""
+
+    alternatives: int = 1
+    """Plans wanted that go round the obstacles in different ways, best first: plan-2.npz, ... and alternatives.png."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.alternatives < 1:
+            raise InputError(f"--alternatives must be 1 or more, got {self.alternatives}")
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
@@ -20,7 +29,7 @@ class Plan(PlanOptions):
         terminal, task = Terminal(self), load_task(self.task)
         folder = self.folder(task.name)
         with terminal.progress() as tell:
-            report = plan_into(folder, task, self, terminal, tell).report
+            report = plan_into(folder, task, self, terminal, tell, self.alternatives).report
         outputs.announce(terminal, folder, report)
         terminal.result(report.as_dict(), pairs(report.rows()))
         return 0 if report.success else 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -78,8 +78,12 @@ class Planned:
     notes: tuple[str, ...]
 
 
-def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal, tell: Tell) -> Planned:
+def plan_into(
+    folder: Path, task: Task, options: PlanOptions, terminal: Terminal, tell: Tell, alternatives: int = 1
+) -> Planned:
     """Plan a task and leave plan, picture, report and task in a folder, in place of what was there.
+
+    With more than one of `alternatives` there are also the other plans and a picture of all of them.
 
     A folder is left as it was until there is something to write, so an interrupt costs nothing.
     """
@@ -94,16 +98,22 @@ def plan_into(folder: Path, task: Task, options: PlanOptions, terminal: Terminal
     common: dict[str, Any] = {"timings": timer.seconds, "seed": seed, "notes": notes, "limits": config.limits}
     try:
         deadline = time.monotonic() + options.time_limit
-        plan = find_plan(task, seed=seed, config=config, progress=timer, expired=lambda: time.monotonic() > deadline)
+        search: dict[str, Any] = {"seed": seed, "config": config, "progress": timer}
+        search["expired"] = lambda: time.monotonic() > deadline
+        plans = (
+            find_plan(task, alternatives=alternatives, **search) if alternatives > 1 else [find_plan(task, **search)]
+        )
     except PlanningError as error:
         timer.stop()
         configuration = {"plan": {"planner": describe(config)}}
         report = summarize(task, None, attempt=error.attempt, problem=str(error), configuration=configuration, **common)
         _write_attempt(folder, task, report, error)
         return Planned(plan=None, report=report, timings=timer.seconds, config=config, notes=notes)
-    report = summarize(task, plan, **common)
-    _write_plan(folder, task, report, plan)
-    return Planned(plan=plan, report=report, timings=timer.seconds, config=config, notes=notes)
+    if len(plans) < alternatives:
+        common["notes"] = notes = (*notes, f"Of {alternatives} alternatives {len(plans)} were found.")
+    report = summarize(task, plans[0], **common)
+    _write_plans(folder, task, report, plans)
+    return Planned(plan=plans[0], report=report, timings=timer.seconds, config=config, notes=notes)
 
 
 def _compile(terminal: Terminal, tell: Tell) -> tuple[str, ...]:
@@ -122,17 +132,21 @@ def _compile(terminal: Terminal, tell: Tell) -> tuple[str, ...]:
     return (f"Before planning, kernels were compiled for {time.monotonic() - start:.0f} s, which happens once.",)
 
 
-def _write_plan(folder: Path, task: Task, report: Report, plan: Plan) -> None:
-    from cableway.figures.plan import plan_figure
+def _write_plans(folder: Path, task: Task, report: Report, plans: Sequence[Plan]) -> None:
+    from cableway.figures.plan import alternatives_figure, plan_figure
     from cableway.figures.style import save_figure
     from cableway.scene.saving import save_task
 
-    figure = plan_figure(task, plan)
+    figure = plan_figure(task, plans[0])
+    together = alternatives_figure(task, [plan.shapes for plan in plans]) if len(plans) > 1 else None
     outputs.clear(folder)
-    plan.save(folder / outputs.PLAN)
+    for place, plan in enumerate(plans, start=1):
+        plan.save(folder / outputs.alternative(place))
     save_task(task, folder / outputs.TASK)
     outputs.write_report(folder, report)
     save_figure(figure, folder / outputs.PLAN_PICTURE)
+    if together is not None:
+        save_figure(together, folder / outputs.ALTERNATIVES_PICTURE)
 
 
 def _write_attempt(folder: Path, task: Task, report: Report, error: PlanningError) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,18 @@ def attempt_figure(task: Task, attempt: Attempt) -> Figure:
         draw_shapes(reached, task, attempt.shapes)
         style.title(reached, "the closest attempt")
     figure.text(LEFT / wide, 1 - 0.14 / tall, "\n".join(reason), fontsize=10, color=style.BAD, va="top")
+    return figure
+
+
+def alternatives_figure(task: Task, motions: Sequence[Float[np.ndarray, "k n 2"]]) -> Figure:
+    """The shapes of several plans over time, side by side."""
+    width, height = scene.panel_size(task)
+    pitch = width + BETWEEN + BAR
+    figure = style.new_figure(LEFT + len(motions) * pitch, BELOW + height + ABOVE)
+    for place, shapes in enumerate(motions):
+        ax = style.add_axes(figure, LEFT + place * pitch, BELOW, width, height)
+        draw_shapes(ax, task, shapes)
+        style.title(ax, f"{task.name}: way {place + 1} of {len(motions)}")
     return figure
 
 

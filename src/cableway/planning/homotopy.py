@@ -95,8 +95,9 @@ def different_routes(task: Task, config: PivotConfig, seed: int, most: int) -> I
         if word not in seen:
             seen.add(word)
             yield path
-        for passage, _ in traversed_passages(passages, path):
-            search(tuple(sorted({*closed, passages.index(passage)})))
+        for index, passage in enumerate(passages):
+            if traversed_passages((passage,), path):
+                search(tuple(sorted({*closed, index})))
 
 
 def requested_route(

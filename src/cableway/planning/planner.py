@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from cableway.errors import InputError, PlanningError
 from cableway.planning.alternatives import ROUTED, find_alternatives
-from cableway.planning.config import PlannerConfig
+from cableway.planning.config import Guide, PlannerConfig
 from cableway.planning.guides import Progress
 from cableway.planning.homotopy import requested_route, unmet_request
 from cableway.planning.reachability import find_blockage
@@ -101,15 +101,18 @@ def plan(
 def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage], previous: Plan | None) -> Plan:
     """The plan of the first guide that leads to one."""
     task, config = search.task, search.config
-    names, guides, accept = config.guides, search.guides(previous=previous), None
+    names: tuple[Guide, ...] = config.guides
+    guides = search.guides(previous=previous)
     if through or avoiding:
         names = tuple(name for name in names if name in ROUTED)
         guides = search.guides(lambda: requested_route(task, config.pivot, search.seed, through, avoiding))
+    elif previous is not None:
+        names = ("previous", *names)
 
-        def accept(plan: Plan) -> str:
-            return unmet_request(plan.shapes, task, through, avoiding)
+    def accept(plan: Plan) -> str:
+        return unmet_request(plan.shapes, task, through, avoiding)
 
-    for place, name in enumerate(("previous", *names) if previous is not None else names):
+    for place, name in enumerate(names):
         found = search.follow(guides, name, accept)
         if found is not None:
             return found

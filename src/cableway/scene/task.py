@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,6 +72,23 @@ class Task:
                 poses = checks.array(getattr(self, f"{end}_poses"), (f"{end}_poses",), 3)
                 object.__setattr__(self, f"{end}_poses", poses)
                 validity.check_poses(end, poses, getattr(self, end), self.cable)
+
+    def resumed_from(self, keypoints: Float[np.ndarray, "n 2"]) -> Task:
+        """The same task from where the cable is now.
+
+        The start is the equilibrium nearest to the keypoints, which takes away most of what a camera adds.
+
+        Args:
+            keypoints: (n, 2) [m] as measured.
+
+        Raises:
+            TaskError: They are not finite, of another number than the task's, or in collision.
+        """
+        rod, points = self.cable.rod, checks.array(keypoints, ("start",), 2)
+        if points.shape != self.start.shape:
+            raise TaskError(f"must have shape {self.start.shape}, got {points.shape}", ("start",))
+        q, _ = fit_keypoints(rod, points)
+        return replace(self, start=rod.at_keypoints(rod.shapes(q[None])[0])[0], start_poses=None)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Task):
