@@ -18,10 +18,10 @@ from cableway.scene.loading import (
     cable_from_preset,
     catalogue_file,
     load_task,
-    preset_names,
     task_names,
 )
 from cableway.scene.obstacles import Box, Disc, Polygon
+from cableway.scene.presets import preset_names
 from cableway.scene.task import Task
 
 PRESETS = ("cotton", "ethernet", "hdmi", "paracord", "rubber", "silicone", "usb")

@@ -13,7 +13,7 @@ from cableway.records import Measurement, Observation
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
 from cableway.scene.task import CONTROL_STEP, Task
-from cableway.simulation.chain import Chain
+from cableway.simulation.chain import Chain, chain_coordinates
 
 SLIP_DISTANCE = 0.005
 """Distance [m] of a cable end from its gripper beyond which the grasp counts as lost."""
@@ -82,15 +82,15 @@ class CableSimulator:
         task: Scene, start and grippers; its cable unless `cable` is given.
         config: Time step and bounds.
         cable: The plant's true cable where it differs from the task's. It starts with the grippers where the task's
-            cable has them, at the stable shape nearest to the start.
+            cable has them, at the stable shape nearest to the start; one that does not bend as a uniform elastic rod
+            (`Cable.bends_as_rod`) settles from there.
 
     Raises:
         InputError: `cable` has another number of keypoints or is shorter than the distance of the grippers.
         SimulationError: The cable overlaps an obstacle or a wall at the start, or has no stable shape there.
 
     Note:
-        Not modelled: what `unmodelled` lists, first of all friction on the table (`Cable.friction`); the chain is
-        planar and without gravity.
+        Not modelled: what `unmodelled` lists. The chain is planar; the table acts on it by friction and drag.
     """
 
     control_step: float = CONTROL_STEP
@@ -100,11 +100,11 @@ class CableSimulator:
         self.config = config or PlantConfig()
         self.cable = cable or task.cable
         self._chain = Chain(self.cable, task.scene, self.config.time_step)
-        self._commanded = self._chain.place(start_equilibrium(task, self.cable))
+        start = start_equilibrium(task, self.cable)
+        self._free_clearances(chain_coordinates(self.cable.rod, start))
+        self._commanded = self._chain.place(start)
         self._steps = 0
-        self._clearance, self._gripper_clearance = self._clearances(self._chain.coordinates[None])
-        if self._clearance < 0:
-            raise SimulationError(f"the cable overlaps the scene by {-1000 * self._clearance:.2f} mm at the start")
+        self._clearance, self._gripper_clearance = self._free_clearances(self._chain.coordinates)
         self._initial = self.state()
 
     @property
@@ -121,7 +121,7 @@ class CableSimulator:
             "Contact between cable and obstacles is frictionless.",
         ]
         if self.cable.friction > 0:
-            notes.append(f"Friction between cable and table (coefficient {self.cable.friction:g}) is not simulated.")
+            notes.append("The cable lies flat on the table, ends included, for friction with it.")
         if self.task.plug is not None:
             notes.append("The plug is not simulated.")
         return tuple(notes)
@@ -220,6 +220,13 @@ class CableSimulator:
                 f"the cable slipped in a gripper by {1000 * distance:.1f} mm and {angle:.2f} rad, "
                 "pulled too far or pressed against something"
             )
+
+    def _free_clearances(self, coordinates: Float[np.ndarray, "c"]) -> tuple[float, float]:
+        """Clearances at the start; an overlap of the cable is an error."""
+        cable, discs = self._clearances(coordinates[None])
+        if cable < 0:
+            raise SimulationError(f"the cable overlaps the scene by {-1000 * cable:.2f} mm at the start")
+        return cable, discs
 
     def _clearances(self, coordinates: Float[np.ndarray, "k c"]) -> tuple[float, float]:
         scene = self.task.scene
