@@ -128,7 +128,17 @@ def full_task(**changes: Any) -> Task:
         "name": "made 1",
         "description": "First: with 'quotes', # and é.",
         "scene": Scene((0.7, 2 / 3), obstacles),
-        "cable": Cable(length=1 / 3, radius=0.003, keypoints=10, bending_stiffness=1e-5 / 3, friction=0.1),
+        "cable": Cable(
+            length=1 / 3,
+            radius=0.003,
+            keypoints=10,
+            bending_stiffness=1e-5 / 3,
+            stiffness_profile=(1 / 3, 1.0, 3.0),
+            rest_curvature=(-1 / 7, 2.0),
+            yield_curvature=20 / 3,
+            friction=0.1,
+            drag=1 / 9,
+        ),  # fmt: skip
         "grippers": Grippers(radius=0.005, max_step=0.01, max_turn=0.1, separation=0.02),
         "start": start,
         "goal": goal,

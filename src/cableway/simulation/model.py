@@ -3,14 +3,15 @@
 The cable is the planar chain of `cableway.rod.equilibrium`: N hinges at spacing L/N, N + 1 links of which the first
 and last are half as long. Hinge stiffness is k = EI N/L and hinge damping tau k, so that the chain bends like a rod of
 stiffness EI and creeps with time constant tau. The first link carries two slides and a hinge; both end links are
-welded to bodies without dynamics, the grippers, whose poses are prescribed at every time step. Where the cable is not
-uniform, hinge stiffness and rest angle are those of the middle of its L/N; a hinge bent from its rest angle by more than
-the yield curvature times L/N moves that angle along, so that its moment stays the same (perfect plasticity).
+welded to bodies without dynamics, the grippers, whose poses are prescribed at every time step.
 
-The plane is z = 0 with no gravity in it. What the table does to a cable that lies on it is a force on the middle of
-each link, in the plane: `cableway.simulation.table`. A capsule of the cable's radius covers each link; capsules meet obstacles and
-walls, not each other. A disc is a sphere about z = 0 and a wall a half space, for which MuJoCo's contacts are exact;
-a box is a box and a polygon a convex mesh, both reaching `HALF_HEIGHT` above and below.
+A hinge has the stiffness and the rest curvature of its place along the cable. Bent from rest by more than the yield
+curvature it takes its rest angle along, at constant moment: perfect plasticity.
+
+The plane is z = 0 with no gravity in it; `cableway.simulation.table` says what a table does to the cable. A capsule of
+the cable's radius covers each link; capsules meet obstacles and walls, not each other. A disc is a sphere about z = 0
+and a wall a half space, for which MuJoCo's contacts are exact; a box is a box and a polygon a convex mesh, both
+reaching `HALF_HEIGHT` above and below.
 
 Note:
     The paper (Tang et al.) simulates without contact between cable and obstacles.
@@ -57,6 +58,14 @@ def build_model(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.M
     Returns:
         The model; of its bodies without dynamics the first is the left gripper, the second the right one.
     """
+    model = chain_spec(cable, scene, time_step).compile()
+    if cable.drag > 0:
+        model.opt.viscosity = viscosity(model, cable.rod, cable.drag)
+    return model
+
+
+def chain_spec(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.MjSpec:
+    """What `build_model` compiles, without drag."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     _set_options(spec.option, time_step)
@@ -70,10 +79,7 @@ def build_model(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.M
         for index, obstacle in enumerate(scene.obstacles):
             _add_obstacle(spec, f"obstacle {index}", obstacle)
         _add_walls(spec, scene)
-    model = spec.compile()
-    if cable.drag > 0:
-        model.opt.viscosity = viscosity(model, cable.rod, cable.drag)
-    return model
+    return spec
 
 
 def _set_options(option: mujoco.MjOption, time_step: float) -> None:

@@ -2,17 +2,17 @@
 
 Both act on the middle of each link, in the plane. The cable lies flat along its whole length: nothing lifts it.
 
-A link of mass m that slides in direction d loses mu m g to friction. It is made of lines, one in each of `DIRECTIONS`,
-along which a link moves against a constant resistance f: together they resist motion in direction d by f sum_i |d . e_i|,
-which with f = mu m g pi / (2 `DIRECTIONS`) is mu m g on average over all directions and between -5% and +3% of that in
-each. A line is a tendon from the link to a point so far away that its direction is the same all over the workspace.
+A link of mass m that slides loses mu m g to friction. Friction is made of lines, one in each of `DIRECTIONS`, along
+which a link moves against a constant resistance f: motion in direction d meets f sum_i |d . e_i|, which with
+f = mu m g pi / (2 `DIRECTIONS`) is mu m g on average over all directions, and from 5% less to 3% more in each. A line
+is a tendon from the link to a point so far away that its direction is the same all over the workspace.
 
 Drag is that of MuJoCo's viscous medium: 3 pi eta b v on a link of speed v, b the mean width of the box of its inertia.
 The half links at the ends, whose boxes are smaller, are moved by the grippers whatever resists them.
 
 Note:
-    Against a chain in which each link rests by its weight on a plane, with MuJoCo's elliptic friction cones, shapes differ
-    by less than 0.02 mm where friction moves them by 0.3 mm; lines are some five times faster, for they add no freedom.
+    Links that each rest by their weight on a plane, with MuJoCo's elliptic friction cones, are the obvious model, with
+    which a test compares this one; it has a freedom more per link and is several times slower.
 """
 
 # MuJoCo's bindings are compiled and carry no type information
