@@ -138,7 +138,7 @@ def full_task(**changes: Any) -> Task:
             yield_curvature=20 / 3,
             friction=0.1,
             drag=1 / 9,
-        ),  # fmt: skip
+        ),
         "grippers": Grippers(radius=0.005, max_step=0.01, max_turn=0.1, separation=0.02),
         "start": start,
         "goal": goal,
