@@ -138,7 +138,7 @@ class CableSimulator:
             SimulationError: The action is refused (wrong shape, not finite, too large, grippers farther apart than
                 the cable is long), or the simulation failed (diverged, grasp lost, centreline inside an obstacle).
         """
-        target = self._commanded + self._checked(action)
+        target = self._target(self.check(action))
         fraction = np.arange(1, self.config.substeps + 1)[:, None, None] / self.config.substeps
         path = self._commanded + fraction * (target - self._commanded)
         before = self._chain.save()
@@ -188,7 +188,12 @@ class CableSimulator:
         truth = self.measure()
         return Observation(time=self.time, keypoints=truth.keypoints, poses=truth.poses)
 
-    def _checked(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+    def check(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+        """The action as an array.
+
+        Raises:
+            SimulationError: It has the wrong shape, is not finite or is too large, wherever the grippers are.
+        """
         action = np.asarray(action, dtype=float)
         if action.shape != (2, 3):
             raise SimulationError(f"an action must have shape (2, 3), got {action.shape}")
@@ -204,13 +209,17 @@ class CableSimulator:
                 raise SimulationError(
                     f"the {side} gripper's {name} of {values.max():.4g} {unit} exceeds the plant's {limit:g} {unit}"
                 )
+        return action
+
+    def _target(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+        """Where an action leads the grippers; farther apart than the cable is long is an error."""
         target = self._commanded + action
         gap = float(np.linalg.norm(target[1, :2] - target[0, :2]))
         if gap > self.cable.length:
             raise SimulationError(
                 f"the grippers would be {gap:.4f} m apart, farther than the cable is long ({self.cable.length:.4f} m)"
             )
-        return action
+        return target
 
     def _check_grasp(self, coordinates: Float[np.ndarray, "k c"], path: Float[np.ndarray, "k 2 3"]) -> None:
         slip = np.abs(self._chain.end_poses(coordinates) - path)
