@@ -28,6 +28,7 @@ class PlantConfig:
 
     Attributes:
         time_step: MuJoCo's time step [s]; must divide the control step.
+        control_step: Time [s] that one step of the plant takes.
         largest_step: Gripper move [m] in one control step beyond which an action is refused.
         largest_turn: Gripper turn [rad] in one control step beyond which an action is refused.
 
@@ -36,22 +37,27 @@ class PlantConfig:
     """
 
     time_step: float = 0.005
+    control_step: float = CONTROL_STEP
     largest_step: float = 0.05
     largest_turn: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("time_step", "largest_step", "largest_turn"):
+        for name in ("time_step", "control_step", "largest_step", "largest_turn"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"plant.{name} must be positive and finite, got {getattr(self, name)!r}")
         if self.time_step > 0.02:
             raise InputError(f"plant.time_step must be at most 0.02 s, got {self.time_step!r}")
-        if abs(CONTROL_STEP / self.time_step - self.substeps) > 1e-6:
-            raise InputError(f"plant.time_step must divide the control step {CONTROL_STEP} s, got {self.time_step!r}")
+        if self.control_step > 1.0:
+            raise InputError(f"plant.control_step must be at most 1 s, got {self.control_step!r}")
+        if not self.substeps or abs(self.control_step / self.time_step - self.substeps) > 1e-6:
+            raise InputError(
+                f"plant.time_step must divide the control step {self.control_step:.6g} s, got {self.time_step!r}"
+            )
 
     @property
     def substeps(self) -> int:
         """Time steps in one control step."""
-        return round(CONTROL_STEP / self.time_step)
+        return round(self.control_step / self.time_step)
 
 
 @dataclass(frozen=True)
@@ -93,8 +99,6 @@ class CableSimulator:
         Not modelled: what `unmodelled` lists. The chain is planar; the table acts on it by friction and drag.
     """
 
-    control_step: float = CONTROL_STEP
-
     def __init__(self, task: Task, config: PlantConfig | None = None, cable: Cable | None = None) -> None:
         self.task = task
         self.config = config or PlantConfig()
@@ -106,6 +110,11 @@ class CableSimulator:
         self._steps = 0
         self._clearance, self._gripper_clearance = self._free_clearances(self._chain.coordinates)
         self._initial = self.state()
+
+    @property
+    def control_step(self) -> float:
+        """Time [s] that one step takes."""
+        return self.config.control_step
 
     @property
     def time(self) -> float:
