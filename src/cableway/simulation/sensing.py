@@ -7,8 +7,8 @@ it sees no keypoints (NaN). Gripper poses come from the robot's encoders, at onc
 What happens to frame j depends on the seed and on j alone, so a run can be repeated, branched and restored.
 
 Note:
-    A plant is seen at its control steps only. Between them keypoints are interpolated linearly, and an action that takes
-    effect between two of them is spread over both in proportion.
+    A plant is seen at its control steps only. Between them keypoints are interpolated linearly, and an action that
+    takes effect between two of them is spread over both in proportion.
 """
 
 from __future__ import annotations
