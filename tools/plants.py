@@ -54,7 +54,7 @@ STEPS, ROUNDS = 32, 20
 
 
 def rate(task: Task, cable: Cable) -> float:
-    """Control steps of the plant alone in a second of one core's time: the best of some rounds, led to and fro at random."""
+    """Control steps of the plant alone in a second of one core's time: the best of some rounds, led to and fro."""
     plant, best = CableSimulator(task, cable=cable), 0.0
     there = np.random.default_rng(0).normal(0, [0.002, 0.002, 0.02], (STEPS // 8, 1, 1, 2, 3))
     actions = np.tile(np.concatenate([there, -there], axis=1), (1, 1, 4, 1, 1)).reshape(-1, 2, 3)

@@ -145,26 +145,6 @@ def test_bent_beyond_yield_it_keeps_what_is_beyond(bent, kept):
     np.testing.assert_allclose(curvature(chain, data.qpos), kept, atol=0.1)
 
 
-def test_a_set_is_part_of_the_state(task_at):
-    cable = Cable(yield_curvature=5.0)
-    plant = CableSimulator(task_at(), cable=cable)
-    bend = np.array([[0.004, 0.0, 0.05], [-0.004, 0.0, -0.05]])
-    before = plant.state()
-    plant.reset()
-    for _ in range(6):
-        plant.step(bend)
-    state = plant.state()
-    branches = []
-    for _ in range(2):
-        branches.append([plant.step(-bend).keypoints for _ in range(6)])
-        plant.restore(state)
-    np.testing.assert_array_equal(branches[0], branches[1])
-    plant.restore(before)
-    again = [plant.step(bend).keypoints for _ in range(6)][-1]
-    plant.restore(state)
-    np.testing.assert_array_equal(plant.measure().keypoints, again)
-
-
 # ---------------------------------------------------------------- friction
 @pytest.mark.parametrize("angle", [0.0, np.pi / 8, 1.0])
 def test_a_loose_cable_slides_only_when_pushed_by_more_than_its_friction(angle):
@@ -233,6 +213,17 @@ def test_friction_does_what_weight_on_a_plane_does():
     assert np.abs(shapes - reference).max() < 0.1 * effect
 
 
+def test_friction_goes_with_the_weight():
+    """Half the coefficient and twice the weight: the same, but for the inertia; half of both: much less."""
+    rows = line(ARCHED, ARCHED + np.array([0.02, 0.01, 0.1, 4.0, -3.0, 1.0]), 80)
+    ends = []
+    for friction, density in ((0.4, 0.03), (0.2, 0.06), (0.2, 0.03)):
+        chain = Chain(Cable(friction=friction, linear_density=density, bending_stiffness=1e-4), None, TIME_STEP)
+        chain.place(ARCHED)
+        ends.append(lead(chain, rows, 40)[-1])
+    assert np.abs(ends[1] - ends[0]).max() < 0.1 * np.abs(ends[2] - ends[0]).max()
+
+
 def test_with_no_friction_left_it_moves_as_on_no_table():
     nominal, faint = (Chain(Cable(friction=mu), None, TIME_STEP) for mu in (0.0, 1e-6))
     rows = []
@@ -282,6 +273,32 @@ def test_drag_delays_but_does_not_move_the_equilibrium():
 
 
 # ---------------------------------------------------------------- all together
+ALL = {"friction": 0.4, "drag": 1.0, "yield_curvature": 5.0, "stiffness_profile": (0.5, 2.0)}
+
+
+@pytest.mark.parametrize("changes", [{"yield_curvature": 5.0}, {"friction": 0.4}, ALL])
+def test_a_set_and_what_friction_holds_are_part_of_the_state(task_at, changes):
+    """Led there and back the cable does not lie as it began; restored, it does, and goes on bit for bit."""
+    plant, other = (CableSimulator(task_at(), cable=Cable(**changes)) for _ in range(2))
+    bend = np.array([[0.004, 0.0, 0.05], [-0.004, 0.0, -0.05]])
+    back = [*(-bend for _ in range(6)), *(0 * bend for _ in range(20))]
+    start, began = plant.state(), plant.measure().keypoints
+    for _ in range(6):
+        plant.step(bend)
+    bent, there = plant.state(), plant.measure().keypoints
+    branches = []
+    for each in (plant, plant, other):
+        each.restore(bent)
+        np.testing.assert_array_equal(each.measure().keypoints, there)
+        branches.append([each.step(action).keypoints for action in back])
+    np.testing.assert_array_equal(branches[1], branches[0])
+    np.testing.assert_array_equal(branches[2], branches[0])
+    assert np.abs(branches[0][-1] - began).max() > 5e-5
+    plant.restore(start)
+    np.testing.assert_array_equal(plant.measure().keypoints, began)
+    np.testing.assert_array_equal([plant.step(bend).keypoints for _ in range(6)][-1], there)
+
+
 def test_a_plant_of_every_preset_drawn_at_random_runs(task_at):
     """Only its stiffness, damping and what the table does differ, so it starts near the task's start and stays near."""
     task = task_at()
