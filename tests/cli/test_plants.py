@@ -70,9 +70,9 @@ def test_without_a_file_the_plant_is_the_tasks():
 
 def test_what_a_file_leaves_out_stays_as_it_is(write):
     task = problems.task_between(problems.LOW_ARC, problems.MOVED_ARC, radius=0.005, damping_time=0.2)
-    setup = read_plant(write("cableway: 1\ncable: {drag: 2}"), task)
+    setup = read_plant(write("cableway: 1\ncable: {drag: 2}\nsensing: {frame_rate: 30}"), task)
     assert setup.cable == Cable(radius=0.005, damping_time=0.2, drag=2.0)
-    assert (setup.simulation, setup.sensing) == (PlantConfig(), SensingConfig())
+    assert (setup.simulation, setup.sensing) == (PlantConfig(), SensingConfig(frame_rate=30.0))
 
 
 def test_of_a_preset_all_but_the_length_is_taken(write):
