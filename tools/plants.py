@@ -2,16 +2,16 @@
 
     .venv/bin/python tools/plants.py [--task NAME] [--runs N]
 
-Each line of the second table is N runs with seeds 0 to N - 1, noise and lost frames drawn anew; where the cable is
-drawn from the ranges of presets, it is another one in each run. All runs follow the plan of seed 0.
+Each line of the second table is N runs with seeds 0 to N - 1, which draw noise and what is lost; each line of the third
+is one run on a cable drawn from the ranges of a preset, and one on the same cable without friction. All runs follow the
+plan of seed 0.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,25 +19,24 @@ from cableway.control.neural_mpc import NeuralMPC
 from cableway.errors import SimulationError
 from cableway.models.checkpoint import load_model
 from cableway.planning.planner import plan
-from cableway.records import SUCCESS_ERROR
+from cableway.records import SUCCESS_ERROR, Plan
 from cableway.scene.cable import Cable
-from cableway.scene.loading import load_task
-from cableway.scene.presets import preset_names, preset_values
+from cableway.scene.loading import cable_from_preset, load_task
+from cableway.scene.presets import preset_names
 from cableway.scene.task import Task
 from cableway.simulation.plant import CableSimulator
 from cableway.simulation.sensing import SensedPlant, SensingConfig
+from cableway.simulation.table import GRAVITY
 from cableway.tracking import track
 
+GRADED = {"stiffness_profile": (0.5, 2.0), "rest_curvature": (0.0, 0.0, 5.0)}
 CABLES: dict[str, dict] = {
     "nominal": {},
-    "stiffness_profile [0.5, 2], rest_curvature [0, 0, 5]": {
-        "stiffness_profile": (0.5, 2.0),
-        "rest_curvature": (0.0, 0.0, 5.0),
-    },
-    "yield_curvature 10": {"yield_curvature": 10.0},
-    "drag 1": {"drag": 1.0},
+    "graded stiffness and rest curvature": GRADED,
+    "yield curvature 10 1/m": {"yield_curvature": 10.0},
+    "drag 1 N s/m^2": {"drag": 1.0},
     "friction 0.4": {"friction": 0.4},
-    "friction 0.4, bending_stiffness 1e-4": {"friction": 0.4, "bending_stiffness": 1e-4},
+    "friction 0.4, a tenth of the stiffness": {"friction": 0.4, "bending_stiffness": 1e-4},
 }
 LAB = SensingConfig(keypoint_noise=0.002, drop_rate=0.1, measurement_delay=0.1)
 SENSING = {
@@ -48,7 +47,7 @@ SENSING = {
     "seen 0.1 s late": SensingConfig(measurement_delay=0.1),
     "moved 0.1 s late": SensingConfig(action_delay=0.1),
     "noise 2 mm, a frame in ten lost, seen 0.1 s late": LAB,
-    "all of these": replace(LAB, drop_rate=0.2, occlusion_rate=0.5, action_delay=0.1),
+    "all of these, a frame in five lost": replace(LAB, drop_rate=0.2, occlusion_rate=0.5, action_delay=0.1),
 }
 STEPS, ROUNDS = 32, 20
 
@@ -67,47 +66,71 @@ def rate(task: Task, cable: Cable) -> float:
     return best
 
 
-def drawn(task: Task, seed: int) -> Cable:
-    """A cable as long as the task's, of a preset and from its ranges."""
-    name = preset_names()[seed % len(preset_names())]
-    return Cable(**{**preset_values(name), "length": task.cable.length, "preset": name}).sample(seed)
+@dataclass(frozen=True)
+class Loop:
+    """A plan and what follows it."""
 
+    task: Task
+    plan: Plan
+    controller: NeuralMPC
 
-def runs(task: Task, make: Callable[[int], SensedPlant], count: int, controller: NeuralMPC, planned) -> str:
-    """One line: how the runs of one kind of plant ended."""
-    errors, deviations, succeeded = [], [], 0
-    for seed in range(count):
+    def run(self, cable: Cable, sensing: SensingConfig, seed: int) -> tuple[float, float, bool]:
+        """Final stacked error and largest deviation [mm], infinite where the plant gave up; and whether it succeeded."""
         try:
-            rollout = track(make(seed), controller, planned, seed=seed)
-        except SimulationError as error:
-            print(f"  seed {seed}: {error}")
-            continue
-        errors.append(1000 * float(np.linalg.norm(rollout.keypoints[-1] - task.goal)))
-        deviations.append(1000 * float(np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max()))
-        succeeded += errors[-1] < 1000 * SUCCESS_ERROR and rollout.clearance.min() > 0
-    spread = [" / ".join(f"{q:.1f}" for q in np.percentile(v, [50, 95, 100])) for v in (errors, deviations)]
-    return f"{succeeded}/{count} | {spread[0]} | {spread[1]}"
+            plant = SensedPlant(CableSimulator(self.task, cable=cable), sensing, seed)
+        except SimulationError:
+            return np.inf, np.inf, False
+        rollout = track(plant, self.controller, self.plan, seed=seed)
+        if rollout.metadata["outcome"].startswith("plant failed"):
+            return np.inf, np.inf, False
+        error = float(np.linalg.norm(rollout.keypoints[-1] - self.task.goal))
+        deviation = float(np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max())
+        return 1000 * error, 1000 * deviation, error < SUCCESS_ERROR and bool(rollout.clearance.min() > 0)
+
+
+def print_rates(task: Task) -> None:
+    """How fast each cable steps."""
+    print("| cable | control steps in a second of one core |\n|---|---|")
+    for name, changes in CABLES.items():
+        print(f"| {name} | {rate(task, replace(task.cable, **changes)):.0f} |", flush=True)
+
+
+def print_sensing(loop: Loop, runs: int) -> None:
+    """The task's cable, sensed in each way."""
+    print("\n| sensing | success | error, stacked: median / p95 / worst [mm] | deviation from the plan [mm] |")
+    print("|---|---|---|---|")
+    for name, sensing in SENSING.items():
+        rows = np.array([loop.run(loop.task.cable, sensing, seed) for seed in range(runs)])
+        errors, deviations = np.percentile(rows[:, :2], [50, 95, 100], axis=0).T
+        spread = " | ".join(" / ".join(f"{value:.1f}" for value in row) for row in (errors, deviations))
+        print(f"| {name} | {int(rows[:, 2].sum())}/{runs} | {spread} |", flush=True)
+
+
+def print_cables(loop: Loop, runs: int) -> None:
+    """Cables as long as the task's, one preset after the other, from its ranges."""
+    print("\n| cable drawn | mu g rho L^3/EI | success | error [mm] | deviation [mm] | error without friction [mm] |")
+    print("|---|---|---|---|---|---|")
+    names = preset_names()
+    for seed in range(runs):
+        cable = cable_from_preset(names[seed % len(names)], length=loop.task.cable.length).sample(seed)
+        number = cable.friction * GRAVITY * cable.linear_density * cable.length**3 / cable.bending_stiffness
+        error, deviation, success = loop.run(cable, LAB, seed)
+        without = loop.run(replace(cable, friction=0.0), LAB, seed)[0]
+        figures = f"{'yes' if success else 'no'} | {error:.1f} | {deviation:.1f} | {without:.1f}"
+        print(f"| {cable.preset}, seed {seed} | {number:.0f} | {figures} |", flush=True)
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description="How fast plants that differ step, and how they are tracked.")
     parser.add_argument("--task", default="single-obstacle-2")
-    parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--runs", type=int, default=14)
     options = parser.parse_args()
     task = load_task(options.task)
-    print("| cable | control steps (0.1 s) in a second of one core |\n|---|---|")
-    for name, changes in CABLES.items():
-        print(f"| {name} | {rate(task, replace(task.cable, **changes)):.0f} |", flush=True)
-    planned, controller = plan(task, seed=0), NeuralMPC(load_model("transformer"))
-    print("\n| plant | success | error, stacked: median / p95 / worst [mm] | deviation [mm] |\n|---|---|---|---|")
-    for name, sensing in SENSING.items():
-        line = runs(task, lambda seed, s=sensing: SensedPlant(CableSimulator(task), s, seed), options.runs,
-                    controller, planned)  # fmt: skip
-        print(f"| {name} | {line} |", flush=True)
-    line = runs(task, lambda seed: SensedPlant(CableSimulator(task, cable=drawn(task, seed)), LAB, seed),
-                options.runs, controller, planned)  # fmt: skip
-    print(f"| cables drawn from the presets' ranges, sensed so | {line} |", flush=True)
+    print_rates(task)
+    loop = Loop(task, plan(task, seed=0), NeuralMPC(load_model("transformer")))
+    print_sensing(loop, options.runs)
+    print_cables(loop, options.runs)
 
 
 if __name__ == "__main__":
