@@ -75,7 +75,7 @@ class Loop:
     controller: NeuralMPC
 
     def run(self, cable: Cable, sensing: SensingConfig, seed: int) -> tuple[float, float, bool]:
-        """Final stacked error and largest deviation [mm], infinite where the plant gave up; and whether it succeeded."""
+        """Final stacked error, largest deviation [mm], whether it succeeded; infinite where the plant gave up."""
         try:
             plant = SensedPlant(CableSimulator(self.task, cable=cable), sensing, seed)
         except SimulationError:
@@ -101,7 +101,7 @@ def print_sensing(loop: Loop, runs: int) -> None:
     print("|---|---|---|---|")
     for name, sensing in SENSING.items():
         rows = np.array([loop.run(loop.task.cable, sensing, seed) for seed in range(runs)])
-        errors, deviations = np.percentile(rows[:, :2], [50, 95, 100], axis=0).T
+        errors, deviations = np.percentile(rows[:, :2], [50, 95, 100], axis=0, method="inverted_cdf").T
         spread = " | ".join(" / ".join(f"{value:.1f}" for value in row) for row in (errors, deviations))
         print(f"| {name} | {int(rows[:, 2].sum())}/{runs} | {spread} |", flush=True)
 
