@@ -1,8 +1,8 @@
 """Plants that differ: how fast they step, and how the shipped controller tracks one plan on them.
 
-    .venv/bin/python tools/plants.py [--task NAME] [--runs N]
+    .venv/bin/python tools/plants.py [--task NAME] [--runs 7]
 
-Each line of the second table is N runs with seeds 0 to N - 1, which draw noise and what is lost; each line of the third
+Each line of the second table is as many runs, with seeds from 0 on, which draw noise and what is lost; each line of the third
 is one run on a cable drawn from the ranges of a preset, and one on the same cable without friction. All runs follow the
 plan of seed 0.
 """
@@ -124,7 +124,7 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description="How fast plants that differ step, and how they are tracked.")
     parser.add_argument("--task", default="single-obstacle-2")
-    parser.add_argument("--runs", type=int, default=14)
+    parser.add_argument("--runs", type=int, default=7)
     options = parser.parse_args()
     task = load_task(options.task)
     print_rates(task)
