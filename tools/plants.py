@@ -2,9 +2,9 @@
 
     .venv/bin/python tools/plants.py [--task NAME] [--runs 7]
 
-Each line of the second table is as many runs, with seeds from 0 on, which draw noise and what is lost; each line of the third
-is one run on a cable drawn from the ranges of a preset, and one on the same cable without friction. All runs follow the
-plan of seed 0.
+Each line of the second table is as many runs, with seeds from 0 on, which draw noise and what is lost; each line of the
+third is one run on a cable drawn from the ranges of a preset, and one on the same cable without friction. All runs
+follow the plan of seed 0.
 """
 
 from __future__ import annotations
