@@ -87,8 +87,8 @@ def test_configurations_can_be_made(document: str, span: str):
 
 @pytest.mark.parametrize(("document", "span"), pairs(r"[\w./-]+/[\w.-]*$|\w+\.(py|toml|lock|md|cff)$"))
 def test_files_exist(document: str, span: str):
-    made = {"demo/", "out/", "runs/"}
-    assert span in made or any((folder / span).exists() for folder in (ROOT, ROOT / "src" / "cableway", ROOT / "docs"))
+    made = span.startswith(("demo/", "out/", "runs/"))
+    assert made or any((folder / span).exists() for folder in (ROOT, ROOT / "src" / "cableway", ROOT / "docs"))
 
 
 def whole_files() -> list[str]:
