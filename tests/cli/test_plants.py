@@ -40,7 +40,7 @@ def write(tmp_path: Path):
 
 def test_a_run_on_another_plant_says_so(cableway: Command, moved_file: Path, write):
     """And `check` judges the rollout as the run did, with the length that the cable really has."""
-    options = ["--controller", "open-loop", "--no-video", "--seed", 4, "--plant", write(LAB)]
+    options = ["--controller", "open-loop", "--no-video", "--time-limit", 300, "--seed", 4, "--plant", write(LAB)]
     done = cableway("run", moved_file, *options, "--out", "there")
     report = json.loads(Path("there/report.json").read_text())
     plant = report["configuration"]["rollout"]["plant"]
