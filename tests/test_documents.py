@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import cableway
+from cableway.cli.plants import read_plant
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -86,23 +87,26 @@ def test_configurations_can_be_made(document: str, span: str):
 
 @pytest.mark.parametrize(("document", "span"), pairs(r"[\w./-]+/[\w.-]*$|\w+\.(py|toml|lock|md|cff)$"))
 def test_files_exist(document: str, span: str):
-    made = ("demo/", "out/", "runs/")
-    assert span.startswith(made) or any(
-        (folder / span).exists() for folder in (ROOT, ROOT / "src" / "cableway", ROOT / "docs")
-    )
+    made = span.startswith(("demo/", "out/", "runs/"))
+    assert made or any((folder / span).exists() for folder in (ROOT, ROOT / "src" / "cableway", ROOT / "docs"))
 
 
-def task_files() -> list[str]:
+def whole_files() -> list[str]:
     blocks = [block for document in DOCUMENTS for block in YAML.findall(document.read_text())]
     return [block for block in blocks if "cableway: 1" in block]
 
 
-def test_every_task_shown_can_be_read(tmp_path: Path):
-    assert task_files()
-    for block in task_files():
-        path = tmp_path / "task.yaml"
+def test_every_file_shown_can_be_read(tmp_path: Path):
+    """A task, which has a start, or a plant."""
+    path, tasks, plants = tmp_path / "shown.yaml", 0, 0
+    for block in whole_files():
         path.write_text(block)
-        assert cableway.load_task(path).description
+        if "start:" in block:
+            tasks += bool(cableway.load_task(path).description)
+        else:
+            plants += read_plant(path, cableway.load_task("single-obstacle-1")).cable != cableway.Cable()
+    assert tasks + plants == len(whole_files())
+    assert min(tasks, plants) > 0
 
 
 def links() -> list[tuple[Path, str]]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from quasi_static import START, QuasiStaticPlant, stacked, straight_plan, task_for
 
+from cableway.control.base import Status
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.neural_mpc import NeuralMPC
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
@@ -17,7 +18,8 @@ from cableway.errors import InputError, SimulationError
 from cableway.models.baselines import RigidBlend
 from cableway.records import Measurement, Observation, Rollout
 from cableway.rod.equilibrium import Rod
-from cableway.simulation.plant import CableSimulator
+from cableway.simulation.plant import CableSimulator, PlantConfig
+from cableway.simulation.sensing import SensedPlant, SensingConfig
 from cableway.tracking import TrackConfig, track
 
 ROD = Rod(0.3)
@@ -75,6 +77,23 @@ def test_in_the_simulator_control_removes_an_initial_offset(mpc: NeuralMPC) -> N
 def test_in_the_simulator_open_loop_stays_within_millimetres() -> None:
     rollout = track(CableSimulator(TASK), EAGER, PLAN)
     assert largest_deviation(rollout) < 0.003
+
+
+def test_with_noise_lost_frames_and_delay_control_still_arrives(mpc: NeuralMPC) -> None:
+    """Seen through 2 mm of noise, 0.1 s late, one frame in five missing: stacked noise alone is 10 mm."""
+    config = SensingConfig(keypoint_noise=0.002, drop_rate=0.2, measurement_delay=0.1)
+    rollout = track(SensedPlant(CableSimulator(TASK), config, seed=1), mpc, PLAN)
+    blind = np.isnan(rollout.observed[:-1]).all(axis=(1, 2))
+    assert 0 < blind.sum() < len(blind) / 2
+    assert [status == Status.UNSEEN for status in rollout.status.tolist()] == blind.tolist()
+    assert stacked(rollout.keypoints[-1], TASK.goal) < 0.015
+    assert largest_deviation(rollout) < 0.02
+    assert rollout.metadata["outcome"] == "settled"
+
+
+def test_a_controller_and_a_plant_of_other_control_steps_are_not_put_together(mpc: NeuralMPC) -> None:
+    with pytest.raises(InputError, match=r"every 0\.1 s, the plant takes steps of 0\.05 s"):
+        track(CableSimulator(TASK, PlantConfig(control_step=0.05)), mpc, PLAN)
 
 
 def test_what_is_sent_is_what_happens_and_never_exceeds_the_limits(shifted: Rollout) -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cableway.scene.scene import Scene
     from cableway.scene.task import Grippers, Task
     from cableway.simulation.plant import CableSimulator
+    from cableway.simulation.sensing import SensedPlant, SensingConfig
     from cableway.tracking import track
     from cableway.verification import verify_plan, verify_rollout
 
@@ -36,6 +37,8 @@ _HOME = {
     "Polygon": "scene.obstacles",
     "Rollout": "records",
     "Scene": "scene.scene",
+    "SensedPlant": "simulation.sensing",
+    "SensingConfig": "simulation.sensing",
     "Task": "scene.task",
     "Transitions": "records",
     "find_passages": "planning.passages",

@@ -158,10 +158,15 @@ def track(
         last state before that.
 
     Raises:
-        InputError: Plan and plant differ in their number of keypoints.
+        InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.
         SimulationError: The plant could not even take its start.
     """
     config = config or TrackConfig()
+    if not math.isclose(controller.control_step, plant.control_step, rel_tol=1e-6):
+        raise InputError(
+            f"the controller makes a step every {controller.control_step:.4g} s, "
+            f"the plant takes steps of {plant.control_step:.4g} s"
+        )
     state = controller.init(plant.task, plan)
     observation = plant.reset()
     log = _Log()

@@ -18,10 +18,10 @@ from cableway.scene.loading import (
     cable_from_preset,
     catalogue_file,
     load_task,
-    preset_names,
     task_names,
 )
 from cableway.scene.obstacles import Box, Disc, Polygon
+from cableway.scene.presets import preset_names
 from cableway.scene.task import Task
 
 PRESETS = ("cotton", "ethernet", "hdmi", "paracord", "rubber", "silicone", "usb")
@@ -243,7 +243,8 @@ def test_values_that_stand_for_many_others_are_not_written_out(tmp_path: Path):
 # ------------------------------------------------------------------------------------------------ keys and types
 TASK_KEYS = "cableway, name, description, workspace, cable, grippers, obstacles, start, goal, plug, port"
 CABLE_KEYS = (
-    "preset, length, radius, keypoints, bending_stiffness, damping_time, linear_density, friction, min_bend_radius"
+    "preset, length, radius, keypoints, bending_stiffness, stiffness_profile, rest_curvature, yield_curvature, "
+    "damping_time, linear_density, friction, drag, min_bend_radius"
 )
 
 
@@ -322,6 +323,11 @@ def test_a_missing_key_is_told_what_it_must_be(tmp_path: Path, change: Any, said
         (at("cable", "length", True), "cable.length must be a length in metres, got True"),
         (at("cable", "keypoints", 13.5), "cable.keypoints must be a whole number, got 13.5"),
         (at("cable", "preset", 3), "cable.preset must be the name of a preset, got 3"),
+        (at("cable", "stiffness_profile", 2.0), "cable.stiffness_profile must be a list of factors, got 2.0"),
+        (at("cable", "stiffness_profile", []), "cable.stiffness_profile must be a list of factors, got 0 values"),
+        (at("cable", "rest_curvature", [1, "x"]), "cable.rest_curvature[1] must be a number, got 'x'"),
+        (at("cable", "rest_curvature", [float("nan")]), "cable.rest_curvature[0] must be a finite number, got nan"),
+        (at("cable", "drag", "much"), "cable.drag must be a number in N s/m^2, got 'much'"),
         (at("obstacles", {}), "obstacles must be a list of obstacles, got {}"),
         (at("obstacles", 1, 7), "obstacles[1] must be a mapping with the key type and those of that type, got 7"),
         (at("obstacles", 0, "type", "cone"), "obstacles[0].type must be one of box, polygon, disc; got 'cone'"),
@@ -425,6 +431,13 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
         (at("cable", "length", 1e300), "cable.length must be at most 1e+06, got 1e+300"),
         (at("cable", "radius", 0.1), "cable.radius is 0.1 m, too thick for a length of 0.3 m: at most a quarter of it"),
         (at("cable", "friction", -0.1), "cable.friction must be not negative, got -0.1"),
+        (at("cable", "drag", -1), "cable.drag must be not negative, got -1.0"),
+        (at("cable", "yield_curvature", -1), "cable.yield_curvature must be not negative, got -1.0"),
+        (at("cable", "stiffness_profile", [1, 0]), "cable.stiffness_profile[1] must be positive, got 0.0"),
+        (at("cable", "stiffness_profile", [1] * 201), "cable.stiffness_profile must be a list of 1 to 200 numbers, "
+         "got 201"),
+        (at("cable", "rest_curvature", [0, -60]), "cable.rest_curvature[1] must be from -41.89 to 41.89 1/m (2 full "
+         "turns), got -60.0"),
         (at("cable", "preset", "uzb"), f"cable.preset must be one of {', '.join(PRESETS)}, got 'uzb'"),
         (at("grippers", "max_step", 0), "grippers.max_step must be positive, got 0.0"),
         (at("grippers", "separation", 0.4), "start has its grippers 0.3000 m apart, less than grippers.separation "

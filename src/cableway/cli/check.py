@@ -15,7 +15,7 @@ from cableway.cli.terminal import Terminal, columns, literal
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cableway.records import Verdict
+    from cableway.records import Rollout, Verdict
     from cableway.scene.task import Task
 
 
@@ -63,13 +63,22 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
 
     arrays = read_arrays(file)
     if "centreline" in arrays:
-        return "rollout", verify_rollout(Rollout.from_arrays(arrays, str(file)), task)
+        rollout = Rollout.from_arrays(arrays, str(file))
+        return "rollout", verify_rollout(rollout, task, length=_recorded_length(rollout))
     if "shapes" in arrays:
         return "plan", verify_plan(Plan.from_arrays(arrays, str(file)), task)
     raise FileFormatError(
         f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
         f"it has {', '.join(sorted(arrays)) or 'nothing'}"
     )
+
+
+def _recorded_length(rollout: Rollout) -> float | None:
+    """Length [m] of the plant's cable, where the rollout says so."""
+    try:
+        return float(rollout.metadata["plant"]["cable"]["length"])
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def _table(verdict: Verdict) -> Table:

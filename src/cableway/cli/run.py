@@ -14,6 +14,7 @@ from cableway.cli.terminal import Tell, Terminal, pairs
 from cableway.errors import ControlError, SimulationError, UnknownNameError
 
 if TYPE_CHECKING:
+    from cableway.cli.plants import PlantSetup
     from cableway.control.base import Controller
     from cableway.records import Rollout
     from cableway.report import Report
@@ -32,20 +33,25 @@ class Run(PlanOptions):
     controller: Annotated[str, tyro.conf.arg(metavar="{neural-mpc,open-loop}")] = "neural-mpc"
     """What leads the grippers."""
 
+    plant: Path | None = None
+    """YAML file that says how the simulated cable differs from the task's and how it is seen: noise, delays."""
+
     no_video: bool = False
     """Leave out the video."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.cli.plants import read_plant
         from cableway.scene.loading import load_task
 
         terminal, task = Terminal(self), load_task(self.task)
+        setup = read_plant(self.plant, task)
         folder, controller = self.folder(task.name), self._controller(terminal)
         with terminal.progress() as tell:
             planned = plan_into(folder, task, self, terminal, tell)
             report = planned.report
             if planned.plan is not None:
-                report = self._track_into(folder, task, planned, controller, tell)
+                report = self._track_into(folder, task, planned, setup, controller, tell)
         outputs.announce(terminal, folder, report)
         terminal.result(report.as_dict(), pairs(report.rows()))
         return 0 if report.success else 1
@@ -74,7 +80,13 @@ class Run(PlanOptions):
         return NeuralMPC(model)
 
     def _track_into(
-        self, folder: Path, task: Task, planned: Planned, controller: Controller[Any], tell: Tell
+        self,
+        folder: Path,
+        task: Task,
+        planned: Planned,
+        setup: PlantSetup,
+        controller: Controller[Any],
+        tell: Tell,
     ) -> Report:
         """Track the plan, leave rollout, pictures and report in the folder, and return the report."""
         from cableway.figures.rollout import rollout_figure
@@ -82,10 +94,11 @@ class Run(PlanOptions):
         from cableway.figures.video import write_video
         from cableway.report import summarize
 
-        rollout, notes, problem = self._track(task, planned, controller, tell)
+        rollout, notes, problem = self._track(task, planned, setup, controller, tell)
         report = summarize(
             task, planned.plan, rollout, timings=planned.timings, seed=self.seed or 0,
-            notes=[*planned.notes, *notes], limits=planned.config.limits, problem=problem,
+            notes=[*planned.notes, *setup.notes, *notes], limits=planned.config.limits, length=setup.cable.length,
+            problem=problem,
         )  # fmt: skip
         if rollout is not None:
             rollout.save(folder / outputs.ROLLOUT)
@@ -96,23 +109,22 @@ class Run(PlanOptions):
         return report
 
     def _track(
-        self, task: Task, planned: Planned, controller: Controller[Any], tell: Tell
+        self, task: Task, planned: Planned, setup: PlantSetup, controller: Controller[Any], tell: Tell
     ) -> tuple[Rollout | None, tuple[str, ...], str | None]:
         """The rollout, what was not simulated, and what stopped it before it began, if something did."""
-        from cableway.provenance import describe, versions
-        from cableway.simulation.plant import CableSimulator
+        from cableway.provenance import versions
         from cableway.tracking import track
 
         assert planned.plan is not None
         tell("track", 0.0)
         notes: tuple[str, ...] = ()
         try:
-            plant = CableSimulator(task)
-            notes = plant.unmodelled
+            plant = setup.build(task, self.seed or 0)
+            notes = plant.plant.unmodelled
             rollout = track(plant, controller, planned.plan, progress=tell, seed=self.seed or 0)
         except (SimulationError, ControlError) as error:
             return None, notes, f"tracking failed: {error}"
-        made_by: dict[str, Any] = {"versions": versions(), "plant": describe(plant.config)}
+        made_by: dict[str, Any] = {"versions": versions(), "plant": setup.as_dict()}
         if self.controller == "neural-mpc":
             made_by["model"] = self.model
         return replace(rollout, metadata={**made_by, **rollout.metadata}), notes, None

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.records import Observation, Plan
-from cableway.scene.task import Task
+from cableway.scene.task import CONTROL_STEP, Task
 
 
 class Status(StrEnum):
@@ -57,9 +57,11 @@ class Controller(ABC, Generic[S]):
 
     Attributes:
         config: Frozen dataclass of the settings, for the record.
+        control_step: Time [s] between two steps that it is made for.
     """
 
     config: Any
+    control_step: float = CONTROL_STEP
 
     @abstractmethod
     def init(self, task: Task, plan: Plan) -> S:

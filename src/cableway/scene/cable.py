@@ -1,29 +1,62 @@
-"""The cable: what it measures and how it bends."""
+"""The cable: what it measures, how it bends, and what resists it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
-from cableway.errors import TaskError
+import numpy as np
+from jaxtyping import Float
+
+from cableway.errors import InputError, TaskError
 from cableway.rod.equilibrium import Rod
 from cableway.scene import checks
+from cableway.scene.presets import preset_names, preset_ranges
 
 KEYPOINTS = (3, 200)
 """Least and largest number of keypoints."""
 
+MOST_VALUES = 200
+"""Largest number of values along the length."""
+
+MOST_TURNS = 2.0
+"""Full turns to which a cable at rest may be curled."""
+
+PROFILES = ("stiffness_profile", "rest_curvature")
+"""Fields that hold values along the length."""
+
+DRAWN_VALUES = 3
+"""Values along the length of a cable drawn at random: left end, middle, right end."""
+
+LOGARITHMIC = ("bending_stiffness", "damping_time", "stiffness_profile")
+"""Fields drawn uniformly in their logarithm: what is known of them is a factor."""
+
+Seed = int | np.random.SeedSequence | np.random.Generator
+
 
 @dataclass(frozen=True, kw_only=True)
 class Cable:
-    """A uniform cable held at both ends.
+    """A cable held at both ends.
+
+    The default is the nominal cable: uniform, elastic, straight at rest, on a frictionless table. Planner and
+    controllers know a cable only as its `rod`; all else is the simulated plant's.
+
+    Values along the length stand at equal arc length from the left to the right grasp, ends included, and are
+    interpolated linearly; a single one holds everywhere.
 
     Attributes:
         length: Between the two grasps [m].
         radius: [m].
         keypoints: Number n of points at equal arc length, both ends included.
         bending_stiffness: EI [N m^2].
+        stiffness_profile: Factors on EI along the length.
+        rest_curvature: Curvature [1/m] along the length of the cable under no load; positive turns left.
+        yield_curvature: Change of curvature [1/m] from that at rest beyond which the cable keeps a set; 0 for never.
         damping_time: tau [s]: bending damping over bending stiffness, how the shape lags.
         linear_density: [kg/m].
         friction: Coulomb coefficient on the table.
+        drag: Force per length and speed that resists any motion of the cable [N s/m^2].
         min_bend_radius: Smallest radius of curvature the cable may take [m]; 0 for none.
         preset: Name of the preset the values come from, for the record.
 
@@ -35,29 +68,98 @@ class Cable:
     radius: float = 0.004
     keypoints: int = 13
     bending_stiffness: float = 1e-3
+    stiffness_profile: tuple[float, ...] = (1.0,)
+    rest_curvature: tuple[float, ...] = (0.0,)
+    yield_curvature: float = 0.0
     damping_time: float = 0.1
     linear_density: float = 0.03
     friction: float = 0.0
+    drag: float = 0.0
     min_bend_radius: float = 0.0
     preset: str | None = None
 
     def __post_init__(self) -> None:
         for name in ("length", "radius", "bending_stiffness", "damping_time", "linear_density"):
             object.__setattr__(self, name, checks.real(getattr(self, name), ("cable", name), positive=True))
-        for name in ("friction", "min_bend_radius"):
+        for name in ("yield_curvature", "friction", "drag", "min_bend_radius"):
             object.__setattr__(self, name, checks.real(getattr(self, name), ("cable", name), minimum=0.0))
+        for name in PROFILES:
+            values = checks.reals(getattr(self, name), ("cable", name), MOST_VALUES, positive=name != "rest_curvature")
+            object.__setattr__(self, name, values)
         object.__setattr__(self, "keypoints", checks.integer(self.keypoints, ("cable", "keypoints"), *KEYPOINTS))
         if self.radius * 4 > self.length:
             raise TaskError(
                 f"is {self.radius!r} m, too thick for a length of {self.length!r} m: at most a quarter of it",
                 ("cable", "radius"),
             )
+        tightest = 2 * np.pi * MOST_TURNS / self.length
+        for i, value in enumerate(self.rest_curvature):
+            if abs(value) > tightest:
+                raise TaskError(
+                    f"must be from {-tightest:.4g} to {tightest:.4g} 1/m ({MOST_TURNS:g} full turns), got {value!r}",
+                    ("cable", "rest_curvature", i),
+                )
 
     @property
     def rod(self) -> Rod:
-        """The rod that stands for the cable in planning."""
+        """The uniform elastic rod that stands for the cable in planning."""
         return Rod(self.length, self.keypoints)
 
-    def as_dict(self) -> dict[str, float | int | str | None]:
+    @property
+    def bends_as_rod(self) -> bool:
+        """Whether the equilibria of `rod` are the cable's, too.
+
+        A rest curvature that is the same everywhere changes nothing between clamped ends: it adds to the energy the
+        turn between them, which is given.
+        """
+        return not self.yield_curvature and all(len(set(getattr(self, name))) == 1 for name in PROFILES)
+
+    def along(self, name: str, positions: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
+        """Values of `stiffness_profile` or `rest_curvature` at shares (k,) of the length from the left grasp."""
+        values = getattr(self, name)
+        return np.interp(positions, np.linspace(0, 1, len(values)), values)
+
+    def sample(self, seed: Seed, ranges: Mapping[str, tuple[float, float]] | None = None) -> Cable:
+        """A cable of this kind: some fields drawn at random, the others as they are.
+
+        >>> 3e-3 <= Cable(preset="usb").sample(seed=0).bending_stiffness <= 1e-2
+        True
+
+        Args:
+            seed: Same seed, same cable.
+            ranges: Least and greatest value of each field to draw; those of the cable's preset where None.
+
+        Raises:
+            InputError: There are no ranges, or one is not of a field or not two ascending numbers.
+            TaskError: A value drawn is one that no cable can have.
+        """
+        if ranges is None and self.preset not in preset_names():
+            raise InputError(
+                f"a cable of preset {self.preset!r} has no ranges to draw from; give `ranges`, "
+                f"or take one of the presets {', '.join(preset_names())}"
+            )
+        rng = np.random.default_rng(seed)
+        wanted = preset_ranges(str(self.preset)) if ranges is None else ranges
+        return replace(self, **{name: _drawn(name, wanted[name], rng) for name in sorted(wanted)})
+
+    def as_dict(self) -> dict[str, Any]:
         """All fields by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+_DRAWABLE = tuple(field.name for field in fields(Cable) if field.name not in ("keypoints", "preset"))
+
+
+def _drawn(name: str, limits: tuple[float, float], rng: np.random.Generator) -> float | tuple[float, ...]:
+    if name not in _DRAWABLE:
+        raise InputError(f"no range can be given for {name!r}; known: {', '.join(_DRAWABLE)}")
+    low, high = checks.pair(limits, ("ranges", name), positive=name in LOGARITHMIC)
+    if low > high:
+        raise InputError(f"ranges.{name} must be two ascending numbers, got {limits!r}")
+    count = DRAWN_VALUES if name in PROFILES else 1
+    if name in LOGARITHMIC:
+        values = np.exp(rng.uniform(np.log(low), np.log(high), count))
+    else:
+        values = rng.uniform(low, high, count)
+    drawn = tuple(np.clip(values, low, high).tolist())
+    return drawn if name in PROFILES else drawn[0]

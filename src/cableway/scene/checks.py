@@ -80,6 +80,19 @@ def pair(value: Any, place: Place, *, positive: bool = False) -> tuple[float, fl
     return real(first, (*place, 0), positive=positive), real(second, (*place, 1), positive=positive)
 
 
+def reals(value: Any, place: Place, most: int, *, positive: bool = False) -> tuple[float, ...]:
+    """`value` as a tuple of 1 to `most` floats.
+
+    Raises:
+        TaskError: It is no such list, or one of them is not allowed.
+    """
+    if not (isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim == 1)):
+        raise TaskError(f"must be a list of numbers, got {shown(value)}", place)
+    if not 1 <= len(value) <= most:
+        raise TaskError(f"must be a list of 1 to {most} numbers, got {len(value)}", place)
+    return tuple(real(entry, (*place, i), positive=positive) for i, entry in enumerate(value))
+
+
 def array(value: Any, place: Place, columns: int) -> Float[np.ndarray, "rows columns"]:
     """A copy of `value` as a C-contiguous array of finite floats with `columns` columns.
 

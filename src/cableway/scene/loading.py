@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.document import read_document
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
+from cableway.scene.presets import preset_names, preset_values
 from cableway.scene.scene import Scene
 from cableway.scene.schema import CableSection, PosesSection, TaskFile, validate
 from cableway.scene.task import Task
@@ -65,11 +65,6 @@ def catalogue_file(name: str) -> Path:
     return _catalogue() / f"{name}.yaml"
 
 
-def preset_names() -> tuple[str, ...]:
-    """Names of the cable presets."""
-    return tuple(sorted(_presets()))
-
-
 def cable_from_preset(name: str, **overrides: Any) -> Cable:
     """The cable of a preset, as long as the first of its lengths, with fields of `Cable` given here instead of its own.
 
@@ -80,27 +75,11 @@ def cable_from_preset(name: str, **overrides: Any) -> Cable:
         UnknownNameError: No such preset; the message lists them.
         TaskError: A value is out of range.
     """
-    if name not in _presets():
-        raise UnknownNameError("preset", name, preset_names())
-    values = _presets()[name]
-    fields = {
-        "length": values["lengths"][0],
-        "radius": values["radius"],
-        "bending_stiffness": values["EI"],
-        "damping_time": values["tau"],
-        "linear_density": values["mu"],
-        "friction": values["friction"],
-    }
-    return Cable(**{**fields, **overrides, "preset": name})
+    return Cable(**{**preset_values(name), **overrides, "preset": name})
 
 
 def _catalogue() -> Path:
     return Path(str(resources.files("cableway.scene"))) / "catalogue"
-
-
-@cache
-def _presets() -> dict[str, dict[str, Any]]:
-    return read_document(_catalogue() / "cable_presets.yml").data
 
 
 def _task_path(source: str | os.PathLike[str]) -> Path:

@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from cableway.files import write_atomically
 from cableway.scene.document import Dumper
-from cableway.scene.loading import preset_names
 from cableway.scene.obstacles import Box, Disc, Obstacle
+from cableway.scene.presets import preset_names
 from cableway.scene.schema import FORMAT_VERSION
 from cableway.scene.task import Task
 

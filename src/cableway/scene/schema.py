@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from cableway.errors import Place, TaskError
-from cableway.scene.cable import Cable
+from cableway.scene.cable import PROFILES, Cable
 from cableway.scene.checks import shown
 from cableway.scene.document import Document
 from cableway.scene.grippers import Grippers
@@ -32,6 +32,7 @@ class _Section(BaseModel):
 
 
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+Profile = Annotated[list[float], Field(min_length=1)]
 Pose = Annotated[list[float], Field(min_length=3, max_length=3)]
 Poses = Annotated[list[Pose], Field(min_length=2, max_length=2)]
 
@@ -50,9 +51,13 @@ class CableSection(_Section):
     radius: float = Field(default=Cable.radius, description="a length in metres")
     keypoints: int = Field(default=Cable.keypoints, description="a whole number")
     bending_stiffness: float = Field(default=Cable.bending_stiffness, description="a number in N m^2")
+    stiffness_profile: Profile = Field(default=[*Cable.stiffness_profile], description="a list of factors")
+    rest_curvature: Profile = Field(default=[*Cable.rest_curvature], description="a list of numbers in 1/m")
+    yield_curvature: float = Field(default=Cable.yield_curvature, description="a number in 1/m")
     damping_time: float = Field(default=Cable.damping_time, description="a number in seconds")
     linear_density: float = Field(default=Cable.linear_density, description="a number in kg/m")
     friction: float = Field(default=Cable.friction, description="a Coulomb coefficient")
+    drag: float = Field(default=Cable.drag, description="a number in N s/m^2")
     min_bend_radius: float = Field(default=Cable.min_bend_radius, description="a length in metres")
 
 
@@ -230,6 +235,6 @@ def _wanted(steps: tuple[str | int, ...]) -> str:
         return _section(steps[:last]).model_fields[name].description or "another value"
     if name == "obstacles":
         return "a mapping with the key type and those of that type"
-    if len(below) == 2 or name in ("size", "center", "position"):
+    if len(below) == 2 or name in ("size", "center", "position", *PROFILES):
         return "a number"
     return "three numbers [x, y, theta]" if name == "grippers" else "two numbers [x, y]"

@@ -9,6 +9,7 @@ over the hinges to the right end, N + 2 vertices.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -21,7 +22,17 @@ from cableway.errors import InputError, SimulationError
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene
-from cableway.simulation.model import build_model, link_lengths, middle_link
+from cableway.simulation.links import link_lengths, middle_link
+from cableway.simulation.model import build_model
+
+SETTLED = 1e-6
+"""Motion [m] of the centreline in `SETTLING_BLOCK` below which a cable counts as at rest."""
+
+SETTLING_BLOCK = 0.1
+"""[s]."""
+
+LONGEST_SETTLING = 60.0
+"""Time [s] after which a cable that does not come to rest is given up."""
 
 _GRIPPER_INPUT = int(mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT)
 
@@ -37,17 +48,36 @@ class Chain:
 
     def __init__(self, cable: Cable, scene: Scene | None, time_step: float) -> None:
         self.rod = cable.rod
+        self._block = math.ceil(SETTLING_BLOCK / time_step)
+        self._settles = not cable.bends_as_rod
         self.model = build_model(cable, scene, time_step)
         self._batch = batch.Batch(self.model, nsim=1, nthread=1)
         self._lengths = link_lengths(self.rod)
 
     def place(self, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2 3"]:
-        """Lay the chain at rest into the equilibrium q and return the gripper poses [m, m, rad] there."""
+        """Lay the chain into the equilibrium q of its uniform rod and return the gripper poses [m, m, rad] there.
+
+        It is then at rest: a cable that does not bend as the rod does is first let settle between the grippers.
+
+        Raises:
+            SimulationError: It does not come to rest.
+        """
         poses = self.rod.shapes(q[None])[1][0]
         self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         self._batch.bind("qpos")[0] = chain_coordinates(self.rod, q)
         self._batch.bind("mocap_pos")[0], self._batch.bind("mocap_quat")[0] = _gripper_bodies(poses)
+        if self._settles:
+            self._settle(poses)
         return poses
+
+    def _settle(self, poses: Float[np.ndarray, "2 3"]) -> None:
+        path = np.repeat(poses[None], self._block, axis=0)
+        for _ in range(math.ceil(LONGEST_SETTLING / SETTLING_BLOCK)):
+            rows = self.polylines(np.concatenate([self.coordinates[None], self.advance(path)]))
+            if np.abs(rows - rows[-1]).max() < SETTLED:
+                self._batch.bind("qvel")[0] = 0.0
+                return
+        raise SimulationError(f"the cable does not come to rest within {LONGEST_SETTLING:g} s between still grippers")
 
     def advance(self, poses: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k c"]:
         """Take one time step towards each of the gripper poses in turn.
@@ -80,7 +110,7 @@ class Chain:
         return self._batch.bind("qpos")[0].copy()
 
     def save(self) -> Float[np.ndarray, "s"]:
-        """A copy of MuJoCo's whole integration state: time, positions, velocities, warm start, gripper poses."""
+        """A copy of MuJoCo's whole integration state: time, positions, velocities, set, warm start, gripper poses."""
         return self._batch.state[0].copy()
 
     def restore(self, state: Float[np.ndarray, "s"]) -> None:

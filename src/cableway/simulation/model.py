@@ -5,9 +5,13 @@ and last are half as long. Hinge stiffness is k = EI N/L and hinge damping tau k
 stiffness EI and creeps with time constant tau. The first link carries two slides and a hinge; both end links are
 welded to bodies without dynamics, the grippers, whose poses are prescribed at every time step.
 
-The plane is z = 0 with no gravity in it. A capsule of the cable's radius covers each link; capsules meet obstacles and
-walls, not each other. A disc is a sphere about z = 0 and a wall a half space, for which MuJoCo's contacts are exact;
-a box is a box and a polygon a convex mesh, both reaching `HALF_HEIGHT` above and below.
+A hinge has the stiffness and the rest curvature of its place along the cable. Bent from rest by more than the yield
+curvature it takes its rest angle along, at constant moment: perfect plasticity.
+
+The plane is z = 0 with no gravity in it; `cableway.simulation.table` says what a table does to the cable. A capsule of
+the cable's radius covers each link; capsules meet obstacles and walls, not each other. A disc is a sphere about z = 0
+and a wall a half space, for which MuJoCo's contacts are exact; a box is a box and a polygon a convex mesh, both
+reaching `HALF_HEIGHT` above and below.
 
 Note:
     The paper (Tang et al.) simulates without contact between cable and obstacles.
@@ -20,12 +24,12 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
 
-from cableway.rod.equilibrium import Rod
-from cableway.scene.cable import Cable
+from cableway.scene.cable import PROFILES, Cable
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
 from cableway.scene.scene import Scene
+from cableway.simulation.links import link_extents, link_lengths, middle_link
+from cableway.simulation.table import add_friction, viscosity
 
 HALF_HEIGHT = 0.1
 """Half height of boxes and polygons [m]: far more than any penetration, so that no contact points out of the plane."""
@@ -43,35 +47,39 @@ _IMPEDANCE_CURVE = (0.001, 0.5, 2.0)
 """Width [m], midpoint and power of the impedance curve, MuJoCo's defaults."""
 
 
-def link_lengths(rod: Rod) -> Float[np.ndarray, "links"]:
-    """Lengths [m] of the N + 1 links."""
-    lengths = np.full(rod.hinges + 1, rod.length / rod.hinges)
-    lengths[[0, -1]] /= 2
-    return lengths
-
-
 def build_model(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.MjModel:
     """Compile the model of a cable in a scene.
 
     Args:
-        cable: Its rod, radius, stiffness, damping time and density are used.
+        cable: The cable.
         scene: Workspace and obstacles, or None for open space without walls.
         time_step: [s].
 
     Returns:
         The model; of its bodies without dynamics the first is the left gripper, the second the right one.
     """
+    model = chain_spec(cable, scene, time_step).compile()
+    if cable.drag > 0:
+        model.opt.viscosity = viscosity(model, cable.rod, cable.drag)
+    return model
+
+
+def chain_spec(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.MjSpec:
+    """What `build_model` compiles, without drag."""
     spec = mujoco.MjSpec()
+    spec.compiler.degree = False
     _set_options(spec.option, time_step)
     _add_links(spec, cable, time_step)
     _add_grippers(spec, cable, time_step)
+    if cable.friction > 0:
+        add_friction(spec, cable, time_step)
     if scene is None:
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     else:
         for index, obstacle in enumerate(scene.obstacles):
             _add_obstacle(spec, f"obstacle {index}", obstacle)
         _add_walls(spec, scene)
-    return spec.compile()
+    return spec
 
 
 def _set_options(option: mujoco.MjOption, time_step: float) -> None:
@@ -86,33 +94,38 @@ def _set_options(option: mujoco.MjOption, time_step: float) -> None:
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
 
 
-def middle_link(rod: Rod) -> int:
-    """Index of the link the chain is built from."""
-    return rod.hinges // 2
-
-
 def _add_links(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
-    lengths, middle = link_lengths(cable.rod), middle_link(cable.rod)
+    extents, middle = link_extents(cable.rod), middle_link(cable.rod)
     root = spec.worldbody.add_body(name=f"link {middle}")
     for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]):
         root.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     root.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
-    _add_capsule(root, cable, float(lengths[middle]), time_step)
-    _add_arm(root, cable, range(middle + 1, len(lengths)), float(lengths[middle]), time_step)
+    _add_capsule(root, cable, float(extents[middle]), time_step)
+    _add_arm(root, cable, range(middle + 1, len(extents)), float(extents[middle]), time_step)
     _add_arm(root, cable, range(middle - 1, -1, -1), 0.0, time_step)
 
 
 def _add_arm(parent: mujoco.MjsBody, cable: Cable, links: range, offset: float, time_step: float) -> None:
     """Hang links on each other, the first at `offset` along `parent`, going right or left as their indices do."""
-    stiffness = cable.bending_stiffness * cable.rod.hinges / cable.length
-    lengths = link_lengths(cable.rod) * links.step
+    extents = link_extents(cable.rod)
     for index in links:
         parent = parent.add_body(name=f"link {index}", pos=[offset, 0.0, 0.0])
-        hinge = parent.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
-        hinge.stiffness[0] = stiffness
-        hinge.damping[0] = cable.damping_time * stiffness
-        offset = float(lengths[index])
+        _add_hinge(parent, cable, min(index, index - links.step), links.step)
+        offset = float(extents[index])
         _add_capsule(parent, cable, offset, time_step)
+
+
+def _add_hinge(body: mujoco.MjsBody, cable: Cable, number: int, side: int) -> None:
+    """Hold a body by hinge `number` (between links `number` and `number` + 1) on the right (1) or left (-1) arm."""
+    hinges, share = cable.rod.hinges, cable.length / cable.rod.hinges
+    position = np.array([(number + 0.5) / hinges])
+    factor, curvature = (float(cable.along(name, position)[0]) for name in PROFILES)
+    stiffness = cable.bending_stiffness * hinges / cable.length * factor
+    hinge = body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0])
+    hinge.stiffness[0] = stiffness
+    hinge.damping[0] = cable.damping_time * stiffness
+    hinge.springref = side * share * curvature
+    hinge.springyield = share * cable.yield_curvature
 
 
 def _add_capsule(body: mujoco.MjsBody, cable: Cable, extent: float, time_step: float) -> None:

@@ -13,7 +13,7 @@ from cableway.records import Measurement, Observation
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
 from cableway.scene.task import CONTROL_STEP, Task
-from cableway.simulation.chain import Chain
+from cableway.simulation.chain import Chain, chain_coordinates
 
 SLIP_DISTANCE = 0.005
 """Distance [m] of a cable end from its gripper beyond which the grasp counts as lost."""
@@ -28,6 +28,7 @@ class PlantConfig:
 
     Attributes:
         time_step: MuJoCo's time step [s]; must divide the control step.
+        control_step: Time [s] that one step of the plant takes.
         largest_step: Gripper move [m] in one control step beyond which an action is refused.
         largest_turn: Gripper turn [rad] in one control step beyond which an action is refused.
 
@@ -36,22 +37,27 @@ class PlantConfig:
     """
 
     time_step: float = 0.005
+    control_step: float = CONTROL_STEP
     largest_step: float = 0.05
     largest_turn: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("time_step", "largest_step", "largest_turn"):
+        for name in ("time_step", "control_step", "largest_step", "largest_turn"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"plant.{name} must be positive and finite, got {getattr(self, name)!r}")
         if self.time_step > 0.02:
             raise InputError(f"plant.time_step must be at most 0.02 s, got {self.time_step!r}")
-        if abs(CONTROL_STEP / self.time_step - self.substeps) > 1e-6:
-            raise InputError(f"plant.time_step must divide the control step {CONTROL_STEP} s, got {self.time_step!r}")
+        if self.control_step > 1.0:
+            raise InputError(f"plant.control_step must be at most 1 s, got {self.control_step!r}")
+        if not self.substeps or abs(self.control_step / self.time_step - self.substeps) > 1e-6:
+            raise InputError(
+                f"plant.time_step must divide the control step {self.control_step:.6g} s, got {self.time_step!r}"
+            )
 
     @property
     def substeps(self) -> int:
         """Time steps in one control step."""
-        return round(CONTROL_STEP / self.time_step)
+        return round(self.control_step / self.time_step)
 
 
 @dataclass(frozen=True)
@@ -82,30 +88,33 @@ class CableSimulator:
         task: Scene, start and grippers; its cable unless `cable` is given.
         config: Time step and bounds.
         cable: The plant's true cable where it differs from the task's. It starts with the grippers where the task's
-            cable has them, at the stable shape nearest to the start.
+            cable has them, at the stable shape nearest to the start; one that does not bend as a uniform elastic rod
+            (`Cable.bends_as_rod`) settles from there.
 
     Raises:
         InputError: `cable` has another number of keypoints or is shorter than the distance of the grippers.
         SimulationError: The cable overlaps an obstacle or a wall at the start, or has no stable shape there.
 
     Note:
-        Not modelled: what `unmodelled` lists, first of all friction on the table (`Cable.friction`); the chain is
-        planar and without gravity.
+        Not modelled: what `unmodelled` lists. The chain is planar; the table acts on it by friction and drag.
     """
-
-    control_step: float = CONTROL_STEP
 
     def __init__(self, task: Task, config: PlantConfig | None = None, cable: Cable | None = None) -> None:
         self.task = task
         self.config = config or PlantConfig()
         self.cable = cable or task.cable
         self._chain = Chain(self.cable, task.scene, self.config.time_step)
-        self._commanded = self._chain.place(start_equilibrium(task, self.cable))
+        start = start_equilibrium(task, self.cable)
+        self._free_clearances(chain_coordinates(self.cable.rod, start))
+        self._commanded = self._chain.place(start)
         self._steps = 0
-        self._clearance, self._gripper_clearance = self._clearances(self._chain.coordinates[None])
-        if self._clearance < 0:
-            raise SimulationError(f"the cable overlaps the scene by {-1000 * self._clearance:.2f} mm at the start")
+        self._clearance, self._gripper_clearance = self._free_clearances(self._chain.coordinates)
         self._initial = self.state()
+
+    @property
+    def control_step(self) -> float:
+        """Time [s] that one step takes."""
+        return self.config.control_step
 
     @property
     def time(self) -> float:
@@ -121,7 +130,7 @@ class CableSimulator:
             "Contact between cable and obstacles is frictionless.",
         ]
         if self.cable.friction > 0:
-            notes.append(f"Friction between cable and table (coefficient {self.cable.friction:g}) is not simulated.")
+            notes.append("The cable lies flat on the table, ends included, for friction with it.")
         if self.task.plug is not None:
             notes.append("The plug is not simulated.")
         return tuple(notes)
@@ -138,7 +147,7 @@ class CableSimulator:
             SimulationError: The action is refused (wrong shape, not finite, too large, grippers farther apart than
                 the cable is long), or the simulation failed (diverged, grasp lost, centreline inside an obstacle).
         """
-        target = self._commanded + self._checked(action)
+        target = self._target(self.check(action))
         fraction = np.arange(1, self.config.substeps + 1)[:, None, None] / self.config.substeps
         path = self._commanded + fraction * (target - self._commanded)
         before = self._chain.save()
@@ -188,7 +197,12 @@ class CableSimulator:
         truth = self.measure()
         return Observation(time=self.time, keypoints=truth.keypoints, poses=truth.poses)
 
-    def _checked(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+    def check(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+        """The action as an array.
+
+        Raises:
+            SimulationError: It has the wrong shape, is not finite or is too large, wherever the grippers are.
+        """
         action = np.asarray(action, dtype=float)
         if action.shape != (2, 3):
             raise SimulationError(f"an action must have shape (2, 3), got {action.shape}")
@@ -204,13 +218,17 @@ class CableSimulator:
                 raise SimulationError(
                     f"the {side} gripper's {name} of {values.max():.4g} {unit} exceeds the plant's {limit:g} {unit}"
                 )
+        return action
+
+    def _target(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+        """Where an action leads the grippers; farther apart than the cable is long is an error."""
         target = self._commanded + action
         gap = float(np.linalg.norm(target[1, :2] - target[0, :2]))
         if gap > self.cable.length:
             raise SimulationError(
                 f"the grippers would be {gap:.4f} m apart, farther than the cable is long ({self.cable.length:.4f} m)"
             )
-        return action
+        return target
 
     def _check_grasp(self, coordinates: Float[np.ndarray, "k c"], path: Float[np.ndarray, "k 2 3"]) -> None:
         slip = np.abs(self._chain.end_poses(coordinates) - path)
@@ -220,6 +238,13 @@ class CableSimulator:
                 f"the cable slipped in a gripper by {1000 * distance:.1f} mm and {angle:.2f} rad, "
                 "pulled too far or pressed against something"
             )
+
+    def _free_clearances(self, coordinates: Float[np.ndarray, "c"]) -> tuple[float, float]:
+        """Clearances at the start; an overlap of the cable is an error."""
+        cable, discs = self._clearances(coordinates[None])
+        if cable < 0:
+            raise SimulationError(f"the cable overlaps the scene by {-1000 * cable:.2f} mm at the start")
+        return cable, discs
 
     def _clearances(self, coordinates: Float[np.ndarray, "k c"]) -> tuple[float, float]:
         scene = self.task.scene

@@ -1,0 +1,91 @@
+"""The file that says how the simulated plant differs from what planner and controller believe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cableway.errors import InputError
+from cableway.models.configuration import from_mapping
+from cableway.provenance import describe
+from cableway.scene.cable import Cable
+from cableway.scene.document import read_document
+from cableway.scene.presets import preset_names, preset_values
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.simulation.plant import CableSimulator, PlantConfig
+from cableway.simulation.sensing import SensedPlant, SensingConfig
+
+FORMAT_VERSION = 1
+"""The value of the key `cableway`."""
+
+SECTIONS = ("cableway", "cable", "simulation", "sensing")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantSetup:
+    """A plant before it is built.
+
+    Attributes:
+        cable: The true cable.
+        simulation: How it is simulated.
+        sensing: How it is seen and led.
+        notes: Sentences for the reader of a report.
+    """
+
+    cable: Cable
+    simulation: PlantConfig = field(default_factory=PlantConfig)
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    notes: tuple[str, ...] = ()
+
+    def build(self, task: Task, seed: int) -> SensedPlant:
+        """The plant.
+
+        Raises:
+            InputError: The cable does not fit the task.
+            SimulationError: The start cannot be taken.
+        """
+        return SensedPlant(CableSimulator(task, self.simulation, self.cable), self.sensing, seed)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The resolved configuration as plain data."""
+        return {**describe(self.simulation), "cable": describe(self.cable), "sensing": describe(self.sensing)}
+
+
+def read_plant(path: Path | None, task: Task) -> PlantSetup:
+    """The plant of a YAML file; where None, the task's cable, seen as it is.
+
+    Raises:
+        FileFormatError: The file is missing or not YAML.
+        InputError: A section or key is unknown, or a value is not allowed.
+    """
+    if path is None:
+        return PlantSetup(cable=task.cable)
+    content = read_document(path).data
+    for key in content:
+        if key not in SECTIONS:
+            raise InputError(f"{path}: unknown section {key!r}; known: {', '.join(SECTIONS)}")
+    if content.get("cableway") != FORMAT_VERSION:
+        raise InputError(f"{path}: cableway must be {FORMAT_VERSION}, the version of the format")
+    setup = PlantSetup(
+        cable=_cable(task.cable, content.get("cable", {}), f"{path}: cable"),
+        simulation=from_mapping(PlantConfig, content.get("simulation", {}), f"{path}: simulation"),
+        sensing=from_mapping(SensingConfig, content.get("sensing", {}), f"{path}: sensing"),
+        notes=(f"The plant is that of {path.name}; planner and controller believe the task.",),
+    )
+    if setup.simulation.control_step != CONTROL_STEP:
+        raise InputError(f"{path}: simulation.control_step must be {CONTROL_STEP} s, the step of the controllers")
+    return setup
+
+
+def _cable(believed: Cable, given: Any, where: str) -> Cable:
+    """The task's cable with what the file changes; of a preset all but the length."""
+    if not isinstance(given, Mapping):
+        raise InputError(f"{where} must be a mapping of keys to values, got {given!r}")
+    values, preset = believed.as_dict(), given.get("preset")
+    if preset is not None:
+        if preset not in preset_names():
+            raise InputError(f"{where}.preset must be one of {', '.join(preset_names())}, got {preset!r}")
+        values |= {**preset_values(preset), "length": believed.length}
+    return from_mapping(Cable, {**values, **given}, where)
