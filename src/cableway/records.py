@@ -183,8 +183,8 @@ class Attempt:
 
 # ------------------------------------------------------------------------------------------------ models
 @dataclass(frozen=True)
-class Transitions(ArrayRecord):
-    """Simulated or recorded transitions of one control step each, in order within an episode.
+class Transitions:
+    """Simulated or recorded transitions of one control step each; see `cableway.datasets` for those on disk.
 
     Attributes:
         keypoints: (m, n, 2) [m] before the step.
@@ -194,8 +194,6 @@ class Transitions(ArrayRecord):
         episode: (m,) number of the episode.
         metadata: Seed, versions, cable and collection configuration.
     """
-
-    kind: ClassVar[str] = "transitions"
 
     keypoints: Float[np.ndarray, "m n 2"]
     poses: Float[np.ndarray, "m 2 3"]

@@ -3,23 +3,44 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cableway.datasets.reading import load_transitions
 from cableway.errors import InputError, SimulationError
 from cableway.geometry import polyline
 from cableway.records import Transitions
+from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
-from cableway.simulation.collection import CollectionConfig, collect
-from cableway.simulation.motion import MotionConfig, random_motion
+from cableway.scene.loading import load_task
+from cableway.simulation.collection import collect
+from cableway.simulation.episodes import CollectionConfig
+from cableway.simulation.motion import MotionConfig, kinds_of, random_motion
 
 CONFIG = CollectionConfig(transitions=700, seed=3, episode_steps=40)
 
 
+Collect = Callable[..., Transitions]
+
+
 @pytest.fixture(scope="module")
-def data() -> Transitions:
-    return collect(CONFIG)
+def collected(tmp_path_factory: pytest.TempPathFactory) -> Collect:
+    """Collects into a folder of its own and reads the data set."""
+
+    def make(config: CollectionConfig, **options: Any) -> Transitions:
+        folder = tmp_path_factory.mktemp("set")
+        collect(config, folder, **options)
+        return load_transitions(folder)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def data(collected: Collect) -> Transitions:
+    return collected(CONFIG)
 
 
 def episodes(data: Transitions):
@@ -27,20 +48,13 @@ def episodes(data: Transitions):
     return [slice(a, b) for a, b in itertools.pairwise([0, *breaks, len(data)])]
 
 
-def test_same_seed_same_data_whatever_the_number_of_workers(data):
-    other = collect(CONFIG, workers=2)
-    for name in ("keypoints", "poses", "actions", "next_keypoints", "episode"):
-        np.testing.assert_array_equal(getattr(other, name), getattr(data, name))
-    assert other.metadata == data.metadata
-
-
-def test_a_longer_collection_begins_with_the_shorter_one(data):
-    short = collect(CollectionConfig(transitions=100, seed=3, episode_steps=40))
+def test_a_longer_collection_begins_with_the_shorter_one(data, collected):
+    short = collected(CollectionConfig(transitions=100, seed=3, episode_steps=40))
     np.testing.assert_array_equal(short.keypoints, data.keypoints[:100])
 
 
-def test_another_seed_gives_other_data(data):
-    other = collect(CollectionConfig(transitions=50, seed=4, episode_steps=40))
+def test_another_seed_gives_other_data(data, collected):
+    other = collected(CollectionConfig(transitions=50, seed=4, episode_steps=40))
     assert np.abs(other.keypoints - data.keypoints[:50]).min(axis=(1, 2)).max() > 1e-3
 
 
@@ -98,19 +112,62 @@ def test_no_cable_crosses_itself_stretches_or_jumps(data):
     assert np.median(np.abs(polyline.length(data.keypoints) / 0.3 - 1)) < 0.01
 
 
-def test_episodes_end_before_what_is_not_wanted():
+def test_episodes_end_before_what_is_not_wanted(collected):
     """With a strict bound some episodes end early, and no row beyond the bound is left."""
     config = CollectionConfig(transitions=200, seed=3, episode_steps=40, sharpest_bend=6.0)
-    data = collect(config)
+    data = collected(config)
     assert data.metadata["episodes_ended"]["sharp bend"] > 0
     angles = np.diff(data.next_keypoints, axis=1)
     bends = np.diff(np.unwrap(np.arctan2(angles[..., 1], angles[..., 0]), axis=1), axis=1)
     assert np.abs(bends).max() * 12 < 6.0
 
 
-def test_hopeless_bounds_are_reported():
+def test_hopeless_bounds_are_reported(tmp_path):
     with pytest.raises(SimulationError, match="sharp bend"):
-        collect(CollectionConfig(transitions=100, episode_steps=2, sharpest_bend=1e-6))
+        collect(CollectionConfig(transitions=100, episode_steps=2, sharpest_bend=1e-6), tmp_path)
+
+
+def test_kinds_look_as_they_are_called():
+    """An arc and its mirror image, an S, a straight line and almost one; what lies between has no name."""
+    rod = Cable().rod
+    for q, kinds in (
+        ([0, 0, 0, -5, 0, 3], {"any", "bend"}),
+        ([0, 0, 0, -5, 0, -3], {"any", "bend"}),
+        ([0, 0, 0, 0, 20, 0], {"any", "s-shape"}),
+        ([0, 0, 0, 0, 0, 0], {"any", "near-straight"}),
+        ([0, 0, 0, 0, 0, 0.9], {"any", "near-straight"}),
+        ([0, 0, 0, -20, 0, 3], {"any"}),
+    ):
+        assert kinds_of(rod, np.array(q, float)) == kinds, q
+
+
+@pytest.mark.parametrize("kind", ["bend", "s-shape", "near-straight"])
+def test_shapes_are_of_the_kind_asked_for(kind):
+    """At the start and, in a motion with nothing added, wherever the grippers rest."""
+    rod, config = Cable().rod, MotionConfig(jitter=0.0, kinds=(kind,))
+    rng, rests = np.random.default_rng(1), 0
+    for _ in range(2):
+        start, poses = random_motion(rod, config, 60, rng)
+        assert kind in kinds_of(rod, start)
+        still = np.flatnonzero((np.diff(poses, axis=0) == 0).all(axis=(1, 2)))
+        for rest in np.unique(poses[still], axis=0):
+            assert any(kind in kinds_of(rod, q) for q in equilibria_at(rod, rest))
+            rests += 1
+    assert rests > 1
+
+
+def test_near_obstacles_it_comes_close_but_never_touches(collected):
+    """In the scene of a task: most motions come within the greatest clearance, no row has contact."""
+    config = CollectionConfig(transitions=400, seed=1, episode_steps=40, task="multi-obstacle-1")
+    data, scene = collected(config), load_task("multi-obstacle-1").scene
+    clearance = scene.clearance(data.next_keypoints, config.cable.radius)
+    assert clearance.min() > -1e-3, "keypoints are joined by straight lines here, a millimetre off the cable"
+    nearest = [clearance[rows].min() for rows in episodes(data)]
+    assert np.mean(np.array(nearest) < config.motion.clearance[1]) > 0.7
+    described = data.metadata["config"]["scene"]["obstacles"]
+    assert len(described) == len(scene.obstacles)
+    open_space = collected(CollectionConfig(transitions=400, seed=1, episode_steps=40))
+    assert scene.clearance(open_space.next_keypoints, config.cable.radius).min() < -0.02
 
 
 def test_a_motion_stays_among_stable_shapes():
@@ -125,11 +182,15 @@ def test_a_motion_stays_among_stable_shapes():
         assert chord.max() <= 0.971 * rod.length
 
 
-def test_progress_rises_to_one():
+def test_progress_rises_to_one(collected):
     seen: list[float] = []
-    collect(CollectionConfig(transitions=60, episode_steps=20), progress=lambda stage, share: seen.append(share))
+    collected(CollectionConfig(transitions=60, episode_steps=20), progress=lambda stage, share: seen.append(share))
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
+
+
+def moved(config: MotionConfig) -> object:
+    return random_motion(Cable().rod, config, 5, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
@@ -139,8 +200,11 @@ def test_progress_rises_to_one():
         (lambda: CollectionConfig(time_step=0.03), "plant.time_step"),
         (lambda: MotionConfig(max_step=float("nan")), "motion.max_step must be positive and finite, got nan"),
         (lambda: MotionConfig(speed=(0.5, 2.0)), "motion.speed"),
-        (lambda: collect(CONFIG, workers=0), "workers must be at least 1, got 0"),
-        (lambda: collect(CollectionConfig(motion=MotionConfig(least_stability=500.0))), "no stable shape"),
+        (lambda: collect(CONFIG, "nowhere", workers=0), "workers must be at least 1, got 0"),
+        (lambda: moved(MotionConfig(least_stability=500.0)), "no stable shape"),
+        (lambda: moved(MotionConfig(load_spread=(0, 0, 0), kinds=("s-shape",))), "no shape of kind 's-shape'"),
+        (lambda: MotionConfig(kinds=()), "motion.kinds must be some of any, bend"),
+        (lambda: MotionConfig(clearance=(0.04, 0.01)), "motion.clearance must be two ascending distances"),
     ],
 )
 def test_bad_values_are_refused(make, message):
