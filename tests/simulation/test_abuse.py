@@ -1,12 +1,10 @@
 """Whatever is asked of it, the plant either does what it says or refuses in a sentence, and can always start again.
 
-A seeded part of the sequences; `ABUSE=1000 python -m pytest -s tests/simulation/test_abuse.py` throws a thousand and says
-what became of them.
+`python -m pytest -s tests/simulation/test_abuse.py` says what became of the thousand sequences.
 """
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
@@ -21,8 +19,8 @@ from cableway.scene.cable import Cable
 from cableway.scene.loading import load_task
 from cableway.simulation.plant import CableSimulator
 
-SEQUENCES = int(os.environ.get("ABUSE", "63"))
-LENGTH = 12
+SEQUENCES = 1000
+LENGTH = 6
 """Actions in a sequence."""
 
 TASKS = ("maze-1", "multi-obstacle-1", "single-obstacle-2", "insertion")
@@ -91,8 +89,8 @@ def plants() -> dict[str, CableSimulator]:
     return {name: CableSimulator(load_task(name)) for name in TASKS}
 
 
-def check(plant: CableSimulator) -> None:
-    """What is measured is finite, of the cable's length, and not nearer to anything than is said."""
+def check(plant: CableSimulator) -> float:
+    """What is measured is finite, of the cable's length, and not nearer to anything than the clearance returned."""
     truth, scene, cable = plant.measure(), plant.task.scene, plant.cable
     for array in (truth.keypoints, truth.poses, truth.centreline):
         assert np.isfinite(array).all()
@@ -101,6 +99,7 @@ def check(plant: CableSimulator) -> None:
     assert truth.clearance >= -cable.radius
     depth = scene.overlap(truth.centreline, cable.radius)[0]
     assert truth.clearance <= -depth + 1e-4, "Shapely, to 0.1 mm, finds no deeper overlap than was reported"
+    return truth.clearance
 
 
 def snapshot(plant: CableSimulator) -> tuple[Any, ...]:
@@ -140,8 +139,7 @@ def test_a_thousand_abuses(plants, tmp_path, monkeypatch):
             found = outcome(plant, action)
             outcomes[found] += 1
             if found == "done":
-                check(plant)
-                pressed += plant.measure().clearance < -1e-3
+                pressed += check(plant) < -1e-3
         plant.reset()
         np.testing.assert_array_equal(plant.step(gentle).keypoints, fresh[name], err_msg=f"{abuse.__name__} {number}")
     print(f"\n{SEQUENCES} sequences, {pressed} steps with more than 1 mm of penetration reported; {dict(outcomes)}")
@@ -152,18 +150,21 @@ def test_a_thousand_abuses(plants, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("number", range(20))
-def test_a_cable_that_does_not_fit_is_refused_or_lies_free(number):
+def test_a_cable_that_does_not_fit_is_refused_or_lies_free():
     """Another radius and length than the task's: the plant is clear of everything at its start, or there is none."""
-    rng = np.random.default_rng(number)
-    task = load_task(TASKS[number % len(TASKS)])
-    cable = Cable(length=task.cable.length * rng.uniform(0.8, 1.6), radius=rng.uniform(0.002, 0.03))
-    try:
-        plant = CableSimulator(task, cable=cable)
-    except (InputError, SimulationError):
-        return
-    assert plant.measure().clearance >= 0
-    check(plant)
+    refused: Counter[str] = Counter()
+    for number in range(20):
+        rng = np.random.default_rng(number)
+        task = load_task(TASKS[number % len(TASKS)])
+        cable = Cable(length=task.cable.length * rng.uniform(0.8, 1.6), radius=rng.uniform(0.002, 0.03))
+        try:
+            plant = CableSimulator(task, cable=cable)
+        except (InputError, SimulationError) as error:
+            refused["overlaps" if "the cable overlaps the scene by" in str(error) else str(error)] += 1
+        else:
+            assert check(plant) >= 0
+    assert 0 < refused.total() < 20
+    assert refused["overlaps"] > 0
 
 
 def test_a_branched_run_and_its_trunk_go_their_own_ways(plants):
