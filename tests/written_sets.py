@@ -9,12 +9,18 @@ import numpy as np
 
 from cableway.datasets.manifest import columns_for
 from cableway.datasets.writing import Origin, open_writer
+from cableway.scene.cable import Cable
 
-KEYPOINTS = 3
+CABLE = Cable(keypoints=3)
 SIZES = (7, 1, 0, 12, 5)
 """Transitions of each shard; one of them has none."""
 
-ORIGIN = Origin(7, {"transitions": sum(SIZES), "motion": {"jitter": 0.2}}, {"cableway": "0"}, columns_for(KEYPOINTS))
+ORIGIN = Origin(
+    7,
+    {"transitions": sum(SIZES), "motion": {"jitter": 0.2}},
+    {"cableway": "0"},
+    columns_for(CABLE, ["friction", "rest_curvature"]),
+)
 
 
 def rows(shard: int) -> dict[str, np.ndarray]:

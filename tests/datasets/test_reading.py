@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from safetensors.numpy import load_file, save
-from written_sets import KEYPOINTS, ORIGIN, SIZES, rows, write_set
+from written_sets import CABLE, ORIGIN, SIZES, rows, write_set
 
 from cableway.datasets.manifest import columns_for, read_manifest
 from cableway.datasets.reading import load_transitions, shuffled_batches
@@ -22,9 +22,12 @@ from cableway.errors import FileFormatError, InputError
 def test_it_is_read_as_it_was_written(whole):
     data = load_transitions(whole)
     assert len(data) == sum(SIZES)
-    assert data.keypoints.shape == (len(data), KEYPOINTS, 2)
+    assert data.keypoints.shape == (len(data), CABLE.keypoints, 2)
     np.testing.assert_array_equal(data.poses[:, 1, 2], np.arange(len(data)))
     np.testing.assert_array_equal(data.episode, np.repeat(2 * np.arange(len(SIZES)), SIZES))
+    assert data.cable.keys() == {"friction", "rest_curvature"}
+    np.testing.assert_array_equal(data.cable["friction"], np.arange(len(data)))
+    np.testing.assert_array_equal(data.cable["rest_curvature"], np.arange(len(data))[:, None])
     assert data.metadata == {
         "seed": 7, "config": ORIGIN.config, "versions": ORIGIN.versions, "episodes_ended": {"complete": 2 * len(SIZES)},
     }  # fmt: skip
@@ -37,7 +40,9 @@ def test_others_read_it_with_safetensors_and_json_alone(whole):
         array = np.concatenate([part[name] for part in parts])
         assert array.shape == (manifest["transitions"], *column["row_shape"])
         assert array.dtype == column["dtype"]
-        np.testing.assert_array_equal(array, getattr(load_transitions(whole), name))
+        data = load_transitions(whole)
+        known = {**vars(data), **{f"cable.{field}": values for field, values in data.cable.items()}}
+        np.testing.assert_array_equal(array, known[name])
 
 
 @pytest.mark.parametrize(("batch_size", "buffer"), [(1, 1), (4, 6), (4, 10_000), (100, 1)])
@@ -48,6 +53,7 @@ def test_batches_hold_every_transition_once(whole, batch_size, buffer):
     assert all(len(batch) == batch_size for batch in batches[:-1])
     for batch in batches:
         np.testing.assert_array_equal(batch.actions[:, 0, 0], batch.keypoints[:, 0, 0])
+        np.testing.assert_array_equal(batch.cable["friction"], batch.keypoints[:, 0, 0])
 
 
 def test_batches_are_shuffled_by_the_seed_alone(whole):
@@ -61,7 +67,7 @@ def test_batches_need_memory_for_the_buffer_not_for_the_set(tmp_path):
     """Ten times the shards, the same peak."""
     peaks = []
     for shards in (8, 80):
-        columns = columns_for(KEYPOINTS)
+        columns = columns_for(CABLE)
         arrays = {name: np.zeros((500, *column.row_shape), column.dtype) for name, column in columns.items()}
         with open_writer(tmp_path / str(shards), Origin(0, {}, {}, columns)) as writer:
             for number in range(shards):

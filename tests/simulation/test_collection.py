@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,9 @@ from cableway.geometry import polyline
 from cableway.records import Transitions
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
-from cableway.scene.loading import load_task
+from cableway.scene.loading import cable_from_preset, load_task
+from cableway.scene.presets import preset_ranges
+from cableway.simulation.chain import Chain
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
 from cableway.simulation.motion import MotionConfig, kinds_of, random_motion
@@ -170,6 +173,52 @@ def test_near_obstacles_it_comes_close_but_never_touches(collected):
     assert scene.clearance(open_space.next_keypoints, config.cable.radius).min() < -0.02
 
 
+RANGES = {"damping_time": (0.05, 0.4), "rest_curvature": (-2.0, 2.0), "length": (0.2, 0.4)}
+
+
+@pytest.fixture(scope="module")
+def various(collected: Collect) -> Transitions:
+    return collected(CollectionConfig(transitions=200, seed=5, episode_steps=25, ranges=RANGES))
+
+
+def test_cables_drawn_from_ranges_are_told_with_their_transitions(various):
+    """Within the ranges, the same throughout an episode, others in others; a length is that of the keypoints."""
+    assert various.cable.keys() == RANGES.keys()
+    assert various.metadata["config"]["ranges"] == {name: list(limits) for name, limits in RANGES.items()}
+    for name, values in various.cable.items():
+        assert RANGES[name][0] <= values.min() <= values.max() <= RANGES[name][1]
+        assert len(np.unique(values, axis=0)) == len(np.unique(various.episode)) >= 8
+        assert all(len(np.unique(values[rows], axis=0)) == 1 for rows in episodes(various))
+    assert np.abs(polyline.length(various.keypoints) / various.cable["length"] - 1).max() < 0.04
+
+
+def test_a_cable_moves_as_the_one_it_is_told_to_be(various):
+    """Led along the same poses the cable of that episode goes the same way, one that lags differently does not."""
+    for rows in episodes(various)[:3]:
+        drawn = {name: values[rows][0] for name, values in various.cable.items()}
+        cable = Cable(**{**drawn, "rest_curvature": tuple(drawn["rest_curvature"])})
+        rod, poses = cable.rod, np.concatenate([various.poses[rows], (various.poses + various.actions)[rows][-1:]])
+        starts = equilibria_at(rod, poses[0])
+        nearest = np.abs(rod.shapes(starts)[0][:, ::4] - various.keypoints[rows][0]).max(axis=(1, 2)).argmin()
+        fine = poses[:-1, None] + np.arange(1, 21)[:, None, None] / 20 * np.diff(poses, axis=0)[:, None]
+        errors = []
+        for led in (cable, replace(cable, damping_time=0.5 * cable.damping_time)):
+            chain = Chain(led, None, 0.005)
+            chain.place(starts[nearest])
+            after = chain.keypoints(chain.polylines(chain.advance(fine.reshape(-1, 2, 3))[19::20]))
+            errors.append(np.abs(after - various.next_keypoints[rows]).max())
+        assert errors[0] < 1e-9
+        assert errors[1] > 1e-5
+
+
+def test_ranges_may_be_those_of_the_preset(collected):
+    config = CollectionConfig(transitions=30, episode_steps=10, cable=cable_from_preset("usb"), ranges="preset")
+    assert config.ranges == preset_ranges("usb")
+    data = collected(config)
+    assert data.cable["stiffness_profile"].shape == (30, 3)
+    assert data.metadata["config"]["cable"]["preset"] == "usb"
+
+
 def test_a_motion_stays_among_stable_shapes():
     """Without jitter every gripper pose is that of a stable equilibrium near the last one: chords within bounds."""
     rod, config = Cable().rod, MotionConfig(jitter=0.0)
@@ -198,6 +247,9 @@ def moved(config: MotionConfig) -> object:
     [
         (lambda: CollectionConfig(transitions=0), "collection.transitions must be at least 1, got 0"),
         (lambda: CollectionConfig(time_step=0.03), "plant.time_step"),
+        (lambda: CollectionConfig(ranges={"colour": (0.0, 1.0)}), "no range can be given for 'colour'; known: length"),
+        (lambda: CollectionConfig(ranges={"friction": (1.0, 0.0)}), "ranges.friction must be two ascending numbers"),
+        (lambda: CollectionConfig(ranges="preset"), "unknown preset 'None'"),
         (lambda: MotionConfig(max_step=float("nan")), "motion.max_step must be positive and finite, got nan"),
         (lambda: MotionConfig(speed=(0.5, 2.0)), "motion.speed"),
         (lambda: collect(CONFIG, "nowhere", workers=0), "workers must be at least 1, got 0"),

@@ -20,7 +20,8 @@ from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
 from cableway.simulation.executors import open_executor
 
-CONFIG = CollectionConfig(transitions=1500, seed=11, episode_steps=20, shard_episodes=8)
+RANGES = {"damping_time": (0.05, 0.3)}
+CONFIG = CollectionConfig(transitions=1500, seed=11, episode_steps=20, shard_episodes=8, ranges=RANGES)
 
 COLLECT = """
 import sys
@@ -28,7 +29,8 @@ from cableway.files import write_atomically
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
 if __name__ == "__main__":
-    config = CollectionConfig(transitions=1500, seed=11, episode_steps=20, shard_episodes=8)
+    ranges = {"damping_time": (0.05, 0.3)}
+    config = CollectionConfig(transitions=1500, seed=11, episode_steps=20, shard_episodes=8, ranges=ranges)
     collect(config, sys.argv[1], workers=int(sys.argv[2]))
 """
 

@@ -47,9 +47,14 @@ class Collect(Options):
     def _config(self) -> CollectionConfig:
         from cableway.models.configuration import from_mapping
         from cableway.models.recipe import read_training_config, shipped_config
+        from cableway.scene.presets import preset_values
         from cableway.simulation.episodes import CollectionConfig
 
         path = self.config or shipped_config()
-        config = from_mapping(CollectionConfig, read_training_config(path).collection, f"{path}: collection")
+        section = read_training_config(path).collection
+        cable = section.get("cable")
+        if isinstance(cable, dict) and "preset" in cable:
+            section["cable"] = {**preset_values(str(cable["preset"])), **cable}
+        config = from_mapping(CollectionConfig, section, f"{path}: collection")
         given: dict[str, Any] = {"transitions": self.transitions, "seed": self.seed}
         return replace(config, **{name: value for name, value in given.items() if value is not None})

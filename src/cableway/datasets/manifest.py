@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, ValidationError
 
 from cableway.errors import FileFormatError
 from cableway.files import write_json
+from cableway.scene.cable import Cable
 
 FORMAT = "cableway-transitions"
 VERSION = 1
@@ -26,6 +29,24 @@ COLUMNS: dict[str, tuple[str, str, tuple[str | int, ...]]] = {
     "episode": ("int64", "", ()),
 }
 """Element type, unit and shape of a row of each array, n standing for the number of keypoints."""
+
+CABLE = "cable."
+"""How the names of the arrays begin that hold the cable of each transition, where it is not the same throughout."""
+
+CABLE_UNITS = {
+    "length": "m",
+    "radius": "m",
+    "bending_stiffness": "N m^2",
+    "stiffness_profile": "",
+    "rest_curvature": "1/m",
+    "yield_curvature": "1/m",
+    "damping_time": "s",
+    "linear_density": "kg/m",
+    "friction": "",
+    "drag": "N s/m^2",
+    "min_bend_radius": "m",
+}
+"""Unit of each field of a cable that can be drawn."""
 
 
 class _Strict(BaseModel):
@@ -107,12 +128,18 @@ class Manifest(_Strict):
         }  # fmt: skip
 
 
-def columns_for(keypoints: int) -> dict[str, Column]:
-    """The arrays of a data set of cables with that many keypoints."""
-    return {
-        name: Column(dtype=dtype, unit=unit, row_shape=[keypoints if size == "n" else int(size) for size in shape])
+def columns_for(cable: Cable, drawn: Iterable[str] = ()) -> dict[str, Column]:
+    """The arrays of a data set of cables like this one, of which the `drawn` fields differ."""
+    columns = {
+        name: Column(
+            dtype=dtype, unit=unit, row_shape=[cable.keypoints if size == "n" else int(size) for size in shape]
+        )
         for name, (dtype, unit, shape) in COLUMNS.items()
     }
+    for name in drawn:
+        row_shape = list(np.shape(getattr(cable, name)))
+        columns[CABLE + name] = Column(dtype="float64", unit=CABLE_UNITS[name], row_shape=row_shape)
+    return columns
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -132,8 +159,12 @@ def read_manifest(folder: Path) -> Manifest:
         raise FileFormatError(f"{path}: {place or 'the whole'}: {problem['msg']}") from None
     except (OSError, ValueError) as error:
         raise FileFormatError(f"{path}: not readable as JSON ({' '.join(str(error).split())})") from None
-    if manifest.columns.keys() != COLUMNS.keys():
-        raise FileFormatError(f"{path}: columns must be {', '.join(COLUMNS)}, got {', '.join(manifest.columns)}")
+    known = COLUMNS.keys() | {CABLE + name for name in CABLE_UNITS}
+    if not COLUMNS.keys() <= manifest.columns.keys() <= known:
+        raise FileFormatError(
+            f"{path}: columns must be {', '.join(COLUMNS)}, and {CABLE}... for fields of the cable, "
+            f"got {', '.join(manifest.columns)}"
+        )
     return manifest
 
 

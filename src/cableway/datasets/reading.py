@@ -10,7 +10,7 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load
 
-from cableway.datasets.manifest import COLUMNS, Column, Manifest, Shard, read_manifest
+from cableway.datasets.manifest import CABLE, COLUMNS, Column, Manifest, Shard, read_manifest
 from cableway.errors import FileFormatError, InputError
 from cableway.records import Transitions
 
@@ -36,7 +36,7 @@ def load_transitions(folder: Path | str) -> Transitions:
         for name, array in read_shard(folder, shard, manifest.columns).items():
             columns[name][rows] = array
         start = rows.stop
-    return Transitions(**columns, metadata=manifest.metadata)
+    return _transitions(columns, manifest)
 
 
 def shuffled_batches(
@@ -75,16 +75,21 @@ def _batches(
         waiting.append(read_shard(folder, shard, manifest.columns))
         if sum(len(part["episode"]) for part in waiting) < buffer and position < len(order):
             continue
-        held = {name: np.concatenate([part[name] for part in waiting]) for name in COLUMNS}
+        held = {name: np.concatenate([part[name] for part in waiting]) for name in manifest.columns}
         waiting.clear()
         shuffled = rng.permutation(len(held["episode"]))
         # what does not fill a batch is shuffled again with what comes next
         left = len(shuffled) % batch_size if position < len(order) else 0
         for start in range(0, len(shuffled) - left, batch_size):
             rows = shuffled[start : start + batch_size]
-            yield Transitions(**{name: array[rows] for name, array in held.items()}, metadata=manifest.metadata)
+            yield _transitions({name: array[rows] for name, array in held.items()}, manifest)
         rest = shuffled[len(shuffled) - left :]
         waiting.append({name: array[rest] for name, array in held.items()})
+
+
+def _transitions(columns: dict[str, np.ndarray], manifest: Manifest) -> Transitions:
+    cable = {name.removeprefix(CABLE): array for name, array in columns.items() if name.startswith(CABLE)}
+    return Transitions(**{name: columns[name] for name in COLUMNS}, cable=cable, metadata=manifest.metadata)
 
 
 def read_shard(folder: Path, shard: Shard, columns: dict[str, Column]) -> dict[str, np.ndarray]:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from cableway.datasets.manifest import Manifest, Shard, columns_for
+from cableway.datasets.manifest import CABLE, Manifest, Shard, columns_for
 from cableway.datasets.writing import DatasetWriter, Origin, open_writer
 from cableway.errors import SimulationError
 from cableway.provenance import describe, versions
@@ -123,7 +123,7 @@ def _make_shard(
         if total < len(episodes) >= TRIAL:
             _give_up(total, Counter(episode.ended for episode in episodes))
     ended = Counter(episode.ended for episode in episodes)
-    return writer.add(number, first, ended, _columns(episodes, first, config.transitions - done))
+    return writer.add(number, first, ended, _columns(episodes, first, config.transitions - done, config.drawn))
 
 
 def _give_up(transitions: int, ended: Counter[str]) -> NoReturn:
@@ -132,8 +132,8 @@ def _give_up(transitions: int, ended: Counter[str]) -> NoReturn:
     )
 
 
-def _columns(episodes: list[Episode], first: int, most: int) -> dict[str, np.ndarray]:
-    """The first `most` transitions of successive episodes."""
+def _columns(episodes: list[Episode], first: int, most: int, drawn: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """The first `most` transitions of successive episodes, with the fields of the cable that were drawn."""
     steps = [len(episode.poses) - 1 for episode in episodes]
     columns = {
         "keypoints": np.concatenate([episode.keypoints[:-1] for episode in episodes]),
@@ -142,6 +142,9 @@ def _columns(episodes: list[Episode], first: int, most: int) -> dict[str, np.nda
         "next_keypoints": np.concatenate([episode.keypoints[1:] for episode in episodes]),
         "episode": np.repeat(np.arange(first, first + len(episodes)), steps),
     }
+    for name in drawn:
+        values = np.array([getattr(episode.cable, name) for episode in episodes])
+        columns[CABLE + name] = np.repeat(values, steps, axis=0)
     return {name: rows[:most] for name, rows in columns.items()}
 
 
@@ -159,7 +162,8 @@ class _Job:
     def of(cls, config: CollectionConfig) -> _Job:
         scene = None if config.task is None else load_task(config.task).scene
         resolved: dict[str, Any] = {**describe(config), "scene": describe(scene)}
-        origin = Origin(config.seed, resolved, versions(), columns_for(config.cable.keypoints))
+        columns = columns_for(config.cable_at(np.random.default_rng(config.seed)), config.drawn)
+        origin = Origin(config.seed, resolved, versions(), columns)
         return cls(config, scene, origin, hashlib.sha256(json.dumps(resolved).encode()).hexdigest())
 
     def __hash__(self) -> int:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from cableway.errors import InputError, SimulationError
+from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
+from cableway.scene.presets import preset_ranges
 from cableway.scene.scene import Scene
 from cableway.simulation.chain import Chain
 from cableway.simulation.motion import MotionConfig, Surroundings, random_motion, self_crossings
@@ -37,6 +39,8 @@ class CollectionConfig:
         task: A task, by its name in the catalogue or its file, near whose obstacles and walls the cable is led; open
             space without walls where None.
         cable: The cable.
+        ranges: Least and greatest value of those fields of the cable that are drawn anew for each episode, "preset"
+            for the ranges of the cable's preset; the same cable throughout where None.
         motion: How the grippers move.
 
     Raises:
@@ -53,6 +57,7 @@ class CollectionConfig:
     shard_episodes: int = 500
     task: str | None = None
     cable: Cable = field(default_factory=Cable)
+    ranges: dict[str, tuple[float, float]] | Literal["preset"] | None = None
     motion: MotionConfig = field(default_factory=MotionConfig)
 
     def __post_init__(self) -> None:
@@ -63,6 +68,18 @@ class CollectionConfig:
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"collection.{name} must be positive and finite, got {getattr(self, name)!r}")
         PlantConfig(time_step=self.time_step)
+        if self.ranges == "preset":
+            object.__setattr__(self, "ranges", preset_ranges(str(self.cable.preset)))
+        self.cable_at(np.random.default_rng(self.seed))
+
+    @property
+    def drawn(self) -> tuple[str, ...]:
+        """Fields of the cable that are drawn for each episode."""
+        return tuple(sorted(self.ranges)) if isinstance(self.ranges, dict) else ()
+
+    def cable_at(self, rng: np.random.Generator) -> Cable:
+        """The cable of an episode, the next to be drawn from `rng`."""
+        return self.cable.sample(rng, self.ranges) if isinstance(self.ranges, dict) else self.cable
 
 
 class Episode(NamedTuple):
@@ -71,11 +88,13 @@ class Episode(NamedTuple):
     Attributes:
         keypoints: (k+1, n, 2) [m].
         poses: (k+1, 2, 3) gripper poses [m, m, rad].
+        cable: The cable.
         ended: Why it ended.
     """
 
     keypoints: Float[np.ndarray, "k+1 n 2"]
     poses: Float[np.ndarray, "k+1 2 3"]
+    cable: Cable
     ended: str
 
 
@@ -89,54 +108,64 @@ class Collector:
 
     def __init__(self, config: CollectionConfig, scene: Scene | None = None) -> None:
         self.config = config
-        self._surroundings = None if scene is None else Surroundings(scene, config.cable.radius)
+        self._scene = scene
         self._chain = Chain(config.cable, scene, config.time_step)
         self._substeps = PlantConfig(time_step=config.time_step).substeps
 
     def episode(self, number: int) -> Episode:
         """Episode `number` of this collection."""
-        config, chain, substeps = self.config, self._chain, self._substeps
+        config, substeps = self.config, self._substeps
         rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(number,)))
-        q, poses = random_motion(chain.rod, config.motion, config.episode_steps, rng, self._surroundings)
-        chain.place(q)
-        start = chain.coordinates[None]
+        cable = config.cable_at(rng)
+        chain = Chain(cable, self._scene, config.time_step) if config.drawn else self._chain
+        surroundings = None if self._scene is None else Surroundings(self._scene, cable.radius)
+        q, poses = random_motion(chain.rod, config.motion, config.episode_steps, rng, surroundings)
         fraction = np.arange(1, substeps + 1)[:, None, None] / substeps
         path = poses[:-1, None] + fraction * np.diff(poses, axis=0)[:, None]
         try:
-            rows = chain.advance(path.reshape(-1, 2, 3))
+            chain.place(q)
+            start = chain.coordinates[None]
+            rows = np.concatenate([start, chain.advance(path.reshape(-1, 2, 3))])
         except SimulationError:
-            return Episode(np.empty((1, chain.rod.keypoints, 2)), poses[:1], "diverged")
-        coordinates = np.concatenate([start, rows[substeps - 1 :: substeps]])
+            return Episode(np.empty((1, chain.rod.keypoints, 2)), poses[:1], cable, "diverged")
+        coordinates = rows[::substeps]
         lines = chain.polylines(coordinates)
         keypoints = chain.keypoints(lines)
-        count, ended = self._usable(coordinates, lines, keypoints, self._touching(rows))
-        return Episode(keypoints[: count + 1], poses[: count + 1], ended)
+        touching = _touching(chain, rows, surroundings, substeps)
+        count, ended = self._usable(chain.rod, coordinates, lines, keypoints, touching)
+        return Episode(keypoints[: count + 1], poses[: count + 1], cable, ended)
 
     def _usable(
         self,
+        rod: Rod,
         coordinates: Float[np.ndarray, "k+1 c"],
         lines: Float[np.ndarray, "k+1 v 2"],
         keypoints: Float[np.ndarray, "k+1 n 2"],
-        touching: Bool[np.ndarray, "k"],
+        touching: Bool[np.ndarray, "k+1"],
     ) -> tuple[int, str]:
         """Number of control steps before the first bad row, and what is bad there."""
-        config, rod = self.config, self._chain.rod
-        jumps = np.linalg.norm(np.diff(keypoints, axis=0), axis=-1).max(axis=1)
+        config = self.config
+        jumps = np.linalg.norm(np.diff(keypoints, axis=0, prepend=keypoints[:1]), axis=-1).max(axis=1)
         bad = {
-            "sharp bend": np.abs(coordinates[1:, 3:]).max(axis=1) * rod.hinges > config.sharpest_bend,
-            "stretched": np.linalg.norm(lines[1:, -1] - lines[1:, 0], axis=1) > config.most_stretch * rod.length,
+            "sharp bend": np.abs(coordinates[:, 3:]).max(axis=1) * rod.hinges > config.sharpest_bend,
+            "stretched": np.linalg.norm(lines[:, -1] - lines[:, 0], axis=1) > config.most_stretch * rod.length,
             "jump": jumps > config.largest_jump * config.motion.max_step,
-            "self-crossing": self_crossings(lines[1:]),
+            "self-crossing": self_crossings(lines),
             "contact": touching,
         }
-        count = len(coordinates) - 1
-        first = {reason: int(np.argmax(rows)) if rows.any() else count for reason, rows in bad.items()}
+        first = {reason: int(np.argmax(rows)) for reason, rows in bad.items() if rows.any()}
+        if not first:
+            return len(coordinates) - 1, "complete"
         reason = min(first, key=lambda name: first[name])
-        return (first[reason], reason) if first[reason] < count else (count, "complete")
+        return max(0, first[reason] - 1), reason
 
-    def _touching(self, rows: Float[np.ndarray, "s c"]) -> Bool[np.ndarray, "k"]:
-        """In which control steps the cable touches something at any time step."""
-        if self._surroundings is None:
-            return np.zeros(self.config.episode_steps, bool)
-        clearance = self._surroundings.clearance(self._chain.polylines(rows))
-        return clearance.reshape(-1, self._substeps).min(axis=1) < 0
+
+def _touching(
+    chain: Chain, rows: Float[np.ndarray, "s+1 c"], surroundings: Surroundings | None, substeps: int
+) -> Bool[np.ndarray, "k+1"]:
+    """At the start and in each control step, whether the cable touches something at any time step."""
+    count = len(rows) // substeps
+    if surroundings is None:
+        return np.zeros(count + 1, bool)
+    touches = surroundings.clearance(chain.polylines(rows)) < 0
+    return np.concatenate([touches[:1], touches[1:].reshape(count, substeps).any(axis=1)])
