@@ -15,12 +15,8 @@ CABLE = Cable(keypoints=3)
 SIZES = (7, 1, 0, 12, 5)
 """Transitions of each shard; one of them has none."""
 
-ORIGIN = Origin(
-    7,
-    {"transitions": sum(SIZES), "motion": {"jitter": 0.2}},
-    {"cableway": "0"},
-    columns_for(CABLE, ["friction", "rest_curvature"]),
-)
+COLUMNS = columns_for(CABLE, ["friction", "rest_curvature"])
+ORIGIN = Origin(7, {"transitions": sum(SIZES), "motion": {"jitter": 0.2}}, {"cableway": "0"}, COLUMNS)
 
 
 def rows(shard: int) -> dict[str, np.ndarray]:

@@ -76,8 +76,8 @@ def _limits(ranges: dict[str, Any] | None) -> list[str]:
     """What the model was not trained for; `ranges` are those that the cables were drawn from."""
     if ranges:
         return [
-            f"Trained on cables that differ in {', '.join(ranges)} within the ranges above, which the model is not told",
-            "and cannot see in one shape. A cable outside them is predicted worse than the table says.",
+            f"Trained on cables that differ in {', '.join(ranges)} within the ranges above. The model is not told",
+            "which one it sees. A cable outside the ranges is predicted worse than the table says.",
         ]
     return [
         "Trained on one uniform cable without friction, contact or measurement noise. Other lengths are served by",

@@ -53,7 +53,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def open_executor(name: str, workers: int | None) -> AbstractContextManager[Executor, None]:
+def open_executor(name: str, workers: int | None) -> AbstractContextManager[Executor, bool | None]:
     """An executor to use in a `with` statement.
 
     Args:
@@ -134,7 +134,10 @@ def _result_of(ray: Any, reference: Any) -> Callable[[], Any]:
     return lambda: ray.get(reference)
 
 
-_EXECUTORS: dict[str, Callable[[int | None], AbstractContextManager[Executor, None]]] = {"local": _local, "ray": _ray}
+_EXECUTORS: dict[str, Callable[[int | None], AbstractContextManager[Executor, bool | None]]] = {
+    "local": _local,
+    "ray": _ray,
+}
 
 EXECUTORS = tuple(_EXECUTORS)
 """Names of the executors."""
