@@ -87,21 +87,20 @@ def collect(
 
 def _write(job: _Job, writer: DatasetWriter, chunks: Iterator[list[Episode]], progress: Progress) -> Collected:
     """Take shards in order until there are enough transitions: those that are there, and those made of `chunks`."""
-    config, done, made = job.config, 0, 0
+    config, number, done, made = job.config, 0, 0, 0
     ended: Counter[str] = Counter()
-    for number in itertools.count():
+    while done < config.transitions:
         first = number * config.shard_episodes
         shard = writer.shard(first)
         if shard is None:
             made += 1
             shard = _make_shard(job, writer, number, done, chunks, progress)
-        done += shard.transitions
+        number, done = number + 1, done + shard.transitions
         ended.update(shard.ended)
         progress("collect", done / config.transitions)
-        if done == config.transitions:
-            return Collected(writer.finish(), made)
         if done < first + shard.episodes >= TRIAL:
             _give_up(done, ended)
+    return Collected(writer.finish(), made)
 
 
 def _make_shard(

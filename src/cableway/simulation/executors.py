@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -53,7 +53,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def open_executor(name: str, workers: int | None) -> AbstractContextManager[Executor, bool | None]:
+@contextmanager
+def open_executor(name: str, workers: int | None) -> Iterator[Executor]:
     """An executor to use in a `with` statement.
 
     Args:
@@ -69,7 +70,8 @@ def open_executor(name: str, workers: int | None) -> AbstractContextManager[Exec
         raise InputError(f"workers must be at least 1, got {workers!r}")
     if name not in _EXECUTORS:
         raise UnknownNameError("executor", name, _EXECUTORS)
-    return _EXECUTORS[name](workers)
+    with _EXECUTORS[name](workers) as executor:
+        yield executor
 
 
 @contextmanager
@@ -134,10 +136,7 @@ def _result_of(ray: Any, reference: Any) -> Callable[[], Any]:
     return lambda: ray.get(reference)
 
 
-_EXECUTORS: dict[str, Callable[[int | None], AbstractContextManager[Executor, bool | None]]] = {
-    "local": _local,
-    "ray": _ray,
-}
+_EXECUTORS = {"local": _local, "ray": _ray}
 
 EXECUTORS = tuple(_EXECUTORS)
 """Names of the executors."""
