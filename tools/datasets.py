@@ -1,9 +1,10 @@
-"""Measure the collection of data sets: rates, memory, shuffled reading, and `kill -9` at random moments.
+"""Measure the collection of data sets: rates, memory, shuffled reading, `kill -9` at random moments, Ray.
 
-    .venv/bin/python tools/datasets.py            # a minute or two
-    .venv/bin/python tools/datasets.py --full     # with a set of 1,000,000 transitions, some ten minutes and 0.6 GB
+    .venv/bin/python tools/datasets.py                    # rates, 50,000 transitions, kills: some minutes
+    .venv/bin/python tools/datasets.py set --transitions 1000000        # some ten minutes and 0.5 GB of disk
+    .venv/bin/python tools/datasets.py ray                # needs the extra `ray`
 
-Linux only: peak memory is read from /proc. Times depend on what else the machine does.
+Linux only: peak memory is VmHWM of /proc. Times depend on what else the machine does.
 """
 
 from __future__ import annotations
@@ -26,6 +27,12 @@ from cableway.datasets.manifest import MANIFEST, read_manifest
 from cableway.datasets.reading import read_shard, shuffled_batches
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
+
+ROUNDS = 5
+"""How often each rate is measured."""
+
+RATED = 12_000
+"""Transitions that a rate is measured on."""
 
 KILLS = 10
 KILLED = "cableway: 1\ncollection: {transitions: 12000, seed: 11, shard_episodes: 8}\n"
@@ -75,14 +82,21 @@ def rate(folder: Path, workers: int, transitions: int) -> float:
 
 
 def print_rates(folder: Path) -> None:
-    """One worker, two workers, and their ratio."""
-    transitions = 30_000
-    before = time.process_time()
-    one = rate(folder / "one", 1, transitions)
-    per_cpu = transitions / (time.process_time() - before)
-    two = rate(folder / "two", 2, transitions)
-    print(f"one worker                {one:7.0f} transitions/s ({per_cpu:.0f} per second of processor time)")
-    print(f"two workers               {two:7.0f} transitions/s ({two / one:.2f} times one)")
+    """One worker and two workers in turn, and their ratio; the ratio of each pair has seen much the same machine."""
+    one, two, cpu = [], [], []
+    for number in range(ROUNDS):
+        before = time.process_time()
+        one.append(rate(folder / f"one {number}", 1, RATED))
+        cpu.append(RATED / (time.process_time() - before))
+        two.append(rate(folder / f"two {number}", 2, RATED))
+    ratios = np.array(two) / one
+    for name, values, form in (
+        ("one worker, transitions/s", one, "7.0f"),
+        ("  per second of processor time", cpu, "7.0f"),
+        ("two workers, transitions/s", two, "7.0f"),
+        ("two workers / one worker", ratios, "7.2f"),
+    ):
+        print(f"{name:32s} median {np.median(values):{form}}   least {min(values):{form}}   most {max(values):{form}}")
 
 
 def print_set(folder: Path, transitions: int) -> None:
@@ -118,7 +132,6 @@ def read_shuffled(folder: Path) -> None:
 
 def print_kills(folder: Path) -> None:
     """Kill a collection ten times at random moments, then let it end, and compare with one that was left alone."""
-    folder.mkdir()
     recipe = folder / "recipe.yaml"
     recipe.write_text(KILLED)
     with collecting(folder / "whole", 2, recipe=recipe) as process:
@@ -135,12 +148,22 @@ def print_kills(folder: Path) -> None:
         listed.append(sound_shards(killed))
     with collecting(killed, 2, recipe=recipe) as process:
         process.wait()
-    names = sorted(path.name for path in (folder / "whole").iterdir())
-    same = names == sorted(path.name for path in killed.iterdir()) and all(
-        (folder / "whole" / name).read_bytes() == (killed / name).read_bytes() for name in names
-    )
-    print(f"killed {KILLS} times           complete shards after each: {listed[1:]}; then completed: ", end="")
-    print("identical" if same else "DIFFERENT")
+    print(f"killed {KILLS} times: complete shards after each: {listed[1:]}; then completed: ", end="")
+    print("identical" if contents(killed) == contents(folder / "whole") else "DIFFERENT")
+
+
+def print_ray(folder: Path) -> None:
+    """Two Ray workers and two local ones."""
+    config = CollectionConfig(transitions=5000, seed=2, shard_episodes=20)
+    collect(config, folder / "local", workers=2)
+    collect(config, folder / "ray", workers=2, executor="ray")
+    same = contents(folder / "ray") == contents(folder / "local")
+    print(f"two Ray workers: {'identical to' if same else 'DIFFERENT from'} two local ones")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files of a folder."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def shards_listed(folder: Path) -> int:
@@ -158,23 +181,32 @@ def sound_shards(folder: Path) -> int:
     return len(manifest.shards)
 
 
+def print_sets(folder: Path, transitions: int) -> None:
+    """A set, and reading it."""
+    print_set(folder / "set", transitions)
+    subprocess.run([sys.executable, __file__, "--read", str(folder / "set")], check=True)
+
+
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--full", action="store_true", help="also a set of 1,000,000 transitions")
+    parser.add_argument("parts", nargs="*", choices=["rates", "set", "kills", "ray"], default=["rates", "set", "kills"])
+    parser.add_argument("--transitions", type=int, default=50_000, help="of the set")
     parser.add_argument("--scratch", type=Path, help="folder for what is made; a temporary one unless given")
     parser.add_argument("--read", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.read is not None:
         read_shuffled(options.read)
         return
+    measures = {"rates": print_rates, "kills": print_kills, "ray": print_ray}
     with tempfile.TemporaryDirectory(dir=options.scratch) as name:
-        folder = Path(name)
-        print_kills(folder / "kills")
-        print_rates(folder)
-        for transitions in (50_000, 1_000_000) if options.full else (50_000,):
-            print_set(folder / str(transitions), transitions)
-            subprocess.run([sys.executable, __file__, "--read", str(folder / str(transitions))], check=True)
+        for part in options.parts:
+            folder = Path(name) / part
+            folder.mkdir()
+            if part == "set":
+                print_sets(folder, options.transitions)
+            else:
+                measures[part](folder)
 
 
 if __name__ == "__main__":

@@ -98,7 +98,7 @@ def _write(job: _Job, writer: DatasetWriter, chunks: Iterator[list[Episode]], pr
         number, done = number + 1, done + shard.transitions
         ended.update(shard.ended)
         progress("collect", done / config.transitions)
-        if done < first + shard.episodes >= TRIAL:
+        if done < config.transitions and done < first + shard.episodes >= TRIAL:
             _give_up(done, ended)
     return Collected(writer.finish(), made)
 
