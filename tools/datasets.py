@@ -102,7 +102,7 @@ def print_rates(folder: Path) -> None:
 def print_set(folder: Path, transitions: int) -> None:
     """One command from nothing to a complete set, with the largest memory of its processes."""
     main, others = 0.0, 0.0
-    start = time.perf_counter()
+    start, before = time.perf_counter(), processor_time()
     with collecting(folder, 2, transitions) as process:
         while process.poll() is None:
             main = max(main, peak_memory(process.pid))
@@ -112,9 +112,16 @@ def print_set(folder: Path, transitions: int) -> None:
     seconds = time.perf_counter() - start
     size = sum(path.stat().st_size for path in folder.iterdir()) / 1e6
     print(
-        f"{transitions:9,d} transitions     {seconds:7.1f} s from start to end, two workers; {size:.0f} MB; "
+        f"{transitions:9,d} transitions     {seconds:7.1f} s from start to end, two workers "
+        f"({processor_time() - before:.1f} s of processor time); {size:.0f} MB; "
         f"peak memory {main:.0f} MB main process, {others:.0f} MB worker"
     )
+
+
+def processor_time() -> float:
+    """Of all processes that were begun here and have ended [s]."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def read_shuffled(folder: Path) -> None:
@@ -190,7 +197,7 @@ def print_sets(folder: Path, transitions: int) -> None:
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", choices=["rates", "set", "kills", "ray"], default=["rates", "set", "kills"])
+    parser.add_argument("part", nargs="?", choices=["rates", "set", "kills", "ray"], help="one alone")
     parser.add_argument("--transitions", type=int, default=50_000, help="of the set")
     parser.add_argument("--scratch", type=Path, help="folder for what is made; a temporary one unless given")
     parser.add_argument("--read", type=Path, help=argparse.SUPPRESS)
@@ -200,7 +207,7 @@ def main() -> None:
         return
     measures = {"rates": print_rates, "kills": print_kills, "ray": print_ray}
     with tempfile.TemporaryDirectory(dir=options.scratch) as name:
-        for part in options.parts:
+        for part in [options.part] if options.part else ["rates", "set", "kills"]:
             folder = Path(name) / part
             folder.mkdir()
             if part == "set":
