@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import tracemalloc
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,6 +45,18 @@ def test_others_read_it_with_safetensors_and_json_alone(whole):
         data = load_transitions(whole)
         known = {**vars(data), **{f"cable.{field}": values for field, values in data.cable.items()}}
         np.testing.assert_array_equal(array, known[name])
+
+
+def test_the_code_in_the_documentation_reads_it(whole, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "datasets.md").read_text()
+    pieces = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    results: dict[str, Any] = {}
+    for piece in pieces:
+        exec(piece, results)
+    assert len(pieces) == 3
+    assert whole == tmp_path / results["folder"]
+    np.testing.assert_array_equal(results["keypoints"], load_transitions(whole).keypoints[: SIZES[0]])
 
 
 @pytest.mark.parametrize(("batch_size", "buffer"), [(1, 1), (4, 6), (4, 10_000), (100, 1)])
