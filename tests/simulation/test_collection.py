@@ -21,7 +21,8 @@ from cableway.scene.presets import preset_ranges
 from cableway.simulation.chain import Chain
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
-from cableway.simulation.motion import MotionConfig, kinds_of, random_motion
+from cableway.simulation.motion import MotionConfig, random_motion
+from cableway.simulation.shapes import kinds_of
 
 CONFIG = CollectionConfig(transitions=700, seed=3, episode_steps=40)
 

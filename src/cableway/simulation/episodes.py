@@ -15,8 +15,9 @@ from cableway.scene.cable import Cable
 from cableway.scene.presets import preset_ranges
 from cableway.scene.scene import Scene
 from cableway.simulation.chain import Chain
-from cableway.simulation.motion import MotionConfig, Surroundings, random_motion, self_crossings
+from cableway.simulation.motion import MotionConfig, Surroundings, random_motion
 from cableway.simulation.plant import PlantConfig
+from cableway.simulation.shapes import self_crossings
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,19 +14,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from cableway.errors import InputError
-from cableway.geometry import polyline
 from cableway.rod.equilibrium import Rod
 from cableway.scene.grippers import Grippers
 from cableway.scene.scene import Scene
-
-Kind = Literal["any", "bend", "s-shape", "near-straight"]
-"""What a shape looks like; "any" leaves that to chance."""
+from cableway.simulation.shapes import Kind, kinds_of, self_crossings
 
 CHECKS = 12
 """Shapes along a line at which stability, stretch and self-crossing are checked."""
@@ -36,15 +33,6 @@ ATTEMPTS = 20
 
 LOADS = 200
 """Random loads tried for one that gives a shape of the wanted kind."""
-
-BEND_TURN = 1.0
-"""Angle [rad] by which a bend turns at least, to one side but for a tenth of it."""
-
-S_TURN = 0.5
-"""Angle [rad] by which an S-shape turns at least, to each side."""
-
-STRAIGHT_CHORD = 0.93
-"""Distance of the ends, as a share of the length, from which on a shape counts as near-straight."""
 
 RAMP = 3
 """Control steps in which a motion gets up to speed, and comes to rest again."""
@@ -243,38 +231,8 @@ class _Course(NamedTuple):
         return not self_crossings(stations[:, ::2]).any()
 
 
-def kinds_of(rod: Rod, q: Float[np.ndarray, "6"]) -> set[Kind]:
-    """Which kinds of shape the equilibrium q is of; one that lies between them is of none but "any"."""
-    stations = rod.shapes(q[None])[0][:, ::2]
-    bends = _bends(stations)[0]
-    turns = sorted((float(np.maximum(bends, 0).sum()), float(np.maximum(-bends, 0).sum())))
-    chord = float(np.linalg.norm(stations[0, -1] - stations[0, 0]))
-    found: set[Kind] = {"any"}
-    if turns[1] >= BEND_TURN and turns[0] <= 0.1 * turns[1]:
-        found.add("bend")
-    if turns[0] >= S_TURN:
-        found.add("s-shape")
-    if chord >= STRAIGHT_CHORD * rod.length:
-        found.add("near-straight")
-    return found
-
-
 def _line(q: Float[np.ndarray, "6"], target: Float[np.ndarray, "6"]) -> Float[np.ndarray, "t 6"]:
     return q + np.linspace(0, 1, CHECKS)[:, None] * (target - q)
-
-
-def _bends(lines: Float[np.ndarray, "t v 2"]) -> Float[np.ndarray, "t v-2"]:
-    """Angles [rad] between successive segments of polylines."""
-    steps = np.diff(lines, axis=1)
-    bends = np.diff(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
-    return bends - 2 * np.pi * np.round(bends / (2 * np.pi))
-
-
-def self_crossings(lines: Float[np.ndarray, "t v 2"]) -> Bool[np.ndarray, "t"]:
-    """Which polylines cross themselves."""
-    total = np.abs(_bends(lines)).sum(axis=1)
-    # one that turns by less than pi in all cannot
-    return np.array([turn >= np.pi and polyline.crosses_itself(line) for turn, line in zip(total, lines, strict=True)])
 
 
 def _timed(
