@@ -20,7 +20,7 @@ from cableway.scene.loading import load_task
 from cableway.simulation.plant import CableSimulator
 
 SEQUENCES = 1000
-LENGTH = 6
+LENGTH = 4
 """Actions in a sequence."""
 
 TASKS = ("maze-1", "multi-obstacle-1", "single-obstacle-2", "insertion")
