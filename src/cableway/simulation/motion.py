@@ -224,7 +224,9 @@ class _Course(NamedTuple):
         rod, config = self.rod, self.config
         stations, poses = rod.shapes(line)
         chords = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
-        if chords.max() > config.most_stretch * rod.length or rod.stability(line)[0].min() < config.least_stability:
+        if chords.max() > config.most_stretch * rod.length:
+            return False
+        if rod.stability(line, config.least_stability)[0].min() < config.least_stability:
             return False
         if self.surroundings is not None and self.surroundings.clearance(stations).min() < config.clearance[0]:
             return False

@@ -48,6 +48,9 @@ def _bends(lines: Float[np.ndarray, "t v 2"]) -> Float[np.ndarray, "t v-2"]:
 
 def self_crossings(lines: Float[np.ndarray, "t v 2"]) -> Bool[np.ndarray, "t"]:
     """Which polylines cross themselves."""
-    total = np.abs(_bends(lines)).sum(axis=1)
-    # one that turns by less than pi in all cannot
-    return np.array([turn >= np.pi and polyline.crosses_itself(line) for turn, line in zip(total, lines, strict=True)])
+    turned = np.cumsum(_bends(lines), axis=1)
+    spread = np.maximum(turned.max(axis=1), 0) - np.minimum(turned.min(axis=1), 0)
+    # one whose directions lie within half a turn goes forward all along
+    return np.array(
+        [angle >= np.pi and polyline.crosses_itself(line) for angle, line in zip(spread, lines, strict=True)]
+    )
