@@ -19,6 +19,9 @@ from cableway.simulation.motion import MotionConfig, Surroundings, random_motion
 from cableway.simulation.plant import PlantConfig
 from cableway.simulation.shapes import self_crossings
 
+GRASP_TOLERANCE = 0.002
+"""By how much the cable's ends may be nearer to each other than the grippers, as a share of the length."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CollectionConfig:
@@ -121,6 +124,7 @@ class Collector:
         chain = Chain(cable, self._scene, config.time_step) if config.drawn else self._chain
         surroundings = None if self._scene is None else Surroundings(self._scene, cable.radius)
         q, poses = random_motion(chain.rod, config.motion, config.episode_steps, rng, surroundings)
+        poses = self._until_stretched(poses, chain.rod)
         fraction = np.arange(1, substeps + 1)[:, None, None] / substeps
         path = poses[:-1, None] + fraction * np.diff(poses, axis=0)[:, None]
         try:
@@ -135,6 +139,12 @@ class Collector:
         touching = _touching(chain, rows, surroundings, substeps)
         count, ended = self._usable(chain.rod, coordinates, lines, keypoints, touching)
         return Episode(keypoints[: count + 1], poses[: count + 1], cable, ended)
+
+    def _until_stretched(self, poses: Float[np.ndarray, "k+1 2 3"], rod: Rod) -> Float[np.ndarray, "j+1 2 3"]:
+        """Gripper poses up to those so far apart that the episode has certainly ended; the rest is not simulated."""
+        apart = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+        beyond = np.flatnonzero(apart > (self.config.most_stretch + GRASP_TOLERANCE) * rod.length)
+        return poses if not len(beyond) else poses[: beyond[0] + 1]
 
     def _usable(
         self,
