@@ -33,7 +33,7 @@ class Collect(Options):
         """Carry the command out and return its exit status."""
         from cableway.simulation.collection import collect
 
-        terminal, folder, config = Terminal(self), self.folder("collect"), self._config()
+        terminal, folder, config = Terminal(self), self.folder("collect"), self.configuration()
         with terminal.progress() as tell:
             manifest, made = collect(config, folder, progress=tell, workers=self.workers, executor=self.executor)
         episodes = sum(manifest.episodes_ended.values())
@@ -44,7 +44,13 @@ class Collect(Options):
         terminal.result(report, pairs([(name.replace("_", " "), str(value)) for name, value in report.items()]))
         return 0
 
-    def _config(self) -> CollectionConfig:
+    def configuration(self) -> CollectionConfig:
+        """What the options ask for.
+
+        Raises:
+            FileFormatError: The configuration file is missing or not YAML.
+            InputError: A section or key is unknown, or a value is not allowed.
+        """
         from cableway.models.configuration import from_mapping
         from cableway.models.recipe import read_training_config, shipped_config
         from cableway.scene.presets import preset_values
