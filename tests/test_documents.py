@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import cableway
+from cableway.cli.collect import Collect
 from cableway.cli.plants import read_plant
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,16 +98,18 @@ def whole_files() -> list[str]:
 
 
 def test_every_file_shown_can_be_read(tmp_path: Path):
-    """A task, which has a start, or a plant."""
-    path, tasks, plants = tmp_path / "shown.yaml", 0, 0
+    """A task, which has a start, or a collection, or a plant."""
+    path, tasks, plants, collections = tmp_path / "shown.yaml", 0, 0, 0
     for block in whole_files():
         path.write_text(block)
         if "start:" in block:
             tasks += bool(cableway.load_task(path).description)
+        elif "collection:" in block:
+            collections += bool(Collect(config=path).configuration().drawn)
         else:
             plants += read_plant(path, cableway.load_task("single-obstacle-1")).cable != cableway.Cable()
-    assert tasks + plants == len(whole_files())
-    assert min(tasks, plants) > 0
+    assert tasks + plants + collections == len(whole_files())
+    assert min(tasks, plants, collections) > 0
 
 
 def links() -> list[tuple[Path, str]]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cableway.control.neural_mpc import MPCConfig, NeuralMPC
+    from cableway.datasets.reading import load_transitions, shuffled_batches
     from cableway.models.checkpoint import load_model
     from cableway.planning.config import PlannerConfig
     from cableway.planning.passages import find_passages
@@ -44,7 +45,9 @@ _HOME = {
     "find_passages": "planning.passages",
     "load_model": "models.checkpoint",
     "load_task": "scene.loading",
+    "load_transitions": "datasets.reading",
     "plan": "planning.planner",
+    "shuffled_batches": "datasets.reading",
     "summarize": "report",
     "track": "tracking",
     "verify_plan": "verification",

@@ -63,6 +63,10 @@ class UnknownNameError(InputError):
         super().__init__(f"unknown {kind} {name!r}; known: {', '.join(sorted(known))}")
 
 
+class StorageError(CablewayError):
+    """A result could not be written in full: no space left, a file system that failed (exit status 1)."""
+
+
 class PlanningError(CablewayError):
     """No plan was found (exit status 1).
 

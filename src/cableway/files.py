@@ -19,6 +19,8 @@ from cableway.errors import FileFormatError, InputError
 def write_atomically(path: Path, write: Any) -> None:
     """Call `write(file)` on a temporary file beside `path`, then move it there: all of it or nothing.
 
+    What it leaves is on disk, not in a cache: it outlasts a crash of the machine.
+
     Args:
         path: Where the content goes; its folder is made if missing.
         write: Called with a binary file object.
@@ -29,11 +31,22 @@ def write_atomically(path: Path, write: Any) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             write(file)
+            file.flush()
+            os.fsync(file.fileno())
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
+        _sync_folder(path.parent)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _umask() -> int:

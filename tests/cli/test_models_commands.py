@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,8 @@ from conftest import Command
 
 from cableway.cli import main
 from cableway.cli.models import HORIZONS
+from cableway.datasets.reading import load_transitions
 from cableway.models.checkpoint import load_model, model_names, read_card
-from cableway.records import Transitions
 
 RECIPE = """
 cableway: 1
@@ -28,29 +29,45 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     (folder / "recipe.yaml").write_text(RECIPE)
     common = ["--config", str(folder / "recipe.yaml"), "--quiet"]
-    assert main(["collect", *common, "--transitions", "300", "--seed", "5", "--out", str(folder / "data.npz")]) == 0
-    train = ["train", *common, "--data", str(folder / "data.npz"), "--out", str(folder / "small.safetensors")]
+    assert main(["collect", *common, "--transitions", "300", "--seed", "5", "--out", str(folder / "data")]) == 0
+    train = ["train", *common, "--data", str(folder / "data"), "--out", str(folder / "small.safetensors")]
     assert main(train) == 0
     return folder
 
 
 def test_collect_takes_number_and_seed_from_the_command_line(made: Path):
-    data = Transitions.load(made / "data.npz")
+    data = load_transitions(made / "data")
     assert len(data) == 300
     assert data.metadata["seed"] == 5
     assert data.metadata["config"]["episode_steps"] == 20
 
 
 def test_collect_says_what_it_wrote(cableway: Command, made: Path):
-    done = cableway("collect", "--config", made / "recipe.yaml", "--transitions", "40", "--json", "--out", "d")
+    command = ("collect", "--config", made / "recipe.yaml", "--transitions", "40", "--json", "--out", "d")
+    done = cableway(*command)
     content = json.loads(done.out)
-    assert (done.status, content["file"], content["transitions"]) == (0, "d/data.npz", 40)
-    assert content["episodes"] == len(np.unique(Transitions.load("d/data.npz").episode))
+    assert (done.status, content["folder"], content["transitions"], content["made_now"]) == (0, "d", 40, 1)
+    assert content["episodes"] == len(np.unique(load_transitions("d").episode))
     assert "collect" in done.err
+    assert json.loads(cableway(*command).out) == {**content, "made_now": 0}
+
+
+def test_another_collection_in_the_same_folder_is_refused(cableway: Command, made: Path):
+    done = cableway("collect", "--config", made / "recipe.yaml", "--out", made / "data")
+    said = "holds a data set with another seed: 5, not 0; give another folder, or remove this one"
+    assert done == (2, "", f"cableway: {made / 'data'}: {said}\n")
+
+
+def test_without_its_extra_ray_is_asked_for(cableway: Command, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    done = cableway("collect", "--executor", "ray", "--out", "d")
+    said = "the executor 'ray' needs Ray, which is not installed: pip install 'cableway[ray]'"
+    assert done == (2, "", f"cableway: {said}\n")
+    assert not Path("d").exists()
 
 
 def test_train_leaves_a_model_and_its_card_and_nothing_else(made: Path):
-    assert {path.name for path in made.iterdir()} == {"recipe.yaml", "data.npz", "small.safetensors", "small.md"}
+    assert {path.name for path in made.iterdir()} == {"recipe.yaml", "data", "small.safetensors", "small.md"}
     assert read_card(made / "small.safetensors")["data"]["transitions"] == 300
     assert load_model(made / "small.safetensors") is not None
 
@@ -97,4 +114,5 @@ def test_a_recipe_with_a_mistake_is_one_sentence(cableway: Command, text: str, s
 def test_data_of_another_kind_are_refused(cableway: Command, made: Path):
     np.savez("plan.npz", shapes=np.zeros((3, 13, 2)))
     done = cableway("train", "--config", made / "recipe.yaml", "--data", "plan.npz")
-    assert done == (2, "", "cableway: plan.npz: not a transitions file, it has no array 'keypoints'\n")
+    said = "not a data set; one is a folder with manifest.json, made by cableway collect"
+    assert done == (2, "", f"cableway: plan.npz: {said}\n")

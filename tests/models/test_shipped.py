@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from cableway.datasets.reading import load_transitions
 from cableway.models.baselines import Persistence, RigidBlend
 from cableway.models.card import card_text
 from cableway.models.checkpoint import load_model, model_file, model_names, read_card
@@ -11,7 +12,8 @@ from cableway.models.evaluation import evaluate
 from cableway.models.recipe import read_training_config, shipped_config
 from cableway.provenance import describe
 from cableway.scene.cable import Cable
-from cableway.simulation.collection import CollectionConfig, collect
+from cableway.simulation.collection import collect
+from cableway.simulation.episodes import CollectionConfig
 
 OTHER_SEED = 4321
 """Not the seed of the shipped model's data."""
@@ -22,8 +24,9 @@ OTHER_SEED = 4321
     [(Cable(), 5.0), (Cable(length=0.17, damping_time=0.05), 3.0)],
     ids=["the cable it was trained on", "a shorter cable that lags less"],
 )
-def test_it_beats_the_baselines_on_fresh_transitions(cable, better):
-    data = collect(CollectionConfig(transitions=600, seed=OTHER_SEED, cable=cable))
+def test_it_beats_the_baselines_on_fresh_transitions(cable, better, tmp_path):
+    collect(CollectionConfig(transitions=600, seed=OTHER_SEED, cable=cable), tmp_path)
+    data = load_transitions(tmp_path)
     models = {"model": load_model("transformer"), "blend": RigidBlend(), "still": Persistence()}
     table = evaluate(models, data, horizons=(1, 10), stride=5)
     for row, blend, still in zip(table["model"], table["blend"], table["still"], strict=True):

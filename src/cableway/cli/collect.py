@@ -10,12 +10,12 @@ from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal, pairs
 
 if TYPE_CHECKING:
-    from cableway.simulation.collection import CollectionConfig
+    from cableway.simulation.episodes import CollectionConfig
 
 
 @dataclass(frozen=True, kw_only=True)
 class Collect(Options):
-    """Collect transitions of a simulated cable led at random; `--out` is a folder or a file ending in .npz."""
+    """Collect transitions of a simulated cable led at random, going on where an interrupted collection stopped."""
 
     config: Path | None = None
     """YAML file whose section `collection` says what to collect; the one of the shipped model unless given."""
@@ -23,28 +23,44 @@ class Collect(Options):
     transitions: int | None = None
     """How many, in place of what the configuration says."""
 
-    workers: int = 1
-    """Processes that simulate; the data do not depend on it."""
+    workers: int | None = None
+    """Simulations at a time, as many as there are cores unless given; the data do not depend on it."""
+
+    executor: str = "local"
+    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster that RAY_ADDRESS names."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.simulation.collection import collect
 
-        terminal, path, config = Terminal(self), self.target("collect", "data.npz"), self._config()
+        terminal, folder, config = Terminal(self), self.folder("collect"), self.configuration()
         with terminal.progress() as tell:
-            data = collect(config, progress=tell, workers=self.workers)
-        data.save(path)
-        episodes = len(set(data.episode.tolist()))
-        report = {"file": str(path), "transitions": len(data), "episodes": episodes, "seed": config.seed}
-        terminal.result(report, pairs([(name, str(value)) for name, value in report.items()]))
+            manifest, made = collect(config, folder, progress=tell, workers=self.workers, executor=self.executor)
+        episodes = sum(manifest.episodes_ended.values())
+        report = {
+            "folder": str(folder), "transitions": manifest.transitions, "episodes": episodes,
+            "shards": len(manifest.shards), "made_now": made, "seed": config.seed,
+        }  # fmt: skip
+        terminal.result(report, pairs([(name.replace("_", " "), str(value)) for name, value in report.items()]))
         return 0
 
-    def _config(self) -> CollectionConfig:
+    def configuration(self) -> CollectionConfig:
+        """What the options ask for.
+
+        Raises:
+            FileFormatError: The configuration file is missing or not YAML.
+            InputError: A section or key is unknown, or a value is not allowed.
+        """
         from cableway.models.configuration import from_mapping
         from cableway.models.recipe import read_training_config, shipped_config
-        from cableway.simulation.collection import CollectionConfig
+        from cableway.scene.presets import preset_values
+        from cableway.simulation.episodes import CollectionConfig
 
         path = self.config or shipped_config()
-        config = from_mapping(CollectionConfig, read_training_config(path).collection, f"{path}: collection")
+        section = read_training_config(path).collection
+        cable = section.get("cable")
+        if isinstance(cable, dict) and "preset" in cable:
+            section["cable"] = {**preset_values(str(cable["preset"])), **cable}
+        config = from_mapping(CollectionConfig, section, f"{path}: collection")
         given: dict[str, Any] = {"transitions": self.transitions, "seed": self.seed}
         return replace(config, **{name: value for name, value in given.items() if value is not None})

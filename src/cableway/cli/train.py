@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 class Train(Options):
     """Train a deformation model, going on where an interrupted training stopped; `--out` is a folder or a file."""
 
-    data: Path = Path("runs/collect/data.npz")
-    """Transitions from `cableway collect`."""
+    data: Path = Path("runs/collect")
+    """A data set from `cableway collect`."""
 
     config: Path | None = None
     """YAML file whose sections `model` and `training` say what to train; the shipped model's unless given."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.datasets.reading import load_transitions
         from cableway.models.card import write_card
         from cableway.models.checkpoint import save_model
         from cableway.models.compilation import enable_compilation_cache
         from cableway.models.recipe import make_model
-        from cableway.records import Transitions
 
         terminal, path, recipe = Terminal(self), self.target("train", "model.safetensors"), self._recipe()
-        data = Transitions.load(self.data)
+        data = load_transitions(self.data)
         state = path.with_name(f"{path.name}.state")
         if not enable_compilation_cache():
             terminal.note("The training step is compiled before it starts; the next run finds it in your cache folder.")

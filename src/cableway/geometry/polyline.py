@@ -74,14 +74,10 @@ def crosses_itself(points: Float[np.ndarray, "m 2"]) -> bool:
     False
     """
     a, b = points[:-1], points[1:]
-    d = b - a
-
-    def side(origin: np.ndarray, along: np.ndarray, p: np.ndarray) -> np.ndarray:
-        offset = p[None, :] - origin[:, None]
-        return along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]
-
-    straddles = side(a, d, a) * side(a, d, b) <= 0
+    d, offset = b - a, points[None] - a[:, None]
+    side = d[:, None, 0] * offset[..., 1] - d[:, None, 1] * offset[..., 0]
+    straddles = side[:, :-1] * side[:, 1:] <= 0
+    i, j = np.nonzero(straddles & straddles.T)
     low, high = np.minimum(a, b), np.maximum(a, b)
-    near = ((low[:, None] <= high[None]) & (low[None] <= high[:, None])).all(axis=-1)  # decides where all lie in line
-    meet = straddles & straddles.T & near
-    return bool(np.triu(meet, 2).any())
+    near = ((low[i] <= high[j]) & (low[j] <= high[i])).all(axis=-1)  # decides where all lie in line
+    return bool((near & (j > i + 1)).any())

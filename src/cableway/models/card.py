@@ -66,12 +66,24 @@ def card_text(name: str, card: dict[str, Any]) -> str:
         "",
         "## Limits",
         "",
-        "Trained on one uniform cable without friction, contact or measurement noise. Other lengths are served by",
-        "scaling; a cable that lags longer or shorter than the one above, is stiffer on one side, curved at rest or",
-        "rubs on the table is predicted worse than the table says.",
+        *_limits(data["metadata"].get("config", {}).get("ranges")),
         "",
     ]
     return "\n".join(lines)
+
+
+def _limits(ranges: dict[str, Any] | None) -> list[str]:
+    """What the model was not trained for; `ranges` are those that the cables were drawn from."""
+    if ranges:
+        return [
+            f"Trained on cables that differ in {', '.join(ranges)} within the ranges above. The model is not told",
+            "which one it sees. A cable outside the ranges is predicted worse than the table says.",
+        ]
+    return [
+        "Trained on one uniform cable without friction, contact or measurement noise. Other lengths are served by",
+        "scaling; a cable that lags longer or shorter than the one above, is stiffer on one side, curved at rest or",
+        "rubs on the table is predicted worse than the table says.",
+    ]
 
 
 def error_table(errors: dict[str, list[dict[str, Any]]]) -> list[str]:

@@ -20,7 +20,8 @@ def from_mapping(cls: type[Config], content: Any, where: str) -> Config:
     """A configuration dataclass from a mapping of its fields; fields left out keep their defaults.
 
     Args:
-        cls: A dataclass whose fields are booleans, numbers, texts, choices, tuples of them, or such dataclasses.
+        cls: A dataclass whose fields are booleans, numbers, texts, choices, tuples of them, mappings from texts to
+            them, or such dataclasses.
         content: The mapping.
         where: The file and the place in it, for messages.
 
@@ -55,6 +56,10 @@ def _value(kind: Any, value: Any, where: str) -> Any:
         return value
     if origin in (Union, types.UnionType):
         return _one_of(get_args(kind), value, where)
+    if origin is dict:
+        if not isinstance(value, Mapping):
+            raise InputError(f"{where} must be a mapping of keys to values, got {value!r}")
+        return {str(key): _value(get_args(kind)[1], entry, f"{where}.{key}") for key, entry in value.items()}
     if origin is tuple:
         return _tuple(get_args(kind), value, where)
     if kind is float and isinstance(value, int) and not isinstance(value, bool):

@@ -35,13 +35,16 @@ def fingerprint(data: Transitions) -> str:
     for name in ("keypoints", "poses", "actions", "next_keypoints", "episode"):
         array = np.ascontiguousarray(getattr(data, name), dtype="<f8")
         digest.update(f"{name}{array.shape}".encode() + array.tobytes())
+    for name, values in sorted(data.cable.items()):
+        digest.update(f"cable.{name}{values.shape}".encode() + np.ascontiguousarray(values, dtype="<f8").tobytes())
     return digest.hexdigest()
 
 
 def select(data: Transitions, rows: Bool[np.ndarray, "m"] | Int[np.ndarray, "k"]) -> Transitions:
     """The given rows of a data set."""
     names = ("keypoints", "poses", "actions", "next_keypoints", "episode")
-    return Transitions(**{name: getattr(data, name)[rows] for name in names}, metadata=data.metadata)
+    cable = {name: values[rows] for name, values in data.cable.items()}
+    return Transitions(**{name: getattr(data, name)[rows] for name in names}, cable=cable, metadata=data.metadata)
 
 
 def split_by_episode(data: Transitions, fraction: float, seed: int) -> tuple[Transitions, Transitions]:

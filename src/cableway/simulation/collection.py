@@ -1,238 +1,188 @@
-"""Collect transitions of a simulated cable led at random, the same ones whatever the number of workers."""
+"""Collect transitions of a simulated cable led at random into a data set on disk.
+
+Each episode follows from the configuration and its number alone. Workers simulate chunks of episodes; the main process
+takes them in order and writes a shard whenever a fixed range of episodes is complete. So the files do not depend on the
+number of workers, on where they run, or on interruptions, and no more than a shard and the chunks under way are in
+memory.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import itertools
-import math
-import multiprocessing
-import signal
-from collections import Counter, deque
+import json
+from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
-from jaxtyping import Float
 
-from cableway.errors import InputError, SimulationError
+from cableway.datasets.manifest import CABLE, Manifest, Shard, columns_for
+from cableway.datasets.writing import DatasetWriter, Origin, open_writer
+from cableway.errors import SimulationError
 from cableway.provenance import describe, versions
-from cableway.records import Transitions
-from cableway.scene.cable import Cable
-from cableway.simulation.chain import Chain
-from cableway.simulation.motion import MotionConfig, random_motion, self_crossings
-from cableway.simulation.plant import PlantConfig
+from cableway.scene.loading import load_task
+from cableway.scene.scene import Scene
+from cableway.simulation.episodes import CollectionConfig, Collector, Episode
+from cableway.simulation.executors import open_executor
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
 
-CHUNK = 8
-"""Episodes a worker takes at a time."""
+CHUNK = 10
+"""Most episodes that a worker takes at a time."""
+
+TRIAL = 100
+"""Episodes after which a collection that gives less than one transition for each is given up."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CollectionConfig:
-    """What is collected.
-
-    An episode starts at rest in a random stable shape, in open space without walls, and ends after `episode_steps`
-    or before the first of: a sharp bend, grippers almost as far apart as the cable is long, the cable crossing
-    itself, a keypoint that jumps.
+class Collected(NamedTuple):
+    """What a collection left.
 
     Attributes:
-        transitions: How many.
-        seed: Same seed, same data.
-        episode_steps: Most control steps in an episode.
-        time_step: MuJoCo's time step [s].
-        sharpest_bend: Greatest curvature, as a multiple of 1/length.
-        most_stretch: Greatest distance of the grippers, as a share of the cable's length.
-        largest_jump: Greatest move of a keypoint in one control step, as a multiple of `motion.max_step`.
-        cable: The cable.
-        motion: How the grippers move.
-
-    Raises:
-        InputError: A value is out of range.
+        manifest: Of the data set.
+        made: How many of its shards were made now; the others were there already.
     """
 
-    transitions: int = 60_000
-    seed: int = 0
-    episode_steps: int = 60
-    time_step: float = PlantConfig.time_step
-    sharpest_bend: float = 20.0
-    most_stretch: float = 0.985
-    largest_jump: float = 4.0
-    cable: Cable = field(default_factory=Cable)
-    motion: MotionConfig = field(default_factory=MotionConfig)
-
-    def __post_init__(self) -> None:
-        for name, least in (("transitions", 1), ("seed", 0), ("episode_steps", 1)):
-            if getattr(self, name) < least:
-                raise InputError(f"collection.{name} must be at least {least}, got {getattr(self, name)!r}")
-        for name in ("sharpest_bend", "most_stretch", "largest_jump"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"collection.{name} must be positive and finite, got {getattr(self, name)!r}")
-        PlantConfig(time_step=self.time_step)
+    manifest: Manifest
+    made: int
 
 
-class Episode(NamedTuple):
-    """What one episode gave.
+def collect(
+    config: CollectionConfig,
+    folder: Path | str,
+    *,
+    progress: Progress | None = None,
+    workers: int | None = 1,
+    executor: str = "local",
+) -> Collected:
+    """Simulate episodes until there are enough transitions, and write them to a folder, shard by shard.
 
-    Attributes:
-        keypoints: (k+1, n, 2) [m].
-        poses: (k+1, 2, 3) gripper poses [m, m, rad].
-        ended: Why it ended.
-    """
-
-    keypoints: Float[np.ndarray, "k+1 n 2"]
-    poses: Float[np.ndarray, "k+1 2 3"]
-    ended: str
-
-
-class Collector:
-    """Makes the episodes of a collection, each from its number alone."""
-
-    def __init__(self, config: CollectionConfig) -> None:
-        self.config = config
-        self._chain = Chain(config.cable, None, config.time_step)
-        self._substeps = PlantConfig(time_step=config.time_step).substeps
-
-    def episode(self, number: int) -> Episode:
-        """Episode `number` of this collection."""
-        config, chain, substeps = self.config, self._chain, self._substeps
-        rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(number,)))
-        q, poses = random_motion(chain.rod, config.motion, config.episode_steps, rng)
-        chain.place(q)
-        start = chain.coordinates[None]
-        fraction = np.arange(1, substeps + 1)[:, None, None] / substeps
-        path = poses[:-1, None] + fraction * np.diff(poses, axis=0)[:, None]
-        try:
-            rows = chain.advance(path.reshape(-1, 2, 3))[substeps - 1 :: substeps]
-        except SimulationError:
-            return Episode(np.empty((1, chain.rod.keypoints, 2)), poses[:1], "diverged")
-        coordinates = np.concatenate([start, rows])
-        lines = chain.polylines(coordinates)
-        keypoints = chain.keypoints(lines)
-        count, ended = self._usable(coordinates, lines, keypoints)
-        return Episode(keypoints[: count + 1], poses[: count + 1], ended)
-
-    def _usable(
-        self,
-        coordinates: Float[np.ndarray, "k+1 c"],
-        lines: Float[np.ndarray, "k+1 v 2"],
-        keypoints: Float[np.ndarray, "k+1 n 2"],
-    ) -> tuple[int, str]:
-        """Number of control steps before the first bad row, and what is bad there."""
-        config, rod = self.config, self._chain.rod
-        jumps = np.linalg.norm(np.diff(keypoints, axis=0), axis=-1).max(axis=1)
-        bad = {
-            "sharp bend": np.abs(coordinates[1:, 3:]).max(axis=1) * rod.hinges > config.sharpest_bend,
-            "stretched": np.linalg.norm(lines[1:, -1] - lines[1:, 0], axis=1) > config.most_stretch * rod.length,
-            "jump": jumps > config.largest_jump * config.motion.max_step,
-            "self-crossing": self_crossings(lines[1:]),
-        }
-        count = len(coordinates) - 1
-        first = {reason: int(np.argmax(rows)) if rows.any() else count for reason, rows in bad.items()}
-        reason = min(first, key=lambda name: first[name])
-        return (first[reason], reason) if first[reason] < count else (count, "complete")
-
-
-def collect(config: CollectionConfig, *, progress: Progress | None = None, workers: int = 1) -> Transitions:
-    """Simulate episodes until there are enough transitions.
+    A folder that holds part of the same data set is completed; damaged shards are made again. The files are the same,
+    byte for byte, whatever `workers` and `executor` are and however often it was interrupted.
 
     Args:
         config: What is collected.
+        folder: Where the data set goes; made if missing.
         progress: Called with the stage's name and the share that is done.
-        workers: Processes that simulate; more than one needs an importable main module (`if __name__ == "__main__"`).
-
-    Returns:
-        `config.transitions` transitions, the same for any number of workers; the metadata hold configuration,
-        versions, and how episodes ended.
+        workers: Simulations at a time, None for as many as there are cores; more than one local worker needs an
+            importable main module (`if __name__ == "__main__"`).
+        executor: "local" or "ray".
 
     Raises:
-        InputError: `workers` is below 1, or the configuration gives no stable shapes.
+        InputError: `folder` holds another data set, `workers` or `executor` cannot be used, or the configuration gives
+            no stable shapes.
         SimulationError: Hardly any episode gives usable transitions.
+        StorageError: There is no room for the next shard; what is complete stays.
     """
-    if workers < 1:
-        raise InputError(f"workers must be at least 1, got {workers!r}")
-    kept: list[Episode] = []
-    numbers: list[int] = []
-    ends: Counter[str] = Counter()
-    total = 0
-    with _episodes(config, workers) as stream:
-        for number, episode in enumerate(stream):
-            ends[episode.ended] += 1
-            if len(episode.poses) > 1:
-                kept.append(episode)
-                numbers.append(number)
+    job = _Job.of(config)
+    with open_executor(executor, workers) as pool, open_writer(Path(folder), job.origin) as writer:
+        missing = (first for first in itertools.count(0, config.shard_episodes) if writer.shard(first) is None)
+        chunks = ((job, *chunk) for first in missing for chunk in _chunks(first, config.shard_episodes))
+        return _write(job, writer, pool.in_order(_simulate, chunks), progress or (lambda stage, share: None))
+
+
+def _write(job: _Job, writer: DatasetWriter, chunks: Iterator[list[Episode]], progress: Progress) -> Collected:
+    """Take shards in order until there are enough transitions: those that are there, and those made of `chunks`."""
+    config, number, done, made = job.config, 0, 0, 0
+    ended: Counter[str] = Counter()
+    while done < config.transitions:
+        first = number * config.shard_episodes
+        shard = writer.shard(first)
+        if shard is None:
+            made += 1
+            shard = _make_shard(job, writer, number, done, chunks, progress)
+        number, done = number + 1, done + shard.transitions
+        ended.update(shard.ended)
+        progress("collect", done / config.transitions)
+        if done < config.transitions and done < first + shard.episodes >= TRIAL:
+            _give_up(done, ended)
+    return Collected(writer.finish(), made)
+
+
+def _make_shard(
+    job: _Job, writer: DatasetWriter, number: int, done: int, chunks: Iterator[list[Episode]], progress: Progress
+) -> Shard:
+    """Write the shard of that number, cut off where there are enough transitions; `done` are in those before it."""
+    config, total = job.config, done
+    first = number * config.shard_episodes
+    episodes: list[Episode] = []
+    sizes = [len(chunk) for chunk in _chunks(first, config.shard_episodes)]
+    for chunk in itertools.islice(chunks, len(sizes)):
+        for episode in chunk:
+            if total < config.transitions:
+                episodes.append(episode)
                 total += len(episode.poses) - 1
-            if progress is not None:
-                progress("collect", min(1.0, total / config.transitions))
-            if total >= config.transitions:
-                break
-            if number >= 100 and total < number:
-                raise SimulationError(
-                    f"{number + 1} episodes gave only {total} usable transitions; they ended by {dict(ends)}"
-                )
-    return _transitions(config, kept, numbers, dict(ends))
+        progress("collect", min(1.0, total / config.transitions))
+        if total >= config.transitions:
+            break
+        if total < len(episodes) >= TRIAL:
+            _give_up(total, Counter(episode.ended for episode in episodes))
+    ended = Counter(episode.ended for episode in episodes)
+    return writer.add(number, first, ended, _columns(episodes, first, config.transitions - done, config.drawn))
 
 
-@contextmanager
-def _episodes(config: CollectionConfig, workers: int) -> Iterator[Iterator[Episode]]:
-    """All episodes in order, without end, from this process or from `workers` others."""
-    firsts = itertools.count(0, CHUNK)
-    if workers == 1:
-        yield itertools.chain.from_iterable(_chunk(config, first) for first in firsts)
-        return
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _ignore_interrupt)
-    try:
-        yield itertools.chain.from_iterable(_in_flight(pool, config, firsts, 2 * workers))
-    except BrokenProcessPool:
-        raise SimulationError(
-            "a collecting process died: out of memory, stopped from outside, or unable to import the main module "
-            "(which needs `if __name__ == '__main__'`)"
-        ) from None
-    finally:
-        pool.shutdown(cancel_futures=True)
+def _give_up(transitions: int, ended: Counter[str]) -> NoReturn:
+    raise SimulationError(
+        f"{ended.total()} episodes gave only {transitions} usable transitions; they ended by {dict(ended)}"
+    )
 
 
-def _in_flight(
-    pool: ProcessPoolExecutor, config: CollectionConfig, firsts: Iterator[int], ahead: int
-) -> Iterator[list[Episode]]:
-    """Chunks in order, with `ahead` of them under way."""
-    waiting = deque(pool.submit(_chunk, config, first) for first in itertools.islice(firsts, ahead))
-    while True:
-        chunk = waiting.popleft().result()
-        waiting.append(pool.submit(_chunk, config, next(firsts)))
-        yield chunk
+def _columns(episodes: list[Episode], first: int, most: int, drawn: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """The first `most` transitions of successive episodes, with the fields of the cable that were drawn."""
+    steps = [len(episode.poses) - 1 for episode in episodes]
+    columns = {
+        "keypoints": np.concatenate([episode.keypoints[:-1] for episode in episodes]),
+        "poses": np.concatenate([episode.poses[:-1] for episode in episodes]),
+        "actions": np.concatenate([np.diff(episode.poses, axis=0) for episode in episodes]),
+        "next_keypoints": np.concatenate([episode.keypoints[1:] for episode in episodes]),
+        "episode": np.repeat(np.arange(first, first + len(episodes)), steps),
+    }
+    for name in drawn:
+        values = np.array([getattr(episode.cable, name) for episode in episodes])
+        columns[CABLE + name] = np.repeat(values, steps, axis=0)
+    return {name: rows[:most] for name, rows in columns.items()}
+
+
+# ------------------------------------------------------------------------------------------------ in the workers
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A collection as workers get it: with the scene, since they may not have the task's file."""
+
+    config: CollectionConfig
+    scene: Scene | None
+    origin: Origin
+    identity: str
+
+    @classmethod
+    def of(cls, config: CollectionConfig) -> _Job:
+        scene = None if config.task is None else load_task(config.task).scene
+        resolved: dict[str, Any] = {**describe(config), "scene": describe(scene)}
+        columns = columns_for(config.cable_at(np.random.default_rng(config.seed)), config.drawn)
+        origin = Origin(config.seed, resolved, versions(), columns)
+        return cls(config, scene, origin, hashlib.sha256(json.dumps(resolved).encode()).hexdigest())
+
+    def __hash__(self) -> int:
+        return hash(self.identity)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Job) and other.identity == self.identity
+
+
+def _chunks(first: int, count: int) -> Iterator[tuple[int, int]]:
+    """Begin and end of each chunk of `count` episodes from number `first` on."""
+    for begin in range(first, first + count, CHUNK):
+        yield begin, min(begin + CHUNK, first + count)
 
 
 @lru_cache(maxsize=1)
-def _collector(config: CollectionConfig) -> Collector:
-    return Collector(config)
+def _collector(job: _Job) -> Collector:
+    return Collector(job.config, job.scene)
 
 
-def _chunk(config: CollectionConfig, first: int) -> list[Episode]:
-    collector = _collector(config)
-    return [collector.episode(number) for number in range(first, first + CHUNK)]
-
-
-def _ignore_interrupt() -> None:
-    """In a worker: an interrupt is for the main process, which then stops the workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _transitions(
-    config: CollectionConfig, kept: list[Episode], numbers: list[int], ends: dict[str, int]
-) -> Transitions:
-    steps = [len(episode.poses) - 1 for episode in kept]
-    columns = {
-        "keypoints": np.concatenate([episode.keypoints[:-1] for episode in kept]),
-        "poses": np.concatenate([episode.poses[:-1] for episode in kept]),
-        "actions": np.concatenate([np.diff(episode.poses, axis=0) for episode in kept]),
-        "next_keypoints": np.concatenate([episode.keypoints[1:] for episode in kept]),
-        "episode": np.repeat(numbers, steps),
-    }
-    metadata = {"seed": config.seed, "config": describe(config), "versions": versions(), "episodes_ended": ends}
-    return Transitions(**{name: rows[: config.transitions] for name, rows in columns.items()}, metadata=metadata)
+def _simulate(job: _Job, begin: int, end: int) -> list[Episode]:
+    collector = _collector(job)
+    return [collector.episode(number) for number in range(begin, end)]

@@ -14,20 +14,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from cableway.errors import InputError
-from cableway.geometry import polyline
 from cableway.rod.equilibrium import Rod
 from cableway.scene.grippers import Grippers
+from cableway.scene.scene import Scene
+from cableway.simulation.shapes import Kind, kinds_of, self_crossings
 
 CHECKS = 12
 """Shapes along a line at which stability, stretch and self-crossing are checked."""
 
 ATTEMPTS = 20
 """Random next shapes tried before the cable is moved without changing its shape."""
+
+LOADS = 200
+"""Random loads tried for one that gives a shape of the wanted kind."""
 
 RAMP = 3
 """Control steps in which a motion gets up to speed, and comes to rest again."""
@@ -53,6 +58,9 @@ class MotionConfig:
         load_scale: Random loads are scaled by a factor from 0 up to this, so that near-straight shapes are common.
         least_stability: Least stability margin along a line.
         most_stretch: Greatest distance of the grippers along a line, as a share of the cable's length.
+        kinds: What the shapes at the ends of lines look like; one kind is drawn for each motion.
+        clearance: Least clearance [m] along a line and greatest at its end, where there is a scene: the cable is led
+            near obstacles and walls without touching them.
 
     Raises:
         InputError: A value is out of range.
@@ -72,6 +80,8 @@ class MotionConfig:
     load_scale: float = 1.2
     least_stability: float = 15.0
     most_stretch: float = 0.97
+    kinds: tuple[Kind, ...] = ("any",)
+    clearance: tuple[float, float] = (0.005, 0.04)
 
     def __post_init__(self) -> None:
         for name in ("max_step", "max_turn", "area", "most_stretch"):
@@ -85,6 +95,9 @@ class MotionConfig:
         loads = (*self.load_mean, *self.load_spread, self.least_stability)
         _require(all(map(math.isfinite, loads)), "load_mean, load_spread, least_stability", "finite", loads)
         _require(min(self.load_spread) >= 0, "load_spread", "not negative", self.load_spread)
+        _require(len(self.kinds) > 0, "kinds", f"some of {', '.join(get_args(Kind))}", self.kinds)
+        ascending = 0 <= self.clearance[0] < self.clearance[1] < math.inf
+        _require(ascending, "clearance", "two ascending distances", self.clearance)
 
 
 def _require(condition: bool, name: str, wanted: str, value: object) -> None:
@@ -92,8 +105,28 @@ def _require(condition: bool, name: str, wanted: str, value: object) -> None:
         raise InputError(f"motion.{name} must be {wanted}, got {value!r}")
 
 
+class Surroundings(NamedTuple):
+    """What a cable is led among.
+
+    Attributes:
+        scene: Workspace and obstacles.
+        radius: The cable's [m].
+    """
+
+    scene: Scene
+    radius: float
+
+    def clearance(self, lines: Float[np.ndarray, "t v 2"]) -> Float[np.ndarray, "t"]:
+        """Of the cable's surface [m] where its centreline is one of these."""
+        return self.scene.clearance(lines, self.radius)
+
+
 def random_motion(
-    rod: Rod, config: MotionConfig, steps: int, rng: np.random.Generator
+    rod: Rod,
+    config: MotionConfig,
+    steps: int,
+    rng: np.random.Generator,
+    surroundings: Surroundings | None = None,
 ) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "steps+1 2 3"]]:
     """A start and a random motion from it.
 
@@ -102,17 +135,20 @@ def random_motion(
         config: Limits and distributions.
         steps: Number of control steps.
         rng: Source of randomness.
+        surroundings: What stands in the way; None for open space without walls.
 
     Returns:
         The equilibrium q at the start, and the gripper poses [m, m, rad] there and after each control step.
 
     Raises:
-        InputError: The distributions allow no stable shape.
+        InputError: The distributions allow no stable shape, or none that is clear of the surroundings.
     """
-    start = q = _random_start(rod, config, rng)
+    kind = config.kinds[0] if len(config.kinds) == 1 else config.kinds[rng.integers(len(config.kinds))]
+    course = _Course(rod, config, kind, surroundings)
+    start = q = course.start(rng)
     rows = rod.shapes(q[None])[1]
     while len(rows) <= steps:
-        target = _next_shape(rod, config, q, rng)
+        target = course.next(q, rng)
         line = _timed(rod, config, q, target, rng)
         rest = np.repeat(line[-1:], rng.integers(config.longest_rest + 1), axis=0)
         rows = np.concatenate([rows, line, rest])
@@ -120,51 +156,85 @@ def random_motion(
     return start, _shaken(rows[: steps + 1], config, rng)
 
 
-def _random_load(config: MotionConfig, rng: np.random.Generator) -> Float[np.ndarray, "3"]:
-    return rng.uniform(0, config.load_scale) * rng.normal(config.load_mean, config.load_spread)
+class _Course(NamedTuple):
+    """Where a motion may lead."""
 
+    rod: Rod
+    config: MotionConfig
+    kind: Kind
+    surroundings: Surroundings | None
 
-def _random_start(rod: Rod, config: MotionConfig, rng: np.random.Generator) -> Float[np.ndarray, "6"]:
-    for _ in range(50 * ATTEMPTS):
-        pose = [*rng.uniform(0, config.area, 2), rng.uniform(-np.pi, np.pi)]
-        q = np.concatenate([pose, _random_load(config, rng)])
-        if _allowed(rod, config, q[None]):
-            return q
-    raise InputError("motion.load_mean, load_spread and least_stability allow no stable shape; lower least_stability")
+    def start(self, rng: np.random.Generator) -> Float[np.ndarray, "6"]:
+        """A random shape to start in."""
+        area = (self.config.area,) * 2 if self.surroundings is None else self.surroundings.scene.size
+        for _ in range(50 * ATTEMPTS):
+            pose = [*rng.uniform(0, area), rng.uniform(-np.pi, np.pi)]
+            q = np.concatenate([pose, self._load(rng)])
+            if self._allows(q[None]):
+                return q
+        raise InputError(
+            f"motion.load_mean, load_spread and least_stability allow no stable shape of kind {self.kind!r}"
+            f"{'' if self.surroundings is None else ' that is clear of the scene'}; lower least_stability"
+        )
 
-
-def _next_shape(
-    rod: Rod, config: MotionConfig, q: Float[np.ndarray, "6"], rng: np.random.Generator
-) -> Float[np.ndarray, "6"]:
-    """A shape that a straight line in q leads to: moved, bent, or both."""
-    kind = rng.integers(4)
-    moved = q.copy()
-    moved[:3] += rng.normal(0, [config.travel, config.travel, config.rotation])
-    if kind == 0:
+    def next(self, q: Float[np.ndarray, "6"], rng: np.random.Generator) -> Float[np.ndarray, "6"]:
+        """A shape that a straight line in q leads to: moved, bent, or both."""
+        if self.surroundings is not None:
+            return self._next_nearby(q, rng)
+        kind = rng.integers(4)
+        moved = self._moved(q, rng)
+        if kind == 0:
+            return moved
+        for _ in range(ATTEMPTS):
+            target = q.copy() if kind == 1 else moved.copy()
+            target[3:] = self._load(rng)
+            if self._allows(_line(q, target)):
+                return target
         return moved
-    for _ in range(ATTEMPTS):
-        target = q.copy() if kind == 1 else moved.copy()
-        target[3:] = _random_load(config, rng)
-        if _allowed(rod, config, q + np.linspace(0, 1, CHECKS)[:, None] * (target - q)):
-            return target
-    return moved
+
+    def _next_nearby(self, q: Float[np.ndarray, "6"], rng: np.random.Generator) -> Float[np.ndarray, "6"]:
+        """The same, clear of everything on the way and near something at its end, or else only clear, or else q."""
+        assert self.surroundings is not None
+        reachable = q
+        for _ in range(ATTEMPTS):
+            target = self._moved(q, rng)
+            if rng.integers(2):
+                target[3:] = self._load(rng)
+            if self._allows(_line(q, target)):
+                reachable = target
+                if self.surroundings.clearance(self.rod.shapes(target[None])[0])[0] <= self.config.clearance[1]:
+                    break
+        return reachable
+
+    def _moved(self, q: Float[np.ndarray, "6"], rng: np.random.Generator) -> Float[np.ndarray, "6"]:
+        moved = q.copy()
+        moved[:3] += rng.normal(0, [self.config.travel, self.config.travel, self.config.rotation])
+        return moved
+
+    def _load(self, rng: np.random.Generator) -> Float[np.ndarray, "3"]:
+        for _ in range(LOADS):
+            load = rng.uniform(0, self.config.load_scale) * rng.normal(self.config.load_mean, self.config.load_spread)
+            if self.kind == "any" or self.kind in kinds_of(self.rod, np.concatenate([np.zeros(3), load])):
+                return load
+        raise InputError(
+            f"motion.load_mean, load_spread and load_scale give no shape of kind {self.kind!r} in {LOADS} attempts"
+        )
+
+    def _allows(self, line: Float[np.ndarray, "t 6"]) -> bool:
+        rod, config = self.rod, self.config
+        stations, poses = rod.shapes(line)
+        chords = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+        if chords.max() > config.most_stretch * rod.length:
+            return False
+        if rod.stability(line, config.least_stability)[0].min() < config.least_stability:
+            return False
+        if self.surroundings is not None and self.surroundings.clearance(stations).min() < config.clearance[0]:
+            return False
+        return not self_crossings(stations[:, ::2]).any()
 
 
-def _allowed(rod: Rod, config: MotionConfig, line: Float[np.ndarray, "t 6"]) -> bool:
-    stations, poses = rod.shapes(line)
-    chords = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
-    if chords.max() > config.most_stretch * rod.length or rod.stability(line)[0].min() < config.least_stability:
-        return False
-    return not self_crossings(stations[:, ::2]).any()
-
-
-def self_crossings(lines: Float[np.ndarray, "t v 2"]) -> Bool[np.ndarray, "t"]:
-    """Which polylines cross themselves."""
-    steps = np.diff(lines, axis=1)
-    bends = np.diff(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
-    total = np.abs(bends - 2 * np.pi * np.round(bends / (2 * np.pi))).sum(axis=1)
-    # one that turns by less than pi in all cannot
-    return np.array([turn >= np.pi and polyline.crosses_itself(line) for turn, line in zip(total, lines, strict=True)])
+def _line(q: Float[np.ndarray, "6"], target: Float[np.ndarray, "6"]) -> Float[np.ndarray, "t 6"]:
+    return q + np.linspace(0, 1, CHECKS)[:, None] * (target - q)
 
 
 def _timed(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -203,12 +205,12 @@ class CableSimulator:
         Raises:
             SimulationError: It has the wrong shape, is not finite or is too large, wherever the grippers are.
         """
-        action = np.asarray(action, dtype=float)
+        action = _numbers(action)
         if action.shape != (2, 3):
             raise SimulationError(f"an action must have shape (2, 3), got {action.shape}")
         if not np.isfinite(action).all():
             raise SimulationError(f"an action must be finite, got {action.tolist()}")
-        moves, turns = np.linalg.norm(action[:, :2], axis=1), np.abs(action[:, 2])
+        moves, turns = np.hypot(action[:, 0], action[:, 1]), np.abs(action[:, 2])
         for name, values, limit, unit in (
             ("step", moves, self.config.largest_step, "m"),
             ("turn", turns, self.config.largest_turn, "rad"),
@@ -252,6 +254,17 @@ class CableSimulator:
         cable = float(scene.clearance(lines, self.cable.radius).min())
         discs = float(scene.signed_distance(lines[:, [0, -1]]).min()) - self.task.grippers.radius
         return cable, discs
+
+
+def _numbers(action: Any) -> Float[np.ndarray, "..."]:
+    """The action as an array of real numbers, whatever was given."""
+    try:
+        given = np.asarray(action)
+    except ValueError:
+        given = None
+    if given is None or given.dtype.kind not in "fiu":
+        raise SimulationError(f"an action must be an array (2, 3) of numbers, got {reprlib.repr(action)}")
+    return given.astype(float)
 
 
 def start_equilibrium(task: Task, cable: Cable) -> Float[np.ndarray, "6"]:

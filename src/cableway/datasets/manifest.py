@@ -1,0 +1,173 @@
+"""The manifest of a data set: what made it, which shards it has and what is in them."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, ValidationError
+
+from cableway.errors import FileFormatError
+from cableway.files import write_json
+from cableway.scene.cable import Cable
+
+FORMAT = "cableway-transitions"
+VERSION = 1
+"""Version of the format; readers refuse others."""
+
+MANIFEST = "manifest.json"
+
+COLUMNS: dict[str, tuple[str, str, tuple[str | int, ...]]] = {
+    "keypoints": ("float64", "m", ("n", 2)),
+    "poses": ("float64", "m, m, rad", (2, 3)),
+    "actions": ("float64", "m, m, rad", (2, 3)),
+    "next_keypoints": ("float64", "m", ("n", 2)),
+    "episode": ("int64", "", ()),
+}
+"""Element type, unit and shape of a row of each array, n standing for the number of keypoints."""
+
+CABLE = "cable."
+"""How the names of the arrays begin that hold the cable of each transition, where it is not the same throughout."""
+
+CABLE_UNITS = {
+    "length": "m",
+    "radius": "m",
+    "bending_stiffness": "N m^2",
+    "stiffness_profile": "",
+    "rest_curvature": "1/m",
+    "yield_curvature": "1/m",
+    "damping_time": "s",
+    "linear_density": "kg/m",
+    "friction": "",
+    "drag": "N s/m^2",
+    "min_bend_radius": "m",
+}
+"""Unit of each field of a cable that can be drawn."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Column(_Strict):
+    """One array that every shard has.
+
+    Attributes:
+        dtype: NumPy's name of the element type.
+        unit: Of the last axis.
+        row_shape: Shape of the part that belongs to one transition.
+    """
+
+    dtype: str
+    unit: str
+    row_shape: list[NonNegativeInt]
+
+
+class Shard(_Strict):
+    """One file of a data set.
+
+    Attributes:
+        file: Name in the folder.
+        sha256: Of the file, in hexadecimal.
+        first_episode: Number of its first episode.
+        episodes: How many were simulated for it; some may have given no transition.
+        transitions: Rows of its arrays.
+        ended: How often episodes ended for which reason.
+    """
+
+    file: Annotated[str, Field(pattern=r"^shard-\d{6,}\.safetensors$")]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    first_episode: NonNegativeInt
+    episodes: PositiveInt
+    transitions: NonNegativeInt
+    ended: dict[str, PositiveInt]
+
+
+class Manifest(_Strict):
+    """What `manifest.json` holds.
+
+    Attributes:
+        format: Kind of data set.
+        version: Of the format.
+        complete: Whether all shards are there.
+        transitions: Rows of all listed shards together.
+        seed: Of everything random.
+        config: The resolved configuration of the collection.
+        versions: Of cableway, Python and the packages that cableway requires.
+        columns: The arrays, by name.
+        shards: In order of their episodes.
+    """
+
+    format: Literal["cableway-transitions"] = FORMAT
+    version: Literal[1] = VERSION
+    complete: bool
+    transitions: NonNegativeInt
+    seed: NonNegativeInt
+    config: dict[str, Any]
+    versions: dict[str, str]
+    columns: dict[str, Column]
+    shards: list[Shard]
+
+    @property
+    def episodes_ended(self) -> dict[str, int]:
+        """How often episodes ended for which reason."""
+        total: Counter[str] = Counter()
+        for shard in self.shards:
+            total.update(shard.ended)
+        return dict(sorted(total.items()))
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What goes with the transitions once they are in memory."""
+        return {
+            "seed": self.seed, "config": self.config, "versions": self.versions, "episodes_ended": self.episodes_ended,
+        }  # fmt: skip
+
+
+def columns_for(cable: Cable, drawn: Iterable[str] = ()) -> dict[str, Column]:
+    """The arrays of a data set of cables like this one, of which the `drawn` fields differ."""
+    columns = {
+        name: Column(
+            dtype=dtype, unit=unit, row_shape=[cable.keypoints if size == "n" else int(size) for size in shape]
+        )
+        for name, (dtype, unit, shape) in COLUMNS.items()
+    }
+    for name in drawn:
+        row_shape = list(np.shape(getattr(cable, name)))
+        columns[CABLE + name] = Column(dtype="float64", unit=CABLE_UNITS[name], row_shape=row_shape)
+    return columns
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest of the data set in a folder.
+
+    Raises:
+        FileFormatError: There is none, or it is damaged or of another version.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise FileFormatError(f"{folder}: not a data set; one is a folder with {MANIFEST}, made by cableway collect")
+    try:
+        manifest = Manifest.model_validate(json.loads(path.read_text()))
+    except ValidationError as error:
+        problem = error.errors()[0]
+        place = ".".join(str(step) for step in problem["loc"])
+        raise FileFormatError(f"{path}: {place or 'the whole'}: {problem['msg']}") from None
+    except (OSError, ValueError) as error:
+        raise FileFormatError(f"{path}: not readable as JSON ({' '.join(str(error).split())})") from None
+    known = COLUMNS.keys() | {CABLE + name for name in CABLE_UNITS}
+    if not COLUMNS.keys() <= manifest.columns.keys() <= known:
+        raise FileFormatError(
+            f"{path}: columns must be {', '.join(COLUMNS)}, and {CABLE}... for fields of the cable, "
+            f"got {', '.join(manifest.columns)}"
+        )
+    return manifest
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write a manifest, all of it or nothing."""
+    write_json(folder / MANIFEST, manifest.model_dump())
