@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cableway.scene.cable import Cable
     from cableway.scene.loading import load_task
     from cableway.scene.obstacles import Box, Disc, Polygon
+    from cableway.scene.random.tasks import random_task, random_task_with_witness
     from cableway.scene.scene import Scene
     from cableway.scene.task import Grippers, Task
     from cableway.simulation.plant import CableSimulator
@@ -40,6 +41,8 @@ _HOME = {
     "load_model": "models.checkpoint",
     "load_task": "scene.loading",
     "plan": "planning.planner",
+    "random_task": "scene.random.tasks",
+    "random_task_with_witness": "scene.random.tasks",
     "summarize": "report",
     "track": "tracking",
     "verify_plan": "verification",

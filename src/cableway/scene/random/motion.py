@@ -1,0 +1,172 @@
+"""Motions of the rod through its equilibria, drawn at random or led along a curve.
+
+A motion is a polyline in rod coordinates q; every point of it is an equilibrium (`cableway.rod.equilibrium`), so that
+it is a true motion of the cable wherever its stability margin stays positive.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from cableway.geometry import polyline, se2
+from cableway.geometry.convex import ConvexWorld, signed_distance
+from cableway.rod.equilibrium import Rod
+from cableway.rod.inverse import fit_keypoints
+from cableway.scene.grippers import Grippers
+from cableway.scene.random.setup import Rejected, Setup
+
+LEAST_STABILITY = 30.0
+"""Stability margin below which a motion is rejected; a verified plan keeps 20."""
+
+LIMIT_SHARE = 0.7
+"""Share of the gripper limits that a row takes."""
+
+SWEEP_STEP = 0.003
+"""Largest move [m] of a station between two shapes of a sweep."""
+
+LONGEST_CHORD = 0.985
+"""Largest distance between the grippers, in lengths of the cable: tauter cables amplify every error of length."""
+
+
+def interpolate(q: Float[np.ndarray, "t 6"], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 6"]:
+    """Rows of q at fractional indices."""
+    return np.column_stack([np.interp(at, np.arange(len(q)), column) for column in q.T])
+
+
+def in_steps(q: Float[np.ndarray, "t 6"], rod: Rod, grippers: Grippers) -> Float[np.ndarray, "k 6"]:
+    """The same polyline in q with rows that take at most `LIMIT_SHARE` of the gripper limits each."""
+    fine = np.linspace(0, len(q) - 1, 8 * (len(q) - 1) + 1)
+    poses = rod.shapes(interpolate(q, fine))[1]
+    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    effort = np.maximum(move.max(1) / grippers.max_step, turn.max(1) / grippers.max_turn) / LIMIT_SHARE
+    return _at_even(q, fine, effort)
+
+
+def swept_lines(q: Float[np.ndarray, "t 6"], rod: Rod) -> Float[np.ndarray, "k s 2"]:
+    """Stations [m] of shapes along a motion, no station more than `SWEEP_STEP` from one to the next."""
+    fine = np.linspace(0, len(q) - 1, 4 * (len(q) - 1) + 1)
+    lines = rod.shapes(interpolate(q, fine))[0]
+    moves = np.linalg.norm(np.diff(lines, axis=0), axis=2).max(1)
+    return rod.shapes(_at_even(q, fine, moves / SWEEP_STEP))[0]
+
+
+def _at_even(q: np.ndarray, fine: np.ndarray, effort: np.ndarray) -> np.ndarray:
+    """Rows of q at equal shares, none above 1, of an effort stated between the indices `fine`."""
+    total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
+    count = max(1, int(np.ceil(total[-1])))
+    return interpolate(q, np.interp(np.linspace(0, total[-1], count + 1), total, fine))
+
+
+def joined(*motions: Float[np.ndarray, "_ 6"]) -> Float[np.ndarray, "t 6"]:
+    """Motions one after the other; the turn of the centre runs on without jumps."""
+    rows = np.vstack(motions)
+    rows[:, 2] = np.unwrap(rows[:, 2])
+    return rows
+
+
+def require_sound(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float) -> None:
+    """Reject a motion that is unstable, taut or crossing itself somewhere, or nearer than `margin` [m] to a wall."""
+    rod = setup.rod
+    rows = in_steps(q, rod, setup.grippers)
+    if rod.stability(rows, ceiling=LEAST_STABILITY)[0].min() < LEAST_STABILITY:
+        raise Rejected("unstable")
+    lines, poses = rod.shapes(rows)
+    low, high = lines.min(axis=(0, 1)), lines.max(axis=(0, 1))
+    keep = setup.thickness + margin
+    if (low < keep).any() or (high > np.array(setup.size) - keep).any():
+        raise Rejected("outside")
+    curves = np.asarray(shapely.linestrings(lines))
+    if not shapely.is_simple(curves).all():
+        raise Rejected("crosses itself")
+    apart = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+    if apart.min() < max(2 * setup.thickness + margin, setup.grippers.separation):
+        raise Rejected("grippers meet")
+    if apart[1:-1].max(initial=0.0) > LONGEST_CHORD * rod.length:
+        raise Rejected("taut")
+
+
+def random_curve(rng: np.random.Generator, length: float, bend: float, wavelength: float) -> Float[np.ndarray, "m 2"]:
+    """A smooth curve from the origin along +x whose curvature is a sum of waves.
+
+    Args:
+        rng: Source of the draw.
+        length: [m].
+        bend: Amplitude of the curvature [1/m].
+        wavelength: Length of the longest wave [m]; the second is half as long.
+    """
+    s = np.linspace(0.0, length, 1 + int(np.ceil(length / 0.004)))
+    first, second = (np.sin(2 * np.pi * (s * k / wavelength + rng.uniform())) for k in (1, 2))
+    curvature = bend * (first + 0.4 * rng.uniform(-1, 1) * second)
+    step = s[1]
+    angle = np.concatenate([[0.0], np.cumsum(curvature[:-1] * step)])
+    return np.vstack([[0.0, 0.0], np.cumsum(step * se2.direction(angle[:-1] + curvature[:-1] * step / 2), axis=0)])
+
+
+def placed(
+    rng: np.random.Generator, curve: Float[np.ndarray, "m 2"], size: tuple[float, float], inset: float
+) -> Float[np.ndarray, "m 2"]:
+    """A curve turned and moved at random so that it keeps `inset` [m] from the walls."""
+    turned = se2.transform(curve, np.zeros(2), rng.uniform(0, 2 * np.pi))
+    low, high = turned.min(axis=0) - inset, turned.max(axis=0) + inset
+    room = np.array(size) - (high - low)
+    if (room < 0).any():
+        raise Rejected("too long for the table")
+    return turned - low + rng.uniform(0, 1, 2) * room
+
+
+def led_along(
+    curve: Float[np.ndarray, "m 2"], rod: Rod, world: ConvexWorld | None = None, keep: float = 0.0
+) -> Float[np.ndarray, "t 6"]:
+    """The rod led along a curve from one end to the other, each shape the nearest equilibrium to its piece of curve.
+
+    Args:
+        curve: Longer than the rod; the right gripper goes first.
+        rod: The rod.
+        world: What the rod is also kept away from.
+        keep: How far [m] its stations stay from that, as far as they can.
+    """
+    travel = float(polyline.length(curve)) - rod.length
+    if travel <= 0:
+        raise Rejected("the curve is shorter than the cable")
+    shifts = np.linspace(0.0, travel, 2 + int(travel / (0.04 * rod.length)))
+    ahead = np.linspace(0.0, rod.length, rod.keypoints)
+    targets = [polyline.point_at(curve, shift + ahead) for shift in shifts]
+    q = fit_keypoints(rod, targets[0])[0]
+    rows = []
+    for target in targets:
+        q = _fit(rod, q, target, world, keep)
+        rows.append(q)
+    return joined(np.array(rows))
+
+
+def _fit(
+    rod: Rod, q: np.ndarray, target: np.ndarray, world: ConvexWorld | None, keep: float, iterations: int = 8
+) -> np.ndarray:
+    """A few damped Gauss-Newton steps from q towards keypoints `target`, away from obstacles nearer than `keep`."""
+    scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
+    for _ in range(iterations):
+        stations, dstations, _, _ = rod.jacobians(q[None])
+        miss = ((rod.at_keypoints(stations)[0] - target) / rod.length).ravel()
+        rows = rod.at_keypoints(dstations)[0].reshape(-1, 6) * scale / rod.length
+        if world is not None:
+            d, gradient, _ = signed_distance(stations[0], world)
+            near = d < keep
+            push = 3.0 * (d[near] - keep) / rod.length
+            slope = 3.0 * np.einsum("sk,skj->sj", gradient[near], dstations[0, near]) * scale / rod.length
+            miss, rows = np.concatenate([miss, push]), np.vstack([rows, slope])
+        normal = rows.T @ rows + 1e-5 * np.eye(6)
+        step = -scale * np.linalg.solve(normal, rows.T @ miss)
+        q = q + step * min(1.0, 0.5 / float(np.abs(step / scale).max() + 1e-12))
+        if np.abs(step / scale).max() < 1e-5:
+            break
+    return q
+
+
+def through(q: Float[np.ndarray, "k 6"], rows: int = 12) -> Float[np.ndarray, "t 6"]:
+    """Straight lines in q from row to row, with `rows` pieces each."""
+    legs = [a + np.linspace(0, 1, rows + 1)[:, None] * (b - a) for a, b in pairwise(q)]
+    return joined(*legs)
