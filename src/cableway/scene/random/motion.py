@@ -13,11 +13,12 @@ import shapely
 from jaxtyping import Float
 
 from cableway.geometry import polyline, se2
-from cableway.geometry.convex import ConvexWorld, signed_distance
+from cableway.geometry.convex import ConvexWorld, polyline_distance, signed_distance
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.grippers import Grippers
 from cableway.scene.random.setup import Rejected, Setup
+from cableway.scene.scene import Scene
 
 LEAST_STABILITY = 30.0
 """Stability margin below which a motion is rejected; a verified plan keeps 20."""
@@ -87,6 +88,16 @@ def require_sound(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float) -> N
         raise Rejected("grippers meet")
     if apart[1:-1].max(initial=0.0) > LONGEST_CHORD * rod.length:
         raise Rejected("taut")
+
+
+def require_free(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin: float) -> None:
+    """Reject a motion on which cable or grippers come nearer than `margin` [m] to an obstacle or wall."""
+    lines = swept_lines(q, setup.rod)
+    slack = margin + SWEEP_STEP / 2
+    cable = polyline_distance(lines, scene.world)[0] - setup.cable.radius
+    tips = signed_distance(lines[:, [0, -1]], scene.world)[0] - setup.grippers.radius
+    if cable.min() < slack or tips.min() < slack:
+        raise Rejected("touches a wall")
 
 
 def random_curve(rng: np.random.Generator, length: float, bend: float, wavelength: float) -> Float[np.ndarray, "m 2"]:

@@ -19,35 +19,62 @@ PASSAGE_MARGIN = 0.0055
 
 def slot(rng: np.random.Generator, width: float) -> Draft:
     """A wall across the table with one slot, solvable because a motion was led through it."""
+    return _passage(rng, width, rng.uniform(0.015, 0.04), f"A wall with a slot of {1000 * width:g} mm.")
+
+
+def corridor(rng: np.random.Generator, width: float) -> Draft:
+    """Two blocks with a straight corridor between, solvable because a motion was led through it."""
+    return _passage(rng, width, rng.uniform(0.08, 0.2), f"A straight corridor of {1000 * width:g} mm.")
+
+
+def _passage(rng: np.random.Generator, width: float, depth: float, description: str) -> Draft:
+    """A wall as thick as the passage through it is deep [m], and a motion that leads through."""
     setup = Setup()
-    wall, curve = _wall_with_slot(rng, setup, width)
-    world = Scene(setup.size, wall).world
-    keep = setup.thickness + min(MARGIN, (width / 2 - setup.thickness) * 0.95)
-    led = motion.led_along(curve if rng.integers(2) else curve[::-1], setup.rod, world, keep)
-    motion.require_sound(led, setup, PASSAGE_MARGIN)
-    q = motion.joined(aside(rng, led[0], setup)[::-1], led, aside(rng, led[-1], setup))
-    region = swept_region(q, setup, PASSAGE_MARGIN)
-    placement = Placement(size=setup.size, forbidden=region, obstacles=wall)
-    if any(region.intersects(solid) for solid in Scene(setup.size, tuple(wall)).solids):
-        raise Rejected("touches the wall")
+    wall, curve = _wall_with_passage(rng, setup, width, depth)
+    q = way_between(rng, setup, wall, curve, width)
+    placement = Placement(size=setup.size, forbidden=swept_region(q, setup, PASSAGE_MARGIN), obstacles=wall)
     placement.fill(rng, int(rng.integers(1, 6)), (0.02, 0.06))
-    return Draft(
-        setup=setup,
-        obstacles=tuple(placement.obstacles),
-        motion=q,
-        description=f"A wall with a slot of {1000 * width:g} mm.",
-    )
+    return Draft(setup=setup, obstacles=tuple(placement.obstacles), motion=q, description=description)
 
 
-def _wall_with_slot(
-    rng: np.random.Generator, setup: Setup, width: float
+def way_between(
+    rng: np.random.Generator, setup: Setup, walls: list[Obstacle], curve: Float[np.ndarray, "m 2"], width: float
+) -> Float[np.ndarray, "t 6"]:
+    """Led along a curve between walls as far from them as a passage of `width` [m] allows, and aside at both ends.
+
+    Raises:
+        Rejected: The motion is not sound, or comes nearer to the walls than `PASSAGE_MARGIN`.
+    """
+    scene = Scene(setup.size, tuple(walls))
+    keep = setup.thickness + min(MARGIN, (width / 2 - setup.thickness) * 0.95)
+    led = motion.led_along(curve if rng.integers(2) else curve[::-1], setup.rod, scene.world, keep)
+    motion.require_sound(led, setup, PASSAGE_MARGIN)
+    motion.require_free(led, setup, scene, PASSAGE_MARGIN)
+    q = motion.joined(_beside(rng, led[0], setup, scene)[::-1], led, _beside(rng, led[-1], setup, scene))
+    return q if rng.integers(2) else q[::-1]
+
+
+def _beside(rng: np.random.Generator, q: np.ndarray, setup: Setup, scene: Scene) -> Float[np.ndarray, "t 6"]:
+    """A short motion aside from q that keeps off the walls."""
+    for _ in range(10):
+        legs = aside(rng, q, setup)
+        try:
+            motion.require_free(legs, setup, scene, PASSAGE_MARGIN)
+        except Rejected:
+            continue
+        return legs
+    raise Rejected("no room aside")
+
+
+def _wall_with_passage(
+    rng: np.random.Generator, setup: Setup, width: float, depth: float
 ) -> tuple[list[Obstacle], Float[np.ndarray, "m 2"]]:
-    """A wall from one side of the table to the other with a slot in it, and a curve through the slot."""
+    """A wall from one side of the table to the other with a passage in it, and a curve through the passage."""
     length, half = setup.cable.length, np.array(setup.size) / 2
-    thick, tilt = rng.uniform(0.015, 0.04), rng.uniform(-0.35, 0.35)
+    tilt = rng.uniform(-0.35, 0.35)
     middle = half + rng.uniform(-1, 1, 2) * [0.15, 0.08]
-    left, right = _crossings(middle, tilt, width, thick, setup.size)
-    curve = np.vstack([_branch(rng, length, -1)[::-1], _branch(rng, length, 1)[1:]])
+    left, right = _crossings(middle, tilt, width, depth, setup.size)
+    curve = np.vstack([_branch(rng, length, depth, -1)[::-1], _branch(rng, length, depth, 1)[1:]])
     return [left, right], se2.transform(curve, middle, tilt + np.pi / 2)
 
 
@@ -69,12 +96,11 @@ def _crossings(
     return parts[0], parts[1]
 
 
-def _branch(rng: np.random.Generator, length: float, side: int) -> Float[np.ndarray, "m 2"]:
-    """A curve from the origin along +x or -x, at first straight and then bending."""
-    reach = length * rng.uniform(1.05, 1.3)
+def _branch(rng: np.random.Generator, length: float, depth: float, side: int) -> Float[np.ndarray, "m 2"]:
+    """A curve from the origin along +x or -x, straight within a passage of `depth` [m] and then bending."""
+    reach = length * rng.uniform(1.05, 1.3) + depth / 2
     s = np.linspace(0.0, reach, 1 + int(reach / 0.004))
-    bend = (
-        rng.choice((-1, 1)) * rng.uniform(4, 8) * (0.3 / length) * np.clip((s - 0.05 * length) / (0.2 * length), 0, 1)
-    )
+    onset = np.clip((s - depth / 2) / (0.2 * length), 0, 1)
+    bend = rng.choice((-1, 1)) * rng.uniform(4, 8) * (0.3 / length) * onset
     angle = np.concatenate([[0.0], np.cumsum(bend[:-1] * s[1])])
     return side * np.vstack([[0.0, 0.0], np.cumsum(s[1] * se2.direction(angle[:-1]), axis=0)])

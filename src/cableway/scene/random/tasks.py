@@ -12,7 +12,7 @@ from jaxtyping import Float
 from cableway.errors import InputError, UnknownNameError
 from cableway.scene.random.clutter import clutter, dense
 from cableway.scene.random.motion import in_steps
-from cableway.scene.random.passages import slot
+from cableway.scene.random.passages import corridor, slot
 from cableway.scene.random.setup import Draft, Rejected
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
@@ -49,6 +49,7 @@ KINDS = {
     "clutter": Kind(draw=clutter),
     "dense": Kind(draw=dense),
     "slot": Kind(draw=slot, widths=(0.025, 0.025, 0.2)),
+    "corridor": Kind(draw=corridor, widths=(0.025, 0.04, 0.2)),
 }
 """Kinds of random tasks by name; the docstring of each draw says what makes its tasks solvable."""
 
