@@ -54,11 +54,11 @@ def random_way(rng: np.random.Generator, setup: Setup) -> Float[np.ndarray, "t 6
     return q if rng.integers(2) else q[::-1]
 
 
-def aside(rng: np.random.Generator, q: Float[np.ndarray, "6"], setup: Setup) -> Float[np.ndarray, "t 6"]:
-    """A short motion from q to a shape beside it, stable all the way."""
+def aside(rng: np.random.Generator, q: Float[np.ndarray, "6"], setup: Setup, share: float = 1.0) -> np.ndarray:
+    """A short motion (t, 6) from q to a shape beside it, sound all the way; `share` scales how far that is."""
     length = setup.cable.length
     for _ in range(20):
-        step = rng.normal(size=6) * [0.12 * length, 0.12 * length, 0.3, 6.0, 6.0, 1.5]
+        step = share * rng.normal(size=6) * [0.12 * length, 0.12 * length, 0.3, 6.0, 6.0, 1.5]
         legs = motion.through(np.array([q, q + step]))
         try:
             motion.require_sound(legs, setup, MARGIN)

@@ -6,6 +6,7 @@ it is a true motion of the cable wherever its stability margin stays positive.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -23,14 +24,43 @@ from cableway.scene.scene import Scene
 LEAST_STABILITY = 30.0
 """Stability margin below which a motion is rejected; a verified plan keeps 20."""
 
+HELD_STABILITY = 36.0
+"""Stability margin below which a shape that is led along a curve leaves the curve."""
+
+HELD_CHORD = 0.975
+
+SLACK_BEND = 0.5
+"""Moment added to the first guess, so that a straight curve does not make a straight cable."""
+
+PUSH, STIFFEN, SLACKEN = 10.0, 2.0, 20.0
+"""Weights of clearance and stability against the distance from the curve."""
+
 LIMIT_SHARE = 0.7
 """Share of the gripper limits that a row takes."""
 
-SWEEP_STEP = 0.003
+SWEEP_STEP = 0.0015
 """Largest move [m] of a station between two shapes of a sweep."""
 
-LONGEST_CHORD = 0.985
+MOST_ENERGY = 40.0
+"""Largest bending energy [EI/L]: that of a full circle is 20."""
+
+LONGEST_CHORD = 0.992
 """Largest distance between the grippers, in lengths of the cable: tauter cables amplify every error of length."""
+
+
+@dataclass(frozen=True)
+class Walls:
+    """What a rod is led between.
+
+    Attributes:
+        world: Obstacles and walls.
+        keep: How far [m] its stations stay from them, as far as they can.
+        least: How far [m] they must.
+    """
+
+    world: ConvexWorld
+    keep: float
+    least: float
 
 
 def interpolate(q: Float[np.ndarray, "t 6"], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 6"]:
@@ -75,6 +105,8 @@ def require_sound(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float) -> N
     rows = in_steps(q, rod, setup.grippers)
     if rod.stability(rows, ceiling=LEAST_STABILITY)[0].min() < LEAST_STABILITY:
         raise Rejected("unstable")
+    if rod.energy(rows).max() > MOST_ENERGY:
+        raise Rejected("wound up")
     lines, poses = rod.shapes(rows)
     low, high = lines.min(axis=(0, 1)), lines.max(axis=(0, 1))
     keep = setup.thickness + margin
@@ -130,15 +162,18 @@ def placed(
 
 
 def led_along(
-    curve: Float[np.ndarray, "m 2"], rod: Rod, world: ConvexWorld | None = None, keep: float = 0.0
+    curve: Float[np.ndarray, "m 2"], rod: Rod, walls: Walls | None = None, whole: bool = True
 ) -> Float[np.ndarray, "t 6"]:
     """The rod led along a curve from one end to the other, each shape the nearest equilibrium to its piece of curve.
 
     Args:
         curve: Longer than the rod; the right gripper goes first.
         rod: The rod.
-        world: What the rod is also kept away from.
-        keep: How far [m] its stations stay from that, as far as they can.
+        walls: What the rod is also kept away from.
+        whole: Whether it must come to the end; else the longest stretch that it can be led along is enough.
+
+    Raises:
+        Rejected: The curve is too short, or the rod cannot be led along the whole of it.
     """
     travel = float(polyline.length(curve)) - rod.length
     if travel <= 0:
@@ -146,29 +181,63 @@ def led_along(
     shifts = np.linspace(0.0, travel, 2 + int(travel / (0.04 * rod.length)))
     ahead = np.linspace(0.0, rod.length, rod.keypoints)
     targets = [polyline.point_at(curve, shift + ahead) for shift in shifts]
-    q = fit_keypoints(rod, targets[0])[0]
-    rows = []
+    best, rows, q = [], [], None
     for target in targets:
-        q = _fit(rod, q, target, world, keep)
-        rows.append(q)
-    return joined(np.array(rows))
+        q = _fit(rod, _first_guess(rod, target) if q is None else q, target, walls)
+        flaw = _flaw(rod, q, walls)
+        if flaw and whole:
+            raise Rejected(flaw)
+        rows = [] if flaw else [*rows, q]
+        q = None if flaw else q
+        best = max(best, rows, key=len)
+    if len(best) < 2:
+        raise Rejected("nowhere sound")
+    return smoothed(joined(np.array(best)))
+
+
+def smoothed(q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t 6"]:
+    """Rows averaged with their neighbours, the ends kept: equilibria too, without the jitter of fitting one by one."""
+    out = q.copy()
+    for _ in range(2):
+        out[1:-1] = 0.25 * out[:-2] + 0.5 * out[1:-1] + 0.25 * out[2:]
+    return out
+
+
+def _first_guess(rod: Rod, target: np.ndarray) -> np.ndarray:
+    return fit_keypoints(rod, target)[0] + [0, 0, 0, 0, 0, SLACK_BEND]
+
+
+def _flaw(rod: Rod, q: np.ndarray, walls: Walls | None) -> str:
+    """Why a shape will not do, or nothing."""
+    if walls is not None and polyline_distance(rod.shapes(q[None])[0], walls.world)[0][0] < walls.least:
+        return "touches a wall"
+    return "unstable" if rod.stability(q[None], ceiling=LEAST_STABILITY)[0][0] < LEAST_STABILITY else ""
 
 
 def _fit(
-    rod: Rod, q: np.ndarray, target: np.ndarray, world: ConvexWorld | None, keep: float, iterations: int = 8
+    rod: Rod, q: np.ndarray, target: np.ndarray, walls: Walls | None, iterations: int = 20
 ) -> np.ndarray:
-    """A few damped Gauss-Newton steps from q towards keypoints `target`, away from obstacles nearer than `keep`."""
+    """Damped Gauss-Newton steps from q towards keypoints `target`, kept stable and off walls."""
     scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
     for _ in range(iterations):
-        stations, dstations, _, _ = rod.jacobians(q[None])
+        stations, dstations, poses, dposes = rod.jacobians(q[None])
         miss = ((rod.at_keypoints(stations)[0] - target) / rod.length).ravel()
         rows = rod.at_keypoints(dstations)[0].reshape(-1, 6) * scale / rod.length
-        if world is not None:
-            d, gradient, _ = signed_distance(stations[0], world)
-            near = d < keep
-            push = 3.0 * (d[near] - keep) / rod.length
-            slope = 3.0 * np.einsum("sk,skj->sj", gradient[near], dstations[0, near]) * scale / rod.length
+        if walls is not None:
+            d, gradient, _ = signed_distance(stations[0], walls.world)
+            near = d < walls.keep
+            push = PUSH * (d[near] - walls.keep) / rod.length
+            slope = PUSH * np.einsum("sk,skj->sj", gradient[near], dstations[0, near]) * scale / rod.length
             miss, rows = np.concatenate([miss, push]), np.vstack([rows, slope])
+        margin, dmargin = rod.stability(q[None], ceiling=HELD_STABILITY)
+        miss = np.append(miss, STIFFEN * (margin[0] - HELD_STABILITY) / HELD_STABILITY)
+        rows = np.vstack([rows, STIFFEN * dmargin[0] * scale / HELD_STABILITY])
+        across = poses[0, 1, :2] - poses[0, 0, :2]
+        chord = np.linalg.norm(across)
+        if chord > HELD_CHORD * rod.length:
+            miss = np.append(miss, SLACKEN * (chord / rod.length - HELD_CHORD))
+            drow = across / chord @ (dposes[0, 1, :2] - dposes[0, 0, :2])
+            rows = np.vstack([rows, SLACKEN * drow * scale / rod.length])
         normal = rows.T @ rows + 1e-5 * np.eye(6)
         step = -scale * np.linalg.solve(normal, rows.T @ miss)
         q = q + step * min(1.0, 0.5 / float(np.abs(step / scale).max() + 1e-12))

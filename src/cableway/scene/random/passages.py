@@ -13,7 +13,7 @@ from cableway.scene.random.placement import DECIMALS, Placement, swept_region
 from cableway.scene.random.setup import MARGIN, Draft, Rejected, Setup
 from cableway.scene.scene import Scene
 
-PASSAGE_MARGIN = 0.0055
+PASSAGE_MARGIN = 0.0045
 """Clearance [m] that a witness keeps in a passage: a plan must keep 4 mm, and a 25 mm slot leaves 8.5 mm at most."""
 
 
@@ -38,16 +38,22 @@ def _passage(rng: np.random.Generator, width: float, depth: float, description: 
 
 
 def way_between(
-    rng: np.random.Generator, setup: Setup, walls: list[Obstacle], curve: Float[np.ndarray, "m 2"], width: float
+    rng: np.random.Generator,
+    setup: Setup,
+    obstacles: list[Obstacle],
+    curve: Float[np.ndarray, "m 2"],
+    width: float,
+    whole: bool = True,
 ) -> Float[np.ndarray, "t 6"]:
     """Led along a curve between walls as far from them as a passage of `width` [m] allows, and aside at both ends.
 
     Raises:
         Rejected: The motion is not sound, or comes nearer to the walls than `PASSAGE_MARGIN`.
     """
-    scene = Scene(setup.size, tuple(walls))
+    scene = Scene(setup.size, tuple(obstacles))
     keep = setup.thickness + min(MARGIN, (width / 2 - setup.thickness) * 0.95)
-    led = motion.led_along(curve if rng.integers(2) else curve[::-1], setup.rod, scene.world, keep)
+    walls = motion.Walls(scene.world, keep, setup.thickness + PASSAGE_MARGIN)
+    led = motion.led_along(curve if rng.integers(2) else curve[::-1], setup.rod, walls, whole)
     motion.require_sound(led, setup, PASSAGE_MARGIN)
     motion.require_free(led, setup, scene, PASSAGE_MARGIN)
     q = motion.joined(_beside(rng, led[0], setup, scene)[::-1], led, _beside(rng, led[-1], setup, scene))
@@ -55,10 +61,10 @@ def way_between(
 
 
 def _beside(rng: np.random.Generator, q: np.ndarray, setup: Setup, scene: Scene) -> Float[np.ndarray, "t 6"]:
-    """A short motion aside from q that keeps off the walls."""
-    for _ in range(10):
-        legs = aside(rng, q, setup)
+    """A motion aside from q that keeps off the walls, as far as there is room."""
+    for share in 0.75 ** np.arange(12):
         try:
+            legs = aside(rng, q, setup, share)
             motion.require_free(legs, setup, scene, PASSAGE_MARGIN)
         except Rejected:
             continue

@@ -90,6 +90,13 @@ class Placement:
         return not self._solids or float(shapely.distance(solid, np.array(self._solids)).min()) >= self.gap
 
 
+def box_between(low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> Box:
+    """The box with these corners [m], to a tenth of a millimetre."""
+    low, high = np.round(low, DECIMALS), np.round(high, DECIMALS)
+    center, size = ((low + high) / 2).round(DECIMALS + 1), (high - low).round(DECIMALS)
+    return Box(center=(float(center[0]), float(center[1])), size=(float(size[0]), float(size[1])))
+
+
 def _obstacle(kind: int, center: np.ndarray, radius: float, angle: float, form: np.ndarray) -> Obstacle:
     """A box, polygon or disc within a circle; `form` (6,) in [0, 1] sets its proportions."""
     x, y = (round(float(value), DECIMALS) for value in center)

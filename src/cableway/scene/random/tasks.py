@@ -9,16 +9,27 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import InputError, UnknownNameError
+from cableway.errors import InputError, TaskError, UnknownNameError
+from cableway.geometry import se2
+from cableway.geometry.convex import polyline_distance
 from cableway.scene.random.clutter import clutter, dense
-from cableway.scene.random.motion import in_steps
+from cableway.scene.random.maze import maze
+from cableway.scene.random.motion import in_steps, swept_lines
 from cableway.scene.random.passages import corridor, slot
+from cableway.scene.random.serpentine import serpentine
 from cableway.scene.random.setup import Draft, Rejected
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 
 TRIES = 400
 """Draws before a seed is given up; the hardest kinds need some tens."""
+
+
+END_DECIMALS = 6
+"""Start and goal are given in micrometres."""
+
+LEAST_WAY = 0.4
+"""Least mean distance between a keypoint's start and goal, in lengths of the cable."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +61,8 @@ KINDS = {
     "dense": Kind(draw=dense),
     "slot": Kind(draw=slot, widths=(0.025, 0.025, 0.2)),
     "corridor": Kind(draw=corridor, widths=(0.025, 0.04, 0.2)),
+    "serpentine": Kind(draw=serpentine, widths=(0.045, 0.06, 0.12)),
+    "maze": Kind(draw=maze, widths=(0.06, 0.085, 0.15)),
 }
 """Kinds of random tasks by name; the docstring of each draw says what makes its tasks solvable."""
 
@@ -78,11 +91,9 @@ def random_task_with_witness(seed: int, kind: str, *, width: float | None = None
     reasons: dict[str, int] = {}
     for _ in range(TRIES):
         try:
-            draft = KINDS[kind].draw(rng, **options)
+            return _task(f"{kind}-{seed}", KINDS[kind].draw(rng, **options))
         except Rejected as reason:
             reasons[str(reason)] = reasons.get(str(reason), 0) + 1
-            continue
-        return _task(f"{kind}-{seed}", draft)
     listed = ", ".join(f"{reason} ({count})" for reason, count in reasons.items())
     raise InputError(f"no {kind} task was found for seed {seed} in {TRIES} draws: {listed}")
 
@@ -105,14 +116,30 @@ def _options(kind: str, width: float | None) -> dict[str, float]:
 def _task(name: str, draft: Draft) -> tuple[Task, Witness | None]:
     setup = draft.setup
     q = in_steps(draft.motion, setup.rod, setup.grippers) if draft.solvable else draft.motion
-    ends = setup.rod.at_keypoints(setup.rod.shapes(q[[0, -1]])[0])
-    task = Task(
-        name=name,
-        description=draft.description,
-        scene=Scene(setup.size, draft.obstacles),
-        cable=setup.cable,
-        grippers=setup.grippers,
-        start=ends[0],
-        goal=ends[1],
-    )
+    ends = setup.rod.at_keypoints(setup.rod.shapes(q[[0, -1]])[0]).round(END_DECIMALS)
+    if np.linalg.norm(ends[1] - ends[0], axis=1).mean() < LEAST_WAY * setup.cable.length:
+        raise Rejected("the goal is near the start")
+    scene = Scene(setup.size, draft.obstacles)
+    if not _in_the_way(scene, setup, q[[0, -1]]):
+        raise Rejected("nothing stands in the way")
+    try:
+        task = Task(
+            name=name,
+            description=draft.description,
+            scene=scene,
+            cable=setup.cable,
+            grippers=setup.grippers,
+            start=ends[0],
+            goal=ends[1],
+        )
+    except TaskError as error:
+        raise Rejected(error.problem) from None
     return task, Witness(q) if draft.solvable else None
+
+
+def _in_the_way(scene: Scene, setup: Setup, ends: Float[np.ndarray, "2 6"]) -> bool:
+    """Whether the cable hits something on the straight line in q, turning the short way."""
+    straight = ends.copy()
+    straight[1, 2] = straight[0, 2] + se2.wrap_angle(straight[1, 2] - straight[0, 2])
+    lines = swept_lines(straight, setup.rod)
+    return bool(polyline_distance(lines, scene.world)[0].min() < setup.cable.radius)
