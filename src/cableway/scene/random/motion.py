@@ -21,10 +21,10 @@ from cableway.scene.grippers import Grippers
 from cableway.scene.random.setup import Rejected, Setup
 from cableway.scene.scene import Scene
 
-LEAST_STABILITY = 30.0
+LEAST_STABILITY = 25.0
 """Stability margin below which a motion is rejected; a verified plan keeps 20."""
 
-HELD_STABILITY = 36.0
+HELD_STABILITY = 38.0
 """Stability margin below which a shape that is led along a curve leaves the curve."""
 
 HELD_CHORD = 0.975
@@ -32,7 +32,7 @@ HELD_CHORD = 0.975
 SLACK_BEND = 0.5
 """Moment added to the first guess, so that a straight curve does not make a straight cable."""
 
-PUSH, STIFFEN, SLACKEN = 10.0, 2.0, 20.0
+PUSH, STIFFEN, SLACKEN, PULL = 10.0, 3.0, 100.0, 0.007
 """Weights of clearance and stability against the distance from the curve."""
 
 LIMIT_SHARE = 0.7
@@ -41,10 +41,10 @@ LIMIT_SHARE = 0.7
 SWEEP_STEP = 0.0015
 """Largest move [m] of a station between two shapes of a sweep."""
 
-MOST_ENERGY = 40.0
+MOST_ENERGY = 25.0
 """Largest bending energy [EI/L]: that of a full circle is 20."""
 
-LONGEST_CHORD = 0.992
+LONGEST_CHORD = 0.994
 """Largest distance between the grippers, in lengths of the cable: tauter cables amplify every error of length."""
 
 
@@ -132,6 +132,29 @@ def require_free(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin
         raise Rejected("touches a wall")
 
 
+def longest_stretch(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin: float) -> np.ndarray:
+    """The longest run of rows between which the motion is sound and keeps `margin` [m] from everything.
+
+    Raises:
+        Rejected: There is none.
+    """
+    good = [_is_good(q[i : i + 2], setup, scene, margin) for i in range(len(q) - 1)]
+    edges = np.flatnonzero(np.diff([False, *good, False]))
+    if not len(edges):
+        raise Rejected("nowhere sound")
+    k = 2 * int(np.argmax(edges[1::2] - edges[::2]))
+    return q[edges[k] : edges[k + 1] + 1]
+
+
+def _is_good(q: np.ndarray, setup: Setup, scene: Scene, margin: float) -> bool:
+    try:
+        require_sound(q, setup, margin)
+        require_free(q, setup, scene, margin)
+    except Rejected:
+        return False
+    return True
+
+
 def random_curve(rng: np.random.Generator, length: float, bend: float, wavelength: float) -> Float[np.ndarray, "m 2"]:
     """A smooth curve from the origin along +x whose curvature is a sum of waves.
 
@@ -211,6 +234,11 @@ def _flaw(rod: Rod, q: np.ndarray, walls: Walls | None) -> str:
     """Why a shape will not do, or nothing."""
     if walls is not None and polyline_distance(rod.shapes(q[None])[0], walls.world)[0][0] < walls.least:
         return "touches a wall"
+    if rod.energy(q[None])[0] > MOST_ENERGY:
+        return "wound up"
+    ends = rod.shapes(q[None])[1][0, :, :2]
+    if np.linalg.norm(ends[1] - ends[0]) > LONGEST_CHORD * rod.length:
+        return "taut"
     return "unstable" if rod.stability(q[None], ceiling=LEAST_STABILITY)[0][0] < LEAST_STABILITY else ""
 
 
@@ -230,6 +258,8 @@ def _fit(
             slope = PUSH * np.einsum("sk,skj->sj", gradient[near], dstations[0, near]) * scale / rod.length
             miss, rows = np.concatenate([miss, push]), np.vstack([rows, slope])
         margin, dmargin = rod.stability(q[None], ceiling=HELD_STABILITY)
+        miss = np.concatenate([miss, PULL * q[3:] / scale[3:]])
+        rows = np.vstack([rows, PULL * np.eye(6)[3:]])
         miss = np.append(miss, STIFFEN * (margin[0] - HELD_STABILITY) / HELD_STABILITY)
         rows = np.vstack([rows, STIFFEN * dmargin[0] * scale / HELD_STABILITY])
         across = poses[0, 1, :2] - poses[0, 0, :2]

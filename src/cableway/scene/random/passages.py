@@ -16,6 +16,9 @@ from cableway.scene.scene import Scene
 PASSAGE_MARGIN = 0.0045
 """Clearance [m] that a witness keeps in a passage: a plan must keep 4 mm, and a 25 mm slot leaves 8.5 mm at most."""
 
+STRETCH = (45, 110)
+"""Fewest and most rows that a motion along part of a curve has, 0.04 lengths of the cable apart."""
+
 
 def slot(rng: np.random.Generator, width: float) -> Draft:
     """A wall across the table with one slot, solvable because a motion was led through it."""
@@ -54,6 +57,11 @@ def way_between(
     keep = setup.thickness + min(MARGIN, (width / 2 - setup.thickness) * 0.95)
     walls = motion.Walls(scene.world, keep, setup.thickness + PASSAGE_MARGIN)
     led = motion.led_along(curve if rng.integers(2) else curve[::-1], setup.rod, walls, whole)
+    if not whole:
+        led = motion.longest_stretch(led, setup, scene, PASSAGE_MARGIN)
+        first, count = rng.uniform(0, 1), int(rng.integers(*STRETCH))
+        first = int(first * max(0, len(led) - count))
+        led = led[first : first + count]
     motion.require_sound(led, setup, PASSAGE_MARGIN)
     motion.require_free(led, setup, scene, PASSAGE_MARGIN)
     q = motion.joined(_beside(rng, led[0], setup, scene)[::-1], led, _beside(rng, led[-1], setup, scene))
