@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 
+from cableway.scene.cable import Cable
+from cableway.scene.grippers import Grippers
 from cableway.scene.random import motion
 from cableway.scene.random.placement import Placement, swept_region
 from cableway.scene.random.setup import MARGIN, Draft, Rejected, Setup
@@ -15,17 +19,28 @@ BEND = 7.0
 
 def clutter(rng: np.random.Generator) -> Draft:
     """Four to seven obstacles, solvable because they were set around a motion; one stands in the straight way."""
-    return strewn(rng, Setup(), count=int(rng.integers(4, 8)), radii=(0.025, 0.08))
+    return strewn(rng, Setup(), random_way(rng, Setup()), int(rng.integers(4, 8)), (0.025, 0.08))
 
 
 def dense(rng: np.random.Generator) -> Draft:
     """Ten to fourteen obstacles with gaps down to 25 mm, solvable because they were set around a motion."""
-    return strewn(rng, Setup(), count=int(rng.integers(10, 15)), radii=(0.02, 0.075))
+    return strewn(rng, Setup(), random_way(rng, Setup()), int(rng.integers(10, 15)), (0.02, 0.075))
 
 
-def strewn(rng: np.random.Generator, setup: Setup, count: int, radii: tuple[float, float]) -> Draft:
-    """A way across the table and `count` obstacles around it, at least one of them in the straight line in q."""
-    q = random_way(rng, setup)
+def sizes(rng: np.random.Generator) -> Draft:
+    """Cables of 0.17 m to 0.5 m on tables two to three times as long; solvable as clutter is."""
+    length = round(rng.uniform(0.17, 0.5), 3)
+    width, height = (round(float(side), 2) for side in length * rng.uniform(2.0, 3.0, 2))
+    setup = Setup(
+        size=(width, height),
+        cable=Cable(length=length, radius=round(rng.uniform(0.002, 0.005), 4)),
+        grippers=Grippers(radius=round(rng.uniform(0.003, 0.008), 4)),
+    )
+    return strewn(rng, setup, random_way(rng, setup), int(rng.integers(4, 9)), (0.08 * length, 0.25 * length))
+
+
+def strewn(rng: np.random.Generator, setup: Setup, q: np.ndarray, count: int, radii: tuple[float, float]) -> Draft:
+    """A motion q (t, 6) and `count` obstacles around it, at least one of them in the straight line in q."""
     straight = swept_region(np.array([q[0], q[-1]]), setup, margin=0.0)
     placement = Placement(size=setup.size, forbidden=swept_region(q, setup))
     placement.fill(rng, 1, radii, within=straight)
@@ -38,9 +53,13 @@ def strewn(rng: np.random.Generator, setup: Setup, count: int, radii: tuple[floa
     )
 
 
-def random_way(rng: np.random.Generator, setup: Setup) -> Float[np.ndarray, "t 6"]:
-    """Led along a random curve, and at both ends aside from it: a motion across the table."""
-    length = setup.cable.length
+End = Callable[[np.random.Generator, np.ndarray, Setup], np.ndarray]
+"""Makes a motion (t, 6) from a shape q to another one."""
+
+
+def random_way(rng: np.random.Generator, setup: Setup, end: End | None = None) -> Float[np.ndarray, "t 6"]:
+    """Led along a random curve, and at both ends on to another shape, by `end` or else aside."""
+    length, end = setup.cable.length, end or aside
     curve = motion.random_curve(
         rng,
         length * rng.uniform(1.7, 2.6),
@@ -49,7 +68,7 @@ def random_way(rng: np.random.Generator, setup: Setup) -> Float[np.ndarray, "t 6
     )
     curve = motion.placed(rng, curve, setup.size, setup.thickness + MARGIN)
     led = motion.led_along(curve if rng.integers(2) else curve[::-1], setup.rod)
-    q = motion.joined(aside(rng, led[0], setup)[::-1], led, aside(rng, led[-1], setup))
+    q = motion.joined(end(rng, led[0], setup)[::-1], led, end(rng, led[-1], setup))
     motion.require_sound(q, setup, MARGIN)
     return q if rng.integers(2) else q[::-1]
 

@@ -87,15 +87,23 @@ def _wall_with_passage(
     length, half = setup.cable.length, np.array(setup.size) / 2
     tilt = rng.uniform(-0.35, 0.35)
     middle = half + rng.uniform(-1, 1, 2) * [0.15, 0.08]
-    left, right = _crossings(middle, tilt, width, depth, setup.size)
+    left, right = wall_with_gap(middle, tilt, width, depth, setup.size)
     curve = np.vstack([_branch(rng, length, depth, -1)[::-1], _branch(rng, length, depth, 1)[1:]])
     return [left, right], se2.transform(curve, middle, tilt + np.pi / 2)
 
 
-def _crossings(
+def wall_with_gap(
     middle: np.ndarray, tilt: float, width: float, thick: float, size: tuple[float, float]
 ) -> tuple[Polygon, Polygon]:
-    """The two parts of a wall through `middle`, its ends on the left and right walls of the table."""
+    """The two parts of a wall through `middle` [m], its ends on the left and right walls of the table.
+
+    Args:
+        middle: (2,) [m], the middle of the gap.
+        tilt: Of the wall [rad].
+        width: Of the gap [m]; negative where the parts overlap.
+        thick: [m].
+        size: Of the table [m].
+    """
     normal = np.array([-np.sin(tilt), np.cos(tilt)]) * thick / 2
     along = se2.direction(tilt)
     parts = []

@@ -12,7 +12,9 @@ from jaxtyping import Float
 from cableway.errors import InputError, TaskError, UnknownNameError
 from cableway.geometry import se2
 from cableway.geometry.convex import polyline_distance
-from cableway.scene.random.clutter import clutter, dense
+from cableway.scene.random.blocked import blocked
+from cableway.scene.random.clutter import clutter, dense, sizes
+from cableway.scene.random.ends import s_shaped, straight, table
 from cableway.scene.random.maze import maze
 from cableway.scene.random.motion import in_steps, swept_lines
 from cableway.scene.random.passages import corridor, slot
@@ -59,10 +61,15 @@ class Kind:
 KINDS = {
     "clutter": Kind(draw=clutter),
     "dense": Kind(draw=dense),
+    "sizes": Kind(draw=sizes),
+    "straight": Kind(draw=straight),
+    "s-shaped": Kind(draw=s_shaped),
+    "table": Kind(draw=table),
     "slot": Kind(draw=slot, widths=(0.025, 0.025, 0.2)),
     "corridor": Kind(draw=corridor, widths=(0.025, 0.04, 0.2)),
     "serpentine": Kind(draw=serpentine, widths=(0.045, 0.06, 0.12)),
     "maze": Kind(draw=maze, widths=(0.06, 0.085, 0.15)),
+    "blocked": Kind(draw=blocked),
 }
 """Kinds of random tasks by name; the docstring of each draw says what makes its tasks solvable."""
 
