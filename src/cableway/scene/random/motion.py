@@ -242,9 +242,7 @@ def _flaw(rod: Rod, q: np.ndarray, walls: Walls | None) -> str:
     return "unstable" if rod.stability(q[None], ceiling=LEAST_STABILITY)[0][0] < LEAST_STABILITY else ""
 
 
-def _fit(
-    rod: Rod, q: np.ndarray, target: np.ndarray, walls: Walls | None, iterations: int = 20
-) -> np.ndarray:
+def _fit(rod: Rod, q: np.ndarray, target: np.ndarray, walls: Walls | None, iterations: int = 20) -> np.ndarray:
     """Damped Gauss-Newton steps from q towards keypoints `target`, kept stable and off walls."""
     scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
     for _ in range(iterations):
