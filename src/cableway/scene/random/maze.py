@@ -10,7 +10,7 @@ from cableway.geometry import polyline
 from cableway.scene.obstacles import Box, Obstacle
 from cableway.scene.random.passages import way_between
 from cableway.scene.random.placement import box_between
-from cableway.scene.random.setup import Draft, Rejected, Setup
+from cableway.scene.random.setup import Draft, Setup
 
 Cell = tuple[int, int]
 Opened = set[frozenset[Cell]]
