@@ -53,7 +53,7 @@ def summary(kind: str, rows: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Plan what is missing, print a line for each task and the summary."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("kind")
     parser.add_argument("--seeds", default="0:10")
     parser.add_argument("--width", type=float)

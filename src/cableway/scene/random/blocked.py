@@ -30,7 +30,8 @@ def blocked(rng: np.random.Generator) -> Draft:
     for q in (start, goal):
         motion.require_sound(q[None], setup, MARGIN)
         motion.require_free(q[None], setup, scene, MARGIN)
-    if pocket and swept_region(start[None], setup).intersects(shapely.union_all(scene.solids).convex_hull):
+    inside = shapely.convex_hull(shapely.union_all(scene.solids))
+    if pocket and shapely.intersects(swept_region(start[None], setup), inside):
         raise Rejected("start in the pocket")
     ends = shapely.union(swept_region(start[None], setup), swept_region(goal[None], setup))
     placement = Placement(size=setup.size, forbidden=ends, obstacles=walls)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import shapely
 from jaxtyping import Float
 
 from cableway.geometry import polyline
@@ -106,9 +105,7 @@ def _wall(axis: int, line: int, run: tuple[int, int], pitch: np.ndarray) -> Box:
 
 
 def _rounded(points: Float[np.ndarray, "k 2"], radius: float) -> Float[np.ndarray, "m 2"]:
-    """A polyline with its corners rounded."""
-    line = shapely.LineString(points)
-    # opening and closing by the radius rounds the corners on either side
+    """A polyline whose corners are rounded from `radius` [m] before them to as far after them."""
     curve = [points[0]]
     for before, corner, after in zip(points[:-2], points[1:-1], points[2:], strict=True):
         a = corner + radius * (before - corner) / np.linalg.norm(before - corner)
@@ -117,4 +114,4 @@ def _rounded(points: Float[np.ndarray, "k 2"], radius: float) -> Float[np.ndarra
         curve.extend((1 - t) ** 2 * a + 2 * t * (1 - t) * corner + t**2 * b)
     curve.append(points[-1])
     fine = polyline.remove_repeated(np.array(curve))
-    return polyline.resample(fine, 2 + int(line.length / 0.004))
+    return polyline.resample(fine, 2 + int(polyline.length(fine) / 0.004))

@@ -28,12 +28,14 @@ HELD_STABILITY = 38.0
 """Stability margin below which a shape that is led along a curve leaves the curve."""
 
 HELD_CHORD = 0.975
+"""Distance between the grippers, in lengths of the cable, above which it leaves the curve too."""
 
 SLACK_BEND = 0.5
 """Moment added to the first guess, so that a straight curve does not make a straight cable."""
 
 PUSH, STIFFEN, SLACKEN, PULL = 10.0, 3.0, 100.0, 0.007
-"""Weights of clearance and stability against the distance from the curve."""
+"""Weights of clearance, stability and slack, and of the loads (without it they run away), against the distance from
+the curve."""
 
 LIMIT_SHARE = 0.7
 """Share of the gripper limits that a row takes."""

@@ -50,6 +50,14 @@ def way_between(
 ) -> Float[np.ndarray, "t 6"]:
     """Led along a curve between walls as far from them as a passage of `width` [m] allows, and aside at both ends.
 
+    Args:
+        rng: Source of the draw.
+        setup: Table, cable and grippers.
+        obstacles: What the curve leads between.
+        curve: (m, 2) [m].
+        width: [m].
+        whole: Whether it must be led along all of the curve, or a part of it will do.
+
     Raises:
         Rejected: The motion is not sound, or comes nearer to the walls than `PASSAGE_MARGIN`.
     """
@@ -59,13 +67,20 @@ def way_between(
     led = motion.led_along(curve if rng.integers(2) else curve[::-1], setup.rod, walls, whole)
     if not whole:
         led = motion.longest_stretch(led, setup, scene, PASSAGE_MARGIN)
-        first, count = rng.uniform(0, 1), int(rng.integers(*STRETCH))
-        first = int(first * max(0, len(led) - count))
-        led = led[first : first + count]
+        led = _part(rng, led)
     motion.require_sound(led, setup, PASSAGE_MARGIN)
     motion.require_free(led, setup, scene, PASSAGE_MARGIN)
     q = motion.joined(_beside(rng, led[0], setup, scene)[::-1], led, _beside(rng, led[-1], setup, scene))
     return q if rng.integers(2) else q[::-1]
+
+
+def _part(rng: np.random.Generator, led: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "k 6"]:
+    """Some rows of a motion, as many as `STRETCH` allows."""
+    if len(led) < STRETCH[0]:
+        raise Rejected("the way is too short")
+    count = min(len(led), int(rng.integers(*STRETCH)))
+    first = int(rng.integers(len(led) - count + 1))
+    return led[first : first + count]
 
 
 def _beside(rng: np.random.Generator, q: np.ndarray, setup: Setup, scene: Scene) -> Float[np.ndarray, "t 6"]:

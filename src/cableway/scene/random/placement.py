@@ -20,7 +20,7 @@ def swept_region(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float = MARG
     """What cable and grippers sweep on a motion, grown by `margin` [m]."""
     lines = swept_lines(q, setup.rod)
     cable = shapely.linestrings(lines)
-    tips = shapely.points(lines[:, [0, -1]]).ravel()
+    tips = np.asarray(shapely.points(lines[:, [0, -1]])).ravel()
     grown = [
         shapely.buffer(cable, setup.cable.radius + margin + SWEEP_STEP / 2, quad_segs=4),
         shapely.buffer(tips, setup.grippers.radius + margin + SWEEP_STEP / 2, quad_segs=4),
@@ -85,7 +85,7 @@ class Placement:
             radius *= 0.8
 
     def _free(self, solid: shapely.Polygon) -> bool:
-        if not self._inside.contains(solid) or self.forbidden.intersects(solid):
+        if not self._inside.contains(solid) or shapely.intersects(self.forbidden, solid):
             return False
         return not self._solids or float(shapely.distance(solid, np.array(self._solids)).min()) >= self.gap
 

@@ -19,7 +19,7 @@ from cableway.scene.random.maze import maze
 from cableway.scene.random.motion import in_steps, swept_lines
 from cableway.scene.random.passages import corridor, slot
 from cableway.scene.random.serpentine import serpentine
-from cableway.scene.random.setup import Draft, Rejected
+from cableway.scene.random.setup import Draft, Rejected, Setup
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 
