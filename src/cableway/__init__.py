@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cableway.scene.cable import Cable
     from cableway.scene.loading import load_task
     from cableway.scene.obstacles import Box, Disc, Polygon
+    from cableway.scene.random.tasks import random_task, random_task_with_witness
     from cableway.scene.scene import Scene
     from cableway.scene.task import Grippers, Task
     from cableway.simulation.plant import CableSimulator
@@ -47,6 +48,8 @@ _HOME = {
     "load_task": "scene.loading",
     "load_transitions": "datasets.reading",
     "plan": "planning.planner",
+    "random_task": "scene.random.tasks",
+    "random_task_with_witness": "scene.random.tasks",
     "shuffled_batches": "datasets.reading",
     "summarize": "report",
     "track": "tracking",

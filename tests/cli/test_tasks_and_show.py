@@ -46,3 +46,28 @@ def test_show_takes_a_file(cableway: Command):
     Path("mine.yaml").write_text(catalogue_file("maze-1").read_text().replace("name: maze-1", "name: mine"))
     done = cableway("show", "mine.yaml", "--json")
     assert json.loads(done.out) == {"task": "mine", "picture": "runs/mine/task.png"}
+
+
+def test_random_tasks_are_written_listed_and_drawn(cableway: Command):
+    done = cableway("tasks", "--random", "clutter", "--seed", 2, "--count", 2, "--picture", "--json", "--out", "here")
+    assert done.status == 0
+    rows = json.loads(done.out)["tasks"]
+    assert [row["name"] for row in rows] == ["clutter-2", "clutter-3"]
+    assert [load_task(row["file"]).name for row in rows] == ["clutter-2", "clutter-3"]
+    assert sorted(path.name for path in Path("here").iterdir()) == ["clutter-2.yaml", "clutter-3.yaml", "tasks.png"]
+    assert matplotlib.image.imread("here/tasks.png").std() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--random", "fog"], "unknown kind of random task 'fog'"),
+        (["--count", "2"], "--count, --width and --picture go with --random"),
+        (["--random", "clutter", "--count", "0"], "--count must be from 1 to 1000000, got 0"),
+        (["--random", "slot", "--width", "1"], "width of slot must be from 0.025 to 0.2 m, got 1.0"),
+    ],
+)
+def test_wrong_options_of_random_tasks_leave_nothing(cableway: Command, arguments: list[str], message: str):
+    done = cableway("tasks", *arguments)
+    assert (done.status, message in done.err) == (2, True)
+    assert not list(Path().iterdir())

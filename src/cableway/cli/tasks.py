@@ -1,38 +1,101 @@
-"""`cableway tasks`: the catalogue."""
+"""`cableway tasks`: the catalogue, or random tasks written to files."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
-from cableway.cli.options import Options
+import tyro
+
+from cableway.cli.options import LARGEST_SEED, Options
 from cableway.cli.outputs import REPORT
 from cableway.cli.terminal import Terminal, columns, literal
+from cableway.errors import InputError
+
+if TYPE_CHECKING:
+    from cableway.scene.task import Task
+
+PICTURE = "tasks.png"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tasks(Options):
-    """List the tasks of the catalogue."""
+    """List the tasks of the catalogue; or, with --random, write random tasks to YAML files and draw them."""
+
+    random: Annotated[str | None, tyro.conf.arg(metavar="KIND")] = None
+    """Write random tasks of this kind, such as clutter or maze; a wrong one is told which there are."""
+
+    count: int = 1
+    """How many random tasks: the seeds from --seed on."""
+
+    width: float | None = None
+    """Width of their passages [m], for the kinds that have some."""
+
+    picture: bool = False
+    """Draw the random tasks too, in one picture."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.count <= 10**6:
+            raise InputError(f"--count must be from 1 to 1000000, got {self.count}")
+        if (self.seed or 0) + self.count - 1 > LARGEST_SEED:
+            raise InputError(f"--seed and --count go beyond the largest seed {LARGEST_SEED}")
+        if self.random is None and (self.count != 1 or self.width is not None or self.picture):
+            raise InputError("--count, --width and --picture go with --random")
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        return self._catalogue() if self.random is None else self._random(self.random)
+
+    def _catalogue(self) -> int:
         from cableway.files import write_json
         from cableway.scene.loading import load_task, task_names
 
-        table, rows = columns("task", "cable", "obstacles", "description"), []
-        for name in task_names():
-            task = load_task(name)
-            row = {
-                "name": name,
-                "description": task.description,
-                "cable_length": task.cable.length,
-                "cable_radius": task.cable.radius,
-                "obstacles": len(task.scene.obstacles),
-                "workspace": list(task.scene.size),
-            }
-            cable = f"{task.cable.length:.3g} m, {2000 * task.cable.radius:.3g} mm"
-            table.add_row(literal(name), cable, str(row["obstacles"]), literal(task.description))
-            rows.append(row)
+        tasks = [load_task(name) for name in task_names()]
+        rows = [_row(task) for task in tasks]
         if self.out is not None:
             write_json(self.folder("tasks") / REPORT, {"tasks": rows})
-        Terminal(self).result({"tasks": rows}, table)
+        Terminal(self).result({"tasks": rows}, _table(tasks))
         return 0
+
+    def _random(self, kind: str) -> int:
+        from cableway.scene.random.tasks import random_task
+        from cableway.scene.saving import save_task
+
+        terminal, folder, tasks, rows = Terminal(self), self.folder(kind), [], []
+        with terminal.progress() as tell:
+            for k in range(self.count):
+                task = random_task((self.seed or 0) + k, kind, width=self.width)
+                path = folder / f"{task.name}.yaml"
+                save_task(task, path)
+                tasks.append(task)
+                rows.append({**_row(task), "file": str(path)})
+                tell("tasks", (k + 1) / self.count)
+        if self.picture:
+            from cableway.figures.scene import tasks_figure
+            from cableway.figures.style import save_figure
+
+            save_figure(tasks_figure(tasks), folder / PICTURE)
+        terminal.note(f"in {folder}")
+        terminal.result({"tasks": rows}, _table(tasks))
+        return 0
+
+
+def _row(task: Task) -> dict[str, Any]:
+    return {
+        "name": task.name,
+        "description": task.description,
+        "cable_length": task.cable.length,
+        "cable_radius": task.cable.radius,
+        "obstacles": len(task.scene.obstacles),
+        "workspace": list(task.scene.size),
+    }
+
+
+def _table(tasks: Sequence[Task]) -> Any:
+    table = columns("task", "cable", "obstacles", "description")
+    for task in tasks:
+        cable = f"{task.cable.length:.3g} m, {2000 * task.cable.radius:.3g} mm"
+        table.add_row(literal(task.name), cable, str(len(task.scene.obstacles)), literal(task.description))
+    return table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from matplotlib.path import Path
 from cableway.figures import style
 from cableway.geometry import polyline, se2
 from cableway.scene.task import SPLINE_PIECES, Task
+
+TASKS_SHOWN = 60
+"""Most tasks in one picture."""
 
 PANEL = 5.4
 """Longer side [inch] of a panel that shows a scene."""
@@ -166,4 +170,25 @@ def task_figure(task: Task) -> Figure:
     facts = f"cable {cable.length:.3g} m long, {2000 * cable.radius:.3g} mm thick · workspace {across:g} m x {up:g} m"
     text = "\n".join([*style.wrap(task.description, 88), facts])
     figure.text(0.5, 0.12 / (height + 1.9), text, fontsize=8.5, color=style.MUTED, ha="center", va="bottom")
+    return figure
+
+
+def tasks_figure(tasks: Sequence[Task]) -> Figure:
+    """Many tasks in one picture, up to `TASKS_SHOWN` of them, in rows."""
+    shown = tasks[:TASKS_SHOWN]
+    across = min(len(shown), 6)
+    down = -(-len(shown) // across)
+    side, gap, above = 2.0, 0.25, 0.4
+    figure = style.new_figure(across * (side + gap) + gap, down * (side + above) + gap)
+    for k, task in enumerate(shown):
+        row, column = divmod(k, across)
+        place = (gap + column * (side + gap), gap + (down - 1 - row) * (side + above))
+        ax = style.add_axes(figure, *place, side, side)
+        draw_scene(ax, task)
+        draw_end_shapes(ax, task, letters=False)
+        ax.set_xticks([])
+        ax.set_yticks([])
+        ax.set_xlabel("")
+        ax.set_ylabel("")
+        ax.set_title(task.name, loc="left", fontsize=8.5, color=style.INK, pad=4)
     return figure

@@ -1,0 +1,83 @@
+"""Plan random tasks of a kind and print how many are solved and how long it takes.
+
+    .venv/bin/python tools/planning.py KIND [--seeds FIRST:END] [--width W] [--time-limit S] [--out FOLDER]
+
+Each task leaves a line in FOLDER/KIND.jsonl (runs/planning unless given), and its picture where no plan was found;
+tasks that stand there already are not planned again. A blocked task counts as solved where the planner says that
+there is no plan.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cableway.errors import PlanningError
+from cableway.figures.plan import attempt_figure
+from cableway.figures.style import save_figure
+from cableway.planning.planner import plan
+from cableway.records import Attempt
+from cableway.scene.random.tasks import random_task_with_witness
+from cableway.scene.task import Task
+
+
+def attempt(task: Task, solvable: bool, limit: float, picture: Path) -> dict[str, Any]:
+    """Plan one task; the picture shows what came closest where a way was missed."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    row: dict[str, Any] = {"task": task.name, "solved": True, "guide": "", "steps": 0, "reason": ""}
+    try:
+        found = plan(task, expired=lambda: time.perf_counter() - wall > limit)
+        row |= {"solved": solvable, "guide": found.metadata["guide"], "steps": found.steps}
+    except PlanningError as error:
+        row |= {"solved": not solvable and str(error).startswith("there is no plan"), "reason": str(error)}
+        if not row["solved"]:
+            save_figure(attempt_figure(task, error.attempt or Attempt(str(error))), picture)
+    return row | {"seconds": round(time.perf_counter() - wall, 3), "cpu": round(time.process_time() - cpu, 3)}
+
+
+def summary(kind: str, rows: list[dict[str, Any]]) -> str:
+    """One line: the share solved, wall times, and which guides led to the plans."""
+    seconds = np.array([row["seconds"] for row in rows])
+    guides = [row["guide"] or "none" for row in rows]
+    counts = ", ".join(f"{name} {guides.count(name)}" for name in sorted(set(guides)))
+    return (
+        f"{kind}: {sum(row['solved'] for row in rows)}/{len(rows)} solved, seconds median {np.median(seconds):.2f} "
+        f"p95 {np.quantile(seconds, 0.95):.2f} worst {seconds.max():.2f}; {counts}"
+    )
+
+
+def main() -> None:
+    """Plan what is missing, print a line for each task and the summary."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("kind")
+    parser.add_argument("--seeds", default="0:10")
+    parser.add_argument("--width", type=float)
+    parser.add_argument("--time-limit", type=float, default=30.0)
+    parser.add_argument("--out", type=Path, default=Path("runs/planning"))
+    options = parser.parse_args()
+    label = options.kind if options.width is None else f"{options.kind}-{1000 * options.width:g}mm"
+    file = options.out / f"{label}.jsonl"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    known = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    rows = {row["task"]: row for row in known}
+    wanted = [f"{options.kind}-{seed}" for seed in range(*map(int, options.seeds.split(":")))]
+    plan(random_task_with_witness(0, "clutter")[0])  # so that no task pays for loading kernels
+    for name in wanted:
+        if name not in rows:
+            seed = int(name.rsplit("-", 1)[1])
+            task, witness = random_task_with_witness(seed, options.kind, width=options.width)
+            picture = options.out / label / f"{name}.png"
+            rows[name] = attempt(task, witness is not None, options.time_limit, picture)
+            with file.open("a") as log:
+                log.write(json.dumps(rows[name]) + "\n")
+        print(json.dumps(rows[name]), flush=True)
+    print(summary(label, [rows[name] for name in wanted]))
+
+
+if __name__ == "__main__":
+    main()
