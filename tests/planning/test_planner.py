@@ -53,7 +53,7 @@ def test_stages_report_their_progress_in_order():
 
 def test_no_plan_says_why():
     """Behind a sealed wall there is no plan, and the error says who cannot pass."""
-    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a way 8 mm wide"):
+    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a way 16 mm wide"):
         plan(problems.sealed())
 
 

@@ -32,10 +32,25 @@ def test_a_gap_too_narrow_for_a_gripper_is_found_with_its_width_and_place(gap, b
     found = find_blockage(wall_with_gap(gap))
     assert (found is not None) == blocked
     if found is not None:
-        assert found.needed == pytest.approx(0.008)
+        assert found.thick == pytest.approx(0.008)
         assert found.widest == pytest.approx(gap, abs=0.004)
         assert found.place == pytest.approx([0.3, 0.36], abs=0.02)
         assert "left gripper" in str(found)
+
+
+def test_clearance_counts():
+    """A gap that the grippers fit through, though not with the clearance that a plan keeps."""
+    task = wall_with_gap(0.011)
+    assert find_blockage(task) is None
+    found = find_blockage(task, 0.004)
+    assert "16 mm wide from start to goal (8 mm and 4 mm of clearance on either side)" in str(found)
+
+
+def test_the_place_in_a_closed_wall_is_in_the_wall():
+    found = find_blockage(problems.sealed())
+    assert found is not None
+    assert "closed" in str(found)
+    assert found.place[1] == pytest.approx(0.36, abs=0.02)
 
 
 def test_a_cable_thicker_than_its_grippers_is_named():

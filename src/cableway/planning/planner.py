@@ -116,7 +116,7 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
         found = search.follow(guides, name, accept)
         if found is not None:
             return found
-        if place == 0 and (blockage := find_blockage(task)) is not None:
+        if place == 0 and (blockage := find_blockage(task, config.limits.clearance)):
             raise PlanningError(f"there is no plan: {blockage}", search.best)
     reason = f": {search.best.reason}" if search.best else ""
     raise PlanningError(f"no plan was found with any of {len(names)} guides{reason}", search.best)
