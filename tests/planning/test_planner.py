@@ -58,11 +58,11 @@ def test_no_plan_says_why():
 
 
 def test_when_time_runs_out_the_closest_attempt_is_handed_on():
-    """With a clearance that no shape can keep, all guides fail; the limit ends the search after the first."""
+    """With a clearance that the refinement does not ask for, all guides fail; the limit ends the search after the first."""
     from cableway.verification import VerificationLimits
 
     seen: list[str] = []
-    config = PlannerConfig(limits=VerificationLimits(clearance=0.06), guides=("slide-head", "slide-tail"))
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.03), guides=("slide-head", "slide-tail"))
     with pytest.raises(PlanningError, match=r"the time limit ran out .*cable clearance") as caught:
         plan(
             problems.doorway(),
@@ -80,10 +80,10 @@ def test_time_that_is_up_at_once():
 
 
 def test_what_does_not_verify_is_not_handed_on():
-    """A clearance that no shape can keep: the error names the failed check and carries the attempt for a picture."""
+    """A clearance that the refinement does not ask for: the error names the failed check and carries the attempt for a picture."""
     from cableway.verification import VerificationLimits
 
-    config = PlannerConfig(limits=VerificationLimits(clearance=0.06), guides=("slide-head",))
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.03), guides=("slide-head",))
     with pytest.raises(PlanningError, match="clearance") as caught:
         plan(problems.doorway(), config=config)
     attempt = caught.value.attempt
