@@ -62,7 +62,7 @@ def test_when_time_runs_out_the_closest_attempt_is_handed_on():
     from cableway.verification import VerificationLimits
 
     seen: list[str] = []
-    config = PlannerConfig(limits=VerificationLimits(clearance=0.03), guides=("slide-head", "slide-tail"))
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.02), guides=("slide-head", "slide-tail"))
     with pytest.raises(PlanningError, match=r"the time limit ran out .*cable clearance") as caught:
         plan(
             problems.doorway(),
@@ -83,7 +83,7 @@ def test_what_does_not_verify_is_not_handed_on():
     """A clearance that the refinement does not ask for: the error names the failed check and carries the attempt for a picture."""
     from cableway.verification import VerificationLimits
 
-    config = PlannerConfig(limits=VerificationLimits(clearance=0.03), guides=("slide-head",))
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.02), guides=("slide-head",))
     with pytest.raises(PlanningError, match="clearance") as caught:
         plan(problems.doorway(), config=config)
     attempt = caught.value.attempt
