@@ -1,7 +1,8 @@
 """Compiled kernels: one decorator, and where the compiled code is kept.
 
 Numba compiles a kernel when it is first called and stores the result on disk. The folder is named after a
-digest of all kernel sources, because Numba itself does not notice when a kernel that another one calls changes.
+digest of all kernel sources, because Numba itself does not notice when a kernel that another one calls changes, and of
+the place where they are installed, because Numba keeps what it compiles for each place by itself.
 """
 
 from __future__ import annotations
@@ -25,10 +26,11 @@ MARK = "planning-is-compiled"
 
 @cache
 def cache_folder() -> Path:
-    """Folder of the compiled kernels of this version of the sources, in the user's cache folder."""
+    """Folder of the compiled kernels of this installation of the sources, in the user's cache folder."""
     package = Path(__file__).resolve().parents[1]
     texts = (path.read_bytes() for path in sorted(package.rglob("*.py")))
-    digest = hashlib.sha256(b"".join(text for text in texts if b"@kernel" in text)).hexdigest()[:12]
+    kernels = b"".join(text for text in texts if b"@kernel" in text)
+    digest = hashlib.sha256(str(package).encode() + kernels).hexdigest()[:12]
     return Path(platformdirs.user_cache_dir("cableway", appauthor=False)) / f"numba-{numba.__version__}-{digest}"
 
 
