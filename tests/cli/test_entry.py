@@ -67,7 +67,7 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         (["show", "no/such.yaml"], "no/such.yaml: no such file"),
         (["plan", "maze-1", "--seed", "-1"], "--seed must be from 0 to 2147483647, got -1"),
         (["plan", "maze-1", "--seed", "2147483648"], "--seed must be from 0 to 2147483647, got 2147483648"),
-        (["plan", "maze-1", "--planner", "best"], "unknown planner 'best'; known: default, paper, paper-refined, rrt-connect, slide, straight"),
+        (["plan", "maze-1", "--planner", "best"], f"unknown planner 'best'; known: {', '.join(sorted(PLANNERS))}"),
         (["plan", "maze-1", "--pivot", "prm"], "unknown pivot method 'prm'; known: grid, rrt_star"),
         (["run", "maze-1", "--controller", "pid"], "unknown controller 'pid'; known: neural-mpc, open-loop"),
         (["run", "maze-1", "--model", "no/such.safetensors"], "no/such.safetensors: no such file"),
