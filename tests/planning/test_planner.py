@@ -58,7 +58,7 @@ def test_no_plan_says_why():
 
 
 def test_when_time_runs_out_the_closest_attempt_is_handed_on():
-    """With a clearance that the refinement does not ask for, all guides fail; the limit ends the search after the first."""
+    """No guide has the clearance wanted, which is not asked of them; the limit ends the search after the first."""
     from cableway.verification import VerificationLimits
 
     seen: list[str] = []
@@ -80,7 +80,7 @@ def test_time_that_is_up_at_once():
 
 
 def test_what_does_not_verify_is_not_handed_on():
-    """A clearance that the refinement does not ask for: the error names the failed check and carries the attempt for a picture."""
+    """A clearance not asked of the guide: the error names the failed check and carries the attempt for a picture."""
     from cableway.verification import VerificationLimits
 
     config = PlannerConfig(limits=VerificationLimits(clearance=0.02), guides=("slide-head",))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,10 @@ SLIP_ANGLE = 0.1
 """Turn [rad] of a cable end against its gripper beyond which the grasp counts as lost."""
 
 
+REFINEMENT = 5
+"""Time steps in place of one where the cable is pressed into something."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlantConfig:
     """How the plant is simulated.
@@ -31,6 +36,7 @@ class PlantConfig:
     Attributes:
         time_step: MuJoCo's time step [s]; must divide the control step.
         control_step: Time [s] that one step of the plant takes.
+        pressed: Penetration [m] from which on a control step is done over with `time_step` / `REFINEMENT`.
         largest_step: Gripper move [m] in one control step beyond which an action is refused.
         largest_turn: Gripper turn [rad] in one control step beyond which an action is refused.
 
@@ -40,11 +46,12 @@ class PlantConfig:
 
     time_step: float = 0.005
     control_step: float = CONTROL_STEP
+    pressed: float = 0.0008
     largest_step: float = 0.05
     largest_turn: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("time_step", "control_step", "largest_step", "largest_turn"):
+        for name in ("time_step", "control_step", "pressed", "largest_step", "largest_turn"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"plant.{name} must be positive and finite, got {getattr(self, name)!r}")
         if self.time_step > 0.02:
@@ -150,13 +157,13 @@ class CableSimulator:
                 the cable is long), or the simulation failed (diverged, grasp lost, centreline inside an obstacle).
         """
         target = self._target(self.check(action))
-        fraction = np.arange(1, self.config.substeps + 1)[:, None, None] / self.config.substeps
-        path = self._commanded + fraction * (target - self._commanded)
         before = self._chain.save()
         try:
-            coordinates = self._chain.advance(path)
-            self._check_grasp(coordinates, path)
-            clearance, gripper_clearance = self._clearances(coordinates)
+            clearance, gripper_clearance = self._lead(self._chain, target, self.config.substeps)
+            if clearance < -self.config.pressed:
+                self._fine.restore(before)
+                clearance, gripper_clearance = self._lead(self._fine, target, REFINEMENT * self.config.substeps)
+                self._chain.restore(self._fine.save())
             if clearance < -self.cable.radius:
                 raise SimulationError(
                     f"the cable was pressed {-1000 * clearance:.1f} mm into an obstacle or wall, more than its radius"
@@ -167,6 +174,23 @@ class CableSimulator:
         self._commanded, self._steps = target, self._steps + 1
         self._clearance, self._gripper_clearance = clearance, gripper_clearance
         return self._observe()
+
+    def _lead(self, chain: Chain, target: Float[np.ndarray, "2 3"], substeps: int) -> tuple[float, float]:
+        """Lead the grippers to a target; the least clearances of cable and gripper discs on the way.
+
+        Raises:
+            SimulationError: The chain cannot go on, or a grasp is lost.
+        """
+        fraction = np.arange(1, substeps + 1)[:, None, None] / substeps
+        path = self._commanded + fraction * (target - self._commanded)
+        coordinates = chain.advance(path)
+        self._check_grasp(coordinates, path)
+        return self._clearances(coordinates)
+
+    @cached_property
+    def _fine(self) -> Chain:
+        """The same chain with shorter time steps: a cable enters as deep as it travels in one of them."""
+        return Chain(self.cable, self.task.scene, self.config.time_step / REFINEMENT)
 
     def measure(self) -> Measurement:
         """The truth after the last step, with the least clearances during it."""
