@@ -166,6 +166,23 @@ def test_in_a_narrow_corridor_it_stays_between_the_walls(task_at):
     assert line[:, 1].max() < high
 
 
+def test_squeezed_at_full_speed_it_is_not_pressed_into_the_walls(task_at):
+    """The middle of a nearly straight cable then moves several millimetres in a time step."""
+    q = np.array([0.35, 0.35, 0.0, -2.0, 0.0, 0.1])
+    walls = tuple(Box(center=(0.35, 0.35 + side * 0.065), size=(0.5, 0.1)) for side in (-1, 1))
+    task = task_at(q, Scene((0.7, 0.7), walls), Cable())
+
+    def deepest(config: PlantConfig) -> float:
+        plant, least = CableSimulator(task, config), []
+        for k in range(10):
+            plant.step(np.array([[0.006, 0.0, 0.0], [-0.006, 0.0, 0.0]]) if k < 3 else STILL)
+            least.append(plant.measure().clearance)
+        return -min(least)
+
+    assert 0 < deepest(PlantConfig()) < 1e-3
+    assert deepest(PlantConfig(pressed=1.0)) > 1e-3
+
+
 def test_contact_in_the_middle_of_a_step_is_not_missed(task_at):
     """Clearance is the least over all time steps, not that at the end: touch and go back in two steps."""
     plant = CableSimulator(task_at(*over_a_corner(Cable(), 0.5)))

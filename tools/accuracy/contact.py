@@ -16,7 +16,7 @@ from cableway.scene.grippers import Grippers
 from cableway.scene.loading import task_names
 from cableway.scene.obstacles import Box
 from cableway.scene.scene import Scene
-from cableway.simulation.plant import CableSimulator, PlantConfig
+from cableway.simulation.plant import CableSimulator
 from cableway.tracking import track
 
 BEYOND = 0.005
@@ -28,8 +28,8 @@ STIFFNESSES = (3e-5, 1e-3, 2e-2)
 WIDTHS = (0.024, 0.028, 0.030, 0.032, 0.036, 0.040)
 """Of corridors [m]; the default cable is 8 mm thick."""
 
-SQUEEZES = ((0.001, 0.005), (0.002, 0.005), (0.003, 0.005), (0.006, 0.005), (0.006, 0.001))
-"""Speeds of squeezing grippers [m in a control step] and time steps [s]; the fastest take about one control step."""
+SQUEEZES = (0.001, 0.002, 0.003, 0.006, Grippers.max_step)
+"""Speeds of squeezing grippers [m in a control step]; the fastest take less than one control step."""
 
 APPROACH = 0.5 * Grippers.max_step
 """Distance [m] from contact at the start; it is met at the grippers' full speed."""
@@ -75,14 +75,13 @@ def squeezes(seed: int, cases: int = 40) -> dict[str, Any]:
     """A cable in a corridor of 30 mm, pushed together by both grippers, slowly and fast.
 
     Returns:
-        As `corridors`, with `speed` [m in a control step] and `time_step` [s] in place of the width.
+        As `corridors`, with `speed` [m in a control step] in place of the width.
     """
     rows = []
-    for speed, time_step in SQUEEZES:
+    for speed in SQUEEZES:
         rng = np.random.default_rng(seed)
-        rows.append([_squeezed(cable, speed, time_step, rng) for cable in _cables(cases)])
-    speeds, time_steps = zip(*SQUEEZES, strict=True)
-    return {"speed": speeds, "time_step": time_steps, **_summary(rows)}
+        rows.append([_squeezed(cable, speed, rng) for cable in _cables(cases)])
+    return {"speed": SQUEEZES, **_summary(rows)}
 
 
 def plans(seed: int) -> dict[str, Any]:
@@ -135,9 +134,9 @@ def _sideways(cable: Cable, width: float, rng: np.random.Generator) -> dict[str,
             return _pressed(q, cable, scene, np.tile([0.0, 1.0 if up > down else -1.0, 0.0], (2, 1)))
 
 
-def _squeezed(cable: Cable, speed: float, time_step: float, rng: np.random.Generator) -> dict[str, Any]:
+def _squeezed(cable: Cable, speed: float, rng: np.random.Generator) -> dict[str, Any]:
     q, scene = _in_corridor(cable, 0.030, rng)
-    return _pressed(q, cable, scene, np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), speed, time_step)
+    return _pressed(q, cable, scene, np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), speed)
 
 
 def _in_corridor(cable: Cable, width: float, rng: np.random.Generator) -> tuple[Float[np.ndarray, "6"], Scene]:
@@ -164,10 +163,9 @@ def _pressed(
     scene: Scene,
     direction: Float[np.ndarray, "2 3"],
     speed: float = Grippers.max_step,
-    time_step: float = PlantConfig.time_step,
 ) -> dict[str, Any]:
     """Lead the grippers in a direction, at most `speed` in a control step, to `BEYOND` past contact, and wait."""
-    plant = plant_at(q, cable, scene, time_step)
+    plant = plant_at(q, cable, scene)
     way = 0.0
     try:
         while plant.measure().clearance > 0:

@@ -14,7 +14,6 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from accuracy import shapes
 from cableway.figures import style
 from cableway.geometry import polyline
-from cableway.simulation.plant import PlantConfig
 
 Results = dict[str, dict[str, Any]]
 
@@ -141,10 +140,7 @@ def contact(results: Results) -> Figure:
     squeezes = results["squeezes"]
     stiffnesses = [f"{value:g}" for value in results["corners"]["stiffness"]]
     widths = [f"{1000 * value:g}" for value in results["corridors"]["width"]]
-    speeds = [
-        f"{10_000 * speed:g}" if time_step == PlantConfig.time_step else f"{10_000 * speed:g}\n{1000 * time_step:g} ms"
-        for speed, time_step in zip(squeezes["speed"], squeezes["time_step"], strict=True)
-    ]
+    speeds = [f"{10_000 * speed:.0f}" for speed in squeezes["speed"]]
     texts = (
         ("corners", "against a corner", "stiffness EI [N m²]", stiffnesses),
         ("corridors", "sideways in a corridor", "width [mm]", widths),
