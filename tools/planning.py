@@ -1,6 +1,6 @@
 """Plan random tasks of a kind and print how many are solved and how long it takes.
 
-    .venv/bin/python tools/planning.py KIND [--seeds FIRST:END] [--width W] [--planner NAME] [--time-limit S] [--out FOLDER]
+    .venv/bin/python tools/planning.py KIND [--seeds FIRST:END] [--width W] [--planner NAME] [...]
 
 Each task leaves a line in FOLDER/KIND.jsonl (runs/planning unless given), and its picture where no plan was found;
 tasks that stand there already are not planned again. A blocked task counts as solved where the planner says that
@@ -25,7 +25,6 @@ from cableway.planning.planner import plan
 from cableway.records import Attempt
 from cableway.scene.random.tasks import random_task_with_witness
 from cableway.scene.task import Task
-
 
 FAULTS = {
     "contact": ("cable clearance", "gripper clearance", "rod clearance"),
