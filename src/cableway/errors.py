@@ -79,6 +79,10 @@ class PlanningError(CablewayError):
         self.attempt = attempt
 
 
+class PlanningInterrupted(PlanningError):
+    """The search was interrupted from the keyboard after something had been tried; `attempt` is what came closest."""
+
+
 class SimulationError(CablewayError):
     """The simulated plant cannot go on: an overlap at the start, a slipped grasp, a diverged state."""
 

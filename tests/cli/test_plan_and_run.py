@@ -17,7 +17,7 @@ from cableway.files import read_arrays
 from cableway.planning import search
 from cableway.records import Plan, Rollout
 from cableway.scene.loading import load_task
-from cableway.verification import verify_plan, verify_rollout
+from cableway.verification import VerificationLimits, verify_plan, verify_rollout
 
 PLANNED = {"plan.npz", "plan.png", "report.json", "task.yaml"}
 TRACKED = PLANNED | {"rollout.npz", "rollout.png", "rollout.mp4"}
@@ -139,6 +139,20 @@ def test_an_interrupt_while_planning_leaves_what_was_there(
     assert done.err.endswith("cableway: interrupted\n")
     assert names(Path("o")) == {"plan.npz"}
     assert (Path("o") / "plan.npz").read_bytes() == b"earlier"
+
+
+def test_an_interrupt_after_a_failed_attempt_leaves_its_picture(
+    cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The first guide's plan is refused, the second is interrupted."""
+    judge = search.verify_plan
+    strict = VerificationLimits(clearance=0.5)
+    verdicts = iter([lambda plan, task, limits: judge(plan, task, strict), interrupt])
+    monkeypatch.setattr(search, "verify_plan", lambda *given: next(verdicts)(*given))
+    done = cableway("plan", moved_file, "--out", "o")
+    assert done.status == 130
+    assert names(Path("o")) == {"report.json", "plan.png", "task.yaml"}
+    assert report(Path("o"))["failure"].startswith("interrupted before a plan was found; what came closest: ")
 
 
 def test_an_interrupt_while_tracking_leaves_the_plan(

@@ -13,7 +13,7 @@ import tyro
 from cableway.cli import outputs
 from cableway.cli.options import Options
 from cableway.cli.terminal import StageTimer, Tell, Terminal
-from cableway.errors import InputError, PlanningError
+from cableway.errors import InputError, PlanningError, PlanningInterrupted
 
 if TYPE_CHECKING:
     from cableway.planning.config import PlannerConfig
@@ -108,6 +108,8 @@ def plan_into(
         configuration = {"plan": {"planner": describe(config)}}
         report = summarize(task, None, attempt=error.attempt, problem=str(error), configuration=configuration, **common)
         _write_attempt(folder, task, report, error)
+        if isinstance(error, PlanningInterrupted):
+            raise KeyboardInterrupt from None
         return Planned(plan=None, report=report, timings=timer.seconds, config=config, notes=notes)
     if len(plans) < alternatives:
         common["notes"] = notes = (*notes, f"Of {alternatives} alternatives {len(plans)} were found.")

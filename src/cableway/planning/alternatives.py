@@ -51,7 +51,7 @@ def find_alternatives(search: Search, count: int) -> tuple[Plan, ...]:
                 found[motion_class(task, plan.shapes)] = plan
             if len(found) == count:
                 break
-    except OutOfTime:
+    except (OutOfTime, KeyboardInterrupt):
         if not found:
             raise
     if not found:

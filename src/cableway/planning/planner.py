@@ -10,7 +10,7 @@ from typing import overload
 
 from threadpoolctl import threadpool_limits
 
-from cableway.errors import InputError, PlanningError
+from cableway.errors import InputError, PlanningError, PlanningInterrupted
 from cableway.planning.alternatives import ROUTED, find_alternatives
 from cableway.planning.config import Guide, PlannerConfig
 from cableway.planning.guides import Progress
@@ -81,7 +81,8 @@ def plan(
 
     Raises:
         PlanningError: No plan was found; `attempt` holds the one that came closest. The message says so where the
-            grippers or the cable cannot pass, and where the time ran out.
+            grippers or the cable cannot pass, and where the time ran out. An interrupt from the keyboard comes as
+            `PlanningInterrupted` once there is an attempt, and ends a search for alternatives with those found.
         InputError: `alternatives` is not positive, or comes with a requested way.
     """
     search = Search(task, config or PlannerConfig(), seed, progress, expired)
@@ -96,6 +97,11 @@ def plan(
     except OutOfTime:
         reason = f"; what came closest: {search.best.reason}" if search.best else ""
         raise PlanningError(f"the time limit ran out before a plan was found{reason}", search.best) from None
+    except KeyboardInterrupt:
+        if search.best is None:
+            raise
+        reason = f"interrupted before a plan was found; what came closest: {search.best.reason}"
+        raise PlanningInterrupted(reason, search.best) from None
 
 
 def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage], previous: Plan | None) -> Plan:
