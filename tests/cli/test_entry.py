@@ -11,6 +11,7 @@ from conftest import Command
 
 import cableway as package
 from cableway.errors import ControlError
+from cableway.planning.config import PLANNERS
 from cableway.provenance import versions
 from cableway.scene.loading import task_names
 
