@@ -1,4 +1,4 @@
-"""Every example and the README's Python run as they stand, in a folder of their own."""
+"""Every example and the Python of README and planning page run as they stand, in a folder of their own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,12 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
-README = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+PAGES = ("README.md", "docs/planning.md")
+CODE = [
+    (page, code)
+    for page in PAGES
+    for code in re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
+]
 
 
 def run(code: str | Path, folder: Path) -> str:
@@ -25,7 +30,7 @@ def run(code: str | Path, folder: Path) -> str:
 
 def test_there_are_examples():
     assert len(EXAMPLES) >= 3
-    assert len(README) >= 1
+    assert {page for page, _ in CODE} == set(PAGES)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -33,6 +38,6 @@ def test_example_runs_and_says_something(path: Path, tmp_path: Path):
     assert run(path, tmp_path).strip()
 
 
-@pytest.mark.parametrize("code", README, ids=range(len(README)))
-def test_readme_code_runs(code: str, tmp_path: Path):
+@pytest.mark.parametrize(("page", "code"), CODE)
+def test_code_of_a_page_runs(page: str, code: str, tmp_path: Path):
     assert run(code, tmp_path).strip()
