@@ -125,5 +125,5 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
         if place == 0 and (blockage := find_blockage(task, config.limits.clearance)):
             raise PlanningError(f"there is no plan: {blockage}", search.best)
     reason = f": {search.best.reason}" if search.best else ""
-    tried = f"any of {len(names)} guides" if len(names) > 1 else f"the guide {names[0]!r}"
+    tried = f"the guide {names[0]!r}" if len(names) == 1 else f"any of {len(names)} guides"
     raise PlanningError(f"no plan was found with {tried}{reason}", search.best)
