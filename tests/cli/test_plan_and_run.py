@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib.image
 import numpy as np
 import pytest
 from conftest import Command
 
+from cableway.cli import planning
 from cableway.control.open_loop import OpenLoop
 from cableway.errors import SimulationError
 from cableway.figures import video
 from cableway.files import read_arrays
-from cableway.planning import search
+from cableway.geometry import compiled
+from cableway.planning import compilation, search
 from cableway.records import Plan, Rollout
 from cableway.scene.loading import load_task
 from cableway.verification import VerificationLimits, verify_plan, verify_rollout
@@ -153,6 +156,19 @@ def test_an_interrupt_after_a_failed_attempt_leaves_its_picture(
     assert done.status == 130
     assert names(Path("o")) == {"report.json", "plan.png", "task.yaml"}
     assert report(Path("o"))["failure"].startswith("interrupted before a plan was found; what came closest: ")
+
+
+def test_compilation_does_not_count_against_the_time_limit(
+    cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """By a clock that stands still but for an hour of compiling."""
+    now = [0.0]
+    monkeypatch.setattr(planning, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(compiled, "is_compiled", lambda: False)
+    monkeypatch.setattr(compilation, "compile_kernels", lambda: now.__setitem__(0, 3600.0))
+    done = cableway("plan", moved_file, "--out", "o", "--time-limit", "1")
+    assert done.status == 0
+    assert "Before planning, kernels were compiled for 3600 s, which happens once." in report(Path("o"))["notes"]
 
 
 def test_an_interrupt_while_tracking_leaves_the_plan(

@@ -9,7 +9,7 @@ import problems
 import pytest
 import shapely
 
-from cableway.errors import PlanningError
+from cableway.errors import InputError, PlanningError
 from cableway.planning import tree_kernels
 from cableway.planning.explore import ExploreConfig, about_path, about_shapes, anywhere, explore
 from cableway.planning.planner import plan
@@ -104,3 +104,16 @@ def test_the_plan_names_the_guide_and_shows_its_paths():
     assert found.metadata["guide"] == "corridor"
     np.testing.assert_allclose(found.path_set[:, 0], problems.doorway().start, atol=1e-3)
     np.testing.assert_allclose(found.path_set[:, -1], problems.doorway().goal, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"samples": 0}, r"ExploreConfig\.samples must be from 1 to 1e\+07, got 0"),
+        ({"step": float("nan")}, r"ExploreConfig\.step must be from"),
+        ({"chord": 1.1}, r"ExploreConfig\.chord must be from"),
+    ],
+)
+def test_a_bad_configuration_is_refused(values, message):
+    with pytest.raises(InputError, match=message):
+        ExploreConfig(**values)

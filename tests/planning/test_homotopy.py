@@ -11,7 +11,7 @@ import pytest
 from cableway.errors import InputError, PlanningError
 from cableway.planning.alternatives import plan_cost
 from cableway.planning.config import PivotConfig
-from cableway.planning.homotopy import different_routes, motion_class, signature
+from cableway.planning.homotopy import different_routes, motion_class, signature, unmet_request
 from cableway.planning.passages import find_passages
 from cableway.planning.planner import plan
 from cableway.scene.obstacles import Box, Disc
@@ -91,7 +91,7 @@ def test_alternatives_are_true_different_and_ranked():
 
 def test_alternatives_where_there_is_one_way_only():
     assert len(plan(problems.doorway(), alternatives=3)) == 1
-    with pytest.raises(PlanningError):
+    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a way 16 mm wide"):
         plan(problems.sealed(), alternatives=3)
     with pytest.raises(InputError, match="alternatives must be 1 or more"):
         plan(problems.free(), alternatives=0)
@@ -108,6 +108,20 @@ def test_a_way_that_is_asked_for():
     leftmost = next(passage for passage in passages if passage.between == (0, 2))
     left = plan(task, through=[leftmost], avoiding=[between])
     assert left.shapes[:, 6, 0].min() < 0.2
+
+
+def test_a_motion_is_held_to_the_way_asked_for():
+    """Its middle goes through two gaps between three discs, the left one first, and not past the right end."""
+    discs = tuple(Disc(center=(x, 0.4), radius=0.03) for x in (0.2, 0.35, 0.5))
+    task = problems.task_between(problems.LOW_ARC, problems.HIGH_ARC, discs, name="three-discs")
+    passages = {passage.between: passage for passage in find_passages(task.scene)}
+    left, right = passages[0, 1], passages[1, 2]
+    middle = np.array([(0.275, 0.3), (0.275, 0.5), (0.35, 0.5), (0.35, 0.48), (0.425, 0.48), (0.425, 0.3)])
+    shapes = np.repeat(middle[:, None], 13, axis=1)
+    assert unmet_request(shapes, task, [left, right], []) == ""
+    assert unmet_request(shapes, task, [right, left], []).endswith("in another order")
+    assert "goes through the passage between" in unmet_request(shapes, task, [left], [right])
+    assert "does not go through the passage between" in unmet_request(shapes[:2], task, [right], [])
 
 
 def test_a_way_that_does_not_exist():

@@ -33,28 +33,31 @@ def test_stability_agrees_with_the_other_rod(motion):
     assert followed.stability == pytest.approx(rod.stability(q)[0], rel=0.03)
 
 
-def test_a_solution_is_stationary_and_closed(motion):
-    """Moving links against each other along the closure does not lower the energy to first order."""
+@pytest.fixture(scope="module")
+def solved(motion):
+    """A chain, the gripper poses and the link angles it takes between them."""
     rod, q = motion
     stations, poses = rod.shapes(q[20:21])
     chain = _Chain(rod.length, 48)
     angles = chain.solve(poses[0], chain.angles_of(rod.at_keypoints(stations)[0]))
     assert angles is not None
-    full = chain.full(poses[0], angles)
+    return chain, poses[0], angles
+
+
+def test_a_solution_is_stationary_and_closed(solved):
+    """Moving links against each other along the closure does not lower the energy to first order."""
+    chain, poses, angles = solved
+    full = chain.full(poses, angles)
     rows = chain.links[1:-1] * np.array([-np.sin(angles), np.cos(angles)])
     null = np.linalg.svd(rows)[2][2:]
     assert np.abs(null @ np.diff(full, n=2)).max() < 1e-8
-    np.testing.assert_allclose(chain.vertices(poses[0], angles)[-1], poses[0, 1, :2], atol=1e-9)
+    np.testing.assert_allclose(chain.vertices(poses, angles)[-1], poses[1, :2], atol=1e-9)
 
 
-def test_the_margin_is_the_least_energy_of_a_change_that_keeps_the_chain_closed(motion):
+def test_the_margin_is_the_least_energy_of_a_change_that_keeps_the_chain_closed(solved):
     """Against the second difference of the energy along every eigenvector of an explicit null space."""
-    rod, q = motion
-    stations, poses = rod.shapes(q[20:21])
-    chain = _Chain(rod.length, 48)
-    angles = chain.solve(poses[0], chain.angles_of(rod.at_keypoints(stations)[0]))
-    assert angles is not None
-    full = chain.full(poses[0], angles)
+    chain, poses, angles = solved
+    full = chain.full(poses, angles)
     rows = chain.links[1:-1] * np.array([-np.sin(angles), np.cos(angles)])
     multipliers = np.linalg.lstsq(rows.T, np.diff(full, n=2), rcond=None)[0]
     free = len(angles)
@@ -62,7 +65,7 @@ def test_the_margin_is_the_least_energy_of_a_change_that_keeps_the_chain_closed(
     hessian = 2 * np.eye(free) - np.eye(free, k=1) - np.eye(free, k=-1) - np.diag(load)
     null = np.linalg.svd(rows)[2][2:]
     wanted = np.linalg.eigvalsh(null @ hessian @ null.T)[0] * 48**2
-    assert chain.stability(poses[0], angles) == pytest.approx(wanted, rel=1e-9)
+    assert chain.stability(poses, angles) == pytest.approx(wanted, rel=1e-9)
 
 
 def test_grippers_pulled_apart_lose_the_rod(motion):

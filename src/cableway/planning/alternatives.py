@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cableway.errors import PlanningError
+from cableway.geometry import polyline
 from cableway.planning.config import Guide
 from cableway.planning.homotopy import different_routes, motion_class
 from cableway.planning.search import OutOfTime, Search
@@ -24,7 +24,7 @@ CLEARANCE_WEIGHT = 0.001
 def plan_cost(plan: Plan, task: Task) -> float:
     """What alternatives are ranked by: travel of both grippers [m] + 0.001 m^2 / least clearance of the cable."""
     travel = float(np.linalg.norm(np.diff(plan.poses[:, :, :2], axis=0), axis=2).sum())
-    clearance = float(task.scene.clearance(plan.shapes, task.cable.radius).min())
+    clearance = float(task.scene.clearance(polyline.spline(plan.shapes, 4), task.cable.radius).min())
     return travel + CLEARANCE_WEIGHT / max(clearance, 1e-4)
 
 
@@ -55,6 +55,5 @@ def find_alternatives(search: Search, count: int) -> tuple[Plan, ...]:
         if not found:
             raise
     if not found:
-        reason = f": {search.best.reason}" if search.best else ""
-        raise PlanningError(f"no plan was found along any pivot path{reason}", search.best)
+        raise search.blocked() or search.nothing("along any pivot path")
     return tuple(sorted(found.values(), key=lambda plan: plan_cost(plan, task)))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from cableway.errors import InputError, UnknownNameError
+from cableway.planning.checks import require_choice, require_range
 from cableway.planning.explore import ExploreConfig
 from cableway.planning.realization import RealizationConfig
 from cableway.verification import VerificationLimits
@@ -20,28 +21,6 @@ Guide = Literal[
 
 PLANNERS = ("default", "paper", "paper-refined", "straight", "slide", "rrt-connect")
 """Names of planners, see `PlannerConfig.named`."""
-
-
-def require_range(config: object, low: float, high: float, *names: str) -> None:
-    """Check that the named fields of a config lie in [low, high].
-
-    Raises:
-        InputError: One does not, or is not a number.
-    """
-    for name in names:
-        value: Any = getattr(config, name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-            raise InputError(f"{type(config).__name__}.{name} must be from {low:g} to {high:g}, got {value!r}")
-
-
-def require_choice(kind: str, value: str, choices: Any) -> None:
-    """Check that `value` is one of the names of a Literal type.
-
-    Raises:
-        UnknownNameError: It is not; the message lists the names.
-    """
-    if value not in get_args(choices):
-        raise UnknownNameError(kind, value, get_args(choices))
 
 
 @dataclass(frozen=True, kw_only=True)

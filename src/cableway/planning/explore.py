@@ -23,6 +23,7 @@ from cableway.errors import PlanningError
 from cableway.geometry import convex
 from cableway.planning import tree_kernels
 from cableway.planning.band import arrays
+from cableway.planning.checks import require_range
 from cableway.planning.refinement import bend_limit
 from cableway.records import DeformationSequence
 from cableway.scene.task import Task
@@ -64,6 +65,14 @@ class ExploreConfig:
     tube: tuple[float, float, float, float, float, float] = (0.03, 0.03, 0.4, 6.0, 6.0, 1.5)
     self_distance: float = 0.001
     shortcuts: int = 100
+
+    def __post_init__(self) -> None:
+        require_range(self, 1, 10**7, "samples")
+        require_range(self, 1e-4, 1, "step")
+        require_range(self, 0, 1, "margin", "corridor", "self_distance")
+        require_range(self, 0, 40, "stability")
+        require_range(self, 1e-3, 1, "chord")
+        require_range(self, 0, 10**6, "shortcuts")
 
 
 def anywhere(task: Task, config: ExploreConfig) -> Sampler:

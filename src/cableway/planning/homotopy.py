@@ -128,7 +128,8 @@ def unmet_request(
             if bool(traversed_passages((passage,), path)) is not wanted:
                 names = " and ".join(task.scene.name_of(index) for index in passage.between)
                 return f"the cable's middle {'does not go' if wanted else 'goes'} through the passage between {names}"
-    return ""
+    arcs = [traversed_passages((passage,), path)[0][1] for passage in through]
+    return "" if arcs == sorted(arcs) else "the cable's middle goes through the passages in another order"
 
 
 def _wall(passage: Passage) -> Box:

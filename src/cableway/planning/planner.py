@@ -15,7 +15,6 @@ from cableway.planning.alternatives import ROUTED, find_alternatives
 from cableway.planning.config import Guide, PlannerConfig
 from cableway.planning.guides import Progress
 from cableway.planning.homotopy import requested_route, unmet_request
-from cableway.planning.reachability import find_blockage
 from cableway.planning.realization import end_equilibria
 from cableway.planning.search import OutOfTime, Search
 from cableway.records import Passage, Plan
@@ -122,8 +121,6 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
         found = search.follow(guides, name, accept)
         if found is not None:
             return found
-        if place == 0 and (blockage := find_blockage(task, config.limits.clearance)):
-            raise PlanningError(f"there is no plan: {blockage}", search.best)
-    reason = f": {search.best.reason}" if search.best else ""
-    tried = f"the guide {names[0]!r}" if len(names) == 1 else f"any of {len(names)} guides"
-    raise PlanningError(f"no plan was found with {tried}{reason}", search.best)
+        if place == 0 and (error := search.blocked()):
+            raise error
+    raise search.nothing(f"with the guide {names[0]!r}" if len(names) == 1 else f"with any of {len(names)} guides")

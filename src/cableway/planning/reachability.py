@@ -1,10 +1,10 @@
 """Why there is no plan: a gap that the grippers or the cable would have to pass, and that is too narrow.
 
 A gripper's disc must go from its place at the start to its place at the goal, and so must a disc as thick as the
-cable about the cable's middle, with the clearance that a plan keeps on either side. On a grid, connectivity of the
-places where the signed distance is at least r - h/sqrt 2 (h the grid's spacing, r with the clearance) is necessary for
-that, because the distance changes no faster than the place. So what is reported is certain; narrower misses than
-h sqrt 2 are not seen.
+cable about the cable's middle, from the equilibria nearest to start and goal, with the clearance that a plan keeps on
+either side. On a grid, connectivity of the places where the signed distance is at least r - h/sqrt 2 (h the grid's
+spacing, r with the clearance) is necessary for that, because the distance changes no faster than the place. So what is
+reported is certain; narrower misses than h sqrt 2 are not seen.
 """
 
 from __future__ import annotations
@@ -64,13 +64,14 @@ def find_blockage(task: Task, clearance: float = 0.0) -> Blockage | None:
     axes = [np.linspace(0, size, count) for size, count in zip(task.scene.size, counts, strict=True)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     distance = task.scene.signed_distance(nodes)
-    middle = pivot_keypoint(task.cable.keypoints)
+    rod, middle = task.cable.rod, pivot_keypoint(task.cable.keypoints)
+    start, goal = rod.at_keypoints(rod.shapes(np.array([task.start_fit[0], task.goal_fit[0]]))[0])
     for who, keypoint, radius in (
         ("the left gripper", 0, task.grippers.radius),
         ("the right gripper", -1, task.grippers.radius),
         ("the cable", middle, task.cable.radius),
     ):
-        ends = [_node(point, axes) for point in (task.start[keypoint], task.goal[keypoint])]
+        ends = [_node(point, axes) for point in (start[keypoint], goal[keypoint])]
         blocked = _narrowest(distance, ends, radius + clearance - spacing / np.sqrt(2))
         if blocked is not None:
             half_width, at = blocked

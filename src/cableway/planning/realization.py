@@ -10,13 +10,14 @@ Note:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import PlanningError, UnknownNameError
+from cableway.errors import PlanningError
 from cableway.geometry import polyline, se2
+from cableway.planning.checks import require_choice, require_range
 from cableway.planning.refinement import RefinementConfig, refine
 from cableway.records import DeformationSequence
 from cableway.rod.equilibrium import Rod
@@ -48,8 +49,11 @@ class RealizationConfig:
     fit_tolerance: float = 0.01
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise UnknownNameError("realisation", self.kind, get_args(Kind))
+        require_choice("realisation", self.kind, Kind)
+        require_range(self, 1e-4, 1, "row_step")
+        require_range(self, 1e-3, 1, "limit_share")
+        require_range(self, 1e-3, 1e3, "keypoint_step")
+        require_range(self, 0, 1, "fit_tolerance")
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from cableway.errors import PlanningError
 from cableway.planning.config import Guide, PlannerConfig
 from cableway.planning.guides import Guides, Progress
+from cableway.planning.reachability import find_blockage
 from cableway.planning.realization import realize
 from cableway.provenance import describe, versions
 from cableway.records import Attempt, DeformationSequence, PathSet, Plan
@@ -80,6 +81,16 @@ class Search:
             return self._fail(Attempt(fault, pivot=paths.pivot, path_set=paths, shapes=found.shapes))
         made_by = {"guide": name, "seed": self.seed, "versions": versions(), "planner": describe(self.config)}
         return Plan(found.shapes, found.poses, found.pivot, found.passages, found.path_set, found.progress, made_by)
+
+    def blocked(self) -> PlanningError | None:
+        """The error that says what certainly cannot pass, and where; None where all may."""
+        blockage = find_blockage(self.task, self.config.limits.clearance)
+        return None if blockage is None else PlanningError(f"there is no plan: {blockage}", self.best)
+
+    def nothing(self, tried: str) -> PlanningError:
+        """The error that says what was tried, and why the closest attempt is no plan."""
+        reason = f": {self.best.reason}" if self.best else ""
+        return PlanningError(f"no plan was found {tried}{reason}", self.best)
 
     def _realize(self, sequence: DeformationSequence, paths: PathSet) -> Plan | Attempt:
         task, config = self.task, self.config
