@@ -29,7 +29,7 @@ def fit(keypoints, q, length, hinges, stride):
         if fresh:
             world_shape_jacobian(q, length, hinges, stations, dstations, poses, dposes)
             _normal_equations(stations, dstations, keypoints, scale / length, length, stride, normal, gradient)
-        step = _damped_step(normal, gradient, damping)
+        step = damped_step(normal, gradient, damping)
         trial = q + scale * step
         world_shape(trial, length, hinges, stations, poses)
         changed = _half_square(stations, keypoints, length, stride)
@@ -71,7 +71,7 @@ def _normal_equations(stations, dstations, keypoints, scale, length, stride, nor
 
 
 @kernel
-def _damped_step(normal, gradient, damping):
+def damped_step(normal, gradient, damping):
     """Solve (normal + damping) step = -gradient by Cholesky's factors; the lower triangle of `normal` is used."""
     factor, step = np.zeros((6, 6)), -gradient
     for a in range(6):

@@ -1,0 +1,334 @@
+"""Compiled kernels of `cableway.control.rod_mpc`: what the adapted rod predicts, and the steps of the optimiser.
+
+Arrays are those of `cableway.rod.adapted_kernels`; theta is laid out as in `cableway.rod.adapted`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cableway.geometry.compiled import kernel
+from cableway.geometry.convex import point_distance
+from cableway.rod.adapted_kernels import adapted_shape, meet_ends, scales, workspace
+
+MEETING = 100
+"""Most steps in which a shape is brought between the grippers."""
+
+
+@kernel
+def held(poses, grasps):
+    """End poses (2, 3) of a rod whose grippers are at `poses` (2, 3), held with offsets `grasps` (6,)."""
+    ends = np.empty((2, 3))
+    for k in range(2):
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        ends[k, 0] = poses[k, 0] + c * grasps[3 * k] - s * grasps[3 * k + 1]
+        ends[k, 1] = poses[k, 1] + s * grasps[3 * k] + c * grasps[3 * k + 1]
+        ends[k, 2] = poses[k, 2] + grasps[3 * k + 2]
+    return ends
+
+
+@kernel
+def holding(ends, grasps):
+    """Gripper poses (2, 3) that hold a rod with end poses `ends` (2, 3); the inverse of `held`."""
+    poses = np.empty((2, 3))
+    for k in range(2):
+        angle = ends[k, 2] - grasps[3 * k + 2]
+        c, s = math.cos(angle), math.sin(angle)
+        poses[k, 0] = ends[k, 0] - c * grasps[3 * k] + s * grasps[3 * k + 1]
+        poses[k, 1] = ends[k, 1] - s * grasps[3 * k] - c * grasps[3 * k + 1]
+        poses[k, 2] = angle
+    return poses
+
+
+@kernel
+def predict(q, poses, theta, modes, stride, keypoints, by_theta):
+    """Keypoints (n, 2) of the rod held at gripper `poses`, and their derivative (n, 2, p) by theta.
+
+    q (6,) is the first guess and becomes the shape found. Returns the largest residual of the ends left.
+    """
+    count = len(modes)
+    p, grasps = theta[: 1 + 2 * count], theta[1 + 2 * count :]
+    left = meet_ends(q, held(poses, grasps), p, modes, MEETING)
+    stations, dstations, ends, dends = workspace(modes)
+    adapted_shape(q, p, modes, stations, dstations, ends, dends)
+    n, size = len(keypoints), len(theta)
+    # rates of the residual "end of the rod less where the grasp has it" by theta
+    rates = np.zeros((6, size))
+    rates[:, : len(p)] = dends[:, :, 6:].copy().reshape(6, len(p))
+    for k in range(2):
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        at, row = len(p) + 3 * k, 3 * k
+        rates[row, at], rates[row, at + 1] = -c, s
+        rates[row + 1, at], rates[row + 1, at + 1] = -s, -c
+        rates[row + 2, at + 2] = -1.0
+    scale = scales(p[0])
+    by_q = dends[:, :, :6].copy().reshape(6, 6) * scale
+    weights = np.array([1 / p[0], 1 / p[0], 1.0, 1 / p[0], 1 / p[0], 1.0])
+    by_q = by_q * weights.reshape(6, 1)
+    normal = by_q.T @ by_q + 1e-9 * np.eye(6)
+    moved = -np.linalg.solve(normal, by_q.T @ (rates * weights.reshape(6, 1))) * scale.reshape(6, 1)
+    for i in range(n):
+        keypoints[i] = stations[i * stride]
+        for k in range(2):
+            for a in range(size):
+                total = dstations[i * stride, k, 6 + a] if a < len(p) else 0.0
+                for b in range(6):
+                    total += dstations[i * stride, k, b] * moved[b, a]
+                by_theta[i, k, a] = total
+    return left
+
+
+@kernel
+def _add_row(normal, gradient, rates, residual, weight, at):
+    """Add one weighted residual that depends on the six unknowns from `at` on."""
+    for a in range(6):
+        wa = weight * rates[a]
+        gradient[at + a] += wa * residual
+        for b in range(a + 1):
+            normal[at + a, at + b] += wa * rates[b]
+
+
+@kernel
+def _add_change(normal, gradient, later, earlier, residual, weight, at):
+    """Add one weighted residual: by `later` of the six unknowns from `at` on, less by `earlier` of the six before."""
+    _add_row(normal, gradient, later, residual, weight, at)
+    for a in range(6):
+        wa = weight * earlier[a]
+        gradient[at - 6 + a] -= wa * residual
+        for b in range(6):
+            if b <= a:
+                normal[at - 6 + a, at - 6 + b] += wa * earlier[b]
+            normal[at + b, at - 6 + a] -= wa * later[b]
+
+
+@kernel
+def _scaled_shape(q, p, modes, scale, stations, dstations, poses, dposes):
+    """`adapted_shape` with the derivatives by q in units of `scale` (6,)."""
+    adapted_shape(q, p, modes, stations, dstations, poses, dposes)
+    for a in range(6):
+        for k in range(2):
+            for i in range(len(stations)):
+                dstations[i, k, a] *= scale[a]
+            for m in range(3):
+                dposes[k, m, a] *= scale[a]
+
+
+@kernel
+def _solve(normal, gradient, damping, step):
+    """Solve (normal + damping times its diagonal) step = -gradient; the lower triangle of `normal` is used."""
+    size = len(step)
+    factor = np.zeros((size, size))
+    for a in range(size):
+        for b in range(a + 1):
+            total = normal[a, b] * (1.0 + damping) if a == b else normal[a, b]
+            for c in range(b):
+                total -= factor[a, c] * factor[b, c]
+            if a == b:
+                factor[a, a] = math.sqrt(max(total, 1e-14))
+            else:
+                factor[a, b] = total / factor[b, b]
+    for a in range(size):
+        total = -gradient[a]
+        for c in range(a):
+            total -= factor[a, c] * step[c]
+        step[a] = total / factor[a, a]
+    for a in range(size - 1, -1, -1):
+        total = step[a]
+        for c in range(a + 1, size):
+            total -= factor[c, a] * step[c]
+        step[a] = total / factor[a, a]
+
+
+@kernel
+def fit_shapes(q, wanted, p, modes, stride, pull, iterations, keypoints, ends):
+    """Move each row of q (H, 6) to the shape nearest to keypoints `wanted` (H, n, 2), by Gauss-Newton steps.
+
+    A pull on the change of the load keeps it where keypoints cannot tell; weight `pull` [m^2]. Fills `keypoints`
+    (H, n, 2) and `ends` (H, 2, 3) of the shapes found.
+    """
+    stations, dstations, poses, dposes = workspace(modes)
+    scale = scales(p[0])
+    normal, gradient, step = np.empty((6, 6)), np.empty(6), np.empty(6)
+    for t in range(len(q)):
+        for iteration in range(iterations + 1):
+            _scaled_shape(q[t], p, modes, scale, stations, dstations, poses, dposes)
+            if iteration == iterations:
+                break
+            normal[:] = 0.0
+            gradient[:] = 0.0
+            for i in range(wanted.shape[1]):
+                for k in range(2):
+                    residual = stations[i * stride, k] - wanted[t, i, k]
+                    _add_row(normal, gradient, dstations[i * stride, k], residual, 1.0, 0)
+            for a in range(3, 6):
+                normal[a, a] += pull
+            _solve(normal, gradient, 1e-9, step)
+            longest = np.abs(step).max()
+            step *= min(1.0, 0.3 / longest)
+            for a in range(6):
+                q[t, a] += scale[a] * step[a]
+            if longest < 1e-5:
+                _scaled_shape(q[t], p, modes, scale, stations, dstations, poses, dposes)
+                break
+        keypoints[t] = stations[::stride]
+        ends[t] = poses
+
+
+@kernel
+def assemble(
+    q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights, normal, gradient
+):
+    """Half the sum of the squares over the horizon, its Gauss-Newton matrix (lower) and gradient, see `rod_mpc`.
+
+    The first six unknowns stand for the shape now, which is given; their rows are zero.
+
+    Args:
+        q: (H, 6) shapes.
+        before: (2, 3) end poses of the rod now.
+        p, modes, stride: The rod.
+        offset: (2N+1, 2) [m] added to every station.
+        wanted: (H, n, 2) [m].
+        steps: (H, 2, 3) wanted motions of the ends.
+        loads: (H, 3) wanted loads.
+        longest: (H,) [m] greatest distance between the ends.
+        world: vertices, counts, rounding, size of `convex.ConvexWorld`.
+        limits: largest step, turn; radius of cable, of grippers; clearance wanted; least distance of the grippers.
+        weights: tracking, motion, lever of turns, load, clearance, separation, limits.
+        normal: (6 + 6H, 6 + 6H), changed.
+        gradient: (6 + 6H,), changed.
+    """
+    vertices, counts, rounding, size = world
+    max_step, max_turn, cable_radius, gripper_radius, threshold, least = limits
+    w_track, w_motion, lever, w_load, w_clear, w_apart, w_limit = weights
+    stations, dstations, ends, dends = workspace(modes)
+    last, dlast, rates, earlier = before.copy(), np.zeros((2, 3, 6)), np.empty(6), np.empty(6)
+    scale = scales(p[0])
+    normal[:] = 0.0
+    gradient[:] = 0.0
+    cost = 0.0
+    for t in range(len(q)):
+        at = 6 + 6 * t
+        _scaled_shape(q[t], p, modes, scale, stations, dstations, ends, dends)
+        for i in range(wanted.shape[1]):
+            j = i * stride
+            for k in range(2):
+                residual = stations[j, k] + offset[j, k] - wanted[t, i, k]
+                _add_row(normal, gradient, dstations[j, k], residual, w_track, at)
+                cost += w_track * residual * residual
+        for k in range(3):
+            residual = (q[t, 3 + k] - loads[t, k]) / scale[3 + k]
+            normal[at + 3 + k, at + 3 + k] += w_load
+            gradient[at + 3 + k] += w_load * residual
+            cost += w_load * residual * residual
+        for j in range(len(stations)):
+            radius = gripper_radius if j == 0 or j == len(stations) - 1 else cable_radius
+            x, y = stations[j, 0] + offset[j, 0], stations[j, 1] + offset[j, 1]
+            distance, gx, gy, _ = point_distance(x, y, vertices, counts, rounding, size)
+            short = threshold - (distance - radius)
+            if short > 0.0:
+                for a in range(6):
+                    rates[a] = -gx * dstations[j, 0, a] - gy * dstations[j, 1, a]
+                _add_row(normal, gradient, rates, short, w_clear, at)
+                cost += w_clear * short * short
+        for side in range(2):
+            for k in range(3):
+                weight = lever * lever if k == 2 else 1.0
+                moved = ends[side, k] - last[side, k]
+                residual = moved - steps[t, side, k]
+                _add_change(normal, gradient, dends[side, k], dlast[side, k], residual, w_motion * weight, at)
+                cost += w_motion * weight * residual * residual
+                if k == 2 and abs(moved) > max_turn:
+                    over = moved - math.copysign(max_turn, moved)
+                    _add_change(normal, gradient, dends[side, k], dlast[side, k], over, w_limit * weight, at)
+                    cost += w_limit * weight * over * over
+            dx, dy = ends[side, 0] - last[side, 0], ends[side, 1] - last[side, 1]
+            moved = math.hypot(dx, dy)
+            if moved > max_step:
+                for a in range(6):
+                    rates[a] = (dx * dends[side, 0, a] + dy * dends[side, 1, a]) / moved
+                    earlier[a] = (dx * dlast[side, 0, a] + dy * dlast[side, 1, a]) / moved
+                over = moved - max_step
+                _add_change(normal, gradient, rates, earlier, over, w_limit, at)
+                cost += w_limit * over * over
+        gx, gy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
+        gap = max(math.hypot(gx, gy), 1e-9)
+        wrong = max(gap - longest[t], 0.0) - max(least - gap, 0.0)
+        if wrong != 0.0:
+            for a in range(6):
+                rates[a] = (gx * (dends[1, 0, a] - dends[0, 0, a]) + gy * (dends[1, 1, a] - dends[0, 1, a])) / gap
+            _add_row(normal, gradient, rates, wrong, w_apart, at)
+            cost += w_apart * wrong * wrong
+        last[:] = ends
+        dlast[:] = dends[:, :, :6]
+    return 0.5 * cost
+
+
+@kernel
+def optimize(
+    q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights, iterations, tolerance
+):
+    """Levenberg-Marquardt on `assemble` from q (H, 6), which it changes. Returns the cost at the start and the end."""
+    size = 6 + q.size
+    normal, gradient, step = np.empty((size, size)), np.empty(size), np.zeros(q.size)
+    trial_normal, trial_gradient = np.empty((size, size)), np.empty(size)
+    scale, trial = scales(p[0]), q.copy()
+    cost = assemble(
+        q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights, normal, gradient
+    )
+    start, damping = cost, 1e-9
+    for _ in range(iterations):
+        trial_cost = np.inf
+        while trial_cost >= cost and damping < 1e3:
+            _solve(normal[6:, 6:], gradient[6:], damping, step)
+            share = min(1.0, 0.5 / np.abs(step).max())
+            for i in range(size - 6):
+                trial[i // 6, i % 6] = q[i // 6, i % 6] + share * scale[i % 6] * step[i]
+            trial_cost = assemble(
+                trial, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights,
+                trial_normal, trial_gradient,
+            )  # fmt: skip
+            damping = max(damping / 10.0, 1e-9) if trial_cost < cost else max(damping, 1e-5) * 10.0
+        if not trial_cost < cost:
+            break
+        small = cost - trial_cost < tolerance * cost
+        q[:] = trial
+        normal[:] = trial_normal
+        gradient[:] = trial_gradient
+        cost = trial_cost
+        if small:
+            break
+    return start, cost
+
+
+@kernel
+def end_poses(q, p, modes):
+    """End poses (2, 3) of the shape q (6,)."""
+    stations, dstations, ends, dends = workspace(modes)
+    adapted_shape(q, p, modes, stations, dstations, ends, dends)
+    return ends
+
+
+@kernel
+def motion_jacobian(q, p, modes, stride, n):
+    """Derivative (2n, 6) of the keypoints [m] by the end poses (x, y, theta left, right) [m, m, rad] at the shape q.
+
+    Near a fold, where shapes run away, it is that of the nearest motions that the rod can make.
+    """
+    stations, dstations, ends, dends = workspace(modes)
+    scale = scales(p[0])
+    _scaled_shape(q, p, modes, scale, stations, dstations, ends, dends)
+    by_q = np.empty((6, 6))
+    for row in range(6):
+        unit = 1.0 if row % 3 == 2 else 1.0 / p[0]
+        by_q[row] = dends[row // 3, row % 3, :6] * unit
+    inverse = np.linalg.solve(by_q.T @ by_q + 1e-4 * np.eye(6), by_q.T)
+    found = np.zeros((2 * n, 6))
+    for i in range(n):
+        for k in range(2):
+            for row in range(6):
+                unit = 1.0 if row % 3 == 2 else 1.0 / p[0]
+                for a in range(6):
+                    found[2 * i + k, row] += dstations[i * stride, k, a] * inverse[a, row] * unit
+    return found

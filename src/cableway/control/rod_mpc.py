@@ -1,0 +1,264 @@
+"""Adaptive rod MPC: the cable as an elastic rod whose parameters are estimated while it is led.
+
+At every control step, with theta the parameters and b the output offset as estimated (`rod_estimate`), e_0 the rod's
+end poses once all that was sent is done, and s_ref,k the plan's shapes:
+
+1. *Fit.* Find the shapes q*_k of the adapted rod nearest to s_ref,k, k = 0..H, with end poses e*_k and loads l*_k. So
+   the plan's gripper motion becomes one for this cable.
+2. *Correct.* Find the shapes q_1..q_H, with keypoints s(q), end poses e(q) and loads l(q), that make
+
+        sum_k  w_s |s(q_k) + b - s_ref,k|^2                           tracking
+             + w_m |e(q_k) - e(q_{k-1}) - (e*_k - e*_{k-1})|_R^2      motion, fed forward from the fit
+             + w_l |l(q_k) - l*_k|^2                                  load: away from folds, where shapes vanish
+             + w_c max(0, d - clearance)^2                            of every station and both gripper discs
+             + w_g max(0, gap - longest)^2 + max(0, least - gap)^2    distance between the ends
+             + w_b max(0, step - largest)^2                           limits of the grippers
+
+   least, R counting a turn of 1 rad as `turn_lever`; then lead the grippers so that the rod's ends come to e(q_1).
+
+Every q is an equilibrium, so the model has no state of its own: what was seen late or sent early is compared with the
+gripper poses of its own time (`sight`), and the cable's lag is part of b.
+
+Note:
+    Not in the paper (Tang et al.), whose MPC predicts with a network; terms and weights follow `neural_mpc`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control import rod_kernels
+from cableway.control.base import Controller, ControllerState, Status
+from cableway.control.limits import longest_gap, within_limits
+from cableway.control.reference import PlanReference, reference_for
+from cableway.control.rod_estimate import EstimatorConfig, RodEstimate, RodEstimator, turned_on
+from cableway.control.seen import poses_usable
+from cableway.control.sight import Sight
+from cableway.errors import InputError
+from cableway.records import Observation, Plan
+from cableway.rod.adapted import GRASPS, LENGTH, ROD
+from cableway.rod.inverse import fit_keypoints
+from cableway.scene.task import Task
+
+FIT_PULL = 1e-8
+"""Weight [m^2] of the change of the load in a fit."""
+
+FIT_ITERATIONS = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class RodMPCConfig:
+    """Settings of `RodMPC`. Only ratios of weights count.
+
+    Attributes:
+        horizon: H, number of actions looked ahead.
+        iterations: Most steps of the optimiser.
+        tolerance: Relative fall of the cost that is not worth another one.
+        tracking_weight: w_s [1/m^2].
+        motion_weight: w_m [1/m^2].
+        turn_lever: Motion [m] that a turn of 1 rad counts as.
+        load_weight: w_l, for loads in units of 10 EI/L^2 and 3 EI/L.
+        clearance_weight: w_c [1/m^2].
+        threshold: d, clearance [m] below which obstacles cost.
+        separation_weight: w_g [1/m^2].
+        stretch: Distance between the ends over the cable's length from where it costs; where the plan stretches the
+            cable farther, the plan's distance.
+        longest: The same, never exceeded.
+        limit_weight: w_b [1/m^2].
+        hold: Time [s] at the plan's first row before it is followed, while the estimates settle.
+        blind_steps: Steps in a row that go on without gripper poses.
+        unseen_steps: Steps in a row that go on without keypoints.
+        estimator: Settings of the estimation.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    horizon: int = 3
+    iterations: int = 4
+    tolerance: float = 1e-4
+    tracking_weight: float = 1.0
+    motion_weight: float = 3.0
+    turn_lever: float = 0.05
+    load_weight: float = 1e-7
+    clearance_weight: float = 30.0
+    threshold: float = 0.006
+    separation_weight: float = 100.0
+    stretch: float = 0.985
+    longest: float = 0.995
+    limit_weight: float = 100.0
+    hold: float = 1.5
+    blind_steps: int = 3
+    unseen_steps: int = 10
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name != "estimator" and not 0 <= value < math.inf:
+                raise InputError(f"{entry.name} must be finite and not negative, got {value!r}")
+        for name in ("horizon", "iterations", "tracking_weight", "turn_lever", "stretch", "longest"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} must be positive, got {getattr(self, name)!r}")
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """As `rod_kernels.assemble` wants them."""
+        return (
+            self.tracking_weight,
+            self.motion_weight,
+            self.turn_lever,
+            self.load_weight,
+            self.clearance_weight,
+            self.separation_weight,
+            self.limit_weight,
+        )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What stays the same during a run.
+
+    Attributes:
+        task: The task.
+        reference: The plan by time.
+        estimator: Of the rod's parameters.
+        world: Obstacles and walls, packed.
+        limits: As `rod_kernels.assemble` wants them.
+    """
+
+    task: Task
+    reference: PlanReference
+    estimator: RodEstimator
+    world: tuple[np.ndarray, ...]
+    limits: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RodMPCState(ControllerState):
+    """State of `RodMPC`.
+
+    Attributes:
+        problem: What stays the same.
+        index: Control steps of the reference that are over.
+        sight: What is known of grippers and delays.
+        estimate: What is believed of the cable.
+        fits: (H + 1, 6) shapes of the adapted rod nearest to the reference now and after each action.
+    """
+
+    problem: Problem
+    index: int
+    sight: Sight
+    estimate: RodEstimate
+    fits: Float[np.ndarray, "H+1 6"]
+
+
+class RodMPC(Controller[RodMPCState]):
+    """Model predictive control with the rod as the model, adapted while it runs.
+
+    Args:
+        config: The settings, the defaults where None.
+    """
+
+    def __init__(self, config: RodMPCConfig | None = None) -> None:
+        self.config = config or RodMPCConfig()
+
+    def init(self, task: Task, plan: Plan) -> RodMPCState:
+        """See `Controller.init`."""
+        reference = reference_for(task, plan, self.config.hold)
+        rod, world, grippers = task.cable.rod, task.scene.world, task.grippers
+        estimator = RodEstimator(rod, self.config.estimator, self.control_step)
+        limits = (
+            grippers.max_step,
+            grippers.max_turn,
+            task.cable.radius,
+            grippers.radius,
+            self.config.threshold,
+            grippers.separation,
+        )
+        q = turned_on(fit_keypoints(rod, plan.shapes[0])[0], rod, plan.poses[0])
+        state = RodMPCState(
+            status=Status.STARTED,
+            reference=reference.shape(0),
+            progress=0.0,
+            problem=Problem(
+                task, reference, estimator, (world.vertices, world.counts, world.rounding, world.size), limits
+            ),
+            index=0,
+            sight=Sight.before(plan.poses[0], rod.keypoints),
+            estimate=estimator.start(q),
+            fits=np.repeat(q[None], self.config.horizon + 1, axis=0),
+        )
+        self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
+        return state
+
+    def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
+        """See `Controller.step`."""
+        task, grasps = state.problem.task, state.estimate.theta[GRASPS]
+        if observation is None or not poses_usable(observation):
+            sight, most = state.sight.blindly(), self.config.blind_steps
+        else:
+            sight, most = state.sight.after(observation, grasps, task.cable), self.config.unseen_steps
+        state = replace(state, sight=sight)
+        if sight.blind > most:
+            return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
+        estimate = state.problem.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed)
+        state = replace(state, estimate=estimate)
+        action, fits = self._solve(state)
+        if not np.isfinite(action).all():
+            action, fits = state.problem.reference.actions(state.index, 1)[0], state.fits
+            return self._sent(state, action, Status.FAILED)
+        state = replace(state, fits=np.concatenate([fits[1:], fits[-1:]]))
+        return self._sent(state, action, Status.UNSEEN if sight.blind else Status.TRACKING)
+
+    def _solve(self, state: RodMPCState) -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "H+1 6"]]:
+        """The next gripper motion and the fits it comes from."""
+        config, problem, theta = self.config, state.problem, state.estimate.theta
+        estimator, count = problem.estimator, config.horizon + 1
+        rod, modes, p = estimator.rod, estimator.modes, theta[ROD]
+        wanted = problem.reference.plan.shapes[problem.reference.rows(state.index, count)]
+        fits, ends = state.fits.copy(), np.empty((count, 2, 3))
+        rod_kernels.fit_shapes(
+            fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_ITERATIONS, np.empty_like(wanted), ends
+        )
+        commanded = state.sight.commanded
+        before = rod_kernels.held(commanded, theta[GRASPS])
+        now = state.estimate.q.copy()
+        rod_kernels.meet_ends(now, before, p, modes, rod_kernels.MEETING)
+        q = now + fits[1:] - fits[0]
+        rod_kernels.optimize(
+            q, before, p, modes, rod.stride, _at_stations(state.estimate.offset, rod.stride), wanted[1:].copy(),
+            np.diff(ends, axis=0), fits[1:, 3:].copy(), longest_gap(ends[1:], theta[LENGTH], config.stretch),
+            problem.world, problem.limits, config.weights, config.iterations, config.tolerance,
+        )  # fmt: skip
+        reached = rod_kernels.end_poses(q[0], p, modes)
+        farthest = float(longest_gap(ends[1:2], theta[LENGTH], config.longest)[0])
+        moved = within_limits(reached - before, before, problem.task.grippers, farthest)
+        return rod_kernels.holding(before + moved, theta[GRASPS]) - commanded, fits
+
+    def _sent(
+        self, state: RodMPCState, action: Float[np.ndarray, "2 3"], status: Status
+    ) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
+        """The action within the limits, and the state after it; where the grippers stand still the reference waits."""
+        reference, sight = state.problem.reference, state.sight
+        action = within_limits(action, sight.commanded, state.problem.task.grippers, math.inf)
+        index = state.index + (status != Status.STOPPED)
+        return action, replace(
+            state,
+            status=status,
+            reference=reference.shape(index),
+            progress=reference.progress(index),
+            index=index,
+            sight=sight.sending(action),
+        )
+
+
+def _at_stations(offset: Float[np.ndarray, "n 2"], stride: int) -> Float[np.ndarray, "s 2"]:
+    """The offset of the keypoints at all stations, linear between them."""
+    keypoints = np.arange(len(offset))
+    stations = np.arange((len(offset) - 1) * stride + 1) / stride
+    return np.column_stack([np.interp(stations, keypoints, offset[:, k]) for k in range(2)])

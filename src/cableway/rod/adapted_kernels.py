@@ -1,0 +1,165 @@
+"""Compiled kernels of a rod that is not uniform; `cableway.rod.adapted` explains the quantities.
+
+The recursion is that of `cableway.rod.kernels`, station for station, with a compliance and a bend at rest for each
+hinge. Parameters p (1 + 2K,): length L, K modes of the logarithm of the stiffness, K modes of the turn at rest.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cableway.geometry.compiled import kernel
+from cableway.rod.fitting import damped_step
+
+LOAD_SCALE = (10.0, 10.0, 3.0)
+"""Units of (a_x, a_y, m) in which steps are measured."""
+
+
+@kernel
+def _walk(side, load, p, modes, points, jacobian):
+    """Go outward from the centre to one end (side +1 right, -1 left) in the centre frame, in lengths of the rod.
+
+    Fills `points` (2N+2, 2) and `jacobian` (2N+2, 2, 3 + 2K), the derivative by load and modes, for that half. The
+    last row holds the end angles.
+    """
+    count, hinges = modes.shape
+    columns = 3 + 2 * count
+    half = 1.0 / (2 * hinges)
+    x, y, angle = 0.0, 0.0, 0.0
+    dx, dy, dangle = np.zeros(columns), np.zeros(columns), np.zeros(columns)
+    station = hinges
+    share = 0.5  # of the centre hinge's bend that lies on this side, where a hinge is at the centre
+    for step in range(hinges + 1):
+        if step > 0:
+            c, s = math.cos(angle), math.sin(angle)
+            x += side * half * c
+            y += side * half * s
+            for k in range(columns):
+                dx[k] -= side * half * s * dangle[k]
+                dy[k] += side * half * c * dangle[k]
+            station += side
+            share = 1.0
+        points[station, 0], points[station, 1] = x, y
+        jacobian[station, 0, :], jacobian[station, 1, :] = dx, dy
+        if station % 2 == 1:
+            hinge = station // 2
+            softness, rest = 0.0, 0.0
+            for k in range(count):
+                softness -= p[1 + k] * modes[k, hinge]
+                rest += p[1 + count + k] * modes[k, hinge]
+            softness = math.exp(softness)
+            moment = load[2] + load[0] * y - load[1] * x
+            scale = side * share / hinges
+            for k in range(columns):
+                dangle[k] += scale * softness * (load[0] * dy[k] - load[1] * dx[k])
+            dangle[0] += scale * softness * y
+            dangle[1] -= scale * softness * x
+            dangle[2] += scale * softness
+            for k in range(count):
+                dangle[3 + k] -= scale * softness * modes[k, hinge] * moment
+                dangle[3 + count + k] += scale * modes[k, hinge]
+            angle += scale * (softness * moment + rest)
+    row = 0 if side < 0 else 1
+    points[2 * hinges + 1, row] = angle
+    jacobian[2 * hinges + 1, row, :] = dangle
+
+
+@kernel
+def adapted_shape(q, p, modes, stations, dstations, poses, dposes):
+    """Stations (2N+1, 2) and end poses (2, 3) of q, with derivatives by (q, p): (2N+1, 2, 7 + 2K), (2, 3, 7 + 2K)."""
+    count, hinges = modes.shape
+    points, jacobian = np.empty((2 * hinges + 2, 2)), np.zeros((2 * hinges + 2, 2, 3 + 2 * count))
+    _walk(1, q[3:], p, modes, points, jacobian)
+    _walk(-1, q[3:], p, modes, points, jacobian)
+    c, s, length = math.cos(q[2]), math.sin(q[2]), p[0]
+    for i in range(2 * hinges + 1):
+        ux = c * points[i, 0] - s * points[i, 1]
+        uy = s * points[i, 0] + c * points[i, 1]
+        stations[i, 0], stations[i, 1] = q[0] + length * ux, q[1] + length * uy
+        dstations[i, 0, 0], dstations[i, 1, 0] = 1.0, 0.0
+        dstations[i, 0, 1], dstations[i, 1, 1] = 0.0, 1.0
+        dstations[i, 0, 2], dstations[i, 1, 2] = -length * uy, length * ux
+        dstations[i, 0, 6], dstations[i, 1, 6] = ux, uy
+        for k in range(3 + 2 * count):
+            column = 3 + k if k < 3 else 4 + k
+            dstations[i, 0, column] = length * (c * jacobian[i, 0, k] - s * jacobian[i, 1, k])
+            dstations[i, 1, column] = length * (s * jacobian[i, 0, k] + c * jacobian[i, 1, k])
+    for k in range(2):
+        i = 2 * hinges * k
+        poses[k, :2] = stations[i]
+        poses[k, 2] = q[2] + points[2 * hinges + 1, k]
+        dposes[k, :2, :] = dstations[i]
+        dposes[k, 2, :] = 0.0
+        dposes[k, 2, 2] = 1.0
+        dposes[k, 2, 3:6] = jacobian[2 * hinges + 1, k, :3]
+        dposes[k, 2, 7:] = jacobian[2 * hinges + 1, k, 3:]
+
+
+@kernel
+def workspace(modes):
+    """Empty arrays for `adapted_shape`."""
+    count, hinges = modes.shape
+    columns = 7 + 2 * count
+    return (
+        np.empty((2 * hinges + 1, 2)),
+        np.empty((2 * hinges + 1, 2, columns)),
+        np.empty((2, 3)),
+        np.empty((2, 3, columns)),
+    )
+
+
+@kernel
+def scales(length):
+    """Units of q in which steps are measured."""
+    return np.array([length, length, 1.0, LOAD_SCALE[0], LOAD_SCALE[1], LOAD_SCALE[2]])
+
+
+@kernel
+def meet_ends(q, ends, p, modes, iterations):
+    """Levenberg-Marquardt from q (6,), which it changes, to the shape with end poses `ends` (2, 3).
+
+    Angles count as they are, not modulo a turn. Returns the largest residual left, in lengths and radians.
+    """
+    stations, dstations, poses, dposes = workspace(modes)
+    length, scale = p[0], scales(p[0])
+    units = np.array([length, length, 1.0])
+    normal, gradient, residual = np.empty((6, 6)), np.empty(6), np.empty(6)
+    adapted_shape(q, p, modes, stations, dstations, poses, dposes)
+    cost = _end_residual(poses, ends, units, residual)
+    damping = 1e-8
+    for _ in range(iterations):
+        if cost < 1e-20:
+            break
+        normal[:] = 0.0
+        gradient[:] = 0.0
+        for row in range(6):
+            rates = dposes[row // 3, row % 3, :6] / units[row % 3] * scale
+            gradient += rates * residual[row]
+            for a in range(6):
+                for b in range(a + 1):
+                    normal[a, b] += rates[a] * rates[b]
+        better = False
+        while not better and damping < 1e6:
+            trial = q + scale * damped_step(normal, gradient, damping)
+            adapted_shape(trial, p, modes, stations, dstations, poses, dposes)
+            changed = _end_residual(poses, ends, units, residual)
+            better = changed < cost
+            damping = max(damping / 10.0, 1e-12) if better else max(damping, 1e-9) * 10.0
+        if not better:
+            break
+        q[:] = trial
+        cost = changed
+    return math.sqrt(cost)
+
+
+@kernel
+def _end_residual(poses, ends, units, residual):
+    total = 0.0
+    for side in range(2):
+        for k in range(3):
+            error = (poses[side, k] - ends[side, k]) / units[k]
+            residual[3 * side + k] = error
+            total += error * error
+    return total
