@@ -14,7 +14,6 @@ from cableway.control.base import Status
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.neural_mpc import MPCState, NeuralMPC
 from cableway.control.prediction import compile_predictor
-from cableway.errors import InputError
 from cableway.geometry import convex
 from cableway.models.base import DeformationModel
 from cableway.models.baselines import RigidBlend
@@ -103,15 +102,39 @@ def test_an_offset_is_led_back(started: Shared) -> None:
 
 
 def test_the_offset_learns_what_the_model_gets_wrong(started: Shared) -> None:
-    """A cable that drifts by 1 mm a step although nothing moves: the offset goes to that drift."""
+    """A cable that drifts by 0.4 mm a step although nothing moves: the offset goes to that drift."""
     controller, state = started(STILL)
     drift = np.zeros((13, 2))
-    drift[6, 1] = 0.001
-    for _ in range(60):
-        state = replace(state, poses=PLAN.poses[0])
-        _, after = controller.step(state, at(0))
-        state = replace(after, predicted=PLAN.shapes[0] - drift)
-    np.testing.assert_allclose(state.offset, drift, atol=1e-5)
+    drift[6, 1] = 0.0004
+    for row in range(25):
+        _, state = controller.step(state, at(0, shift=row * drift))
+    np.testing.assert_allclose(state.offset, drift, atol=0.01 * 0.0004)
+
+
+def test_a_hidden_keypoint_is_where_the_model_expects_it(started: Shared) -> None:
+    """On a moving cable the action hardly changes when three keypoints are hidden."""
+    sent = []
+    for hidden in (slice(0), slice(5, 8)):
+        controller, state = started()
+        for row in range(6):
+            seen = at(row)
+            if row == 5:
+                seen.keypoints[hidden] = np.nan
+            action, state = controller.step(state, replace(seen, keypoints=seen.keypoints.copy()))
+            assert state.status == Status.TRACKING
+        sent.append(action)
+    np.testing.assert_allclose(sent[1], sent[0], atol=0.1 * np.abs(sent[0]).max())
+
+
+def test_what_is_seen_late_is_led_on_by_the_motion_since(started: Shared) -> None:
+    """Keypoints 0.2 s late: after some steps about the same is sent as with those of the moment."""
+    controller, state = started()
+    for row in range(15):
+        late = replace(at(row), keypoints=PLAN.shapes[max(row - 2, 0)])
+        action, state = controller.step(state, late)
+    assert state.sight.poses.value == pytest.approx(2.0, abs=0.26)
+    planned = PLAN.poses[15] - PLAN.poses[14]
+    assert np.linalg.norm(action - planned) < 0.3 * np.linalg.norm(planned)
 
 
 @pytest.mark.parametrize("settings", [{}, {"profile": "barrier", "obstacle_weight": 0.01, "pieces": 1}])
@@ -123,8 +146,8 @@ def test_obstacles_push_away(started: Shared, settings: dict[str, object]) -> No
     blocked = task_for(PLAN, (Disc(center=(centre[0], centre[1]), radius=0.02),))
     controller, state = started(STILL, blocked, **settings)
     _, after = controller.step(state, at(0))
-    assert after.predicted is not None
-    clearances = [convex.signed_distance(shape[6], blocked.scene.world)[0] for shape in (line, after.predicted)]
+    predicted = state.problem.predictor.shapes(line, PLAN.poses[0], after.actions)[0]
+    clearances = [convex.signed_distance(shape[6], blocked.scene.world)[0] for shape in (line, predicted)]
     assert clearances[1] > clearances[0] + 1e-4
 
 
@@ -164,62 +187,6 @@ def test_the_paper_is_a_configuration() -> None:
     assert config.offset_gain == config.pose_weight == config.stretch_weight == 0.0
 
 
-HOSTILE = {
-    "nothing": None,
-    "keypoints missing": Observation(0.0, np.full((13, 2), np.nan), PLAN.poses[0]),
-    "one keypoint missing": at(0, shift=np.where(np.arange(26).reshape(13, 2) == 8, np.nan, 0.0)),
-    "poses missing": Observation(0.0, PLAN.shapes[0], np.full((2, 3), np.nan)),
-    "keypoint jumped": at(0, shift=np.where(np.arange(26).reshape(13, 2) == 8, 0.2, 0.0)),
-    "cable elsewhere": at(0, shift=0.3),
-    "huge": Observation(0.0, np.full((13, 2), 1e300), np.full((2, 3), 1e300)),
-    "infinite": Observation(np.inf, np.full((13, 2), np.inf), np.full((2, 3), -np.inf)),
-    "too few": Observation(0.0, PLAN.shapes[0][:7], PLAN.poses[0]),
-    "empty": Observation(0.0, np.empty((0, 2)), np.empty((0, 3))),
-}
-
-
-@pytest.mark.parametrize("name", HOSTILE)
-def test_unusable_observations_go_on_by_feedforward_then_stop(started: Shared, name: str) -> None:
-    controller, state = started(blind_steps=2)
-    wanted = np.diff(PLAN.poses[:3], axis=0)
-    for row in range(2):
-        action, state = controller.step(state, HOSTILE[name])
-        np.testing.assert_allclose(action, wanted[row], atol=1e-9)
-        assert state.status == Status.UNSEEN
-    waiting = state.reference
-    for _ in range(3):
-        action, state = controller.step(state, HOSTILE[name])
-        np.testing.assert_array_equal(action, 0.0)
-        assert state.status == Status.STOPPED
-    np.testing.assert_array_equal(state.reference, waiting)
-    action, state = controller.step(state, at(2))
-    assert state.status == Status.TRACKING
-    assert np.linalg.norm(action) > 0
-
-
-def test_limits_hold_whatever_is_seen(started: Shared) -> None:
-    controller, state = started()
-    rng = np.random.default_rng(4)
-    grippers = TASK.grippers
-    hostile = list(HOSTILE.values())
-    for row in range(150):
-        kind = rng.integers(4)
-        if kind == 0:
-            seen = hostile[rng.integers(len(hostile))]
-        elif kind == 1:
-            offset = rng.normal(size=2) * 10.0 ** rng.integers(-3, 3)
-            poses = PLAN.poses[row % 51] + [*offset, rng.normal() * 10]
-            seen = Observation(0.0, PLAN.shapes[row % 51] + offset, poses)
-        else:
-            seen = at(row % 51, shift=rng.normal(size=(13, 2)) * 10.0 ** rng.integers(-4, -1))
-        action, state = controller.step(state, seen)
-        assert np.isfinite(action).all()
-        assert np.linalg.norm(action[:, :2], axis=1).max() <= grippers.max_step
-        assert np.abs(action[:, 2]).max() <= grippers.max_turn
-        assert state.status in set(Status)
-        assert np.isfinite(state.offset).all()
-
-
 class Broken(DeformationModel):
     """A model whose weights have gone."""
 
@@ -243,17 +210,6 @@ def test_whole_turns_of_the_plans_angles_do_not_matter(started: Shared) -> None:
     np.testing.assert_allclose(sent[0], sent[1], atol=1e-9)
 
 
-def test_the_same_run_twice_is_the_same(started: Shared) -> None:
-    runs = []
-    for _ in range(2):
-        controller, state = started()
-        runs.append([])
-        for row in range(4):
-            action, state = controller.step(state, at(row, shift=1e-3))
-            runs[-1].append(action)
-    np.testing.assert_array_equal(runs[0], runs[1])
-
-
 def test_step_does_not_compile(started: Shared) -> None:
     class Counting(RigidBlend):
         calls: list[int] = eqx.field(static=True)
@@ -270,8 +226,3 @@ def test_step_does_not_compile(started: Shared) -> None:
     for row in range(3):
         _, state = controller.step(state, at(row))
     assert len(calls) == traced
-
-
-def test_task_and_plan_must_fit() -> None:
-    with pytest.raises(InputError, match="the plan has 10 keypoints"):
-        NeuralMPC(RigidBlend()).init(TASK, straight_plan(Rod(0.3, 10)))

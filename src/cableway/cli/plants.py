@@ -14,13 +14,14 @@ from cableway.scene.cable import Cable
 from cableway.scene.document import read_document
 from cableway.scene.presets import preset_names, preset_values
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.simulation.grasp import GraspConfig, GraspedCable
 from cableway.simulation.plant import CableSimulator, PlantConfig
 from cableway.simulation.sensing import SensedPlant, SensingConfig
 
 FORMAT_VERSION = 1
 """The value of the key `cableway`."""
 
-SECTIONS = ("cableway", "cable", "simulation", "sensing")
+SECTIONS = ("cableway", "cable", "grasp", "simulation", "sensing")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,12 +32,14 @@ class PlantSetup:
         cable: The true cable.
         simulation: How it is simulated.
         sensing: How it is seen and led.
+        grasp: How it is held.
         notes: Sentences for the reader of a report.
     """
 
     cable: Cable
     simulation: PlantConfig = field(default_factory=PlantConfig)
     sensing: SensingConfig = field(default_factory=SensingConfig)
+    grasp: GraspConfig = field(default_factory=GraspConfig)
     notes: tuple[str, ...] = ()
 
     def build(self, task: Task, seed: int) -> SensedPlant:
@@ -46,11 +49,13 @@ class PlantSetup:
             InputError: The cable does not fit the task.
             SimulationError: The start cannot be taken.
         """
-        return SensedPlant(CableSimulator(task, self.simulation, self.cable), self.sensing, seed)
+        cable = GraspedCable(CableSimulator(task, self.simulation, self.cable), self.grasp)
+        return SensedPlant(cable, self.sensing, seed)
 
     def as_dict(self) -> dict[str, Any]:
         """The resolved configuration as plain data."""
-        return {**describe(self.simulation), "cable": describe(self.cable), "sensing": describe(self.sensing)}
+        parts = {"cable": self.cable, "grasp": self.grasp, "sensing": self.sensing}
+        return {**describe(self.simulation), **{name: describe(part) for name, part in parts.items()}}
 
 
 def read_plant(path: Path | None, task: Task) -> PlantSetup:
@@ -71,6 +76,7 @@ def read_plant(path: Path | None, task: Task) -> PlantSetup:
     setup = PlantSetup(
         cable=_cable(task.cable, content.get("cable", {}), f"{path}: cable"),
         simulation=from_mapping(PlantConfig, content.get("simulation", {}), f"{path}: simulation"),
+        grasp=from_mapping(GraspConfig, content.get("grasp", {}), f"{path}: grasp"),
         sensing=from_mapping(SensingConfig, content.get("sensing", {}), f"{path}: sensing"),
         notes=(f"The plant is that of {path.name}; planner and controller believe the task.",),
     )

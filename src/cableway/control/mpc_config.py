@@ -33,7 +33,8 @@ class MPCConfig:
         stretch_weight: w_s [1/m^2]; 0 for no such cost (paper).
         longest: Distance between the grippers over the cable's length that is never exceeded, unless by the plan.
         hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
-        blind_steps: Steps in a row that go on by feedforward without a usable observation before the grippers stop.
+        blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
+        unseen_steps: Steps in a row that go on without keypoints before the grippers stop.
     """
 
     horizon: int = 5
@@ -54,6 +55,7 @@ class MPCConfig:
     longest: float = 0.995
     hold: float = 1.5
     blind_steps: int = 3
+    unseen_steps: int = 10
 
     def __post_init__(self) -> None:
         for name in ("horizon", "iterations", "pieces"):
@@ -62,7 +64,15 @@ class MPCConfig:
         for name in ("tracking_weight", "control_weight", "turn_lever", "threshold", "stretch", "longest"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be positive and finite, got {getattr(self, name)!r}")
-        for name in ("tolerance", "obstacle_weight", "pose_weight", "stretch_weight", "hold", "blind_steps"):
+        for name in (
+            "tolerance",
+            "obstacle_weight",
+            "pose_weight",
+            "stretch_weight",
+            "hold",
+            "blind_steps",
+            "unseen_steps",
+        ):
             if not 0 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
         if not 0 <= self.offset_gain <= 1:

@@ -13,13 +13,14 @@ least, subject to s_{k+1} = s_k + f(s_k, y_k, a_k), y_{k+1} = y_k + a_k and the 
 Every term is a square, so a few Gauss-Newton steps in a box suffice (`gauss_newton`), from the solution of the step
 before, moved on by one. JAX computes what the model predicts and its derivative; all else is assembled here.
 
-The output offset is what the model keeps getting wrong: the difference between what was measured and what had been
-predicted for that moment, low-pass filtered. Without it the loop settles where the model's error balances the pull
-to the reference.
+The output offset is what the model keeps getting wrong: the difference between what was seen and what the model makes
+of the frame before and of the gripper motion since, low-pass filtered. Without it the loop settles where the model's
+error balances the pull to the reference. Keypoints that are hidden are taken to be where the model expects them. What
+is seen late is first led on by the motions that the grippers have made since or were sent (`sight`).
 
 Note:
-    The feedforward a_ref, the offset, the stretch term and the cost of the cable between its keypoints are ours;
-    `MPCConfig.paper()` is without them.
+    The feedforward a_ref, the offset, what is done about delays, the stretch term and the cost of the cable between
+    its keypoints are ours; `MPCConfig.paper()` is without feedforward, offset, stretch term and the points between.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ from cableway.control.limits import longest_gap, within_limits
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.prediction import Predictor, compile_predictor
 from cableway.control.reference import PlanReference, reference_for
-from cableway.control.seen import keypoints_usable, poses_usable
+from cableway.control.seen import poses_usable
+from cableway.control.sight import HELD_AS_BELIEVED, Sight
 from cableway.errors import ControlError
 from cableway.models.base import DeformationModel
 from cableway.records import Observation, Plan
@@ -68,20 +70,18 @@ class MPCState(ControllerState):
         problem: What stays the same.
         index: Control steps of the reference that are over.
         actions: (H, 2, 3) the last solution.
-        poses: (2, 3) gripper poses [m, m, rad] as last seen, moved on by what was sent since.
-        predicted: (n, 2) keypoints [m] that the model, without offset, expects next; None after a blind step.
+        sight: What is known of grippers and delays.
+        seen: Keypoints (n, 2) [m] as last seen, with gripper poses (2, 3) of the same time; None before.
         offset: (n, 2) output offset [m].
-        blind: Steps in a row without a usable observation.
         solution: The last solve, for the record; None before the first.
     """
 
     problem: Problem
     index: int
     actions: Float[np.ndarray, "H 2 3"]
-    poses: Float[np.ndarray, "2 3"]
-    predicted: Float[np.ndarray, "n 2"] | None
+    sight: Sight
+    seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
     offset: Float[np.ndarray, "n 2"]
-    blind: int
     solution: Solution | None
 
 
@@ -109,24 +109,27 @@ class NeuralMPC(Controller[MPCState]):
             problem=Problem(task, reference, predictor, HorizonCost(task, self.config)),
             index=0,
             actions=np.zeros((self.config.horizon, 2, 3)),
-            poses=plan.poses[0],
-            predicted=None,
+            sight=Sight.before(plan.poses[0], task.cable.keypoints),
+            seen=None,
             offset=np.zeros_like(task.start),
-            blind=0,
             solution=None,
         )
 
     def step(self, state: MPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], MPCState]:
         """See `Controller.step`."""
+        task = state.problem.task
         if observation is None or not poses_usable(observation):
-            return self._go_on(state, Status.UNSEEN)
-        state = replace(state, poses=np.array(observation.poses, float))
-        if not keypoints_usable(observation, state.problem.task.cable):
-            return self._go_on(state, Status.UNSEEN)
+            sight, most = state.sight.blindly(), self.config.blind_steps
+        else:
+            sight, most = state.sight.after(observation, HELD_AS_BELIEVED, task.cable), self.config.unseen_steps
+        state = replace(state, sight=sight)
+        if sight.blind > most:
+            return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
         try:
-            return self._track(state, np.array(observation.keypoints, float))
+            return self._track(state)
         except ControlError:
-            return self._go_on(state, Status.FAILED)
+            wanted = state.problem.reference.actions(state.index, self.config.horizon)
+            return self._sent(replace(state, actions=wanted, seen=None), wanted[0], Status.FAILED)
 
     def _predictor(self, keypoints: int) -> Predictor:
         """Compiled once per number of keypoints, whatever the number of runs."""
@@ -134,25 +137,50 @@ class NeuralMPC(Controller[MPCState]):
             self._predictors[keypoints] = compile_predictor(self.model, self.config.horizon, keypoints)
         return self._predictors[keypoints]
 
-    def _track(self, state: MPCState, keypoints: np.ndarray) -> tuple[np.ndarray, MPCState]:
-        problem, gain = state.problem, self.config.offset_gain
-        offset = state.offset
-        if state.predicted is not None:
-            offset = offset + gain * (keypoints - state.predicted - offset)
-        actions, solution = self._solve(state, keypoints, offset)
-        action = self._limited(state, actions[0])
-        sent = np.concatenate([action[None], actions[1:]])
-        predicted = problem.predictor.shapes(keypoints, state.poses, sent)[0]
-        if not (np.isfinite(predicted).all() and np.isfinite(offset).all()):
+    def _track(self, state: MPCState) -> tuple[np.ndarray, MPCState]:
+        sight, offset = state.sight, state.offset
+        keypoints = sight.keypoints
+        if state.seen is not None:
+            expected = self._rolled(state, *state.seen, sight.then[None])
+            error = np.where(np.isfinite(keypoints), keypoints - expected, offset)
+            offset = offset + self.config.offset_gain * (error - offset)
+            keypoints = np.where(np.isfinite(keypoints), keypoints, expected + offset)
+        if not np.isfinite(keypoints).all():
+            return self._sent(state, state.problem.reference.actions(state.index, 1)[0], Status.UNSEEN)
+        state = replace(state, seen=(keypoints, sight.then), offset=offset)
+        way = sight.way
+        actions, solution = self._solve(state, self._rolled(state, keypoints, way[0], way[1:]), offset)
+        state = replace(state, actions=actions, solution=solution)
+        return self._sent(state, actions[0], Status.UNSEEN if sight.blind else Status.TRACKING)
+
+    def _rolled(
+        self,
+        state: MPCState,
+        keypoints: Float[np.ndarray, "n 2"],
+        poses: Float[np.ndarray, "2 3"],
+        way: Float[np.ndarray, "k 2 3"],
+    ) -> Float[np.ndarray, "n 2"]:
+        """Keypoints [m] after the grippers went from `poses` along `way`, as the model has it.
+
+        Raises:
+            ControlError: They are not finite.
+        """
+        horizon = self.config.horizon
+        for first in range(0, len(way), horizon):
+            part = way[first : first + horizon]
+            motions = np.zeros((horizon, 2, 3))
+            motions[: len(part)] = np.diff(np.concatenate([poses[None], part]), axis=0)
+            keypoints = state.problem.predictor.shapes(keypoints, poses, motions)[len(part) - 1]
+            poses = part[-1]
+        if not np.isfinite(keypoints).all():
             raise ControlError("the model's prediction is not finite")
-        state = replace(state, actions=sent, predicted=predicted, offset=offset, blind=0, solution=solution)
-        return action, _advanced(state, action, Status.TRACKING)
+        return keypoints
 
     def _solve(
         self, state: MPCState, keypoints: np.ndarray, offset: np.ndarray
     ) -> tuple[Float[np.ndarray, "H 2 3"], Solution]:
         """Actions over the horizon that make the cost least."""
-        problem, config, poses = state.problem, self.config, state.poses
+        problem, config, poses = state.problem, self.config, state.sight.commanded
         target = self._target(state)
         box = ActionBox.around(target.actions, problem.task.grippers)
 
@@ -181,41 +209,29 @@ class NeuralMPC(Controller[MPCState]):
         """What the plan asks of the next H actions."""
         reference, horizon = state.problem.reference, self.config.horizon
         actions = reference.actions(state.index, horizon)
-        poses = nearest_turns(reference.poses(state.index, horizon), state.poses)
+        poses = nearest_turns(reference.poses(state.index, horizon), state.sight.commanded)
         return Target(
             reference.shapes(state.index, horizon), poses, actions if self.config.feedforward else 0.0 * actions
         )
 
-    def _go_on(self, state: MPCState, status: Status) -> tuple[np.ndarray, MPCState]:
-        """Without a solution: the plan's own motion for a few steps, then none, and the reference waits."""
-        blind = state.blind + 1
-        state = replace(state, blind=blind, predicted=None)
-        if blind > self.config.blind_steps:
-            return np.zeros((2, 3)), replace(state, status=Status.STOPPED)
-        wanted = state.problem.reference.actions(state.index, self.config.horizon)
-        action = self._limited(state, wanted[0])
-        return action, _advanced(replace(state, actions=wanted), action, status)
-
-    def _limited(self, state: MPCState, action: np.ndarray) -> np.ndarray:
-        task, planned = state.problem.task, state.problem.reference.poses(state.index, 1)
-        longest = longest_gap(planned, task.cable.length, self.config.longest)
-        return within_limits(action, state.poses, task.grippers, float(longest[0]))
+    def _sent(self, state: MPCState, action: np.ndarray, status: Status) -> tuple[np.ndarray, MPCState]:
+        """The action within the limits, and the state after it; where the grippers stand still the reference waits."""
+        problem, sight = state.problem, state.sight
+        longest = longest_gap(problem.reference.poses(state.index, 1), problem.task.cable.length, self.config.longest)
+        action = within_limits(action, sight.commanded, problem.task.grippers, float(longest[0]))
+        index = state.index + (status != Status.STOPPED)
+        return action, replace(
+            state,
+            index=index,
+            actions=np.concatenate([action[None], state.actions[1:]]),
+            status=status,
+            reference=problem.reference.shape(index),
+            progress=problem.reference.progress(index),
+            sight=sight.sending(action),
+        )
 
 
 def nearest_turns(wanted: Float[np.ndarray, "H 2 3"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "H 2 3"]:
     """The same poses with whole turns added, so that the first angles are within half a turn of those of `poses`."""
     turns = np.round((poses[:, 2] - wanted[0, :, 2]) / (2 * np.pi))
     return wanted + 2 * np.pi * turns[:, None] * np.array([0.0, 0.0, 1.0])
-
-
-def _advanced(state: MPCState, action: np.ndarray, status: Status) -> MPCState:
-    """The state after `action` was sent, one step on along the reference."""
-    index, reference = state.index + 1, state.problem.reference
-    return replace(
-        state,
-        index=index,
-        poses=state.poses + action,
-        status=status,
-        reference=reference.shape(index),
-        progress=reference.progress(index),
-    )

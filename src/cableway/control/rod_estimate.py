@@ -152,7 +152,7 @@ class RodEstimator:
             poses: (2, 3) grippers at the time the keypoints were seen [m, m, rad].
             speed: Of the faster gripper then [m per control step].
         """
-        seen = np.isfinite(keypoints).all(axis=1)
+        seen = np.isfinite(keypoints[:, 0])
         if not seen.any():
             return estimate
         expected = self._explained(estimate.q, estimate.theta, keypoints, poses)

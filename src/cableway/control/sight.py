@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,9 @@ from cableway.control.seen import believed_keypoints
 from cableway.geometry import se2
 from cableway.records import Observation
 from cableway.scene.cable import Cable
+
+HELD_AS_BELIEVED = np.zeros(6)
+"""Grasps without any offset."""
 
 TURN_LEVER = 0.1
 """Motion [m] that a turn of 1 rad counts as."""
@@ -57,6 +61,18 @@ class Sight:
     def commanded(self) -> Float[np.ndarray, "2 3"]:
         """Where the grippers will be when all that was sent is done."""
         return self.poses.rows[-1] + self.sent.newer
+
+    @property
+    def way(self) -> Float[np.ndarray, "k 2 3"]:
+        """Gripper poses from `then` to `commanded`, both included, at most one control step apart."""
+        since, pending = math.ceil(self.poses.value), math.ceil(self.sent.value)
+        passed = self.poses.rows[len(self.poses.rows) - since :]
+        shares = np.ones(pending)
+        if pending:
+            shares[0] = 1 - (pending - self.sent.value)
+        motions = shares[:, None, None] * self.sent.rows[len(self.sent.rows) - pending :]
+        to_come = self.poses.rows[-1] + np.cumsum(motions, axis=0)
+        return np.concatenate([self.then[None], passed, to_come])
 
     def after(self, observation: Observation, grasps: Float[np.ndarray, "6"], cable: Cable) -> Sight:
         """With one more observation, whose gripper poses are usable.

@@ -50,3 +50,22 @@ def pose_distance(
     """Distance [m] and turn [rad] between poses (x, y, theta)."""
     step = pose_step(a, b)
     return np.linalg.norm(step[..., :2], axis=-1), np.abs(step[..., 2])
+
+
+def attached(poses: Float[np.ndarray, "... 3"], offsets: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
+    """Poses (x, y, theta) of what is at `offsets` in the frames at `poses` [m, m, rad].
+
+    >>> attached(np.array([1.0, 0.0, np.pi / 2]), np.array([0.1, 0.0, 0.2])).round(3).tolist()
+    [1.0, 0.1, 1.771]
+    """
+    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
+    x, y, turn = np.moveaxis(offsets, -1, 0)
+    return poses + np.stack([c * x - s * y, s * x + c * y, turn], axis=-1)
+
+
+def bearing(ends: Float[np.ndarray, "... 3"], offsets: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
+    """Poses of the frames in which what is at `ends` is at `offsets`; the inverse of `attached`."""
+    angle = ends[..., 2] - offsets[..., 2]
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, turn = np.moveaxis(offsets, -1, 0)
+    return ends - np.stack([c * x - s * y, s * x + c * y, turn], axis=-1)

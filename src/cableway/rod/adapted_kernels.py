@@ -128,7 +128,7 @@ def meet_ends(q, ends, p, modes, iterations):
     normal, gradient, residual = np.empty((6, 6)), np.empty(6), np.empty(6)
     adapted_shape(q, p, modes, stations, dstations, poses, dposes)
     cost = _end_residual(poses, ends, units, residual)
-    damping = 1e-8
+    damping, trial = 1e-8, q.copy()
     for _ in range(iterations):
         if cost < 1e-20:
             break
@@ -140,14 +140,13 @@ def meet_ends(q, ends, p, modes, iterations):
             for a in range(6):
                 for b in range(a + 1):
                     normal[a, b] += rates[a] * rates[b]
-        better = False
-        while not better and damping < 1e6:
-            trial = q + scale * damped_step(normal, gradient, damping)
+        changed = np.inf
+        while not changed < cost and damping < 1e6:
+            trial[:] = q + scale * damped_step(normal, gradient, damping)
             adapted_shape(trial, p, modes, stations, dstations, poses, dposes)
             changed = _end_residual(poses, ends, units, residual)
-            better = changed < cost
-            damping = max(damping / 10.0, 1e-12) if better else max(damping, 1e-9) * 10.0
-        if not better:
+            damping = max(damping / 10.0, 1e-12) if changed < cost else max(damping, 1e-9) * 10.0
+        if not changed < cost:
             break
         q[:] = trial
         cost = changed

@@ -131,6 +131,11 @@ class CableSimulator:
         return self._steps * self.control_step
 
     @property
+    def commanded(self) -> Float[np.ndarray, "2 3"]:
+        """Gripper poses asked for so far [m, m, rad]."""
+        return self._commanded.copy()
+
+    @property
     def unmodelled(self) -> tuple[str, ...]:
         """What the task holds that this plant leaves out, one sentence each, for reports."""
         notes = [

@@ -22,6 +22,7 @@ from jaxtyping import Float
 from cableway.errors import InputError
 from cableway.records import Measurement, Observation
 from cableway.scene.task import Task
+from cableway.simulation.grasp import GraspedCable, GraspedState
 from cableway.simulation.plant import CableSimulator, PlantState
 
 ROUNDING = 1e-6
@@ -82,7 +83,7 @@ class SensedState:
         sent: (D, 2, 3) last actions sent, the newest last.
     """
 
-    plant: PlantState
+    plant: PlantState | GraspedState
     steps: int
     seen: Float[np.ndarray, "H n 2"]
     sent: Float[np.ndarray, "D 2 3"]
@@ -103,7 +104,9 @@ class SensedPlant:
         InputError: The seed is negative.
     """
 
-    def __init__(self, plant: CableSimulator, config: SensingConfig | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, plant: CableSimulator | GraspedCable, config: SensingConfig | None = None, seed: int = 0
+    ) -> None:
         if seed < 0:
             raise InputError(f"the seed of a plant must not be negative, got {seed}")
         self.plant, self.config, self.seed = plant, config or SensingConfig(), seed
@@ -159,7 +162,7 @@ class SensedPlant:
         """
         if state.seen.shape != self._seen.shape or state.sent.shape != self._sent.shape:
             raise InputError("the state is that of a plant with other delays or another number of keypoints")
-        self.plant.restore(state.plant)
+        self.plant.restore(state.plant)  # pyright: ignore[reportArgumentType]
         self._steps, self._seen, self._sent = state.steps, state.seen.copy(), state.sent.copy()
 
     def _shown(self, truth: Observation) -> Observation:

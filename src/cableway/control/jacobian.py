@@ -1,0 +1,214 @@
+"""Feedback by the derivative of the keypoints by the gripper poses: from the rod, or learned while running.
+
+With J that derivative, s the keypoints seen, s_ref the plan's next shape and a_ref its gripper motion,
+
+    a = a_ref + K (s_ref - s - J a_ref),      K = g (J^T J + d R)^-1 J^T,
+
+R counting a turn of 1 rad as `turn_lever`. "rod" takes J from the equilibrium of the uniform rod nearest to the plan's
+shape. "broyden" knows nothing of rods: J starts as the interpolation of the ends' rigid motions and follows what
+happens,
+
+    J <- J + r (ds - J dy) dy^T R / (dy^T R dy + e),
+
+the rank-one update of Broyden (1965, "A class of methods for solving nonlinear simultaneous equations"), as in the
+"Jacob-IK" baseline of Tang et al.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control import rod_kernels
+from cableway.control.base import Controller, ControllerState, Status
+from cableway.control.limits import longest_gap, within_limits
+from cableway.control.reference import PlanReference, reference_for
+from cableway.control.seen import poses_usable
+from cableway.control.sight import HELD_AS_BELIEVED, Sight
+from cableway.errors import InputError
+from cableway.records import Observation, Plan
+from cableway.rod import adapted
+from cableway.rod.inverse import fit_keypoints
+from cableway.scene.task import Task
+
+Source = Literal["rod", "broyden"]
+
+REGULARIZATION = 1e-6
+"""e [m^2]: gripper motions below its root teach nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JacobianConfig:
+    """Settings of `JacobianFeedback`.
+
+    Attributes:
+        source: Where J comes from, "rod" or "broyden".
+        gain: g, share of the error that one step is to remove.
+        damping: d [1], against motions that move no keypoint.
+        turn_lever: Motion [m] that a turn of 1 rad counts as.
+        learning_rate: r, share of what was not expected that J takes on.
+        longest: Distance between the grippers over the cable's length, never exceeded unless by the plan.
+        hold: Time [s] at the plan's first row before it is followed.
+        unseen_steps: Steps in a row that go on without all keypoints before the grippers stop.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    source: Source = "rod"
+    gain: float = 0.3
+    damping: float = 0.3
+    turn_lever: float = 0.05
+    learning_rate: float = 0.3
+    longest: float = 0.995
+    hold: float = 1.5
+    unseen_steps: int = 10
+
+    def __post_init__(self) -> None:
+        if self.source not in get_args(Source):
+            raise InputError(f"source must be one of {', '.join(get_args(Source))}, got {self.source!r}")
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name != "source" and not 0 <= value < math.inf:
+                raise InputError(f"{entry.name} must be finite and not negative, got {value!r}")
+        for name in ("damping", "turn_lever"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} must be positive, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class JacobianState(ControllerState):
+    """State of `JacobianFeedback`.
+
+    Attributes:
+        task: The task.
+        plan: The plan by time.
+        index: Control steps of the reference that are over.
+        sight: What is known of the grippers.
+        jacobian: (2n, 6) derivative of the keypoints by the gripper poses.
+        seen: Keypoints (n, 2) and gripper poses (2, 3) of the last complete observation, None before it.
+        q: (6,) rod coordinates of the plan's shape.
+    """
+
+    task: Task
+    plan: PlanReference
+    index: int
+    sight: Sight
+    jacobian: Float[np.ndarray, "2n 6"]
+    seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
+    q: Float[np.ndarray, "6"]
+
+
+class JacobianFeedback(Controller[JacobianState]):
+    """Proportional feedback of the keypoints on top of the plan's own gripper motion.
+
+    Args:
+        config: The settings, the defaults where None.
+    """
+
+    def __init__(self, config: JacobianConfig | None = None) -> None:
+        self.config = config or JacobianConfig()
+
+    def init(self, task: Task, plan: Plan) -> JacobianState:
+        """See `Controller.init`."""
+        reference = reference_for(task, plan, self.config.hold)
+        n = task.cable.keypoints
+        state = JacobianState(
+            status=Status.STARTED,
+            reference=reference.shape(0),
+            progress=0.0,
+            task=task,
+            plan=reference,
+            index=0,
+            sight=Sight.before(plan.poses[0], n),
+            jacobian=blend_jacobian(plan.shapes[0], plan.poses[0]),
+            seen=None,
+            q=fit_keypoints(task.cable.rod, plan.shapes[0])[0],
+        )
+        self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
+        return state
+
+    def step(
+        self, state: JacobianState, observation: Observation | None
+    ) -> tuple[Float[np.ndarray, "2 3"], JacobianState]:
+        """See `Controller.step`."""
+        if observation is None or not poses_usable(observation):
+            sight = state.sight.blindly()
+        else:
+            sight = state.sight.after(observation, HELD_AS_BELIEVED, state.task.cable)
+        complete = bool(np.isfinite(sight.keypoints).all())
+        state = replace(state, sight=sight)
+        if sight.blind > self.config.unseen_steps:
+            return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
+        forward = state.plan.actions(state.index, 1)[0]
+        if not complete:
+            return self._sent(state, forward, Status.UNSEEN)
+        state = self._learned(state)
+        back = self._feedback(state, forward)
+        if not np.isfinite(back).all():
+            return self._sent(state, forward, Status.FAILED)
+        return self._sent(state, forward + back, Status.TRACKING)
+
+    def _learned(self, state: JacobianState) -> JacobianState:
+        """With the derivative at the plan's next shape, or brought up to date by what was seen."""
+        config, sight = self.config, state.sight
+        now = (sight.keypoints, sight.then)
+        if config.source == "rod":
+            rod = state.task.cable.rod
+            q = fit_keypoints(rod, state.plan.shapes(state.index, 1)[0], state.q)[0]
+            p = adapted.nominal(rod)[adapted.ROD]
+            jacobian = rod_kernels.motion_jacobian(q, p, adapted.modes(rod), rod.stride, rod.keypoints)
+            return replace(state, q=q, jacobian=jacobian, seen=now)
+        jacobian = state.jacobian
+        if state.seen is not None:
+            change, motion = (now[0] - state.seen[0]).ravel(), (now[1] - state.seen[1]).ravel()
+            weighted = self._units * motion
+            surprise = change - jacobian @ motion
+            rate = config.learning_rate / (motion @ weighted + REGULARIZATION)
+            jacobian = jacobian + rate * np.outer(surprise, weighted)
+        return replace(state, jacobian=jacobian, seen=now)
+
+    def _feedback(self, state: JacobianState, forward: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+        """K (s_ref - s - J a_ref), with the motions that are still to be seen counted as done."""
+        sight, jacobian = state.sight, state.jacobian
+        under_way = (sight.commanded - sight.then).ravel()
+        wanted = state.plan.shapes(state.index, 1)[0]
+        error = (wanted - sight.keypoints).ravel() - jacobian @ (forward.ravel() + under_way)
+        normal = np.einsum("ka,kb->ab", jacobian, jacobian) + self.config.damping * np.diag(self._units)
+        return self.config.gain * np.linalg.solve(normal, error @ jacobian).reshape(2, 3)
+
+    @property
+    def _units(self) -> Float[np.ndarray, "6"]:
+        return np.tile([1.0, 1.0, self.config.turn_lever**2], 2)
+
+    def _sent(
+        self, state: JacobianState, action: Float[np.ndarray, "2 3"], status: Status
+    ) -> tuple[Float[np.ndarray, "2 3"], JacobianState]:
+        sight, cable = state.sight, state.task.cable
+        longest = longest_gap(state.plan.poses(state.index, 1), cable.length, self.config.longest)[0]
+        action = within_limits(action, sight.commanded, state.task.grippers, float(longest))
+        index = state.index + (status != Status.STOPPED)
+        return action, replace(
+            state,
+            status=status,
+            reference=state.plan.shape(index),
+            progress=state.plan.progress(index),
+            index=index,
+            sight=sight.sending(action),
+        )
+
+
+def blend_jacobian(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2n 6"]:
+    """The derivative of keypoints [m] that follow both ends' rigid motions in proportion to where they are."""
+    share = np.linspace(0.0, 1.0, len(keypoints))
+    found = np.zeros((len(keypoints), 2, 2, 3))
+    for side, weight in enumerate((1.0 - share, share)):
+        arm = keypoints - poses[side, :2]
+        found[:, 0, side, 0] = found[:, 1, side, 1] = weight
+        found[:, 0, side, 2] = -weight * arm[:, 1]
+        found[:, 1, side, 2] = weight * arm[:, 0]
+    return found.reshape(-1, 6)
