@@ -7,7 +7,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cableway.control.neural_mpc import MPCConfig, NeuralMPC
+    from cableway.control.jacobian import JacobianConfig, JacobianFeedback
+    from cableway.control.mpc_config import MPCConfig
+    from cableway.control.neural_mpc import NeuralMPC
+    from cableway.control.open_loop import OpenLoop
+    from cableway.control.rod_mpc import RodMPC, RodMPCConfig
     from cableway.datasets.reading import load_transitions, shuffled_batches
     from cableway.models.checkpoint import load_model
     from cableway.planning.config import PlannerConfig
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
     from cableway.scene.random.tasks import random_task, random_task_with_witness
     from cableway.scene.scene import Scene
     from cableway.scene.task import Grippers, Task
+    from cableway.simulation.grasp import GraspConfig, GraspedCable
     from cableway.simulation.plant import CableSimulator
     from cableway.simulation.sensing import SensedPlant, SensingConfig
     from cableway.tracking import track
@@ -31,12 +36,19 @@ _HOME = {
     "Cable": "scene.cable",
     "CableSimulator": "simulation.plant",
     "Disc": "scene.obstacles",
+    "GraspConfig": "simulation.grasp",
+    "GraspedCable": "simulation.grasp",
     "Grippers": "scene.task",
-    "MPCConfig": "control.neural_mpc",
+    "JacobianConfig": "control.jacobian",
+    "JacobianFeedback": "control.jacobian",
+    "MPCConfig": "control.mpc_config",
     "NeuralMPC": "control.neural_mpc",
+    "OpenLoop": "control.open_loop",
     "Plan": "records",
     "PlannerConfig": "planning.config",
     "Polygon": "scene.obstacles",
+    "RodMPC": "control.rod_mpc",
+    "RodMPCConfig": "control.rod_mpc",
     "Rollout": "records",
     "Scene": "scene.scene",
     "SensedPlant": "simulation.sensing",

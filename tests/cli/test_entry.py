@@ -70,7 +70,10 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         (["plan", "maze-1", "--seed", "2147483648"], "--seed must be from 0 to 2147483647, got 2147483648"),
         (["plan", "maze-1", "--planner", "best"], f"unknown planner 'best'; known: {', '.join(sorted(PLANNERS))}"),
         (["plan", "maze-1", "--pivot", "prm"], "unknown pivot method 'prm'; known: grid, rrt_star"),
-        (["run", "maze-1", "--controller", "pid"], "unknown controller 'pid'; known: neural-mpc, open-loop"),
+        (
+            ["run", "maze-1", "--controller", "pid"],
+            "unknown controller 'pid'; known: rod-mpc, neural-mpc, neural-mpc-paper, rod-jacobian, broyden, open-loop",
+        ),
         (["run", "maze-1", "--model", "no/such.safetensors"], "no/such.safetensors: no such file"),
         (["check", "maze-1", "plan.npz"], "plan.npz: no such file"),
         (["collect", "--config", "none.yaml"], "none.yaml: no such file"),

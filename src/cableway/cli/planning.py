@@ -122,7 +122,7 @@ def _compile(terminal: Terminal, tell: Tell) -> tuple[str, ...]:
     """Compile the kernels where that is yet to be done; what the report is to say about it."""
     from cableway.geometry.compiled import is_compiled
 
-    if is_compiled():
+    if is_compiled("planning"):
         return ()
     from cableway.planning.compilation import compile_kernels
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cableway.cli import outputs
+from cableway.cli.controllers import CONTROLLERS, MODEL, ROD_BASED, make_controller
 from cableway.cli.planning import Planned, PlanOptions, plan_into
 from cableway.cli.terminal import Tell, Terminal, pairs
-from cableway.errors import ControlError, SimulationError, UnknownNameError
+from cableway.errors import ControlError, SimulationError
 
 if TYPE_CHECKING:
     from cableway.cli.plants import PlantSetup
@@ -20,18 +21,16 @@ if TYPE_CHECKING:
     from cableway.report import Report
     from cableway.scene.task import Task
 
-CONTROLLERS = ("neural-mpc", "open-loop")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Run(PlanOptions):
     """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
 
-    model: str = "transformer"
-    """Deformation model of the controller: a shipped model's name, or a .safetensors file."""
-
-    controller: Annotated[str, tyro.conf.arg(metavar="{neural-mpc,open-loop}")] = "neural-mpc"
+    controller: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(CONTROLLERS) + "}")] = CONTROLLERS[0]
     """What leads the grippers."""
+
+    model: str | None = None
+    """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; transformer unless given."""
 
     plant: Path | None = None
     """YAML file that says how the simulated cable differs from the task's and how it is seen: noise, delays."""
@@ -46,7 +45,7 @@ class Run(PlanOptions):
 
         terminal, task = Terminal(self), load_task(self.task)
         setup = read_plant(self.plant, task)
-        folder, controller = self.folder(task.name), self._controller(terminal)
+        folder, controller = self.folder(task.name), make_controller(self.controller, self.model, terminal)
         with terminal.progress() as tell:
             planned = plan_into(folder, task, self, terminal, tell)
             report = planned.report
@@ -55,29 +54,6 @@ class Run(PlanOptions):
         outputs.announce(terminal, folder, report)
         terminal.result(report.as_dict(), pairs(report.rows()))
         return 0 if report.success else 1
-
-    def _controller(self, terminal: Terminal) -> Controller[Any]:
-        """The controller that the options ask for, before time is spent on planning.
-
-        Raises:
-            UnknownNameError: There is no such controller or model; the message lists them.
-        """
-        if self.controller not in CONTROLLERS:
-            raise UnknownNameError("controller", self.controller, CONTROLLERS)
-        if self.controller == "open-loop":
-            from cableway.control.open_loop import OpenLoop
-
-            return OpenLoop()
-        from cableway.control.neural_mpc import NeuralMPC
-        from cableway.models.checkpoint import load_model
-        from cableway.models.compilation import enable_compilation_cache
-
-        model = load_model(self.model)
-        if not enable_compilation_cache():
-            terminal.note(
-                "The controller is compiled once before it starts; the next run finds it in your cache folder."
-            )
-        return NeuralMPC(model)
 
     def _track_into(
         self,
@@ -112,6 +88,7 @@ class Run(PlanOptions):
         self, task: Task, planned: Planned, setup: PlantSetup, controller: Controller[Any], tell: Tell
     ) -> tuple[Rollout | None, tuple[str, ...], str | None]:
         """The rollout, what was not simulated, and what stopped it before it began, if something did."""
+        from cableway.geometry.compiled import mark_compiled
         from cableway.provenance import versions
         from cableway.tracking import track
 
@@ -124,7 +101,9 @@ class Run(PlanOptions):
             rollout = track(plant, controller, planned.plan, progress=tell, seed=self.seed or 0)
         except (SimulationError, ControlError) as error:
             return None, notes, f"tracking failed: {error}"
+        if self.controller in ROD_BASED:
+            mark_compiled("control")
         made_by: dict[str, Any] = {"versions": versions(), "plant": setup.as_dict()}
-        if self.controller == "neural-mpc":
-            made_by["model"] = self.model
+        if self.controller.startswith("neural-mpc"):
+            made_by["model"] = self.model or MODEL
         return replace(rollout, metadata={**made_by, **rollout.metadata}), notes, None

@@ -11,7 +11,15 @@ import numpy as np
 
 from cableway.geometry.compiled import kernel
 from cableway.geometry.convex import point_distance
-from cableway.rod.adapted_kernels import adapted_shape, meet_ends, scales, workspace
+from cableway.rod.adapted_kernels import (
+    adapted_shape,
+    end_rates,
+    factorize,
+    meet_ends,
+    scales,
+    substitute,
+    workspace,
+)
 
 MEETING = 100
 """Most steps in which a shape is brought between the grippers."""
@@ -54,30 +62,47 @@ def predict(q, poses, theta, modes, stride, keypoints, by_theta):
     stations, dstations, ends, dends = workspace(modes)
     adapted_shape(q, p, modes, stations, dstations, ends, dends)
     n, size = len(keypoints), len(theta)
-    # rates of the residual "end of the rod less where the grasp has it" by theta
-    rates = np.zeros((6, size))
-    rates[:, : len(p)] = dends[:, :, 6:].copy().reshape(6, len(p))
+    # of the residual "end of the rod less where the grasp has it"
+    residual_rates = np.zeros((6, size))
+    for row in range(6):
+        for a in range(len(p)):
+            residual_rates[row, a] = dends[row // 3, row % 3, 6 + a]
     for k in range(2):
         c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         at, row = len(p) + 3 * k, 3 * k
-        rates[row, at], rates[row, at + 1] = -c, s
-        rates[row + 1, at], rates[row + 1, at + 1] = -s, -c
-        rates[row + 2, at + 2] = -1.0
-    scale = scales(p[0])
-    by_q = dends[:, :, :6].copy().reshape(6, 6) * scale
-    weights = np.array([1 / p[0], 1 / p[0], 1.0, 1 / p[0], 1 / p[0], 1.0])
-    by_q = by_q * weights.reshape(6, 1)
-    normal = by_q.T @ by_q + 1e-9 * np.eye(6)
-    moved = -np.linalg.solve(normal, by_q.T @ (rates * weights.reshape(6, 1))) * scale.reshape(6, 1)
+        residual_rates[row, at], residual_rates[row, at + 1] = -c, s
+        residual_rates[row + 1, at], residual_rates[row + 1, at + 1] = -s, -c
+        residual_rates[row + 2, at + 2] = -1.0
+    scale, rates, factor, moved = scales(p[0]), np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    end_rates(dends, p[0], scale, rates)
+    factorize_squared(rates, 1e-9, factor)
+    for column in range(size):
+        for a in range(6):
+            moved[a] = 0.0
+            for row in range(6):
+                moved[a] -= rates[row, a] * residual_rates[row, column] / (1.0 if row % 3 == 2 else p[0])
+        substitute(factor, moved)
+        for i in range(n):
+            for k in range(2):
+                total = dstations[i * stride, k, 6 + column] if column < len(p) else 0.0
+                for a in range(6):
+                    total += dstations[i * stride, k, a] * scale[a] * moved[a]
+                by_theta[i, k, column] = total
     for i in range(n):
-        keypoints[i] = stations[i * stride]
-        for k in range(2):
-            for a in range(size):
-                total = dstations[i * stride, k, 6 + a] if a < len(p) else 0.0
-                for b in range(6):
-                    total += dstations[i * stride, k, b] * moved[b, a]
-                by_theta[i, k, a] = total
+        keypoints[i, 0], keypoints[i, 1] = stations[i * stride, 0], stations[i * stride, 1]
     return left
+
+
+@kernel
+def factorize_squared(rates, added, factor):
+    """Cholesky's factor of rates' rates + added, (6, 6)."""
+    normal = np.zeros((6, 6))
+    for a in range(6):
+        normal[a, a] = added
+        for b in range(a + 1):
+            for row in range(6):
+                normal[a, b] += rates[row, a] * rates[row, b]
+    factorize(normal, 0.0, factor)
 
 
 @kernel
@@ -116,32 +141,6 @@ def _scaled_shape(q, p, modes, scale, stations, dstations, poses, dposes):
 
 
 @kernel
-def _solve(normal, gradient, damping, step):
-    """Solve (normal + damping times its diagonal) step = -gradient; the lower triangle of `normal` is used."""
-    size = len(step)
-    factor = np.zeros((size, size))
-    for a in range(size):
-        for b in range(a + 1):
-            total = normal[a, b] * (1.0 + damping) if a == b else normal[a, b]
-            for c in range(b):
-                total -= factor[a, c] * factor[b, c]
-            if a == b:
-                factor[a, a] = math.sqrt(max(total, 1e-14))
-            else:
-                factor[a, b] = total / factor[b, b]
-    for a in range(size):
-        total = -gradient[a]
-        for c in range(a):
-            total -= factor[a, c] * step[c]
-        step[a] = total / factor[a, a]
-    for a in range(size - 1, -1, -1):
-        total = step[a]
-        for c in range(a + 1, size):
-            total -= factor[c, a] * step[c]
-        step[a] = total / factor[a, a]
-
-
-@kernel
 def fit_shapes(q, wanted, p, modes, stride, pull, iterations, keypoints, ends):
     """Move each row of q (H, 6) to the shape nearest to keypoints `wanted` (H, n, 2), by Gauss-Newton steps.
 
@@ -150,30 +149,32 @@ def fit_shapes(q, wanted, p, modes, stride, pull, iterations, keypoints, ends):
     """
     stations, dstations, poses, dposes = workspace(modes)
     scale = scales(p[0])
-    normal, gradient, step = np.empty((6, 6)), np.empty(6), np.empty(6)
+    normal, gradient, factor, step = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty(6)
     for t in range(len(q)):
         for iteration in range(iterations + 1):
             _scaled_shape(q[t], p, modes, scale, stations, dstations, poses, dposes)
             if iteration == iterations:
                 break
-            normal[:] = 0.0
-            gradient[:] = 0.0
+            _clear(normal, gradient)
             for i in range(wanted.shape[1]):
                 for k in range(2):
                     residual = stations[i * stride, k] - wanted[t, i, k]
                     _add_row(normal, gradient, dstations[i * stride, k], residual, 1.0, 0)
             for a in range(3, 6):
                 normal[a, a] += pull
-            _solve(normal, gradient, 1e-9, step)
-            longest = np.abs(step).max()
-            step *= min(1.0, 0.3 / longest)
+            factorize(normal, 1e-9, factor)
             for a in range(6):
-                q[t, a] += scale[a] * step[a]
+                step[a] = -gradient[a]
+            substitute(factor, step)
+            longest = _longest(step)
+            for a in range(6):
+                q[t, a] += min(1.0, 0.3 / longest) * scale[a] * step[a]
             if longest < 1e-5:
                 _scaled_shape(q[t], p, modes, scale, stations, dstations, poses, dposes)
                 break
-        keypoints[t] = stations[::stride]
-        ends[t] = poses
+        for i in range(wanted.shape[1]):
+            keypoints[t, i, 0], keypoints[t, i, 1] = stations[i * stride, 0], stations[i * stride, 1]
+        _copy(poses, ends[t])
 
 
 @kernel
@@ -205,8 +206,7 @@ def assemble(
     stations, dstations, ends, dends = workspace(modes)
     last, dlast, rates, earlier = before.copy(), np.zeros((2, 3, 6)), np.empty(6), np.empty(6)
     scale = scales(p[0])
-    normal[:] = 0.0
-    gradient[:] = 0.0
+    _clear(normal, gradient)
     cost = 0.0
     for t in range(len(q)):
         at = 6 + 6 * t
@@ -260,9 +260,35 @@ def assemble(
                 rates[a] = (gx * (dends[1, 0, a] - dends[0, 0, a]) + gy * (dends[1, 1, a] - dends[0, 1, a])) / gap
             _add_row(normal, gradient, rates, wrong, w_apart, at)
             cost += w_apart * wrong * wrong
-        last[:] = ends
-        dlast[:] = dends[:, :, :6]
+        _copy(ends, last)
+        for side in range(2):
+            for k in range(3):
+                for a in range(6):
+                    dlast[side, k, a] = dends[side, k, a]
     return 0.5 * cost
+
+
+@kernel
+def _clear(normal, gradient):
+    for a in range(len(gradient)):
+        gradient[a] = 0.0
+        for b in range(len(gradient)):
+            normal[a, b] = 0.0
+
+
+@kernel
+def _copy(source, target):
+    for a in range(source.shape[0]):
+        for b in range(source.shape[1]):
+            target[a, b] = source[a, b]
+
+
+@kernel
+def _longest(step):
+    longest = 1e-30
+    for value in step:
+        longest = max(longest, abs(value))
+    return longest
 
 
 @kernel
@@ -271,43 +297,41 @@ def optimize(
 ):
     """Levenberg-Marquardt on `assemble` from q (H, 6), which it changes. Returns the cost at the start and the end."""
     size = 6 + q.size
-    normal, gradient, step = np.empty((size, size)), np.empty(size), np.zeros(q.size)
+    normal, gradient, step = np.empty((size, size)), np.empty(size), np.empty(q.size)
     trial_normal, trial_gradient = np.empty((size, size)), np.empty(size)
-    scale, trial = scales(p[0]), q.copy()
-    cost = assemble(
-        q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights, normal, gradient
-    )
-    start, damping = cost, 1e-9
-    for _ in range(iterations):
+    factor, scale, trial = np.empty((q.size, q.size)), scales(p[0]), q.copy()
+    start, cost, damping, first = 0.0, np.inf, 1e-9, True
+    for _ in range(iterations + 1):
         trial_cost = np.inf
-        while trial_cost >= cost and damping < 1e3:
-            _solve(normal[6:, 6:], gradient[6:], damping, step)
-            share = min(1.0, 0.5 / np.abs(step).max())
-            for i in range(size - 6):
-                trial[i // 6, i % 6] = q[i // 6, i % 6] + share * scale[i % 6] * step[i]
+        while not trial_cost < cost and damping < 1e3:
+            if not first:
+                factorize(normal[6:, 6:], damping, factor)
+                for a in range(q.size):
+                    step[a] = -gradient[6 + a]
+                substitute(factor, step)
+                share = min(1.0, 0.5 / _longest(step))
+                for a in range(q.size):
+                    trial[a // 6, a % 6] = q[a // 6, a % 6] + share * scale[a % 6] * step[a]
             trial_cost = assemble(
                 trial, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights,
                 trial_normal, trial_gradient,
             )  # fmt: skip
+            if first and not trial_cost < np.inf:
+                return trial_cost, trial_cost
             damping = max(damping / 10.0, 1e-9) if trial_cost < cost else max(damping, 1e-5) * 10.0
         if not trial_cost < cost:
             break
-        small = cost - trial_cost < tolerance * cost
-        q[:] = trial
-        normal[:] = trial_normal
-        gradient[:] = trial_gradient
+        small = cost - trial_cost < tolerance * cost and not first
+        if first:
+            start, first = trial_cost, False
         cost = trial_cost
+        _copy(trial, q)
+        _copy(trial_normal, normal)
+        for a in range(size):
+            gradient[a] = trial_gradient[a]
         if small:
             break
     return start, cost
-
-
-@kernel
-def end_poses(q, p, modes):
-    """End poses (2, 3) of the shape q (6,)."""
-    stations, dstations, ends, dends = workspace(modes)
-    adapted_shape(q, p, modes, stations, dstations, ends, dends)
-    return ends
 
 
 @kernel
@@ -317,18 +341,17 @@ def motion_jacobian(q, p, modes, stride, n):
     Near a fold, where shapes run away, it is that of the nearest motions that the rod can make.
     """
     stations, dstations, ends, dends = workspace(modes)
-    scale = scales(p[0])
-    _scaled_shape(q, p, modes, scale, stations, dstations, ends, dends)
-    by_q = np.empty((6, 6))
-    for row in range(6):
-        unit = 1.0 if row % 3 == 2 else 1.0 / p[0]
-        by_q[row] = dends[row // 3, row % 3, :6] * unit
-    inverse = np.linalg.solve(by_q.T @ by_q + 1e-4 * np.eye(6), by_q.T)
+    adapted_shape(q, p, modes, stations, dstations, ends, dends)
+    scale, rates, factor, moved = scales(p[0]), np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    end_rates(dends, p[0], scale, rates)
+    factorize_squared(rates, 1e-4, factor)
     found = np.zeros((2 * n, 6))
-    for i in range(n):
-        for k in range(2):
-            for row in range(6):
-                unit = 1.0 if row % 3 == 2 else 1.0 / p[0]
+    for row in range(6):
+        for a in range(6):
+            moved[a] = rates[row, a] / (1.0 if row % 3 == 2 else p[0])
+        substitute(factor, moved)
+        for i in range(n):
+            for k in range(2):
                 for a in range(6):
-                    found[2 * i + k, row] += dstations[i * stride, k, a] * inverse[a, row] * unit
+                    found[2 * i + k, row] += dstations[i * stride, k, a] * scale[a] * moved[a]
     return found

@@ -235,9 +235,10 @@ class RodMPC(Controller[RodMPCState]):
             np.diff(ends, axis=0), fits[1:, 3:].copy(), longest_gap(ends[1:], theta[LENGTH], config.stretch),
             problem.world, problem.limits, config.weights, config.iterations, config.tolerance,
         )  # fmt: skip
-        reached = rod_kernels.end_poses(q[0], p, modes)
+        first, reached = q[:1].copy(), np.empty((1, 2, 3))
+        rod_kernels.fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
         farthest = float(longest_gap(ends[1:2], theta[LENGTH], config.longest)[0])
-        moved = within_limits(reached - before, before, problem.task.grippers, farthest)
+        moved = within_limits(reached[0] - before, before, problem.task.grippers, farthest)
         return rod_kernels.holding(before + moved, theta[GRASPS]) - commanded, fits
 
     def _sent(

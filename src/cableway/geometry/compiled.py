@@ -20,9 +20,6 @@ from numba.core import config
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-MARK = "planning-is-compiled"
-"""Empty file that says so."""
-
 
 @cache
 def cache_folder() -> Path:
@@ -48,16 +45,20 @@ def kernel(function: F) -> F:
         config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def is_compiled() -> bool:
-    """Whether an earlier process went through planning with these sources, so that their kernels are compiled.
+def is_compiled(part: str) -> bool:
+    """Whether an earlier process went through planning or control with these sources, so that its kernels are compiled.
 
     Compiled files alone tell nothing: loading a task compiles a few kernels, planning many more.
     """
-    return (cache_folder() / MARK).is_file()
+    return _mark(part).is_file()
 
 
-def mark_compiled() -> None:
-    """Note for later processes that the kernels of planning are compiled; a read-only cache stays as it is."""
+def mark_compiled(part: str) -> None:
+    """Note for later processes that the kernels of a part are compiled; a read-only cache stays as it is."""
     with suppress(OSError):
         cache_folder().mkdir(parents=True, exist_ok=True)
-        (cache_folder() / MARK).touch()
+        _mark(part).touch()
+
+
+def _mark(part: str) -> Path:
+    return cache_folder() / f"{part}-is-compiled"

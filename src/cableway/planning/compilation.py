@@ -12,7 +12,7 @@ EXAMPLE = "single-obstacle-2"
 def compile_kernels() -> None:
     """Have every kernel of the default planner compiled and kept, by planning a task of the catalogue.
 
-    About a minute where nothing is compiled yet, about a second where `is_compiled()`.
+    About a minute where nothing is compiled yet, about a second where `is_compiled("planning")`.
     """
     plan(load_task(EXAMPLE))
-    mark_compiled()
+    mark_compiled("planning")

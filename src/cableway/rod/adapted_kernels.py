@@ -11,7 +11,6 @@ import math
 import numpy as np
 
 from cableway.geometry.compiled import kernel
-from cableway.rod.fitting import damped_step
 
 LOAD_SCALE = (10.0, 10.0, 3.0)
 """Units of (a_x, a_y, m) in which steps are measured."""
@@ -42,7 +41,8 @@ def _walk(side, load, p, modes, points, jacobian):
             station += side
             share = 1.0
         points[station, 0], points[station, 1] = x, y
-        jacobian[station, 0, :], jacobian[station, 1, :] = dx, dy
+        for k in range(columns):
+            jacobian[station, 0, k], jacobian[station, 1, k] = dx[k], dy[k]
         if station % 2 == 1:
             hinge = station // 2
             softness, rest = 0.0, 0.0
@@ -63,7 +63,8 @@ def _walk(side, load, p, modes, points, jacobian):
             angle += scale * (softness * moment + rest)
     row = 0 if side < 0 else 1
     points[2 * hinges + 1, row] = angle
-    jacobian[2 * hinges + 1, row, :] = dangle
+    for k in range(columns):
+        jacobian[2 * hinges + 1, row, k] = dangle[k]
 
 
 @kernel
@@ -88,13 +89,15 @@ def adapted_shape(q, p, modes, stations, dstations, poses, dposes):
             dstations[i, 1, column] = length * (s * jacobian[i, 0, k] + c * jacobian[i, 1, k])
     for k in range(2):
         i = 2 * hinges * k
-        poses[k, :2] = stations[i]
+        for m in range(2):
+            poses[k, m] = stations[i, m]
+            for a in range(7 + 2 * count):
+                dposes[k, m, a] = dstations[i, m, a]
         poses[k, 2] = q[2] + points[2 * hinges + 1, k]
-        dposes[k, :2, :] = dstations[i]
-        dposes[k, 2, :] = 0.0
-        dposes[k, 2, 2] = 1.0
-        dposes[k, 2, 3:6] = jacobian[2 * hinges + 1, k, :3]
-        dposes[k, 2, 7:] = jacobian[2 * hinges + 1, k, 3:]
+        for a in range(7 + 2 * count):
+            dposes[k, 2, a] = 1.0 if a == 2 else 0.0
+        for a in range(3 + 2 * count):
+            dposes[k, 2, 3 + a if a < 3 else 4 + a] = jacobian[2 * hinges + 1, k, a]
 
 
 @kernel
@@ -117,48 +120,93 @@ def scales(length):
 
 
 @kernel
+def factorize(normal, damping, factor):
+    """Cholesky's factor (lower) of `normal`, whose diagonal is made larger by the share `damping`."""
+    for a in range(len(normal)):
+        for b in range(a + 1):
+            total = normal[a, b] * (1.0 + damping) if a == b else normal[a, b]
+            for c in range(b):
+                total -= factor[a, c] * factor[b, c]
+            factor[a, b] = math.sqrt(max(total, 1e-14)) if a == b else total / factor[b, b]
+
+
+@kernel
+def substitute(factor, x):
+    """Solve the factored system in place."""
+    for a in range(len(x)):
+        for c in range(a):
+            x[a] -= factor[a, c] * x[c]
+        x[a] /= factor[a, a]
+    for a in range(len(x) - 1, -1, -1):
+        for c in range(a + 1, len(x)):
+            x[a] -= factor[c, a] * x[c]
+        x[a] /= factor[a, a]
+
+
+@kernel
+def end_rates(dposes, length, scale, rates):
+    """Derivative (6, 6) of the end poses, in lengths and radians, by q in units of `scale`."""
+    for row in range(6):
+        for a in range(6):
+            unit = 1.0 if row % 3 == 2 else length
+            rates[row, a] = dposes[row // 3, row % 3, a] / unit * scale[a]
+
+
+@kernel
 def meet_ends(q, ends, p, modes, iterations):
     """Levenberg-Marquardt from q (6,), which it changes, to the shape with end poses `ends` (2, 3).
 
-    Angles count as they are, not modulo a turn. Returns the largest residual left, in lengths and radians.
+    Angles count as they are, not modulo a turn. Returns the residual left, in lengths and radians.
     """
     stations, dstations, poses, dposes = workspace(modes)
-    length, scale = p[0], scales(p[0])
-    units = np.array([length, length, 1.0])
-    normal, gradient, residual = np.empty((6, 6)), np.empty(6), np.empty(6)
+    scale, trial = scales(p[0]), q.copy()
+    rates, normal, factor = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    step, residual, gradient = np.empty(6), np.empty(6), np.empty(6)
     adapted_shape(q, p, modes, stations, dstations, poses, dposes)
-    cost = _end_residual(poses, ends, units, residual)
-    damping, trial = 1e-8, q.copy()
+    cost = _end_residual(poses, ends, p[0], residual)
+    damping = 1e-9
     for _ in range(iterations):
         if cost < 1e-20:
             break
-        normal[:] = 0.0
-        gradient[:] = 0.0
-        for row in range(6):
-            rates = dposes[row // 3, row % 3, :6] / units[row % 3] * scale
-            gradient += rates * residual[row]
-            for a in range(6):
-                for b in range(a + 1):
-                    normal[a, b] += rates[a] * rates[b]
+        end_rates(dposes, p[0], scale, rates)
+        _normal_equations(rates, residual, normal, gradient)
         changed = np.inf
         while not changed < cost and damping < 1e6:
-            trial[:] = q + scale * damped_step(normal, gradient, damping)
+            factorize(normal, damping, factor)
+            for a in range(6):
+                step[a] = -gradient[a]
+            substitute(factor, step)
+            for a in range(6):
+                trial[a] = q[a] + scale[a] * step[a]
             adapted_shape(trial, p, modes, stations, dstations, poses, dposes)
-            changed = _end_residual(poses, ends, units, residual)
+            changed = _end_residual(poses, ends, p[0], residual)
             damping = max(damping / 10.0, 1e-12) if changed < cost else max(damping, 1e-9) * 10.0
         if not changed < cost:
             break
-        q[:] = trial
+        for a in range(6):
+            q[a] = trial[a]
         cost = changed
     return math.sqrt(cost)
 
 
 @kernel
-def _end_residual(poses, ends, units, residual):
+def _normal_equations(rates, residual, normal, gradient):
+    for a in range(6):
+        gradient[a] = 0.0
+        for row in range(6):
+            gradient[a] += rates[row, a] * residual[row]
+        for b in range(a + 1):
+            normal[a, b] = 0.0
+            for row in range(6):
+                normal[a, b] += rates[row, a] * rates[row, b]
+
+
+@kernel
+def _end_residual(poses, ends, length, residual):
     total = 0.0
     for side in range(2):
         for k in range(3):
-            error = (poses[side, k] - ends[side, k]) / units[k]
+            error = (poses[side, k] - ends[side, k]) / (1.0 if k == 2 else length)
             residual[3 * side + k] = error
             total += error * error
     return total

@@ -1,0 +1,68 @@
+"""The controllers that `--controller` knows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from cableway.errors import InputError, UnknownNameError
+from cableway.geometry.compiled import is_compiled
+
+if TYPE_CHECKING:
+    from cableway.cli.terminal import Terminal
+    from cableway.control.base import Controller
+
+CONTROLLERS = ("rod-mpc", "neural-mpc", "neural-mpc-paper", "rod-jacobian", "broyden", "open-loop")
+"""The first is the default."""
+
+ROD_BASED = ("rod-mpc", "rod-jacobian", "broyden")
+"""Those whose kernels Numba compiles."""
+
+MODEL = "transformer"
+"""The deformation model of the neural controllers unless another is given."""
+
+AHEAD = "The controller is compiled once before it starts; the next run finds it in your cache folder."
+
+
+def make_controller(name: str, model: str | None, terminal: Terminal) -> Controller[Any]:
+    """The controller of a name.
+
+    Args:
+        name: One of `CONTROLLERS`.
+        model: Deformation model, for the neural ones.
+        terminal: Told where compilation is ahead.
+
+    Raises:
+        UnknownNameError: There is no such controller or model; the message lists them.
+        InputError: A model is given for a controller that has none.
+    """
+    if name not in CONTROLLERS:
+        raise UnknownNameError("controller", name, CONTROLLERS)
+    if name.startswith("neural-mpc"):
+        return _neural(name, model or MODEL, terminal)
+    if model is not None:
+        raise InputError(f"--model is for neural-mpc and neural-mpc-paper; {name} has no deformation model to choose")
+    if name == "open-loop":
+        from cableway.control.open_loop import OpenLoop
+
+        return OpenLoop()
+    if not is_compiled("control"):
+        terminal.note(AHEAD)
+    if name == "rod-mpc":
+        from cableway.control.rod_mpc import RodMPC
+
+        return RodMPC()
+    from cableway.control.jacobian import JacobianConfig, JacobianFeedback
+
+    return JacobianFeedback(JacobianConfig(source="rod" if name == "rod-jacobian" else "broyden"))
+
+
+def _neural(name: str, model: str, terminal: Terminal) -> Controller[Any]:
+    from cableway.control.mpc_config import MPCConfig
+    from cableway.control.neural_mpc import NeuralMPC
+    from cableway.models.checkpoint import load_model
+    from cableway.models.compilation import enable_compilation_cache
+
+    predicts = load_model(model)
+    if not enable_compilation_cache():
+        terminal.note(AHEAD)
+    return NeuralMPC(predicts, MPCConfig.paper() if name == "neural-mpc-paper" else MPCConfig())

@@ -1,0 +1,284 @@
+"""Laws of the adaptive rod controller: it tracks what differs from what it believes, and finds out how it differs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from quasi_static import outward, straight_plan, task_for
+
+from cableway.control import rod_kernels
+from cableway.control.age import Age
+from cableway.control.base import Status
+from cableway.control.rod_estimate import EstimatorConfig, RodEstimator
+from cableway.control.rod_mpc import RodMPC, RodMPCConfig
+from cableway.control.sight import HELD_AS_BELIEVED, Sight
+from cableway.errors import InputError
+from cableway.geometry import convex, se2
+from cableway.records import Observation, Plan, Rollout
+from cableway.rod import adapted
+from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, STIFFNESS
+from cableway.rod.equilibrium import Rod
+from cableway.rod.inverse import fit_keypoints
+from cableway.scene.cable import Cable
+from cableway.scene.obstacles import Disc
+from cableway.scene.task import Task
+from cableway.simulation.grasp import GraspConfig, GraspedCable
+from cableway.simulation.plant import CableSimulator
+from cableway.simulation.sensing import SensedPlant, SensingConfig
+from cableway.tracking import track
+
+ROD = Rod(0.3)
+PLAN = straight_plan(ROD, steps=40)
+TASK = task_for(PLAN)
+
+
+def truth(seed: int) -> np.ndarray:
+    """Parameters of a cable that differs in every way."""
+    rng = np.random.default_rng(seed)
+    return adapted.nominal(ROD) + 0.7 * EstimatorConfig().prior(ROD.length) * rng.choice([-1, 1], adapted.PARAMETERS)
+
+
+def seen_along(theta: np.ndarray, plan: Plan = PLAN) -> list[np.ndarray]:
+    """Keypoints of the cable with parameters theta held by grippers that follow a plan."""
+    q, shapes = fit_keypoints(ROD, plan.shapes[0])[0], []
+    keypoints, by_theta = np.empty((13, 2)), np.empty((13, 2, adapted.PARAMETERS))
+    for poses in plan.poses:
+        assert rod_kernels.predict(q, poses, theta, adapted.modes(ROD), ROD.stride, keypoints, by_theta) < 1e-8
+        shapes.append(keypoints.copy())
+    return shapes
+
+
+def estimated(theta: np.ndarray, config: EstimatorConfig | None = None, noise: float = 0.0, outliers: int = 0):
+    rng = np.random.default_rng(5)
+    estimator = RodEstimator(ROD, config or EstimatorConfig(), 0.1)
+    estimate = estimator.start(fit_keypoints(ROD, PLAN.shapes[0])[0])
+    for poses, keypoints in zip(PLAN.poses, seen_along(theta), strict=True):
+        shown = keypoints + noise * rng.normal(size=(13, 2))
+        shown[rng.permutation(13)[:outliers]] += 0.03 * rng.choice([-1, 1], (outliers, 2))
+        estimate = estimator.update(estimate, shown, poses, 0.0)
+    return estimate
+
+
+def prediction_error(theta: np.ndarray, true: np.ndarray) -> float:
+    """Mean distance [m] of the predicted keypoints along the plan."""
+    return float(np.linalg.norm(np.subtract(seen_along(theta), seen_along(true)), axis=-1).mean())
+
+
+def test_prediction_is_differentiated_exactly() -> None:
+    theta, modes = truth(0), adapted.modes(ROD)
+    q = fit_keypoints(ROD, PLAN.shapes[10])[0]
+
+    def keypoints(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found, by_theta = np.empty((13, 2)), np.empty((13, 2, adapted.PARAMETERS))
+        assert rod_kernels.predict(q.copy(), PLAN.poses[10], theta, modes, ROD.stride, found, by_theta) < 1e-9
+        return found, by_theta
+
+    by_theta = keypoints(theta)[1]
+    for k in range(adapted.PARAMETERS):
+        nudge = 1e-5 * (np.arange(adapted.PARAMETERS) == k)
+        numeric = (keypoints(theta + nudge)[0] - keypoints(theta - nudge)[0]) / 2e-5
+        np.testing.assert_allclose(by_theta[..., k], numeric, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_cost_and_its_derivative_agree(seed: int) -> None:
+    """With a near obstacle, grippers too far apart and too fast, so that every term counts."""
+    rng = np.random.default_rng(seed)
+    line = PLAN.shapes[2]
+    centre = line[6] + outward(line) * 0.025
+    task = task_for(PLAN, (Disc(center=(centre[0], centre[1]), radius=0.02),))
+    world = task.scene.world
+    fields = (world.vertices, world.counts, world.rounding, world.size)
+    q = np.array([fit_keypoints(ROD, PLAN.shapes[row])[0] for row in (3, 9)]) + 1e-3 * rng.normal(size=(2, 6))
+    p, modes = truth(seed)[adapted.ROD], adapted.modes(ROD)
+    limits, weights = (0.002, 0.01, 0.004, 0.004, 0.006, 0.0), (1.0, 3.0, 0.05, 1e-3, 30.0, 100.0, 100.0)
+    normal, gradient = np.empty((18, 18)), np.empty(18)
+
+    def cost(q: np.ndarray) -> float:
+        return rod_kernels.assemble(
+            q, PLAN.poses[2], p, modes, ROD.stride, np.full((49, 2), 1e-3), PLAN.shapes[[3, 4]],
+            np.diff(PLAN.poses[2:5], axis=0), np.zeros((2, 3)), np.full(2, 0.2), fields, limits, weights, normal,
+            gradient,
+        )  # fmt: skip
+
+    cost(q)
+    exact = gradient[6:].reshape(2, 6).copy()
+    scale = np.array([p[0], p[0], 1.0, 10.0, 10.0, 3.0])
+    for t in range(2):
+        for k in range(6):
+            nudge = np.zeros((2, 6))
+            nudge[t, k] = 1e-6 * scale[k]
+            numeric = (cost(q + nudge) - cost(q - nudge)) / 2e-6
+            assert exact[t, k] == pytest.approx(numeric, rel=2e-4, abs=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_estimate_predicts_a_cable_that_differs_in_every_way(seed: int) -> None:
+    true = truth(seed)
+    before = prediction_error(adapted.nominal(ROD), true)
+    assert prediction_error(estimated(true).theta, true) < 0.1 * before
+    assert prediction_error(estimated(true, noise=0.002).theta, true) < 0.4 * before
+    assert prediction_error(estimated(true, outliers=2).theta, true) < 0.5 * before
+
+
+def test_length_and_grasps_are_found() -> None:
+    true = adapted.nominal(ROD)
+    true[LENGTH] *= 0.98
+    true[GRASPS] = [0.002, -0.001, 0.03, 0.001, 0.002, -0.03]
+    theta = estimated(true).theta
+    assert theta[LENGTH] == pytest.approx(true[LENGTH], abs=5e-4)
+    np.testing.assert_allclose(theta[GRASPS], true[GRASPS], atol=0.02)
+    np.testing.assert_allclose(theta[GRASPS][[0, 1, 3, 4]], true[GRASPS][[0, 1, 3, 4]], atol=3e-4)
+
+
+def test_what_cannot_be_seen_stays_at_its_prior() -> None:
+    """Of a cable that lies still, stiffness and curvature are not told apart; no parameter runs away."""
+    estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
+    estimate = estimator.start(fit_keypoints(ROD, PLAN.shapes[0])[0])
+    for _ in range(600):
+        estimate = estimator.update(estimate, PLAN.shapes[0] + [0.001, 0.0], PLAN.poses[0], 0.0)
+    prior = EstimatorConfig().prior(ROD.length)
+    assert (np.abs(estimate.theta - adapted.nominal(ROD)) < prior).all()
+    spread = np.sqrt(np.diag(estimate.covariance))
+    assert spread[STIFFNESS].max() > 0.5
+    assert spread[CURVATURE].max() > 0.2
+    assert (spread < 1.0 + 1e-9).all()
+
+
+def test_with_nothing_to_estimate_only_the_offset_moves() -> None:
+    true = truth(1)
+    estimate = estimated(true, EstimatorConfig.nominal(offset_gain=1.0))
+    np.testing.assert_array_equal(estimate.theta, adapted.nominal(ROD))
+    wrong = seen_along(true)[-1] - seen_along(adapted.nominal(ROD))[-1]
+    np.testing.assert_allclose(estimate.offset, wrong, atol=1e-6)
+
+
+def test_a_jump_to_another_shape_is_followed() -> None:
+    """The mirror image between the same grippers: the estimator takes it up at once."""
+    rod, poses = Rod(0.3), np.array([[0.2, 0.3, 0.0], [0.42, 0.3, 0.0]])
+    from cableway.rod.inverse import shape_between
+
+    up, down = (shape_between(rod, poses, side) for side in ("left", "right"))
+    estimator = RodEstimator(rod, EstimatorConfig(), 0.1)
+    seen = rod.at_keypoints(rod.shapes(down[None])[0])[0]
+    estimate = estimator.update(estimator.start(up), seen, poses, 0.0)
+    stations = rod.shapes(estimate.q[None])[0]
+    assert np.linalg.norm(rod.at_keypoints(stations)[0] - seen, axis=1).max() < 0.005
+
+
+def test_ages_are_told_by_what_moved() -> None:
+    """Keypoints 0.25 s late and motions that begin 0.1 s late, while the grippers turn and go."""
+    sight, sent = Sight.before(PLAN.poses[0], 13), [np.zeros((2, 3))] * 9
+    poses = [PLAN.poses[0]] * 9
+    for row in range(25):
+        step = PLAN.poses[min(row + 1, 40)] - PLAN.poses[row]
+        late = 0.5 * (poses[-3] + poses[-4])
+        keypoints = ROD.at_keypoints(ROD.shapes(fit_keypoints(ROD, PLAN.shapes[row])[0][None])[0])[0].copy()
+        keypoints[[0, -1]] = late[:, :2]
+        sight = sight.after(Observation(0.0, keypoints, poses[-1]), HELD_AS_BELIEVED, TASK.cable)
+        commanded, way = sight.commanded, sight.way
+        sight = sight.sending(step)
+        sent.append(step)
+        poses.append(poses[-1] + sent[-2])
+    assert sight.poses.value == pytest.approx(2.5, abs=0.26)
+    assert sight.sent.value == 1.0
+    np.testing.assert_allclose(commanded, poses[-1], atol=1e-12)  # the plant does what was pending, nothing else
+    np.testing.assert_allclose(way[0], 0.5 * (poses[-4] + poses[-5]), atol=2e-3)
+    np.testing.assert_allclose(way[-1], commanded)
+    assert len(way) == 1 + 3 + 1
+
+
+def test_an_age_between_two_rows_is_their_mean() -> None:
+    age = Age.of(np.zeros((2, 3))).with_row(np.ones((2, 3))).with_row(3 * np.ones((2, 3)))
+    np.testing.assert_allclose(age.aged(np.float64(0.5)), 2.0)
+    np.testing.assert_allclose(replace(age, value=1.5).newer, 3.0 + 0.5)
+    np.testing.assert_allclose(age.newer, 0.0)
+
+
+def rollout(cable: Cable | None = None, sensing: SensingConfig | None = None, grasp: GraspConfig | None = None,
+            task: Task = TASK) -> Rollout:  # fmt: skip
+    held = GraspedCable(CableSimulator(task, cable=cable), grasp or GraspConfig())
+    return track(SensedPlant(held, sensing, seed=2), RodMPC(), PLAN)
+
+
+def final_error(rollout: Rollout) -> float:
+    return float(np.linalg.norm(rollout.keypoints[-1] - TASK.goal))
+
+
+CASES = {
+    "nominal": ({}, 5e-4),
+    "slow": ({"cable": Cable(damping_time=1.5)}, 2e-3),
+    "askew": ({"grasp": GraspConfig(left=(0.002, 0.0, 0.035), right=(0.0, -0.002, 0.035))}, 1e-3),
+    "graded": ({"cable": Cable(stiffness_profile=(0.5, 2.0))}, 4e-3),
+    "late": ({"sensing": SensingConfig(measurement_delay=0.2, action_delay=0.1)}, 1e-3),
+    "poorly seen": (
+        {"sensing": SensingConfig(keypoint_noise=0.001, drop_rate=0.3, occlusion_rate=0.3, frame_rate=30.0)},
+        4e-3,
+    ),
+    "slipping": ({"grasp": GraspConfig(slip_time=3.0, left_after=(0.005, 0.0, 0.05))}, 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_in_the_simulator_it_arrives_on_cables_it_does_not_know(name: str) -> None:
+    settings, most = CASES[name]
+    done = rollout(**settings)
+    assert done.metadata["outcome"] == "settled"
+    assert final_error(done) < most
+    assert done.clearance.min() > 0
+
+
+def test_a_shorter_cable_is_led_as_near_as_it_comes() -> None:
+    """3% short: no grippers bring it nearer to the goal than the fit of a rod that is 3% short."""
+    least = fit_keypoints(Rod(0.291), TASK.goal)[1]
+    error = final_error(rollout(cable=Cable(length=0.291)))
+    assert least - 1e-5 < error < least + 1e-3
+
+
+def test_obstacles_push_away() -> None:
+    """A disc 1 mm from the middle of a resting cable: the next shape is farther from it."""
+    line = PLAN.shapes[0]
+    centre = line[6] + outward(line) * (TASK.cable.radius + 0.001 + 0.02)
+    blocked = task_for(PLAN, (Disc(center=(centre[0], centre[1]), radius=0.02),))
+    still = replace(PLAN, shapes=PLAN.shapes[[0] * 41], poses=PLAN.poses[[0] * 41])
+    controller = RodMPC(RodMPCConfig(hold=0.0))
+    action, _ = controller.step(controller.init(blocked, still), Observation(0.0, line, PLAN.poses[0]))
+    plant = CableSimulator(TASK)
+    plant.reset()
+    moved = plant.step(action).keypoints
+    clearances = [convex.signed_distance(shape[6], blocked.scene.world)[0] for shape in (line, moved)]
+    assert clearances[1] > clearances[0] + 1e-4
+
+
+def test_steps_wait_at_the_limit_of_the_grippers() -> None:
+    slow = replace(TASK, grippers=replace(TASK.grippers, max_step=0.004))
+    controller = RodMPC(RodMPCConfig(hold=0.0))
+    state = controller.init(slow, PLAN)
+    action, state = controller.step(state, Observation(0.0, PLAN.shapes[0], PLAN.poses[0]))
+    assert state.status == Status.TRACKING
+    assert np.linalg.norm(action[:, :2], axis=1).max() == pytest.approx(0.004, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("config", "settings"),
+    [
+        (RodMPCConfig, {"horizon": 0}),
+        (RodMPCConfig, {"hold": np.nan}),
+        (RodMPCConfig, {"motion_weight": -1.0}),
+        (EstimatorConfig, {"offset_gain": 1.5}),
+        (EstimatorConfig, {"memory": 0.0}),
+        (EstimatorConfig, {"length": -0.1}),
+    ],
+)
+def test_settings_out_of_range_are_named(config: type, settings: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(settings))):
+        config(**settings)
+
+
+def test_the_compiled_grasp_is_that_of_the_plane() -> None:
+    rng = np.random.default_rng(0)
+    poses, grasps = rng.normal(size=(2, 3)), rng.normal(size=6)
+    np.testing.assert_allclose(rod_kernels.held(poses, grasps), se2.attached(poses, grasps.reshape(2, 3)))
+    np.testing.assert_allclose(rod_kernels.holding(poses, grasps), se2.bearing(poses, grasps.reshape(2, 3)))
