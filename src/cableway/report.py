@@ -12,6 +12,8 @@ from jaxtyping import Float
 
 from cableway.provenance import describe, versions
 from cableway.records import SUCCESS_ERROR, Attempt, Plan, Rollout, Verdict
+from cableway.rod.adapted import nearest_shape
+from cableway.scene.cable import Cable
 from cableway.scene.task import Task
 from cableway.verification import VerificationLimits, verify_plan, verify_rollout
 
@@ -42,6 +44,8 @@ class Report:
         failure: Why not, in a sentence.
         seed: Of everything random.
         shape_error: Stacked distance of the final keypoints from the goal [m].
+        shape_error_floor: Least stacked distance from the goal [m] that any gripper poses reach with the plant's cable
+            on a frictionless table; none for a cable that keeps a set.
         mean_keypoint_error: Mean distance of a final keypoint from its goal [m].
         min_clearance: Least clearance of the cable's surface [m], whole cable, every simulated substep.
         gripper_clearance: Least clearance of the gripper discs [m].
@@ -65,6 +69,7 @@ class Report:
     failure: str | None = None
     seed: int | None = None
     shape_error: float | None = None
+    shape_error_floor: float | None = None
     mean_keypoint_error: float | None = None
     min_clearance: float | None = None
     gripper_clearance: float | None = None
@@ -102,6 +107,7 @@ class Report:
             (name, _millimetres(value))
             for name, value in (
                 ("shape error, stacked", self.shape_error),
+                ("least possible with this cable", self.shape_error_floor),
                 ("shape error, mean keypoint", self.mean_keypoint_error),
                 ("least clearance, cable", self.min_clearance),
                 ("least clearance, grippers", self.gripper_clearance),
@@ -152,7 +158,7 @@ def summarize(
     configuration: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
     limits: VerificationLimits | None = None,
-    length: float | None = None,
+    cable: Cable | None = None,
     problem: str | None = None,
 ) -> Report:
     """Judge and measure what became of a task.
@@ -167,11 +173,13 @@ def summarize(
         configuration: What was chosen, on top of what the records say.
         notes: Sentences for the reader.
         limits: What the plan had to keep, where that is not the default.
-        length: True length of the plant's cable [m] where it is not the task's.
+        cable: The plant's cable where it is not the task's.
         problem: What stopped planning or tracking, where something did.
     """
     plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
-    rollout_verdict = None if rollout is None else verify_rollout(rollout, task, length=length)
+    rollout_verdict = (
+        None if rollout is None else verify_rollout(rollout, task, length=None if cable is None else cable.length)
+    )
     recorded = {name: record.metadata for name, record in (("plan", plan), ("rollout", rollout)) if record is not None}
     failure = problem or _failure(task, plan, rollout, attempt, plan_verdict, rollout_verdict)
     return Report(
@@ -188,8 +196,18 @@ def summarize(
         notes=tuple(notes),
         versions=versions(),
         configuration={**describe(recorded), **describe(dict(configuration or {}))},
+        shape_error_floor=None if rollout is None else shape_error_floor(cable or task.cable, task.goal),
         **({} if rollout is None else _figures(task, rollout)),
     )
+
+
+def shape_error_floor(cable: Cable, goal: Float[np.ndarray, "n 2"]) -> float | None:
+    """Least stacked distance [m] from a goal that any gripper poses reach, see `Report.shape_error_floor`."""
+    if cable.yield_curvature:
+        return None
+    places = (np.arange(cable.rod.hinges) + 0.5) / cable.rod.hinges
+    rest = cable.length * cable.along("rest_curvature", places)
+    return nearest_shape(cable.rod, cable.along("stiffness_profile", places), rest, goal)[1]
 
 
 def _figures(task: Task, rollout: Rollout) -> dict[str, Any]:

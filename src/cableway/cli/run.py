@@ -73,7 +73,7 @@ class Run(PlanOptions):
         rollout, notes, problem = self._track(task, planned, setup, controller, tell)
         report = summarize(
             task, planned.plan, rollout, timings=planned.timings, seed=self.seed or 0,
-            notes=[*planned.notes, *setup.notes, *notes], limits=planned.config.limits, length=setup.cable.length,
+            notes=[*planned.notes, *setup.notes, *notes], limits=planned.config.limits, cable=setup.cable,
             problem=problem,
         )  # fmt: skip
         if rollout is not None:

@@ -13,9 +13,14 @@ from cableway.geometry.compiled import kernel
 from cableway.geometry.convex import point_distance
 from cableway.rod.adapted_kernels import (
     adapted_shape,
+    add_row,
+    clear,
+    copy,
     end_rates,
     factorize,
+    longest_of,
     meet_ends,
+    scaled_shape,
     scales,
     substitute,
     workspace,
@@ -106,19 +111,9 @@ def factorize_squared(rates, added, factor):
 
 
 @kernel
-def _add_row(normal, gradient, rates, residual, weight, at):
-    """Add one weighted residual that depends on the six unknowns from `at` on."""
-    for a in range(6):
-        wa = weight * rates[a]
-        gradient[at + a] += wa * residual
-        for b in range(a + 1):
-            normal[at + a, at + b] += wa * rates[b]
-
-
-@kernel
 def _add_change(normal, gradient, later, earlier, residual, weight, at):
     """Add one weighted residual: by `later` of the six unknowns from `at` on, less by `earlier` of the six before."""
-    _add_row(normal, gradient, later, residual, weight, at)
+    add_row(normal, gradient, later, residual, weight, at)
     for a in range(6):
         wa = weight * earlier[a]
         gradient[at - 6 + a] -= wa * residual
@@ -126,55 +121,6 @@ def _add_change(normal, gradient, later, earlier, residual, weight, at):
             if b <= a:
                 normal[at - 6 + a, at - 6 + b] += wa * earlier[b]
             normal[at + b, at - 6 + a] -= wa * later[b]
-
-
-@kernel
-def _scaled_shape(q, p, modes, scale, stations, dstations, poses, dposes):
-    """`adapted_shape` with the derivatives by q in units of `scale` (6,)."""
-    adapted_shape(q, p, modes, stations, dstations, poses, dposes)
-    for a in range(6):
-        for k in range(2):
-            for i in range(len(stations)):
-                dstations[i, k, a] *= scale[a]
-            for m in range(3):
-                dposes[k, m, a] *= scale[a]
-
-
-@kernel
-def fit_shapes(q, wanted, p, modes, stride, pull, iterations, keypoints, ends):
-    """Move each row of q (H, 6) to the shape nearest to keypoints `wanted` (H, n, 2), by Gauss-Newton steps.
-
-    A pull on the change of the load keeps it where keypoints cannot tell; weight `pull` [m^2]. Fills `keypoints`
-    (H, n, 2) and `ends` (H, 2, 3) of the shapes found.
-    """
-    stations, dstations, poses, dposes = workspace(modes)
-    scale = scales(p[0])
-    normal, gradient, factor, step = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty(6)
-    for t in range(len(q)):
-        for iteration in range(iterations + 1):
-            _scaled_shape(q[t], p, modes, scale, stations, dstations, poses, dposes)
-            if iteration == iterations:
-                break
-            _clear(normal, gradient)
-            for i in range(wanted.shape[1]):
-                for k in range(2):
-                    residual = stations[i * stride, k] - wanted[t, i, k]
-                    _add_row(normal, gradient, dstations[i * stride, k], residual, 1.0, 0)
-            for a in range(3, 6):
-                normal[a, a] += pull
-            factorize(normal, 1e-9, factor)
-            for a in range(6):
-                step[a] = -gradient[a]
-            substitute(factor, step)
-            longest = _longest(step)
-            for a in range(6):
-                q[t, a] += min(1.0, 0.3 / longest) * scale[a] * step[a]
-            if longest < 1e-5:
-                _scaled_shape(q[t], p, modes, scale, stations, dstations, poses, dposes)
-                break
-        for i in range(wanted.shape[1]):
-            keypoints[t, i, 0], keypoints[t, i, 1] = stations[i * stride, 0], stations[i * stride, 1]
-        _copy(poses, ends[t])
 
 
 @kernel
@@ -206,16 +152,16 @@ def assemble(
     stations, dstations, ends, dends = workspace(modes)
     last, dlast, rates, earlier = before.copy(), np.zeros((2, 3, 6)), np.empty(6), np.empty(6)
     scale = scales(p[0])
-    _clear(normal, gradient)
+    clear(normal, gradient)
     cost = 0.0
     for t in range(len(q)):
         at = 6 + 6 * t
-        _scaled_shape(q[t], p, modes, scale, stations, dstations, ends, dends)
+        scaled_shape(q[t], p, modes, scale, stations, dstations, ends, dends)
         for i in range(wanted.shape[1]):
             j = i * stride
             for k in range(2):
                 residual = stations[j, k] + offset[j, k] - wanted[t, i, k]
-                _add_row(normal, gradient, dstations[j, k], residual, w_track, at)
+                add_row(normal, gradient, dstations[j, k], residual, w_track, at)
                 cost += w_track * residual * residual
         for k in range(3):
             residual = (q[t, 3 + k] - loads[t, k]) / scale[3 + k]
@@ -230,7 +176,7 @@ def assemble(
             if short > 0.0:
                 for a in range(6):
                     rates[a] = -gx * dstations[j, 0, a] - gy * dstations[j, 1, a]
-                _add_row(normal, gradient, rates, short, w_clear, at)
+                add_row(normal, gradient, rates, short, w_clear, at)
                 cost += w_clear * short * short
         for side in range(2):
             for k in range(3):
@@ -258,37 +204,14 @@ def assemble(
         if wrong != 0.0:
             for a in range(6):
                 rates[a] = (gx * (dends[1, 0, a] - dends[0, 0, a]) + gy * (dends[1, 1, a] - dends[0, 1, a])) / gap
-            _add_row(normal, gradient, rates, wrong, w_apart, at)
+            add_row(normal, gradient, rates, wrong, w_apart, at)
             cost += w_apart * wrong * wrong
-        _copy(ends, last)
+        copy(ends, last)
         for side in range(2):
             for k in range(3):
                 for a in range(6):
                     dlast[side, k, a] = dends[side, k, a]
     return 0.5 * cost
-
-
-@kernel
-def _clear(normal, gradient):
-    for a in range(len(gradient)):
-        gradient[a] = 0.0
-        for b in range(len(gradient)):
-            normal[a, b] = 0.0
-
-
-@kernel
-def _copy(source, target):
-    for a in range(source.shape[0]):
-        for b in range(source.shape[1]):
-            target[a, b] = source[a, b]
-
-
-@kernel
-def _longest(step):
-    longest = 1e-30
-    for value in step:
-        longest = max(longest, abs(value))
-    return longest
 
 
 @kernel
@@ -309,7 +232,7 @@ def optimize(
                 for a in range(q.size):
                     step[a] = -gradient[6 + a]
                 substitute(factor, step)
-                share = min(1.0, 0.5 / _longest(step))
+                share = min(1.0, 0.5 / longest_of(step))
                 for a in range(q.size):
                     trial[a // 6, a % 6] = q[a // 6, a % 6] + share * scale[a % 6] * step[a]
             trial_cost = assemble(
@@ -325,8 +248,8 @@ def optimize(
         if first:
             start, first = trial_cost, False
         cost = trial_cost
-        _copy(trial, q)
-        _copy(trial_normal, normal)
+        copy(trial, q)
+        copy(trial_normal, normal)
         for a in range(size):
             gradient[a] = trial_gradient[a]
         if small:

@@ -41,6 +41,7 @@ from cableway.control.sight import Sight
 from cableway.errors import InputError
 from cableway.records import Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH, ROD
+from cableway.rod.adapted_kernels import fit_shapes, meet_ends
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
 
@@ -222,13 +223,11 @@ class RodMPC(Controller[RodMPCState]):
         rod, modes, p = estimator.rod, estimator.modes, theta[ROD]
         wanted = problem.reference.plan.shapes[problem.reference.rows(state.index, count)]
         fits, ends = state.fits.copy(), np.empty((count, 2, 3))
-        rod_kernels.fit_shapes(
-            fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_ITERATIONS, np.empty_like(wanted), ends
-        )
+        fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_ITERATIONS, np.empty_like(wanted), ends)
         commanded = state.sight.commanded
         before = rod_kernels.held(commanded, theta[GRASPS])
         now = state.estimate.q.copy()
-        rod_kernels.meet_ends(now, before, p, modes, rod_kernels.MEETING)
+        meet_ends(now, before, p, modes, rod_kernels.MEETING)
         q = now + fits[1:] - fits[0]
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(state.estimate.offset, rod.stride), wanted[1:].copy(),
@@ -236,7 +235,7 @@ class RodMPC(Controller[RodMPCState]):
             problem.world, problem.limits, config.weights, config.iterations, config.tolerance,
         )  # fmt: skip
         first, reached = q[:1].copy(), np.empty((1, 2, 3))
-        rod_kernels.fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
+        fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
         farthest = float(longest_gap(ends[1:2], theta[LENGTH], config.longest)[0])
         moved = within_limits(reached[0] - before, before, problem.task.grippers, farthest)
         return rod_kernels.holding(before + moved, theta[GRASPS]) - commanded, fits

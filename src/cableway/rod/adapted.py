@@ -21,7 +21,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
 
+from cableway.rod.adapted_kernels import fit_shapes
 from cableway.rod.equilibrium import Rod
+from cableway.rod.inverse import fit_keypoints
 
 MODES = 2
 """K. A slope and a bulge; more are not told apart by 13 keypoints with noise."""
@@ -48,3 +50,28 @@ def nominal(rod: Rod) -> Float[np.ndarray, "p"]:
     theta = np.zeros(PARAMETERS)
     theta[LENGTH] = rod.length
     return theta
+
+
+def nearest_shape(
+    rod: Rod, stiffness: Float[np.ndarray, "N"], rest: Float[np.ndarray, "N"], keypoints: Float[np.ndarray, "n 2"]
+) -> tuple[Float[np.ndarray, "n 2"], float]:
+    """The equilibrium of any elastic rod whose keypoints are nearest to given ones, whatever grippers make it.
+
+    The rod is made of the uniform one step by step, each from the shape before.
+
+    Args:
+        rod: Length and keypoints.
+        stiffness: (N,) factors on the stiffness of the hinges.
+        rest: (N,) turn [rad] at rest, per length of the rod.
+        keypoints: (n, 2) [m], at equal arc length.
+
+    Returns:
+        Its keypoints (n, 2) [m] and their stacked distance [m] from the given ones.
+    """
+    modes = np.ascontiguousarray(np.stack([np.log(stiffness), rest]))
+    wanted = np.array(keypoints, float)[None]
+    q, found = fit_keypoints(rod, wanted[0])[0][None].copy(), np.empty_like(wanted)
+    for share in np.linspace(0.0, 1.0, 5)[1:]:
+        p = np.array([rod.length, share, 0.0, 0.0, share])
+        fit_shapes(q, wanted, p, modes, rod.stride, 0.0, 50, found, np.empty((1, 2, 3)))
+    return found[0], float(np.linalg.norm(found - wanted))

@@ -210,3 +210,88 @@ def _end_residual(poses, ends, length, residual):
             residual[3 * side + k] = error
             total += error * error
     return total
+
+
+@kernel
+def add_row(normal, gradient, rates, residual, weight, at):
+    """Add one weighted residual that depends on the six unknowns from `at` on."""
+    for a in range(6):
+        wa = weight * rates[a]
+        gradient[at + a] += wa * residual
+        for b in range(a + 1):
+            normal[at + a, at + b] += wa * rates[b]
+
+
+@kernel
+def scaled_shape(q, p, modes, scale, stations, dstations, poses, dposes):
+    """`adapted_shape` with the derivatives by q in units of `scale` (6,)."""
+    adapted_shape(q, p, modes, stations, dstations, poses, dposes)
+    for a in range(6):
+        for k in range(2):
+            for i in range(len(stations)):
+                dstations[i, k, a] *= scale[a]
+            for m in range(3):
+                dposes[k, m, a] *= scale[a]
+
+
+@kernel
+def clear(normal, gradient):
+    """Set a square matrix and a vector of its size to zero."""
+    for a in range(len(gradient)):
+        gradient[a] = 0.0
+        for b in range(len(gradient)):
+            normal[a, b] = 0.0
+
+
+@kernel
+def copy(source, target):
+    """Write one matrix over another."""
+    for a in range(source.shape[0]):
+        for b in range(source.shape[1]):
+            target[a, b] = source[a, b]
+
+
+@kernel
+def longest_of(step):
+    """Largest size of its numbers; never zero."""
+    longest = 1e-30
+    for value in step:
+        longest = max(longest, abs(value))
+    return longest
+
+
+@kernel
+def fit_shapes(q, wanted, p, modes, stride, pull, iterations, keypoints, ends):
+    """Move each row of q (H, 6) to the shape nearest to keypoints `wanted` (H, n, 2), by Gauss-Newton steps.
+
+    A pull on the change of the load keeps it where keypoints cannot tell; weight `pull` [m^2]. Fills `keypoints`
+    (H, n, 2) and `ends` (H, 2, 3) of the shapes found.
+    """
+    stations, dstations, poses, dposes = workspace(modes)
+    scale = scales(p[0])
+    normal, gradient, factor, step = np.empty((6, 6)), np.empty(6), np.empty((6, 6)), np.empty(6)
+    for t in range(len(q)):
+        for iteration in range(iterations + 1):
+            scaled_shape(q[t], p, modes, scale, stations, dstations, poses, dposes)
+            if iteration == iterations:
+                break
+            clear(normal, gradient)
+            for i in range(wanted.shape[1]):
+                for k in range(2):
+                    residual = stations[i * stride, k] - wanted[t, i, k]
+                    add_row(normal, gradient, dstations[i * stride, k], residual, 1.0, 0)
+            for a in range(3, 6):
+                normal[a, a] += pull
+            factorize(normal, 1e-9, factor)
+            for a in range(6):
+                step[a] = -gradient[a]
+            substitute(factor, step)
+            longest = longest_of(step)
+            for a in range(6):
+                q[t, a] += min(1.0, 0.3 / longest) * scale[a] * step[a]
+            if longest < 1e-5:
+                scaled_shape(q[t], p, modes, scale, stations, dstations, poses, dposes)
+                break
+        for i in range(wanted.shape[1]):
+            keypoints[t, i, 0], keypoints[t, i, 1] = stations[i * stride, 0], stations[i * stride, 1]
+        copy(poses, ends[t])
