@@ -1,7 +1,7 @@
 """Plan a cable past an obstacle and lead it there.
 
 The planner returns a plan only when an independent judge has passed it; here the judge is asked once more, so that its
-checks can be seen. Then a simulated cable is led along the plan in closed loop, with the shipped deformation model.
+checks can be seen. Then a simulated cable is led along the plan in closed loop.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ print(f"planned {plan.steps} control steps")
 for check in cw.verify_plan(plan, task).checks:
     print(f"  {check.name:28} {check.value:10.4g} {check.unit:4} limit {check.limit:g}")
 
-controller = cw.NeuralMPC(cw.load_model("transformer"))
+controller = cw.RodMPC()
 rollout = cw.track(cw.CableSimulator(task), controller, plan)
 print(cw.summarize(task, plan, rollout))
 
