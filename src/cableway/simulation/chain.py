@@ -52,6 +52,7 @@ class Chain:
         self._settles = not cable.bends_as_rod
         self.model = build_model(cable, scene, time_step)
         self._batch = batch.Batch(self.model, nsim=1, nthread=1)
+        self._initial = self.save()
         self._lengths = link_lengths(self.rod)
 
     def place(self, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2 3"]:
@@ -63,7 +64,7 @@ class Chain:
             SimulationError: It does not come to rest.
         """
         poses = self.rod.shapes(q[None])[1][0]
-        self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        self.restore(self._initial)
         self._batch.bind("qpos")[0] = chain_coordinates(self.rod, q)
         self._batch.bind("mocap_pos")[0], self._batch.bind("mocap_quat")[0] = _gripper_bodies(poses)
         if self._settles:
