@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from accuracy import contact, motions, shapes
+from accuracy import contact, motions, on_a_table, shapes
 from cableway.files import write_atomically
 from cableway.provenance import versions
 
@@ -28,6 +28,7 @@ EXPERIMENTS: dict[str, Callable[[int], dict[str, Any]]] = {
     "corridors": contact.corridors,
     "squeezes": contact.squeezes,
     "plans": contact.plans,
+    "friction": on_a_table.friction,
 }
 
 SETTLED = {
@@ -58,8 +59,9 @@ def machine() -> str:
 
 def table(results: dict[str, dict[str, Any]]) -> str:
     """The figures of the document, in Markdown."""
-    lines = ["| what [mm] | asked for | mean | median | 95% | worst | n |", "|---|---|---|---|---|---|---|"]
-    return "\n".join([*lines, *_shape_rows(results), *_motion_rows(results), *_contact_rows(results)]) + "\n"
+    rows = [*_shape_rows(results), *_motion_rows(results), *_contact_rows(results), *_friction_rows(results)]
+    head = ["| what [mm] | asked for | mean | median | 95% | worst | n |", "|---|---|---|---|---|---|---|"]
+    return "\n".join([*head, *rows]) + "\n"
 
 
 def _row(what: str, asked: str, values: Any, scale: float = 1000.0) -> str:
@@ -129,6 +131,15 @@ def _contact_rows(results: dict[str, dict[str, Any]]) -> list[str]:
         _row("penetration on the verified plans of the catalogue", "0", np.maximum(0.0, -free), 1.0),
         _line("least clearance on them (95%: 5%; worst: least)", "> 0", *least),
     ]
+
+
+def _friction_rows(results: dict[str, dict[str, Any]]) -> list[str]:
+    columns, rows = (results["friction"][key] for key in ("cable", "number", "off", "effect")), []
+    for name, number, off, effect in zip(*columns, strict=True):
+        rows.append(_row(f"friction, {name}, μgρL³/EI = {number:.0f}: led, from a chain in space", "", off))
+        rows.append(_row("the same, at rest one second later", "", np.array(off)[:, -1]))
+        rows.append(_row("the same cable without friction: from the chain in space", "", effect))
+    return rows
 
 
 def _groups(result: dict[str, Any], key: str) -> list[tuple[float, list[float]]]:

@@ -88,9 +88,7 @@ def by_links(seed: int, pairs: int = 30) -> dict[str, Any]:
     return {"hinges": list(LINKS), "errors": [errors(each).mean(axis=1).tolist() for each in found]}
 
 
-def _settled(
-    cable: Cable, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "k 2 3"]
-) -> _Settled:
+def _settled(cable: Cable, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "k 2 3"]) -> _Settled:
     return _led_beside(plant_at(q, cable), poses)
 
 
