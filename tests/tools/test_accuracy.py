@@ -1,5 +1,8 @@
 """The reference of the accuracy figures: its two solutions agree, and both have the known limits."""
 
+# MuJoCo's bindings are compiled and carry no type information
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import mujoco

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -53,11 +54,11 @@ def after_motions(seed: int, pairs: int = 100) -> dict[str, Any]:
 
 
 def along_plans(seed: int, stops: int = 10) -> dict[str, Any]:
-    """The same at `stops` rows, evenly spaced, of each of the catalogue's verified plans."""
+    """The same at `stops` rows, evenly spaced, of each of the catalogue's verified plans, without friction."""
     rows = []
     for name in task_names():
         task, plan = catalogue_plan(name, seed)
-        plant = CableSimulator(task)
+        plant = CableSimulator(task, cable=replace(task.cable, friction=0.0))
         places = np.linspace(0, plan.steps, stops + 1).astype(int)
         rows += [_led_beside(plant, plan.poses[a : b + 1]) for a, b in pairwise(places)]
     return _listed(rows)
