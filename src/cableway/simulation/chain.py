@@ -111,7 +111,7 @@ class Chain:
         return self._batch.bind("qpos")[0].copy()
 
     def save(self) -> Float[np.ndarray, "s"]:
-        """A copy of MuJoCo's whole integration state: time, positions, velocities, set, warm start, gripper poses."""
+        """A copy of MuJoCo's whole integration state: time, positions, velocities, set, gripper poses."""
         return self._batch.state[0].copy()
 
     def restore(self, state: Float[np.ndarray, "s"]) -> None:
@@ -140,10 +140,16 @@ class Chain:
         left = coordinates[:, 2:3] + np.cumsum(coordinates[:, 2 + right :], axis=1)
         return np.concatenate([left[:, ::-1], outward], axis=1)
 
-    def end_poses(self, coordinates: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k 2 3"]:
-        """Poses [m, m, rad] of the cable's ends; the angles run on without jumps."""
-        angles = self.link_angles(coordinates)[:, [0, -1], None]
-        return np.concatenate([self.polylines(coordinates)[:, [0, -1]], angles], axis=2)
+    def end_poses(
+        self, coordinates: Float[np.ndarray, "k c"], polylines: Float[np.ndarray, "k v 2"]
+    ) -> Float[np.ndarray, "k 2 3"]:
+        """Poses [m, m, rad] of the cable's ends, its centrelines being `polylines`; the angles run on without jumps."""
+        right = 2 + len(self._lengths) - middle_link(self.rod)
+        poses = np.empty((len(coordinates), 2, 3))
+        poses[..., :2] = polylines[:, [0, -1]]
+        poses[:, 0, 2] = coordinates[:, 2] + coordinates[:, right:].sum(axis=1)
+        poses[:, 1, 2] = coordinates[:, 2:right].sum(axis=1)
+        return poses
 
     def keypoints(self, polylines: Float[np.ndarray, "k v 2"]) -> Float[np.ndarray, "k n 2"]:
         """The n points at equal arc length along centrelines: both ends, and middles of links between them."""
