@@ -139,7 +139,10 @@ def _friction_rows(results: dict[str, dict[str, Any]]) -> list[str]:
         rows.append(_row(f"friction, {name}, μgρL³/EI = {number:.0f}: led, from a chain in space", "", off))
         rows.append(_row("the same, at rest one second later", "", np.array(off)[:, -1]))
         rows.append(_row("the same cable without friction: from the chain in space", "", effect))
-    return rows
+    return [
+        *rows,
+        _row("greatest height of the chain in space above where it rests", "", results["friction"]["lifted"]),
+    ]
 
 
 def _groups(result: dict[str, Any], key: str) -> list[tuple[float, list[float]]]:
