@@ -141,7 +141,7 @@ def _friction_rows(results: dict[str, dict[str, Any]]) -> list[str]:
         rows.append(_row("the same cable without friction: from the chain in space", "", effect))
     return [
         *rows,
-        _row("greatest height of the chain in space above where it rests", "", results["friction"]["lifted"]),
+        _row("how far the chain in space leaves the table", "", results["friction"]["lifted"]),
     ]
 
 
