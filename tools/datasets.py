@@ -25,14 +25,23 @@ import numpy as np
 
 from cableway.datasets.manifest import MANIFEST, read_manifest
 from cableway.datasets.reading import read_shard, shuffled_batches
+from cableway.scene.cable import Cable
+from cableway.simulation.chain import Chain
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
+from cableway.simulation.plant import PlantConfig
 
 ROUNDS = 5
 """How often each rate is measured."""
 
 RATED = 12_000
 """Transitions that a rate is measured on."""
+
+RATED_STEPS = 4000
+"""Time steps that MuJoCo alone is rated on."""
+
+LED = np.array([[0.35, 0.35, 0.4, -20.0, 2.0, 3.0], [0.55, 0.45, 1.4, -12.0, -4.0, 1.0]])
+"""Rod coordinates between which the cable is then led."""
 
 KILLS = 10
 KILLED = "cableway: 1\ncollection: {transitions: 12000, seed: 11, shard_episodes: 8}\n"
@@ -81,10 +90,21 @@ def rate(folder: Path, workers: int, transitions: int) -> float:
     return transitions * (end[1] - begin[1]) / (end[0] - begin[0])
 
 
+def rate_of_mujoco() -> float:
+    """Transitions in a second of processor time, were there nothing to do but MuJoCo's steps."""
+    chain = Chain(Cable(), None, PlantConfig.time_step)
+    poses = chain.rod.shapes(np.linspace(*LED, RATED_STEPS))[1]
+    chain.place(LED[0])
+    before = time.process_time()
+    chain.advance(poses)
+    return RATED_STEPS / PlantConfig().substeps / (time.process_time() - before)
+
+
 def print_rates(folder: Path) -> None:
     """One worker and two workers in turn, and their ratio; the ratio of each pair has seen much the same machine."""
-    one, two, cpu = [], [], []
+    one, two, cpu, alone = [], [], [], []
     for number in range(ROUNDS):
+        alone.append(rate_of_mujoco())
         before = time.process_time()
         one.append(rate(folder / f"one {number}", 1, RATED))
         cpu.append(RATED / (time.process_time() - before))
@@ -93,6 +113,7 @@ def print_rates(folder: Path) -> None:
     for name, values, form in (
         ("one worker, transitions/s", one, "7.0f"),
         ("  per second of processor time", cpu, "7.0f"),
+        ("  the same, MuJoCo alone", alone, "7.0f"),
         ("two workers, transitions/s", two, "7.0f"),
         ("two workers / one worker", ratios, "7.2f"),
     ):

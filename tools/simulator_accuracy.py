@@ -2,7 +2,7 @@
 
     .venv/bin/python tools/simulator_accuracy.py [FOLDER]
 
-Some eight minutes on one core. An experiment whose result is in FOLDER (runs/simulator unless given) is not made
+Some ten minutes on one core. An experiment whose result is in FOLDER (runs/simulator unless given) is not made
 again, so an interrupted call goes on where it was; for a new measurement empty the folder.
 """
 

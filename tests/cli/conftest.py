@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import problems
 import pytest
+from commands import Command, Done
 
 from cableway.cli import main
 from cableway.scene.saving import save_task
-
-
-class Done(NamedTuple):
-    """Exit status and what was printed."""
-
-    status: int
-    out: str
-    err: str
-
-
-Command = Callable[..., Done]
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import matplotlib.image
 import numpy as np
 import pytest
-from conftest import Command
+from commands import Command
 
 from cableway.cli import planning
 from cableway.control.open_loop import OpenLoop

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import problems
 import pytest
-from conftest import Command
+from commands import Command
 
 from cableway.cli.plants import read_plant
 from cableway.errors import FileFormatError, InputError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import matplotlib.image
 import pytest
-from conftest import Command
+from commands import Command
 
 from cableway.scene.loading import catalogue_file, load_task, task_names
 

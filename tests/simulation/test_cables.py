@@ -10,13 +10,13 @@ import dataclasses
 import mujoco
 import numpy as np
 import pytest
+from accuracy import on_a_table
 from scipy.integrate import solve_bvp
 
 from cableway.scene.cable import Cable
 from cableway.scene.presets import preset_names
-from cableway.simulation.chain import Chain, chain_coordinates
-from cableway.simulation.links import link_extents, middle_link
-from cableway.simulation.model import chain_spec
+from cableway.simulation.chain import Chain
+from cableway.simulation.links import middle_link
 from cableway.simulation.plant import CableSimulator
 from cableway.simulation.table import GRAVITY
 
@@ -159,58 +159,19 @@ def test_a_loose_cable_slides_only_when_pushed_by_more_than_its_friction(angle):
         assert moved == pytest.approx(acceleration * 0.5**2 / 2, rel=0.08, abs=2e-6)
 
 
-def on_a_plane(cable: Cable) -> mujoco.MjModel:
-    """The reference: every inner link rests by its weight on a plane, with elliptic friction cones.
-
-    A ball that can move up and down carries it; link and ball have half of its mass each.
-    """
-    spec = chain_spec(
-        dataclasses.replace(cable, friction=0.0, linear_density=cable.linear_density / 2), None, TIME_STEP
-    )
-    spec.option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    spec.option.gravity = [0.0, 0.0, -2 * GRAVITY]
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 1.0], pos=[0.0, 0.0, -cable.radius],
-        contype=0, conaffinity=2, condim=3, friction=[cable.friction, 0.0, 0.0],
-    )  # fmt: skip
-    for index, extent in list(enumerate(link_extents(cable.rod)))[1:-1]:
-        ball = spec.body(f"link {index}").add_body(pos=[extent / 2, 0.0, 0.0])
-        ball.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
-        ball.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[cable.radius, 0.0, 0.0], contype=2, conaffinity=0, condim=3,
-            mass=cable.linear_density * abs(extent) / 2, friction=[cable.friction, 0.0, 0.0],
-            solref=[2 * TIME_STEP, 1.0],
-        )  # fmt: skip
-    return spec.compile()
-
-
-def test_friction_does_what_weight_on_a_plane_does():
-    """A soft cable is led there and back: the shapes agree to a tenth of what friction changes."""
+def test_friction_does_what_weight_on_a_table_does():
+    """A soft cable is led there and back, in the plane and in space: they agree to a tenth of what friction changes."""
     cable = Cable(friction=0.4, bending_stiffness=1e-4)
-    chain, without = (Chain(c, None, TIME_STEP) for c in (cable, Cable(bending_stiffness=1e-4)))
-    there = line(ARCHED, ARCHED + np.array([0.02, 0.01, 0.1, 4.0, -3.0, 1.0]), 80)
-    rows = np.concatenate([there, there[::-1]])
-    for each in (chain, without):
-        each.place(ARCHED)
-    shapes, frictionless = lead(chain, rows), lead(without, rows)
-    model = on_a_plane(cable)
-    data = mujoco.MjData(model)
-    flat = [
-        j for j in range(model.njnt) if model.jnt_axis[j][2] == 0 or model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-    ]
-    data.qpos[flat] = chain_coordinates(cable.rod, ARCHED)
-    reference = []
-    for poses in cable.rod.shapes(rows)[1]:
-        data.mocap_pos[:, :2] = poses[:, :2]
-        data.mocap_quat[:] = np.column_stack([np.cos(poses[:, 2] / 2), np.zeros((2, 2)), np.sin(poses[:, 2] / 2)])
-        mujoco.mj_step(model, data)
-        reference.append(data.qpos[flat])
-    reference = chain.polylines(np.array(reference))
-    effect = np.abs(reference - frictionless).max()
+    there = line(ARCHED, ARCHED + np.array([0.02, 0.01, 0.1, 4.0, -3.0, 1.0]), 4)
+    poses = cable.rod.shapes(np.concatenate([ARCHED[None], there, there[-2::-1], ARCHED[None]]))[1]
+    reference, lifted = on_a_table.spatial_keypoints(cable, ARCHED, poses)
+    with_friction, without = (
+        on_a_table.planar_keypoints(each, ARCHED, poses) for each in (cable, dataclasses.replace(cable, friction=0.0))
+    )
+    effect = np.abs(without - reference).max()
     assert effect > 1e-3
-    assert np.abs(shapes - reference).max() < 0.1 * effect
+    assert np.abs(with_friction - reference).max() < 0.1 * effect
+    assert lifted < 2e-4
 
 
 def test_friction_goes_with_the_weight():

@@ -47,7 +47,7 @@ def test_coordinates_of_an_equilibrium_give_its_shape(keypoints):
     lines = chain.polylines(coordinates)
     np.testing.assert_allclose(lines[0, 1:-1], stations[0, 1::2], atol=1e-14)
     np.testing.assert_allclose(chain.keypoints(lines)[0], rod.at_keypoints(stations)[0], atol=1e-14)
-    np.testing.assert_allclose(chain.end_poses(coordinates)[0], poses[0], atol=1e-13)
+    np.testing.assert_allclose(chain.end_poses(coordinates, lines)[0], poses[0], atol=1e-13)
 
 
 def test_an_equilibrium_stays_where_it_is(bent):

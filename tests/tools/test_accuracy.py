@@ -1,12 +1,20 @@
 """The reference of the accuracy figures: its two solutions agree, and both have the known limits."""
 
+# MuJoCo's bindings are compiled and carry no type information
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
+from accuracy import on_a_table
 from accuracy.elastica import clamped_shape, pushed_together
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from cableway.scene.cable import Cable
+from cableway.simulation.table import GRAVITY
 
 
 @pytest.mark.parametrize("shortening", [0.02, 0.2, 0.5, 0.8])
@@ -84,3 +92,25 @@ def test_ends_farther_apart_than_its_length_have_no_shape():
 
 
 NEAR = np.column_stack([np.linspace(0, 0.7, 25), 0.3 * np.sin(np.pi * np.linspace(0, 1, 25))])
+
+
+# ---------------------------------------------------------------- the chain in space
+def test_let_go_on_a_tilted_table_it_slides_when_pushed_by_more_than_its_friction():
+    """Along its axis; sideways a straight cable rolls."""
+    cable, threshold = Cable(friction=0.3), 0.3 * GRAVITY
+    for push, acceleration in ((0.9 * threshold, 0.0), (2.0 * threshold, threshold)):
+        model = on_a_table.spatial_chain(cable, on_a_table.TIME_STEP)
+        model.opt.gravity[0] = push
+        data = mujoco.MjData(model)
+        data.qpos[2] = cable.radius
+        data.eq_active[:] = 0
+        mujoco.mj_step(model, data, nstep=round(0.5 / on_a_table.TIME_STEP))
+        assert data.qpos[0] == pytest.approx(acceleration * 0.5**2 / 2, rel=0.02, abs=2e-5)
+
+
+def test_without_friction_it_moves_as_the_plant_does():
+    cable = Cable()
+    q = np.array([0.35, 0.35, 0.4, -20.0, 2.0, 3.0])
+    poses = cable.rod.shapes(q + np.linspace(0, 1, 6)[:, None] * [0.02, 0.01, 0.1, 4.0, -3.0, 1.0])[1]
+    reference, _ = on_a_table.spatial_keypoints(cable, q, poses)
+    np.testing.assert_allclose(on_a_table.planar_keypoints(cable, q, poses), reference, atol=5e-5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 
 def arc_length(points: Float[np.ndarray, "... m 2"]) -> Float[np.ndarray, "... m"]:
@@ -73,11 +73,18 @@ def crosses_itself(points: Float[np.ndarray, "m 2"]) -> bool:
     >>> crosses_itself(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]))
     False
     """
-    a, b = points[:-1], points[1:]
-    d, offset = b - a, points[None] - a[:, None]
-    side = d[:, None, 0] * offset[..., 1] - d[:, None, 1] * offset[..., 0]
-    straddles = side[:, :-1] * side[:, 1:] <= 0
-    i, j = np.nonzero(straddles & straddles.T)
+    return bool(cross_themselves(points[None])[0])
+
+
+def cross_themselves(lines: Float[np.ndarray, "t m 2"]) -> Bool[np.ndarray, "t"]:
+    """Which polylines have two segments that meet and are not neighbours."""
+    a, b = lines[:, :-1], lines[:, 1:]
+    d, offset = b - a, lines[:, None] - a[:, :, None]
+    side = d[:, :, None, 0] * offset[..., 1] - d[:, :, None, 1] * offset[..., 0]
+    straddles = side[..., :-1] * side[..., 1:] <= 0
+    line, i, j = np.nonzero(straddles & straddles.swapaxes(1, 2))
     low, high = np.minimum(a, b), np.maximum(a, b)
-    near = ((low[i] <= high[j]) & (low[j] <= high[i])).all(axis=-1)  # decides where all lie in line
-    return bool((near & (j > i + 1)).any())
+    near = ((low[line, i] <= high[line, j]) & (low[line, j] <= high[line, i])).all(axis=-1)  # decides if all in line
+    found = np.zeros(len(lines), bool)
+    found[line[near & (j > i + 1)]] = True
+    return found

@@ -52,6 +52,7 @@ class Chain:
         self._settles = not cable.bends_as_rod
         self.model = build_model(cable, scene, time_step)
         self._batch = batch.Batch(self.model, nsim=1, nthread=1)
+        self._initial = self.save()
         self._lengths = link_lengths(self.rod)
 
     def place(self, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2 3"]:
@@ -63,7 +64,7 @@ class Chain:
             SimulationError: It does not come to rest.
         """
         poses = self.rod.shapes(q[None])[1][0]
-        self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        self.restore(self._initial)
         self._batch.bind("qpos")[0] = chain_coordinates(self.rod, q)
         self._batch.bind("mocap_pos")[0], self._batch.bind("mocap_quat")[0] = _gripper_bodies(poses)
         if self._settles:
@@ -110,7 +111,7 @@ class Chain:
         return self._batch.bind("qpos")[0].copy()
 
     def save(self) -> Float[np.ndarray, "s"]:
-        """A copy of MuJoCo's whole integration state: time, positions, velocities, set, warm start, gripper poses."""
+        """A copy of MuJoCo's whole integration state: time, positions, velocities, set, gripper poses."""
         return self._batch.state[0].copy()
 
     def restore(self, state: Float[np.ndarray, "s"]) -> None:
@@ -139,10 +140,16 @@ class Chain:
         left = coordinates[:, 2:3] + np.cumsum(coordinates[:, 2 + right :], axis=1)
         return np.concatenate([left[:, ::-1], outward], axis=1)
 
-    def end_poses(self, coordinates: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k 2 3"]:
-        """Poses [m, m, rad] of the cable's ends; the angles run on without jumps."""
-        angles = self.link_angles(coordinates)[:, [0, -1], None]
-        return np.concatenate([self.polylines(coordinates)[:, [0, -1]], angles], axis=2)
+    def end_poses(
+        self, coordinates: Float[np.ndarray, "k c"], polylines: Float[np.ndarray, "k v 2"]
+    ) -> Float[np.ndarray, "k 2 3"]:
+        """Poses [m, m, rad] of the cable's ends, its centrelines being `polylines`; the angles run on without jumps."""
+        right = 2 + len(self._lengths) - middle_link(self.rod)
+        poses = np.empty((len(coordinates), 2, 3))
+        poses[..., :2] = polylines[:, [0, -1]]
+        poses[:, 0, 2] = coordinates[:, 2] + coordinates[:, right:].sum(axis=1)
+        poses[:, 1, 2] = coordinates[:, 2:right].sum(axis=1)
+        return poses
 
     def keypoints(self, polylines: Float[np.ndarray, "k v 2"]) -> Float[np.ndarray, "k n 2"]:
         """The n points at equal arc length along centrelines: both ends, and middles of links between them."""

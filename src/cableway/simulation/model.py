@@ -74,7 +74,7 @@ def chain_spec(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.Mj
     if cable.friction > 0:
         add_friction(spec, cable, time_step)
     if scene is None:
-        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        _drop_capsules(spec)
     else:
         for index, obstacle in enumerate(scene.obstacles):
             _add_obstacle(spec, f"obstacle {index}", obstacle)
@@ -90,8 +90,10 @@ def _set_options(option: mujoco.MjOption, time_step: float) -> None:
     option.tolerance = 1e-10
     # the approximate diagonal makes the welds of a long chain soft: 18 mrad of slip instead of 0.01
     option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
-    # a state out of bounds must be seen, not replaced by the initial one; islands only cost time with one chain
-    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
+    # a state out of bounds must be seen, not replaced by the initial one
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    # these only cost time: there is one chain, and Newton's method needs as many iterations from anywhere
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_WARMSTART
 
 
 def _add_links(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
@@ -141,6 +143,14 @@ def _add_capsule(body: mujoco.MjsBody, cable: Cable, extent: float, time_step: f
         solimp=[*CONTACT_IMPEDANCE, *_IMPEDANCE_CURVE],
         priority=1,
     )
+
+
+def _drop_capsules(spec: mujoco.MjSpec) -> None:
+    """Where nothing can be met: the compiler keeps the inertia of the links, MuJoCo need not move their capsules."""
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    spec.compiler.discardvisual = True
+    for capsule in spec.geoms:
+        capsule.contype = 0
 
 
 def _add_grippers(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import NamedTuple, get_args
 
 import numpy as np
@@ -263,10 +264,9 @@ def _shaken(
 ) -> Float[np.ndarray, "k 2 3"]:
     """The motion with a random one added, both together within the limits."""
     scale = rng.uniform(0, config.jitter) * np.array([config.max_step, config.max_step, config.max_turn])
-    added = np.zeros_like(poses)
-    for i, kick in enumerate(scale * rng.normal(size=(len(poses) - 1, 2, 3)), start=1):
-        added[i] = config.jitter_memory * added[i - 1] + kick
-    actions = np.diff(poses + added, axis=0)
+    kicks = scale * rng.normal(size=(len(poses) - 1, 2, 3))
+    added = accumulate(kicks, lambda now, kick: config.jitter_memory * now + kick, initial=np.zeros((2, 3)))
+    actions = np.diff(poses + np.array(list(added)), axis=0)
     moves = np.linalg.norm(actions[..., :2], axis=-1, keepdims=True)
     actions[..., :2] *= np.minimum(1.0, config.max_step / np.maximum(moves, 1e-12))
     actions[..., 2] = np.clip(actions[..., 2], -config.max_turn, config.max_turn)

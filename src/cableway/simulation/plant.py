@@ -189,8 +189,9 @@ class CableSimulator:
         fraction = np.arange(1, substeps + 1)[:, None, None] / substeps
         path = self._commanded + fraction * (target - self._commanded)
         coordinates = chain.advance(path)
-        self._check_grasp(coordinates, path)
-        return self._clearances(coordinates)
+        lines = chain.polylines(coordinates)
+        _check_grasp(chain.end_poses(coordinates, lines) - path)
+        return self._clearances(lines)
 
     @cached_property
     def _fine(self) -> Chain:
@@ -199,10 +200,11 @@ class CableSimulator:
 
     def measure(self) -> Measurement:
         """The truth after the last step, with the least clearances during it."""
-        line = self._chain.polylines(self._chain.coordinates[None])
+        coordinates = self._chain.coordinates[None]
+        line = self._chain.polylines(coordinates)
         return Measurement(
             keypoints=self._chain.keypoints(line)[0],
-            poses=self._chain.end_poses(self._chain.coordinates[None])[0],
+            poses=self._chain.end_poses(coordinates, line)[0],
             centreline=line[0],
             clearance=self._clearance,
             gripper_clearance=self._gripper_clearance,
@@ -261,28 +263,28 @@ class CableSimulator:
             )
         return target
 
-    def _check_grasp(self, coordinates: Float[np.ndarray, "k c"], path: Float[np.ndarray, "k 2 3"]) -> None:
-        slip = np.abs(self._chain.end_poses(coordinates) - path)
-        distance, angle = float(np.hypot(slip[..., 0], slip[..., 1]).max()), float(slip[..., 2].max())
-        if distance > SLIP_DISTANCE or angle > SLIP_ANGLE:
-            raise SimulationError(
-                f"the cable slipped in a gripper by {1000 * distance:.1f} mm and {angle:.2f} rad, "
-                "pulled too far or pressed against something"
-            )
-
     def _free_clearances(self, coordinates: Float[np.ndarray, "c"]) -> tuple[float, float]:
         """Clearances at the start; an overlap of the cable is an error."""
-        cable, discs = self._clearances(coordinates[None])
+        cable, discs = self._clearances(self._chain.polylines(coordinates[None]))
         if cable < 0:
             raise SimulationError(f"the cable overlaps the scene by {-1000 * cable:.2f} mm at the start")
         return cable, discs
 
-    def _clearances(self, coordinates: Float[np.ndarray, "k c"]) -> tuple[float, float]:
+    def _clearances(self, lines: Float[np.ndarray, "k v 2"]) -> tuple[float, float]:
         scene = self.task.scene
-        lines = self._chain.polylines(coordinates)
         cable = float(scene.clearance(lines, self.cable.radius).min())
         discs = float(scene.signed_distance(lines[:, [0, -1]]).min()) - self.task.grippers.radius
         return cable, discs
+
+
+def _check_grasp(slip: Float[np.ndarray, "k 2 3"]) -> None:
+    """An end of the cable that is `slip` [m, m, rad] away from its gripper, too far, is an error."""
+    distance, angle = float(np.hypot(slip[..., 0], slip[..., 1]).max()), float(np.abs(slip[..., 2]).max())
+    if distance > SLIP_DISTANCE or angle > SLIP_ANGLE:
+        raise SimulationError(
+            f"the cable slipped in a gripper by {1000 * distance:.1f} mm and {angle:.2f} rad, "
+            "pulled too far or pressed against something"
+        )
 
 
 def _numbers(action: Any) -> Float[np.ndarray, "..."]:

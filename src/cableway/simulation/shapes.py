@@ -50,7 +50,6 @@ def self_crossings(lines: Float[np.ndarray, "t v 2"]) -> Bool[np.ndarray, "t"]:
     """Which polylines cross themselves."""
     turned = np.cumsum(_bends(lines), axis=1)
     spread = np.maximum(turned.max(axis=1), 0) - np.minimum(turned.min(axis=1), 0)
-    # one whose directions lie within half a turn goes forward all along
-    return np.array(
-        [angle >= np.pi and polyline.crosses_itself(line) for angle, line in zip(spread, lines, strict=True)]
-    )
+    found = spread >= np.pi  # one whose directions lie within half a turn goes forward all along
+    found[found] = polyline.cross_themselves(lines[found])
+    return found

@@ -11,8 +11,8 @@ Drag is that of MuJoCo's viscous medium: 3 pi eta b v on a link of speed v, b th
 The half links at the ends, whose boxes are smaller, are moved by the grippers whatever resists them.
 
 Note:
-    Links that each rest by their weight on a plane, with MuJoCo's elliptic friction cones, are the obvious model, with
-    which a test compares this one; it has a freedom more per link and is several times slower.
+    A chain in space whose links rest on a plane by their weight, with MuJoCo's elliptic friction cones, is the obvious
+    model; it has three times the freedoms and is several times slower. `docs/simulator.md` compares the two.
 """
 
 # MuJoCo's bindings are compiled and carry no type information
