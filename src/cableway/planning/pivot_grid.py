@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from cableway.errors import PlanningError
 from cableway.geometry import polyline
 from cableway.geometry.compiled import kernel
+from cableway.geometry.convex import World
 from cableway.planning import band
 from cableway.planning.config import PivotConfig
 from cableway.scene.scene import Scene
@@ -48,7 +49,7 @@ def grid_path(
     Raises:
         PlanningError: No path keeps that distance; the message gives the greatest distance that one does keep.
     """
-    world, weights = band.arrays(scene.world), (config.length_weight, config.clearance_weight)
+    world, weights = scene.world.arrays, (config.length_weight, config.clearance_weight)
     shape = np.zeros(2, np.int64)
     for refinement in range(REFINEMENTS + 1):
         spacing = config.resolution / 2**refinement
@@ -67,7 +68,7 @@ def polish(
     path: Float[np.ndarray, "m 2"], scene: Scene, radius: float, config: PivotConfig, spacing: float
 ) -> Float[np.ndarray, "P 2"]:
     """A path of no greater cost near `path`, its vertices about `spacing` [m] apart, still keeping `radius`."""
-    world, weights = band.arrays(scene.world), (config.length_weight, config.clearance_weight)
+    world, weights = scene.world.arrays, (config.length_weight, config.clearance_weight)
     nothing = np.empty((0, 2))
     path = subdivide(path, spacing)
     for scale in (4.0, 2.0, 1.0, 0.5):
@@ -96,9 +97,7 @@ def _even(path: np.ndarray, scene: Scene, radius: float, spacing: float) -> np.n
     return even if scene.clearance(even[None], radius)[0] >= 0 else subdivide(path, spacing)
 
 
-def _widest(
-    world: band.World, shape: Int[np.ndarray, "2"], start: np.ndarray, goal: np.ndarray, radius: float
-) -> float:
+def _widest(world: World, shape: Int[np.ndarray, "2"], start: np.ndarray, goal: np.ndarray, radius: float) -> float:
     """Greatest distance [m] below `radius` that some path on the grid keeps, to 0.1 mm; 0 if there is none."""
     low, high = 0.0, radius
     while high - low > 1e-4:

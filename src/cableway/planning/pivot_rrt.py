@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.errors import InputError, PlanningError
+from cableway.geometry.convex import World
 from cableway.planning import band
 from cableway.planning.config import PivotConfig
 from cableway.planning.pivot_grid import subdivide
@@ -74,7 +75,7 @@ def _solve(
         bounds.setHigh(axis, float(scene.size[axis]))
     space.setBounds(bounds)
     information = base.SpaceInformation(space)
-    world = band.arrays(scene.world)
+    world = scene.world.arrays
     validity, motion = _Validity(information, world, radius), _Motion(information, world, radius)
     information.setStateValidityChecker(validity)
     information.setMotionValidator(motion)
@@ -100,7 +101,7 @@ def _state(space: base.RealVectorStateSpace, point: np.ndarray) -> base.State:
 
 
 class _Validity(base.StateValidityChecker):
-    def __init__(self, information: base.SpaceInformation, world: band.World, radius: float) -> None:
+    def __init__(self, information: base.SpaceInformation, world: World, radius: float) -> None:
         super().__init__(information)
         self._world, self._radius = world, radius
 
@@ -110,7 +111,7 @@ class _Validity(base.StateValidityChecker):
 
 
 class _Motion(base.MotionValidator):
-    def __init__(self, information: base.SpaceInformation, world: band.World, radius: float) -> None:
+    def __init__(self, information: base.SpaceInformation, world: World, radius: float) -> None:
         super().__init__(information)
         self._world, self._radius = world, radius
 
@@ -120,7 +121,7 @@ class _Motion(base.MotionValidator):
 
 
 class _Objective(base.OptimizationObjective):
-    def __init__(self, information: base.SpaceInformation, world: band.World, config: PivotConfig) -> None:
+    def __init__(self, information: base.SpaceInformation, world: World, config: PivotConfig) -> None:
         super().__init__(information)
         # steps of twice the resolution are enough for edges that are only compared
         self._arguments = world, config.length_weight, config.clearance_weight, 2 * config.resolution

@@ -20,8 +20,8 @@ from cableway.geometry import polyline, se2
 from cableway.planning.checks import require_choice, require_range
 from cableway.planning.refinement import RefinementConfig, refine
 from cableway.records import DeformationSequence
+from cableway.rod import inverse
 from cableway.rod.equilibrium import Rod
-from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
 
 Kind = Literal["refine", "fit", "none"]
@@ -140,10 +140,7 @@ def fit_sequence(
     Returns:
         q (R+1, 6), from `start` to `goal` with angles that run on, and for each row its place 0..T in `shapes`.
     """
-    fits = [start]
-    for shape in shapes[1:-1]:
-        fits.append(fit_keypoints(rod, shape, guess=fits[-1])[0])
-    q = np.array([*fits, goal])
+    q = np.vstack([start, inverse.fit_sequence(rod, shapes[1:-1], start), goal])
     q[:, 2] = np.unwrap(q[:, 2])
     q[:, 3:] = np.clip(q[:, 3:], -60.0, 60.0)
     q[0, 3:], q[-1, 3:] = start[3:], goal[3:]

@@ -157,7 +157,7 @@ class _Problem:
         """Weighted shortfall of the clearance at each station, and its slope by the station's position."""
         wanted = np.full(stations.shape[1], self.config.margin + self.task.cable.radius)
         wanted[[0, -1]] = self.config.margin + max(self.task.grippers.radius, self.task.cable.radius)
-        distance, slope, _ = convex.signed_distance(stations, self.task.scene.world)
+        distance, slope, _ = convex.signed_distance(stations, self.task.scene.world, float(wanted.max()))
         scale = np.sqrt(self.weight) / self.config.clearance_scale
         short = np.maximum(0.0, wanted - distance)
         return scale * short, -scale * slope * (short > 0)[..., None]
