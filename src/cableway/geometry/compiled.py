@@ -37,15 +37,13 @@ def cache_folder() -> Path:
 def kernel(function: F) -> F:
     """Compile `function` with Numba on first call and keep the result in `cache_folder()`.
 
-    The global interpreter lock is released while it runs, so that threads can plan side by side.
-
     A `NUMBA_CACHE_DIR` set by the user wins. Numba's global configuration is left as it was found.
     """
     before = getattr(config, "CACHE_DIR")  # noqa: B009 - set by Numba at run time, unknown to type checkers
     try:
         if not before:
             config.CACHE_DIR = str(cache_folder())  # pyright: ignore[reportAttributeAccessIssue]
-        return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+        return cast("F", numba.njit(cache=True, error_model="numpy")(function))
     finally:
         config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.errors import InputError, PlanningError
+from cableway.geometry import convex
 from cableway.geometry.convex import World
 from cableway.planning import band
 from cableway.planning.config import PivotConfig
@@ -117,7 +118,7 @@ class _Motion(base.MotionValidator):
 
     def checkMotion(self, s1: Any, s2: Any) -> bool:
         """Whether a whole edge keeps the radius."""
-        return bool(band.segment_clearance(s1[0], s1[1], s2[0], s2[1], self._world, self._radius) >= self._radius)
+        return bool(convex.segment_clearance(s1[0], s1[1], s2[0], s2[1], self._world, self._radius)[1] < 0)
 
 
 class _Objective(base.OptimizationObjective):

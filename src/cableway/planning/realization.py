@@ -9,6 +9,7 @@ Note:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -71,13 +72,19 @@ class RealizedSequence:
     progress: Float[np.ndarray, "T+1 n"]
 
 
-def realize(sequence: DeformationSequence, task: Task, config: RealizationConfig) -> RealizedSequence:
+def realize(
+    sequence: DeformationSequence,
+    task: Task,
+    config: RealizationConfig,
+    progress: Callable[[float], None] = lambda _: None,
+) -> RealizedSequence:
     """Make a sequence true: fit, refine, step.
 
     Args:
         sequence: Shapes from start to goal, in general not equilibria.
         task: The task.
         config: Configuration.
+        progress: Called with the share of the refinement that is done; it may raise to stop.
 
     Raises:
         PlanningError: Start or goal is too far from any shape of the cable.
@@ -87,7 +94,7 @@ def realize(sequence: DeformationSequence, task: Task, config: RealizationConfig
     rod = task.cable.rod
     q, rows = fit_sequence(rod, sequence.shapes, *end_equilibria(task, config), config.row_step)
     if config.kind == "refine":
-        q = refine(q, task, config.refinement)
+        q = refine(q, task, config.refinement, progress)
     q, at = step_evenly(q, task, config)
     stations, poses = rod.shapes(q)
     at = np.interp(at, np.arange(len(rows)), rows)
