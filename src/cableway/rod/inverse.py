@@ -103,7 +103,7 @@ def equilibria_at(
     gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
     if gap > rod.length * (1 + 1e-9):
         raise InputError(f"the grippers are {gap:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)")
-    q = _meet_poses(rod, poses, _load_guesses(rod, poses, starts))
+    q = meet_poses(rod, poses, _load_guesses(rod, poses, starts))
     q = q[(rod.stability(q)[0] > minimum_stability) & (rod.energy(q) <= most_energy)]
     q = q[np.argsort(rod.energy(q), kind="stable")]
     shapes = rod.shapes(q)[0]
@@ -157,7 +157,7 @@ def _load_guesses(rod: Rod, poses: np.ndarray, count: int) -> np.ndarray:
     return q
 
 
-def _meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
+def meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
     """Damped Newton on the six pose residuals from each row of q; the rows that arrive."""
     units = np.array([rod.length, rod.length, 1.0])
     scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
