@@ -88,6 +88,7 @@ def test_where_it_snaps_does_not_depend_on_the_rows():
     way = poses[0] + np.linspace(0, 1, 41)[:, None, None] * se2.pose_step(poses[0], poses[1])
     at_once, by_rows = lead(rod, START, poses), lead(rod, START, way)
     assert at_once.snap is not None
+    assert by_rows.snap is not None
     assert by_rows.snap == pytest.approx(40 * at_once.snap, abs=0.01)
     assert len(by_rows.q) == int(by_rows.snap) + 1
 
