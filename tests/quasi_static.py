@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cableway.errors import SimulationError
-from cableway.geometry import convex, se2
+from cableway.geometry import convex
 from cableway.records import Measurement, Observation, Plan
+from cableway.rod.continuation import lead
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Obstacle
@@ -77,8 +78,10 @@ class QuasiStaticPlant:
         self._step += 1
         if self.fails_after is not None and self._step > self.fails_after:
             raise SimulationError("the chain came apart")
-        self._poses = self._poses + action
-        self._now = meet(self.rod, self._poses, self._now)
+        led = lead(self.rod, self._now, np.array([self._poses, self._poses + action]))
+        if led.snap is not None:
+            raise SimulationError("the rod snaps")
+        self._poses, self._now = self._poses + action, led.q[-1]
         reached = self.rod.shapes(self._now[None])[0][0]
         self._stations = reached + self.lag * (self._stations - reached)
         return self._observe()
@@ -94,18 +97,6 @@ class QuasiStaticPlant:
 
     def _observe(self) -> Observation:
         return Observation(self._step * CONTROL_STEP, self._keypoints(), self._poses.copy())
-
-
-def meet(rod: Rod, poses: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Newton's method from q to the equilibrium with its grippers at `poses`."""
-    units = np.array([rod.length, rod.length, 1.0])
-    for _ in range(20):
-        _, _, reached, jacobian = rod.jacobians(q[None])
-        error = (se2.pose_step(poses, reached[0]) / units).ravel()
-        if np.linalg.norm(error) < 1e-10:
-            return q
-        q = q - np.linalg.solve((jacobian[0] / units[:, None]).reshape(6, 6), error)
-    raise SimulationError("the rod has no equilibrium between these grippers")
 
 
 def outward(shape: np.ndarray) -> np.ndarray:

@@ -1,10 +1,10 @@
 """Plan random tasks of a kind and print how many are solved and how long it takes.
 
-    .venv/bin/python tools/planning.py KIND [--seeds FIRST:END] [--width W] [--planner NAME] [...]
+    .venv/bin/python tools/planning.py KIND [--seeds FIRST:END] [--width W] [--planner NAME] [--iterations N] [...]
 
 Each task leaves a line in FOLDER/KIND.jsonl (runs/planning unless given), and its picture where no plan was found;
 tasks that stand there already are not planned again. A blocked task counts as solved where the planner says that
-there is no plan.
+there is no plan. --iterations is for planners with RRT*, which makes about a thousand in a second.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import numpy as np
 from cableway.errors import PlanningError
 from cableway.figures.plan import attempt_figure
 from cableway.figures.style import save_figure
-from cableway.planning.config import PLANNERS, PlannerConfig
+from cableway.planning.config import PLANNERS, PivotConfig, PlannerConfig
 from cableway.planning.planner import plan
 from cableway.records import Attempt
 from cableway.scene.random.tasks import random_task_with_witness
@@ -42,12 +43,11 @@ def faults(attempt: Attempt | None) -> list[str]:
     return [fault for fault, names in FAULTS.items() if failed & set(names)] or ["other"]
 
 
-def attempt(task: Task, solvable: bool, planner: str, limit: float, picture: Path) -> dict[str, Any]:
+def attempt(task: Task, solvable: bool, config: PlannerConfig, limit: float, picture: Path) -> dict[str, Any]:
     """Plan one task; the picture shows what came closest where a way was missed."""
     wall, cpu = time.perf_counter(), time.process_time()
     row: dict[str, Any] = {"task": task.name, "solved": True, "guide": "", "steps": 0, "reason": ""}
     try:
-        config = PlannerConfig.named(planner)
         found = plan(task, config=config, expired=lambda: time.perf_counter() - wall > limit)
         row |= {"solved": solvable, "guide": found.metadata["guide"], "steps": found.steps}
     except PlanningError as error:
@@ -78,11 +78,15 @@ def main() -> None:
     parser.add_argument("--seeds", default="0:10")
     parser.add_argument("--width", type=float)
     parser.add_argument("--planner", choices=PLANNERS, default="default")
+    parser.add_argument("--iterations", type=int, default=PivotConfig.iterations)
     parser.add_argument("--time-limit", type=float, default=30.0)
     parser.add_argument("--out", type=Path, default=Path("runs/planning"))
     options = parser.parse_args()
     label = options.kind if options.width is None else f"{options.kind}-{1000 * options.width:g}mm"
     label += "" if options.planner == "default" else f"-{options.planner}"
+    label += "" if options.iterations == PivotConfig.iterations else f"-{options.iterations}"
+    config = PlannerConfig.named(options.planner)
+    config = replace(config, pivot=replace(config.pivot, iterations=options.iterations))
     file = options.out / f"{label}.jsonl"
     file.parent.mkdir(parents=True, exist_ok=True)
     known = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
@@ -94,7 +98,7 @@ def main() -> None:
             seed = int(name.rsplit("-", 1)[1])
             task, witness = random_task_with_witness(seed, options.kind, width=options.width)
             picture = options.out / label / f"{name}.png"
-            rows[name] = attempt(task, witness is not None, options.planner, options.time_limit, picture)
+            rows[name] = attempt(task, witness is not None, config, options.time_limit, picture)
             with file.open("a") as log:
                 log.write(json.dumps(rows[name]) + "\n")
         print(json.dumps(rows[name]), flush=True)

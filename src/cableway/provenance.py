@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import cache
 from importlib import metadata
 from pathlib import PurePath
 from typing import Any
@@ -25,16 +26,18 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _requirements() -> list[str]:
+@cache
+def _requirements() -> tuple[str, ...]:
     """Names of the required packages, without those of the extras."""
     try:
         lines = metadata.requires(PACKAGE) or []
     except metadata.PackageNotFoundError:
-        return []
+        return ()
     needed = [line for line in lines if "extra ==" not in line]
-    return sorted(re.split(r"[\s<>=!~;\[(]", line, maxsplit=1)[0] for line in needed)
+    return tuple(sorted(re.split(r"[\s<>=!~;\[(]", line, maxsplit=1)[0] for line in needed))
 
 
+@cache
 def _version(name: str) -> str:
     try:
         return metadata.version(name)

@@ -50,6 +50,18 @@ def test_signed_distance_is_that_of_shapely(shapes: list[np.ndarray], point: np.
 
 
 @LAWS
+@given(st.lists(polygons, min_size=1, max_size=4), places, st.floats(0.01, 0.4))
+def test_beyond_a_ceiling_there_is_nothing_and_below_it_all_is_the_same(
+    shapes: list[np.ndarray], point: np.ndarray, ceiling: float
+):
+    world = convex.pack(shapes, [0.01] * len(shapes), SIZE)
+    exact, capped = convex.signed_distance(point, world), convex.signed_distance(point, world, ceiling)
+    wanted = exact if exact[0] < ceiling else (ceiling, np.zeros(2), -1)
+    for value, other in zip(capped, wanted, strict=True):
+        np.testing.assert_array_equal(value, other)
+
+
+@LAWS
 @given(polygons, places, st.floats(0, 6.3))
 def test_the_gradient_is_a_unit_vector_and_the_slope_of_the_distance(shape: np.ndarray, point: np.ndarray, a: float):
     world = convex.pack([shape], [0.0], SIZE)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import problems
 import pytest
 
-from cableway.planning.reachability import find_blockage
+from cableway.planning.reachability import _widest_way, find_blockage
 from cableway.scene.obstacles import Box
 
 
@@ -59,3 +60,16 @@ def test_a_cable_thicker_than_its_grippers_is_named():
     found = find_blockage(dataclasses.replace(task, cable=cable))
     assert found is not None
     assert "the cable needs a way 20 mm wide" in str(found)
+
+
+def test_a_node_counts_on_the_widest_way_from_whichever_side_it_is_entered():
+    """Of two ways round a closed place, one over a narrow node of higher index than its neighbours, one wider."""
+    distance = np.array([[1.0, 0.0, 1.0], [0.5, 0.1, 0.5], [0.0, 0.5, 0.0]])
+    for turned, ends in (
+        (distance, (0, 2)),
+        (distance[::-1], (6, 8)),
+        (distance.T, (0, 6)),
+        (distance.T[:, ::-1], (2, 8)),
+    ):
+        path = _widest_way(np.ascontiguousarray(turned), *ends)
+        assert turned.ravel()[path].min() == 0.5

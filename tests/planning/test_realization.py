@@ -10,7 +10,15 @@ import pytest
 
 from cableway.errors import PlanningError
 from cableway.geometry import se2
-from cableway.planning.realization import RealizationConfig, between, end_equilibria, fit_sequence, step_evenly
+from cableway.planning.realization import (
+    RealizationConfig,
+    between,
+    end_equilibria,
+    fit_sequence,
+    realize,
+    step_evenly,
+)
+from cableway.records import DeformationSequence
 from cableway.scene.task import Grippers
 
 
@@ -31,6 +39,20 @@ def test_shapes_of_equilibria_are_fitted_exactly(line):
     assert rows[0] == 0
     assert rows[-1] == len(q) - 1
     assert (np.diff(rows) > 0).all()
+
+
+def test_only_what_is_to_be_refined_is_refined(line):
+    """ "fit" leaves the nearest equilibria as they are; "refine" moves them, but not the ends."""
+    task, q = line
+    rod = task.cable.rod
+    q = q + np.sin(np.linspace(0, np.pi, len(q)))[:, None] * [0.03, 0, 0, 0, 0, 0]
+    sequence = DeformationSequence.in_step(rod.at_keypoints(rod.shapes(q)[0]))
+    fitted, refined = (realize(sequence, task, RealizationConfig(kind=kind)) for kind in ("fit", "refine"))
+    ends = end_equilibria(task, RealizationConfig())
+    stepped, _ = step_evenly(fit_sequence(rod, sequence.shapes, *ends, 0.012)[0], task, RealizationConfig())
+    assert np.array_equal(fitted.shapes, rod.at_keypoints(rod.shapes(stepped)[0]))
+    assert np.abs(refined.shapes[len(refined.shapes) // 2] - fitted.shapes[len(fitted.shapes) // 2]).max() > 0.005
+    np.testing.assert_allclose(refined.shapes[[0, -1]], fitted.shapes[[0, -1]], atol=1e-9)
 
 
 def test_angles_run_on_through_a_full_turn(line):

@@ -84,3 +84,18 @@ def test_same_input_same_output(crossing):
     """Two calls give the same numbers, bit for bit."""
     task, q = crossing
     assert np.array_equal(refine(q, task, RefinementConfig()), refine(q, task, RefinementConfig()))
+
+
+def test_progress_rises_and_can_end_the_refinement(crossing):
+    task, q = crossing
+    shares: list[float] = []
+    refine(q, task, RefinementConfig(iterations=5), shares.append)
+    assert shares[0] == 0
+    assert shares == sorted(shares)
+    assert 2 / 3 <= shares[-1] < 1
+
+    def enough(share: float) -> None:
+        raise TimeoutError
+
+    with pytest.raises(TimeoutError):
+        refine(q, task, RefinementConfig(), enough)

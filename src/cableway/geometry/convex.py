@@ -19,6 +19,8 @@ from cableway.geometry.compiled import kernel
 
 WALLS = ("left wall", "bottom wall", "right wall", "top wall")
 
+World = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
 
 @dataclass(frozen=True)
 class ConvexWorld:
@@ -29,31 +31,42 @@ class ConvexWorld:
         counts: (k,) number of vertices of each obstacle.
         rounding: (k,) [m] by which each polygon is grown.
         size: (2,) [m] extent of the workspace, whose lower left corner is the origin.
+        boxes: (k, 4) [m] least x and y and greatest x and y of each obstacle.
     """
 
     vertices: Float[np.ndarray, "k v 2"]
     counts: Int[np.ndarray, "k"]
     rounding: Float[np.ndarray, "k"]
     size: Float[np.ndarray, "2"]
+    boxes: Float[np.ndarray, "k 4"]
+
+    @property
+    def arrays(self) -> World:
+        """What the kernels take as `world`."""
+        return self.vertices, self.counts, self.rounding, self.size, self.boxes
 
 
 def pack(polygons: Sequence[Float[np.ndarray, "_ 2"]], rounding: Sequence[float], size: Sequence[float]) -> ConvexWorld:
     """Pack convex polygons [m] (counter-clockwise) with their rounding radii [m] into a `ConvexWorld`."""
     most = max((len(polygon) for polygon in polygons), default=1)
-    vertices = np.zeros((len(polygons), most, 2))
-    for row, polygon in zip(vertices, polygons, strict=True):
+    vertices, boxes = np.zeros((len(polygons), most, 2)), np.zeros((len(polygons), 4))
+    for row, box, polygon, grown in zip(vertices, boxes, polygons, rounding, strict=True):
         row[: len(polygon)] = polygon
+        box[:2], box[2:] = np.min(polygon, axis=0) - grown, np.max(polygon, axis=0) + grown
     counts = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
-    return ConvexWorld(vertices, counts, np.array(rounding, dtype=float), np.array(size, dtype=float))
+    return ConvexWorld(vertices, counts, np.array(rounding, dtype=float), np.array(size, dtype=float), boxes)
 
 
 def signed_distance(
-    points: Float[np.ndarray, "... 2"], world: ConvexWorld
+    points: Float[np.ndarray, "... 2"], world: ConvexWorld, ceiling: float = math.inf
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... 2"], Int[np.ndarray, "..."]]:
-    """Signed distance [m] of points to the nearest obstacle or wall, its gradient, and which one that is."""
+    """Signed distance [m] of points to the nearest obstacle or wall, its gradient, and which one that is.
+
+    Where nothing is nearer than `ceiling` [m], that is the distance, the gradient is zero and the index -1: less work.
+    """
     points = np.asarray(points, float)
     flat = np.ascontiguousarray(points.reshape(-1, 2))
-    d, gradient, index = _point_distances(flat, world.vertices, world.counts, world.rounding, world.size)
+    d, gradient, index = _point_distances(flat, world.arrays, ceiling)
     shape = points.shape[:-1]
     return d.reshape(shape), gradient.reshape(points.shape), index.reshape(shape)
 
@@ -67,7 +80,7 @@ def polyline_distance(
     through a corner is found, and by how much.
     """
     lines = np.ascontiguousarray(polylines, dtype=float)
-    return _polyline_distances(lines, world.vertices, world.counts, world.rounding, world.size)
+    return _polyline_distances(lines, world.arrays)
 
 
 @kernel
@@ -118,45 +131,33 @@ def wall_distance(px, py, size):
 
 
 @kernel
-def point_distance(px, py, vertices, counts, rounding, size):
-    """Signed distance of one point to everything, its gradient, and the index of the nearest."""
+def box_gap(low_x, low_y, high_x, high_y, box):
+    """A lower bound of the signed distance between anything in a rectangle and what a box holds."""
+    return max(box[0] - high_x, low_x - box[2], box[1] - high_y, low_y - box[3])
+
+
+@kernel
+def nearest_obstacle(px, py, world, ceiling):
+    """Signed distance of one point to everything, its gradient, and which is nearest; see `signed_distance`."""
+    vertices, counts, rounding, size, boxes = world
     d, gx, gy, wall = wall_distance(px, py, size)
     index = len(counts) + wall
+    if d >= ceiling:
+        d, gx, gy, index = ceiling, 0.0, 0.0, -1
     for k in range(len(counts)):
-        dk, ux, uy = convex_distance(px, py, vertices[k], counts[k], rounding[k])
-        if dk < d:
-            d, gx, gy, index = dk, ux, uy, k
+        if box_gap(px, py, px, py, boxes[k]) < d:
+            dk, ux, uy = convex_distance(px, py, vertices[k], counts[k], rounding[k])
+            if dk < d:
+                d, gx, gy, index = dk, ux, uy, k
     return d, gx, gy, index
 
 
 @kernel
-def bounding_circles(vertices, counts, rounding):
-    """Centres (k, 2) and radii (k,) of circles that hold the obstacles."""
-    centres, radii = np.zeros((len(counts), 2)), np.zeros(len(counts))
-    for k in range(len(counts)):
-        for i in range(counts[k]):
-            centres[k] += vertices[k, i] / counts[k]
-        for i in range(counts[k]):
-            radii[k] = max(radii[k], math.hypot(vertices[k, i, 0] - centres[k, 0], vertices[k, i, 1] - centres[k, 1]))
-        radii[k] += rounding[k]
-    return centres, radii
-
-
-@kernel
-def _point_distances(points, vertices, counts, rounding, size):
+def _point_distances(points, world, ceiling):
     m = len(points)
-    centres, radii = bounding_circles(vertices, counts, rounding)
     d, gradient, index = np.empty(m), np.empty((m, 2)), np.empty(m, np.int64)
     for i in range(m):
-        px, py = points[i, 0], points[i, 1]
-        best, gx, gy, wall = wall_distance(px, py, size)
-        nearest = len(counts) + wall
-        for k in range(len(counts)):
-            if math.hypot(px - centres[k, 0], py - centres[k, 1]) - radii[k] < best:
-                dk, ux, uy = convex_distance(px, py, vertices[k], counts[k], rounding[k])
-                if dk < best:
-                    best, gx, gy, nearest = dk, ux, uy, k
-        d[i], gradient[i, 0], gradient[i, 1], index[i] = best, gx, gy, nearest
+        d[i], gradient[i, 0], gradient[i, 1], index[i] = nearest_obstacle(points[i, 0], points[i, 1], world, ceiling)
     return d, gradient, index
 
 
@@ -220,28 +221,31 @@ def segment_distance(ax, ay, bx, by, polygon, count, rounding):
 
 
 @kernel
-def polyline_clearance(line, vertices, counts, rounding, size):
-    """Least signed distance over one polyline (m, 2) to everything, and the index of the nearest."""
-    d, index = np.inf, 0
-    m = len(line)
-    for i in range(m):
-        dw, _, _, wall = wall_distance(line[i, 0], line[i, 1], size)
+def segment_clearance(ax, ay, bx, by, world, ceiling):
+    """Least signed distance over the points of a segment to everything, at most `ceiling`, and to which."""
+    vertices, counts, rounding, size, boxes = world
+    d, index = ceiling, -1
+    for x, y in ((ax, ay), (bx, by)):
+        dw, _, _, wall = wall_distance(x, y, size)
         if dw < d:
             d, index = dw, len(counts) + wall
+    low_x, low_y, high_x, high_y = min(ax, bx), min(ay, by), max(ax, bx), max(ay, by)
     for k in range(len(counts)):
-        for i in range(m - 1):
-            ds = segment_distance(
-                line[i, 0], line[i, 1], line[i + 1, 0], line[i + 1, 1], vertices[k], counts[k], rounding[k]
-            )
-            if ds < d:
-                d, index = ds, k
+        if box_gap(low_x, low_y, high_x, high_y, boxes[k]) < d:
+            dk = segment_distance(ax, ay, bx, by, vertices[k], counts[k], rounding[k])
+            if dk < d:
+                d, index = dk, k
     return d, index
 
 
 @kernel
-def _polyline_distances(lines, vertices, counts, rounding, size):
+def _polyline_distances(lines, world):
     b = len(lines)
-    d, index = np.empty(b), np.empty(b, np.int64)
+    d, index = np.full(b, np.inf), np.full(b, -1)
     for i in range(b):
-        d[i], index[i] = polyline_clearance(lines[i], vertices, counts, rounding, size)
+        for j in range(lines.shape[1] - 1):
+            ax, ay, bx, by = lines[i, j, 0], lines[i, j, 1], lines[i, j + 1, 0], lines[i, j + 1, 1]
+            nearer, which = segment_clearance(ax, ay, bx, by, world, d[i])
+            if which >= 0:
+                d[i], index[i] = nearer, which
     return d, index

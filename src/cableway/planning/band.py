@@ -1,8 +1,7 @@
 """Compiled kernels on paths in free space: cost of a segment, shortcuts, and small sideways moves.
 
 Every change is made only where the new segments keep their distance to the obstacles, tested exactly along the
-whole segment, so no change passes through a wall however thin. A world is (vertices, counts, rounding, size) of
-`geometry.convex`.
+whole segment, so no change passes through a wall however thin. A world is `ConvexWorld.arrays`.
 """
 
 from __future__ import annotations
@@ -13,17 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry.compiled import kernel
-from cableway.geometry.convex import ConvexWorld, point_distance, segment_distance, wall_distance
+from cableway.geometry.convex import ConvexWorld, nearest_obstacle, segment_clearance
 
 SMALLEST_CLEARANCE = 1e-6
 """Clearance [m] below which 1/clearance in the cost grows no more."""
-
-World = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-def arrays(world: ConvexWorld) -> World:
-    """The world as the arguments the kernels take."""
-    return world.vertices, world.counts, world.rounding, world.size
 
 
 def reference_points(world: ConvexWorld) -> Float[np.ndarray, "k 2"]:
@@ -33,21 +25,9 @@ def reference_points(world: ConvexWorld) -> Float[np.ndarray, "k 2"]:
 
 
 @kernel
-def segment_clearance(ax, ay, bx, by, world, enough):
-    """Least signed distance over a segment to everything; may stop early once it is below `enough`."""
-    vertices, counts, rounding, size = world
-    d = min(wall_distance(ax, ay, size)[0], wall_distance(bx, by, size)[0])
-    for k in range(len(counts)):
-        if d < enough:
-            return d
-        d = min(d, segment_distance(ax, ay, bx, by, vertices[k], counts[k], rounding[k]))
-    return d
-
-
-@kernel
 def distance_at(x, y, world):
     """Signed distance of a point to everything."""
-    return point_distance(x, y, world[0], world[1], world[2], world[3])[0]
+    return nearest_obstacle(x, y, world, np.inf)[0]
 
 
 @kernel
@@ -60,7 +40,7 @@ def is_free(ax, ay, da, bx, by, db, world, radius):
         return False
     if da + db - math.hypot(bx - ax, by - ay) >= 2 * radius:
         return True
-    return segment_clearance(ax, ay, bx, by, world, radius) >= radius
+    return segment_clearance(ax, ay, bx, by, world, radius)[1] < 0
 
 
 @kernel
@@ -123,7 +103,7 @@ def _clearances(path, world, most):
         if da + db - math.hypot(bx - ax, by - ay) >= 2 * most:
             out[i] = most
         else:
-            out[i] = min(most, segment_clearance(ax, ay, bx, by, world, -np.inf))
+            out[i] = segment_clearance(ax, ay, bx, by, world, most)[0]
     return out
 
 
@@ -153,13 +133,13 @@ def shortcut(path, world, radius, points, length_weight, clearance_weight, step,
                 if length_weight * math.hypot(bx - ax, by - ay) > old * (1.0 - 1e-9) - 1e-12:
                     continue
                 keep = clearance[first:last].min()
-                kept = segment_clearance(ax, ay, bx, by, world, keep)
+                kept = segment_clearance(ax, ay, bx, by, world, radius)[0]
                 if kept < keep or encloses(path, first, last, points):
                     continue
                 new = segment_cost(ax, ay, bx, by, world, length_weight, clearance_weight, step)
                 if new > old * (1.0 - 1e-9) - 1e-12:
                     continue
-                clearance[first:last] = min(radius, kept)
+                clearance[first:last] = kept
                 for i in range(first, last):
                     path[i, 0] = ax + (bx - ax) * (i - first) / stride
                     path[i, 1] = ay + (by - ay) * (i - first) / stride

@@ -20,9 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.errors import PlanningError
-from cableway.geometry import convex
 from cableway.planning import tree_kernels
-from cableway.planning.band import arrays
 from cableway.planning.checks import require_range
 from cableway.planning.refinement import bend_limit
 from cableway.records import DeformationSequence
@@ -131,8 +129,7 @@ def explore(
         PlanningError: The samples are used up.
     """
     rng = np.random.default_rng(seed)
-    rod, world = (task.cable.length, task.cable.rod.hinges), arrays(task.scene.world)
-    world = (*world, *convex.bounding_circles(*world[:3]))
+    rod, world = (task.cable.length, task.cable.rod.hinges), task.scene.world.arrays
     start, goal = task.start_fit[0], task.goal_fit[0].copy()
     goal[2] = start[2] + (goal[2] - start[2] + np.pi) % (2 * np.pi) - np.pi
     limits = _limits(task, np.array([start, goal]), config)

@@ -54,6 +54,7 @@ class Guides:
     ) -> None:
         self.task, self.config, self.seed, self.progress = task, config, seed, progress
         self._route, self._previous = route, previous
+        self._slides: dict[End, DeformationSequence] = {}
 
     def make(self, name: Guide) -> tuple[DeformationSequence, PathSet]:
         """A guide and the paths that its keypoints take.
@@ -113,7 +114,9 @@ class Guides:
         return DeformationSequence.in_step(shapes)
 
     def _slide(self, leading: End) -> DeformationSequence:
-        return slide(self.task, leading, self.config.pivot, seed=self.seed)
+        if leading not in self._slides:
+            self._slides[leading] = slide(self.task, leading, self.config.pivot, seed=self.seed)
+        return self._slides[leading]
 
     def _search(self, name: Guide) -> DeformationSequence:
         task, config = self.task, self.config.explore

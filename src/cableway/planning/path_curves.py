@@ -6,6 +6,7 @@ each segment's straight line, weighted by a product of two sigmoids.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 
 import numpy as np
@@ -14,6 +15,9 @@ from scipy.interpolate import CubicSpline
 from scipy.special import expit
 
 from cableway.planning.config import DeformationConfig
+
+NEGLIGIBLE = 40.0
+"""Exponent, in size, at which a sigmoid is nothing beside one: segments that far from a point are left out."""
 
 
 class PathCurves(ABC):
@@ -60,28 +64,31 @@ class SigmoidCurves(PathCurves):
     """
 
     def __init__(self, paths: Float[np.ndarray, "n M 2"], sharpness: float) -> None:
-        self._paths = paths
-        self._sharpness = sharpness * (paths.shape[1] - 1)
+        self._segments = paths.shape[1] - 1
+        self._starts, self._slopes = paths[:, :-1], np.diff(paths, axis=1) * self._segments
+        self._sharpness = sharpness * self._segments
+        self._reach = min(self._segments, 2 * math.ceil(NEGLIGIBLE / sharpness) + 3)
 
     def __call__(
         self, progress: Float[np.ndarray, "t n"]
     ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n 2"]]:
         """Points [m] and their derivatives by progress."""
-        a, count = self._sharpness, self._paths.shape[1]
-        knots = np.linspace(0.0, 1.0, count)
-        slope = np.diff(self._paths, axis=1) * (count - 1)
-        sigma = progress[..., None]
-        rise, fall = expit(a * (sigma - knots[:-1])), expit(a * (knots[1:] - sigma))
+        a, m, k = self._sharpness, self._segments, self._reach
+        first = np.clip((progress * m).astype(int) - k // 2, 0, m - k)
+        near = first[..., None] + np.arange(k)
+        rows = np.arange(progress.shape[-1])[:, None]
+        start, slope, past = self._starts[rows, near], self._slopes[rows, near], progress[..., None] - near / m
+        rise, fall = expit(a * past), expit(a * (1 / m - past))
         w = rise * fall
         dw = a * w * (fall - rise)
         ddw = a * a * w * ((fall - rise) ** 2 - rise * (1 - rise) - fall * (1 - fall))
-        line = self._paths[:, :-1] + slope * (sigma - knots[:-1])[..., None]
+        line = start + slope * past[..., None]
         total, dtotal, ddtotal = (part.sum(axis=-1)[..., None] for part in (w, dw, ddw))
 
         def weighted(weight: np.ndarray, points: np.ndarray) -> np.ndarray:
-            return np.einsum("tnk,...nkd->tnd", weight, points)
+            return np.einsum("tnk,tnkd->tnd", weight, points)
 
-        x = np.einsum("tnk,tnkd->tnd", w, line) / total
-        dx = (np.einsum("tnk,tnkd->tnd", dw, line) + weighted(w, slope) - x * dtotal) / total
-        ddx = np.einsum("tnk,tnkd->tnd", ddw, line) + 2 * weighted(dw, slope) - 2 * dx * dtotal - x * ddtotal
+        x = weighted(w, line) / total
+        dx = (weighted(dw, line) + weighted(w, slope) - x * dtotal) / total
+        ddx = weighted(ddw, line) + 2 * weighted(dw, slope) - 2 * dx * dtotal - x * ddtotal
         return x, dx, ddx / total

@@ -95,7 +95,7 @@ def _tighten(
     pieces: list[Float[np.ndarray, "_ 2"]], guides: list[Float[np.ndarray, "_ 2"]], task: Task, config: PathSetConfig
 ) -> Float[np.ndarray, "M 2"]:
     """Shorten the pieces of a path one by one, draw the whole towards the guide, and smooth it."""
-    world, points = band.arrays(task.scene.world), band.reference_points(task.scene.world)
+    world, points = task.scene.world.arrays, band.reference_points(task.scene.world)
     keep = task.cable.radius + config.margin
     for piece in pieces:
         band.shortcut(piece, world, keep, points, 1.0, 0.0, 1.0, 4)

@@ -73,4 +73,4 @@ def plan_pivot_path(
 def pivot_cost(scene: Scene, path: Float[np.ndarray, "P 2"], config: PivotConfig, step: float = 1e-3) -> float:
     """k_l length + k_c integral of 1/d over arc length [m], by midpoints at most `step` [m] apart."""
     path = np.ascontiguousarray(path, dtype=float)
-    return float(band.path_cost(path, band.arrays(scene.world), config.length_weight, config.clearance_weight, step))
+    return float(band.path_cost(path, scene.world.arrays, config.length_weight, config.clearance_weight, step))

@@ -12,6 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.errors import InputError, PlanningError
+from cableway.geometry import convex
+from cableway.geometry.convex import World
 from cableway.planning import band
 from cableway.planning.config import PivotConfig
 from cableway.planning.pivot_grid import subdivide
@@ -74,7 +76,7 @@ def _solve(
         bounds.setHigh(axis, float(scene.size[axis]))
     space.setBounds(bounds)
     information = base.SpaceInformation(space)
-    world = band.arrays(scene.world)
+    world = scene.world.arrays
     validity, motion = _Validity(information, world, radius), _Motion(information, world, radius)
     information.setStateValidityChecker(validity)
     information.setMotionValidator(motion)
@@ -100,7 +102,7 @@ def _state(space: base.RealVectorStateSpace, point: np.ndarray) -> base.State:
 
 
 class _Validity(base.StateValidityChecker):
-    def __init__(self, information: base.SpaceInformation, world: band.World, radius: float) -> None:
+    def __init__(self, information: base.SpaceInformation, world: World, radius: float) -> None:
         super().__init__(information)
         self._world, self._radius = world, radius
 
@@ -110,17 +112,17 @@ class _Validity(base.StateValidityChecker):
 
 
 class _Motion(base.MotionValidator):
-    def __init__(self, information: base.SpaceInformation, world: band.World, radius: float) -> None:
+    def __init__(self, information: base.SpaceInformation, world: World, radius: float) -> None:
         super().__init__(information)
         self._world, self._radius = world, radius
 
     def checkMotion(self, s1: Any, s2: Any) -> bool:
         """Whether a whole edge keeps the radius."""
-        return bool(band.segment_clearance(s1[0], s1[1], s2[0], s2[1], self._world, self._radius) >= self._radius)
+        return bool(convex.segment_clearance(s1[0], s1[1], s2[0], s2[1], self._world, self._radius)[1] < 0)
 
 
 class _Objective(base.OptimizationObjective):
-    def __init__(self, information: base.SpaceInformation, world: band.World, config: PivotConfig) -> None:
+    def __init__(self, information: base.SpaceInformation, world: World, config: PivotConfig) -> None:
         super().__init__(information)
         # steps of twice the resolution are enough for edges that are only compared
         self._arguments = world, config.length_weight, config.clearance_weight, 2 * config.resolution

@@ -4,7 +4,8 @@ A gripper's disc must go from its place at the start to its place at the goal, a
 cable about the cable's middle, from the equilibria nearest to start and goal, with the clearance that a plan keeps on
 either side. On a grid, connectivity of the places where the signed distance is at least r - h/sqrt 2 (h the grid's
 spacing, r with the clearance) is necessary for that, because the distance changes no faster than the place. So what is
-reported is certain; narrower misses than h sqrt 2 are not seen.
+reported is certain; narrower misses than h sqrt 2 are not seen. For the same reason r + h/sqrt 2 is sufficient, and
+mostly a coarse grid is enough to see that there is nothing to report.
 """
 
 from __future__ import annotations
@@ -18,10 +19,14 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 from cableway.planning.pivot import pivot_keypoint
+from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 
 SPACING, NODES = 0.001, 500_000
 """Of the grid [m], wider where a table would take more nodes than that."""
+
+COARSE = 0.004
+"""Spacing of the grid that is looked at first [m]."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,31 @@ class Blockage:
         )
 
 
+@dataclass(frozen=True)
+class _Body:
+    """What has to get from one place to another, and the distance [m] that its centre keeps."""
+
+    who: str
+    radius: float
+    start: Float[np.ndarray, "2"]
+    goal: Float[np.ndarray, "2"]
+
+
+class _Grid:
+    """Signed distance at nodes about `spacing` [m] apart; none of the table is farther than `reach` from a node."""
+
+    def __init__(self, scene: Scene, spacing: float) -> None:
+        counts = np.maximum(2, np.ceil(np.array(scene.size) / spacing).astype(int) + 1)
+        self.axes = [np.linspace(0, size, count) for size, count in zip(scene.size, counts, strict=True)]
+        self.nodes = np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1)
+        self.distance, self.reach = scene.signed_distance(self.nodes), spacing / math.sqrt(2)
+
+    def node(self, point: Float[np.ndarray, "2"]) -> tuple[int, int]:
+        """The node nearest to a point."""
+        i, j = (int(np.argmin(np.abs(axis - x))) for axis, x in zip(self.axes, point, strict=True))
+        return i, j
+
+
 def find_blockage(task: Task, clearance: float = 0.0) -> Blockage | None:
     """The first of left gripper, right gripper and cable that certainly cannot pass; None where all may.
 
@@ -59,40 +89,49 @@ def find_blockage(task: Task, clearance: float = 0.0) -> Blockage | None:
         task: The task.
         clearance: What must be kept on either side [m].
     """
-    spacing = max(SPACING, math.sqrt(math.prod(task.scene.size) / NODES))
-    counts = np.maximum(2, np.ceil(np.array(task.scene.size) / spacing).astype(int) + 1)
-    axes = [np.linspace(0, size, count) for size, count in zip(task.scene.size, counts, strict=True)]
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    distance = task.scene.signed_distance(nodes)
-    rod, middle = task.cable.rod, pivot_keypoint(task.cable.keypoints)
-    start, goal = rod.at_keypoints(rod.shapes(np.array([task.start_fit[0], task.goal_fit[0]]))[0])
-    for who, keypoint, radius in (
-        ("the left gripper", 0, task.grippers.radius),
-        ("the right gripper", -1, task.grippers.radius),
-        ("the cable", middle, task.cable.radius),
-    ):
-        ends = [_node(point, axes) for point in (start[keypoint], goal[keypoint])]
-        blocked = _narrowest(distance, ends, radius + clearance - spacing / np.sqrt(2))
-        if blocked is not None:
-            half_width, at = blocked
-            return Blockage(who, 2 * radius, clearance, 2 * max(0.0, half_width), nodes[at])
+    coarse = _Grid(task.scene, COARSE)
+    doubtful = [body for body in _bodies(task) if not _passes(coarse, body, clearance)]
+    if not doubtful:
+        return None
+    fine = _Grid(task.scene, max(SPACING, math.sqrt(math.prod(task.scene.size) / NODES)))
+    for body in doubtful:
+        narrowest = _narrowest(fine, body, clearance)
+        if narrowest is not None:
+            half_width, at = narrowest
+            return Blockage(body.who, 2 * body.radius, clearance, 2 * max(0.0, half_width), fine.nodes[at])
     return None
 
 
-def _node(point: np.ndarray, axes: list[np.ndarray]) -> tuple[int, int]:
-    i, j = (int(np.argmin(np.abs(axis - x))) for axis, x in zip(axes, point, strict=True))
-    return i, j
+def _bodies(task: Task) -> list[_Body]:
+    rod, middle = task.cable.rod, pivot_keypoint(task.cable.keypoints)
+    start, goal = rod.at_keypoints(rod.shapes(np.array([task.start_fit[0], task.goal_fit[0]]))[0])
+    return [
+        _Body("the left gripper", task.grippers.radius, start[0], goal[0]),
+        _Body("the right gripper", task.grippers.radius, start[-1], goal[-1]),
+        _Body("the cable", task.cable.radius, start[middle], goal[middle]),
+    ]
 
 
-def _narrowest(distance: np.ndarray, ends: list[tuple[int, int]], least: float) -> tuple[float, tuple[int, int]] | None:
-    """Where no way keeps `least`: the least distance on the widest way there is, and the node where that is."""
-    free = distance >= least
-    for end in ends:
-        free[end] = True
+def _passes(grid: _Grid, body: _Body, clearance: float) -> bool:
+    """Whether some way along the grid's nodes certainly keeps the distance wherever it goes between them."""
+    free = grid.distance >= body.radius + clearance + grid.reach
+    return _joined(free, grid.node(body.start), grid.node(body.goal))
+
+
+def _joined(free: np.ndarray, start: tuple[int, int], goal: tuple[int, int]) -> bool:
+    """Whether both nodes are free, and free nodes lead from one to the other."""
     labels = np.asarray(ndimage.label(free, structure=np.ones((3, 3)))[0])  # pyright: ignore[reportIndexIssue]
-    if labels[ends[0]] == labels[ends[1]]:
+    return bool(labels[start] == labels[goal] != 0)
+
+
+def _narrowest(grid: _Grid, body: _Body, clearance: float) -> tuple[float, tuple[int, int]] | None:
+    """Where none can keep the distance: the least distance on the widest way there is, and the node where that is."""
+    distance, start, goal = grid.distance, grid.node(body.start), grid.node(body.goal)
+    free = distance >= body.radius + clearance - grid.reach
+    free[start] = free[goal] = True
+    if _joined(free, start, goal):
         return None
-    path = _widest_way(distance, *(int(np.ravel_multi_index(end, distance.shape)) for end in ends))
+    path = _widest_way(distance, *(int(np.ravel_multi_index(end, distance.shape)) for end in (start, goal)))
     at = path[1:-1][np.argmin(distance.ravel()[path[1:-1]])]
     i, j = np.unravel_index(at, distance.shape)
     return float(distance[i, j]), (int(i), int(j))

@@ -9,6 +9,7 @@ Note:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -20,8 +21,8 @@ from cableway.geometry import polyline, se2
 from cableway.planning.checks import require_choice, require_range
 from cableway.planning.refinement import RefinementConfig, refine
 from cableway.records import DeformationSequence
+from cableway.rod import inverse
 from cableway.rod.equilibrium import Rod
-from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
 
 Kind = Literal["refine", "fit", "none"]
@@ -71,13 +72,19 @@ class RealizedSequence:
     progress: Float[np.ndarray, "T+1 n"]
 
 
-def realize(sequence: DeformationSequence, task: Task, config: RealizationConfig) -> RealizedSequence:
+def realize(
+    sequence: DeformationSequence,
+    task: Task,
+    config: RealizationConfig,
+    progress: Callable[[float], None] = lambda _: None,
+) -> RealizedSequence:
     """Make a sequence true: fit, refine, step.
 
     Args:
         sequence: Shapes from start to goal, in general not equilibria.
         task: The task.
         config: Configuration.
+        progress: Called with the share of the refinement that is done; it may raise to stop.
 
     Raises:
         PlanningError: Start or goal is too far from any shape of the cable.
@@ -87,7 +94,7 @@ def realize(sequence: DeformationSequence, task: Task, config: RealizationConfig
     rod = task.cable.rod
     q, rows = fit_sequence(rod, sequence.shapes, *end_equilibria(task, config), config.row_step)
     if config.kind == "refine":
-        q = refine(q, task, config.refinement)
+        q = refine(q, task, config.refinement, progress)
     q, at = step_evenly(q, task, config)
     stations, poses = rod.shapes(q)
     at = np.interp(at, np.arange(len(rows)), rows)
@@ -140,10 +147,7 @@ def fit_sequence(
     Returns:
         q (R+1, 6), from `start` to `goal` with angles that run on, and for each row its place 0..T in `shapes`.
     """
-    fits = [start]
-    for shape in shapes[1:-1]:
-        fits.append(fit_keypoints(rod, shape, guess=fits[-1])[0])
-    q = np.array([*fits, goal])
+    q = np.vstack([start, inverse.fit_sequence(rod, shapes[1:-1], start), goal])
     q[:, 2] = np.unwrap(q[:, 2])
     q[:, 3:] = np.clip(q[:, 3:], -60.0, 60.0)
     q[0, 3:], q[-1, 3:] = start[3:], goal[3:]

@@ -19,6 +19,7 @@ Note:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,17 +85,27 @@ class _Normal:
     ]
 
 
-def refine(q: Float[np.ndarray, "T+1 6"], task: Task, config: RefinementConfig) -> Float[np.ndarray, "T+1 6"]:
+def refine(
+    q: Float[np.ndarray, "T+1 6"],
+    task: Task,
+    config: RefinementConfig,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Float[np.ndarray, "T+1 6"]:
     """The sequence moved to a local minimum of the cost above; its first and last row stay.
 
     Args:
         q: (T+1, 6) rod coordinates with angles that run on, T at least 2.
         task: The task; its cable, grippers and scene.
         config: Weights and margins.
+        progress: Called with the share that is done; it may raise to stop.
     """
-    for weight in config.clearance_weights:
-        problem = _Problem(task, config, weight, len(q))
-        q = _levenberg_marquardt(q, problem, config.iterations)
+    stages = len(config.clearance_weights)
+    for stage, weight in enumerate(config.clearance_weights):
+
+        def tell(share: float, stage: int = stage) -> None:
+            progress((stage + share) / stages)
+
+        q = _levenberg_marquardt(q, _Problem(task, config, weight, len(q)), config.iterations, tell)
     return q
 
 
@@ -157,7 +168,7 @@ class _Problem:
         """Weighted shortfall of the clearance at each station, and its slope by the station's position."""
         wanted = np.full(stations.shape[1], self.config.margin + self.task.cable.radius)
         wanted[[0, -1]] = self.config.margin + max(self.task.grippers.radius, self.task.cable.radius)
-        distance, slope, _ = convex.signed_distance(stations, self.task.scene.world)
+        distance, slope, _ = convex.signed_distance(stations, self.task.scene.world, float(wanted.max()))
         scale = np.sqrt(self.weight) / self.config.clearance_scale
         short = np.maximum(0.0, wanted - distance)
         return scale * short, -scale * slope * (short > 0)[..., None]
@@ -230,10 +241,13 @@ def _band_form(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> fl
     return 0.5 * float(np.sum(x * _band_product(bands, x)))
 
 
-def _levenberg_marquardt(q: np.ndarray, problem: _Problem, iterations: int) -> np.ndarray:
+def _levenberg_marquardt(
+    q: np.ndarray, problem: _Problem, iterations: int, progress: Callable[[float], None]
+) -> np.ndarray:
     damping, q = 1e-3, q.copy()
     normal = problem.linearise(q)
-    for _ in range(iterations):
+    for iteration in range(iterations):
+        progress(iteration / iterations)
         step = _solve(normal, damping)
         if step is None:
             damping = max(1e-6, damping * 10)

@@ -95,7 +95,7 @@ class Search:
     def _realize(self, sequence: DeformationSequence, paths: PathSet) -> Plan | Attempt:
         task, config = self.task, self.config
         self.report("realisation", 0.0)
-        realised = realize(sequence, task, config.realization)
+        realised = realize(sequence, task, config.realization, lambda share: self.report("realisation", share))
         self.report("realisation", 1.0)
         candidate = Plan(realised.shapes, realised.poses, paths.pivot, paths.passages, paths.paths, realised.progress)
         self.report("verification", 0.0)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cableway.geometry.compiled import kernel
-from cableway.geometry.convex import convex_distance, wall_distance
+from cableway.geometry.convex import box_gap, convex_distance, wall_distance
 from cableway.rod.kernels import stability, world_shape
 
 FEATURES = 5
@@ -59,23 +59,24 @@ def sharpest_turn(stations, length, hinges):
 
 
 @kernel
-def _keeps_distance(stations, center, length, world, limits):
+def _keeps_distance(stations, world, limits):
     """Whether the centre line and its two ends keep their distances from walls and obstacles."""
-    vertices, counts, rounding, size, centers, radii = world
+    vertices, counts, rounding, size, boxes = world
     last = len(stations) - 1
     widest = max(limits[0], limits[1])
+    low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
     for i in range(last + 1):
-        wanted = limits[1] if i == 0 or i == last else limits[0]
-        if wall_distance(stations[i, 0], stations[i, 1], size)[0] < wanted:
+        x, y = stations[i, 0], stations[i, 1]
+        if wall_distance(x, y, size)[0] < (limits[1] if i == 0 or i == last else limits[0]):
             return False
+        low_x, low_y, high_x, high_y = min(low_x, x), min(low_y, y), max(high_x, x), max(high_y, y)
     for k in range(len(counts)):
-        off = math.hypot(center[0] - centers[k, 0], center[1] - centers[k, 1])
-        if off - radii[k] > length / 2 + widest:
+        if box_gap(low_x, low_y, high_x, high_y, boxes[k]) >= widest:
             continue
         for i in range(last + 1):
             wanted = limits[1] if i == 0 or i == last else limits[0]
             x, y = stations[i, 0], stations[i, 1]
-            if math.hypot(x - centers[k, 0], y - centers[k, 1]) - radii[k] > wanted:
+            if box_gap(x, y, x, y, boxes[k]) >= wanted:
                 continue
             if convex_distance(x, y, vertices[k], counts[k], rounding[k])[0] < wanted:
                 return False
@@ -97,10 +98,9 @@ def self_distance(stations, apart):
 def is_free(q, rod, world, limits):
     """Whether a shape keeps its distances, is stable, has slack, bends no further and does not cross itself.
 
-    Args: rod (length, hinges); world (vertices, counts, rounding, size, centres and radii of circles about the
-    obstacles); limits (distance of the centre line, distance of the grippers' centres, stability margin, greatest and
-    least distance between the grippers, greatest sine of the turn at a hinge, places along the rod from which on it
-    could touch itself, distance of stations there).
+    Args: rod (length, hinges); world (`ConvexWorld.arrays`); limits (distance of the centre line, distance of the
+    grippers' centres, stability margin, greatest and least distance between the grippers, greatest sine of the turn at
+    a hinge, places along the rod from which on it could touch itself, distance of stations there).
     """
     length, hinges = rod
     stations, poses = np.empty((2 * hinges + 1, 2)), np.empty((2, 3))
@@ -109,7 +109,7 @@ def is_free(q, rod, world, limits):
     chord = math.hypot(stations[last, 0] - stations[0, 0], stations[last, 1] - stations[0, 1])
     if not limits[4] <= chord <= limits[3] or sharpest_turn(stations, length, hinges) > limits[5]:
         return False
-    if not _keeps_distance(stations, q, length, world, limits):
+    if not _keeps_distance(stations, world, limits):
         return False
     gradient = np.empty(3)
     if stability(q[3:], length, hinges, limits[2], gradient) < limits[2]:

@@ -39,26 +39,41 @@ def fit_keypoints(
     Returns:
         q (6,) and ||keypoints(q) - keypoints|| [m].
     """
-    keypoints = np.ascontiguousarray(keypoints, dtype=float)
-    starts = [_guess_from_bends(rod, keypoints)] + ([] if guess is None else [np.array(guess, float)])
+    return _fit(rod, keypoints, [_guesses_from_bends(rod, keypoints[None])[0], *([] if guess is None else [guess])])
+
+
+def fit_sequence(
+    rod: Rod, shapes: Float[np.ndarray, "t n 2"], first: Float[np.ndarray, "6"]
+) -> Float[np.ndarray, "t 6"]:
+    """`fit_keypoints` of one shape after the other, each guessed from the one before, the first one from `first`."""
+    fits = [first]
+    for shape, guess in zip(shapes, _guesses_from_bends(rod, shapes), strict=True):
+        fits.append(_fit(rod, shape, [guess, fits[-1]])[0])
+    return np.array(fits[1:]).reshape(-1, 6)
+
+
+def _fit(rod: Rod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tuple[np.ndarray, float]:
+    """The best fit from several guesses."""
+    keypoints, starts = np.ascontiguousarray(keypoints, dtype=float), [np.array(guess, float) for guess in guesses]
     costs = [fitting.fit(keypoints, q, rod.length, rod.hinges, rod.stride) for q in starts]
     best = int(np.argmin(costs))
     return starts[best], float(np.sqrt(2 * costs[best]) * rod.length)
 
 
-def _guess_from_bends(rod: Rod, keypoints: np.ndarray) -> np.ndarray:
-    n = len(keypoints)
-    steps = np.diff(keypoints, axis=0)
-    angles = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    bends = np.diff(angles) * (n - 1)
-    centre = polyline.resample(keypoints, 3)[1]
-    theta = float(np.interp((n - 2) / 2, np.arange(n - 1), angles))
-    local = (keypoints[1:-1] - centre) @ se2.rotation(theta) / rod.length
+def _guesses_from_bends(rod: Rod, keypoints: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 6"]:
+    n = keypoints.shape[1]
+    steps = np.diff(keypoints, axis=1)
+    angles = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
+    bends = np.diff(angles, axis=1) * (n - 1)
+    centre = np.array([polyline.resample(line, 3)[1] for line in keypoints]).reshape(-1, 2)
+    theta = (angles[:, (n - 2) // 2] + angles[:, (n - 1) // 2]) / 2
+    x, y = np.moveaxis(keypoints[:, 1:-1] - centre[:, None], 2, 0) / rod.length
+    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
     # a x p = a_x p_y - a_y p_x; a pull to zero where the points cannot tell the loads apart
-    rows = np.column_stack([local[:, 1], -local[:, 0], np.ones(n - 2)])
-    pull = 0.03 * np.eye(3)
-    load = np.linalg.lstsq(np.vstack([rows, pull]), np.concatenate([bends, np.zeros(3)]), rcond=None)[0]
-    return np.concatenate([centre, [theta], np.clip(load, -150, 150)])
+    rows = np.stack([c * y - s * x, -c * x - s * y, np.ones_like(bends)], axis=2)
+    normal = rows.swapaxes(1, 2) @ rows + 0.03**2 * np.eye(3)
+    load = np.linalg.solve(normal, rows.swapaxes(1, 2) @ bends[..., None])[..., 0]
+    return np.column_stack([centre, theta, np.clip(load, -150, 150)])
 
 
 def equilibria_at(
@@ -88,7 +103,7 @@ def equilibria_at(
     gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
     if gap > rod.length * (1 + 1e-9):
         raise InputError(f"the grippers are {gap:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)")
-    q = _meet_poses(rod, poses, _load_guesses(rod, poses, starts))
+    q = meet_poses(rod, poses, _load_guesses(rod, poses, starts))
     q = q[(rod.stability(q)[0] > minimum_stability) & (rod.energy(q) <= most_energy)]
     q = q[np.argsort(rod.energy(q), kind="stable")]
     shapes = rod.shapes(q)[0]
@@ -142,7 +157,7 @@ def _load_guesses(rod: Rod, poses: np.ndarray, count: int) -> np.ndarray:
     return q
 
 
-def _meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
+def meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
     """Damped Newton on the six pose residuals from each row of q; the rows that arrive."""
     units = np.array([rod.length, rod.length, 1.0])
     scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])

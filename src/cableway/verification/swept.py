@@ -32,54 +32,53 @@ class Closest:
 def closest_approach(lines: Float[np.ndarray, "t m 2"], scene: Scene) -> Closest:
     """Least distance of a moving polyline to anything, rows joined by straight motion of the vertices.
 
-    Between two rows in-betweens are measured no farther apart than `SWEEP_STEP`, but only where they could come
-    closer than what is already found.
+    Stretches between two rows are halved until no vertex moves more than `SWEEP_STEP` in one, but only where they
+    could come closer than what is already found: distance changes no faster than the vertices move.
     """
     distance, obstacle = _distances(lines, scene)
-    moves = np.linalg.norm(np.diff(lines, axis=0), axis=2).max(1, initial=0.0)
     row = int(np.argmin(distance))
     best = Closest(float(distance[row]), float(row), int(obstacle[row]))
-    bounds = np.minimum(distance[:-1], distance[1:]) - moves / 2
-    for t in np.argsort(bounds, kind="stable"):
-        if bounds[t] >= best.distance:
-            break
-        count = int(np.ceil(moves[t] / SWEEP_STEP))
-        if count < 2:
-            continue
-        f = np.arange(1, count) / count
-        between = lines[t] + f[:, None, None] * (lines[t + 1] - lines[t])
-        d, index = _distances(between, scene)
-        k = int(np.argmin(d))
-        if d[k] < best.distance:
-            best = Closest(float(d[k]), float(t + f[k]), int(index[k]))
-    return best
+    first, length = np.arange(len(lines) - 1), np.linalg.norm(np.diff(lines, axis=0), axis=2).max(1, initial=0.0)
+    at, before, after = first.astype(float), distance[:-1], distance[1:]
+    share = 1.0
+    while True:
+        keep = (length > SWEEP_STEP) & ((before + after - length) / 2 < best.distance)
+        if not keep.any():
+            return best
+        first, at, before, after = first[keep], at[keep], before[keep], after[keep]
+        share, length = share / 2, length[keep] / 2
+        f = (at + share - first)[:, None, None]
+        distance, obstacle = _distances((1 - f) * lines[first] + f * lines[first + 1], scene)
+        k = int(np.argmin(distance))
+        if distance[k] < best.distance:
+            best = Closest(float(distance[k]), float(at[k] + share), int(obstacle[k]))
+        first, length = np.tile(first, 2), np.tile(length, 2)
+        at = np.concatenate([at, at + share])
+        before, after = np.concatenate([before, distance]), np.concatenate([distance, after])
 
 
 def _distances(lines: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Distance (t,) of each polyline (t, m, 2), a single point where m = 1, and the obstacle that is nearest.
 
-    An obstacle is measured only where the circle about it leaves room for it to be nearer than what is found.
+    An obstacle is measured only where the boxes about it and the polyline leave room for it to be nearer than what is
+    found.
     """
-    x, y = lines[..., 0], lines[..., 1]
-    width, height = scene.size
-    walls = np.array([x.min(1), y.min(1), (width - x).min(1), (height - y).min(1)])
-    distance, nearest = walls.min(0), len(scene.solids) + walls.argmin(0)
-    points = np.asarray(shapely.points(lines))
-    curves = np.asarray(shapely.linestrings(lines)) if lines.shape[1] > 1 else points[:, 0]
-    longest = np.linalg.norm(np.diff(lines, axis=1), axis=2).max(initial=0.0)
-    for index, solid in enumerate(scene.solids):
-        center = shapely.get_coordinates(solid.centroid)[0]
-        radius = np.linalg.norm(shapely.get_coordinates(solid.exterior) - center, axis=1).max()
-        off = np.hypot(x - center[0], y - center[1]).min(1) - longest / 2 - radius
-        rows = np.flatnonzero(off < distance)
-        if not len(rows):
-            continue
+    low, high = lines.min(1), lines.max(1)
+    walls = np.hstack([low, scene.size - high])
+    distance, nearest = walls.min(1), len(scene.solids) + walls.argmin(1)
+    curves = np.asarray(shapely.linestrings(lines) if lines.shape[1] > 1 else shapely.points(lines[:, 0]))
+    boxes = shapely.bounds(np.array(scene.solids, dtype=object)).reshape(-1, 4)
+    for index, (solid, box) in enumerate(zip(scene.solids, boxes, strict=True)):
+        rows = np.flatnonzero(np.maximum(box[:2] - high, low - box[2:]).max(1) < distance)
         gap = np.asarray(shapely.distance(curves[rows], solid))
-        inside = shapely.contains_xy(solid, x[rows], y[rows])
-        hit = inside.any(1)
-        if hit.any():
-            depth = shapely.distance(points[rows[hit]], solid.exterior)
-            gap[hit] = -np.where(inside[hit], depth, 0.0).max(1)
+        met = rows[gap == 0]
+        gap[gap == 0] = -_depth(lines[met], solid)
         nearer = gap < distance[rows]
         distance[rows[nearer]], nearest[rows[nearer]] = gap[nearer], index
     return distance, nearest
+
+
+def _depth(lines: np.ndarray, solid: shapely.Polygon) -> np.ndarray:
+    """Depth (t,) of the deepest vertex of each polyline inside an obstacle."""
+    inside = shapely.contains_xy(solid, lines[..., 0], lines[..., 1])
+    return np.where(inside, shapely.distance(shapely.points(lines), solid.exterior), 0.0).max(1)
