@@ -89,8 +89,6 @@ def test_the_cost_and_its_derivative_agree(seed: int) -> None:
     line = PLAN.shapes[2]
     centre = line[6] + outward(line) * 0.025
     task = task_for(PLAN, (Disc(center=(centre[0], centre[1]), radius=0.02),))
-    world = task.scene.world
-    fields = (world.vertices, world.counts, world.rounding, world.size)
     q = np.array([fit_keypoints(ROD, PLAN.shapes[row])[0] for row in (3, 9)]) + 1e-3 * rng.normal(size=(2, 6))
     p, modes = truth(seed)[adapted.ROD], adapted.modes(ROD)
     limits, weights = (0.002, 0.01, 0.004, 0.004, 0.006, 0.0), (1.0, 3.0, 0.05, 1e-3, 30.0, 100.0, 100.0)
@@ -99,8 +97,8 @@ def test_the_cost_and_its_derivative_agree(seed: int) -> None:
     def cost(q: np.ndarray) -> float:
         return rod_kernels.assemble(
             q, PLAN.poses[2], p, modes, ROD.stride, np.full((49, 2), 1e-3), PLAN.shapes[[3, 4]],
-            np.diff(PLAN.poses[2:5], axis=0), np.zeros((2, 3)), np.full(2, 0.2), fields, limits, weights, normal,
-            gradient,
+            np.diff(PLAN.poses[2:5], axis=0), np.zeros((2, 3)), np.full(2, 0.2), task.scene.world.arrays, limits, weights,
+            normal, gradient,
         )  # fmt: skip
 
     cost(q)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from cableway.geometry.compiled import kernel
-from cableway.geometry.convex import point_distance
+from cableway.geometry.convex import nearest_obstacle
 from cableway.rod.adapted_kernels import (
     adapted_shape,
     add_row,
@@ -140,13 +140,12 @@ def assemble(
         steps: (H, 2, 3) wanted motions of the ends.
         loads: (H, 3) wanted loads.
         longest: (H,) [m] greatest distance between the ends.
-        world: vertices, counts, rounding, size of `convex.ConvexWorld`.
+        world: arrays of `convex.ConvexWorld`.
         limits: largest step, turn; radius of cable, of grippers; clearance wanted; least distance of the grippers.
         weights: tracking, motion, lever of turns, load, clearance, separation, limits.
         normal: (6 + 6H, 6 + 6H), changed.
         gradient: (6 + 6H,), changed.
     """
-    vertices, counts, rounding, size = world
     max_step, max_turn, cable_radius, gripper_radius, threshold, least = limits
     w_track, w_motion, lever, w_load, w_clear, w_apart, w_limit = weights
     stations, dstations, ends, dends = workspace(modes)
@@ -171,7 +170,7 @@ def assemble(
         for j in range(len(stations)):
             radius = gripper_radius if j == 0 or j == len(stations) - 1 else cable_radius
             x, y = stations[j, 0] + offset[j, 0], stations[j, 1] + offset[j, 1]
-            distance, gx, gy, _ = point_distance(x, y, vertices, counts, rounding, size)
+            distance, gx, gy, _ = nearest_obstacle(x, y, world, threshold + radius)
             short = threshold - (distance - radius)
             if short > 0.0:
                 for a in range(6):

@@ -128,14 +128,12 @@ class Problem:
         task: The task.
         reference: The plan by time.
         estimator: Of the rod's parameters.
-        world: Obstacles and walls, packed.
         limits: As `rod_kernels.assemble` wants them.
     """
 
     task: Task
     reference: PlanReference
     estimator: RodEstimator
-    world: tuple[np.ndarray, ...]
     limits: tuple[float, ...]
 
 
@@ -171,7 +169,7 @@ class RodMPC(Controller[RodMPCState]):
     def init(self, task: Task, plan: Plan) -> RodMPCState:
         """See `Controller.init`."""
         reference = reference_for(task, plan, self.config.hold)
-        rod, world, grippers = task.cable.rod, task.scene.world, task.grippers
+        rod, grippers = task.cable.rod, task.grippers
         estimator = RodEstimator(rod, self.config.estimator, self.control_step)
         limits = (
             grippers.max_step,
@@ -186,9 +184,7 @@ class RodMPC(Controller[RodMPCState]):
             status=Status.STARTED,
             reference=reference.shape(0),
             progress=0.0,
-            problem=Problem(
-                task, reference, estimator, (world.vertices, world.counts, world.rounding, world.size), limits
-            ),
+            problem=Problem(task, reference, estimator, limits),
             index=0,
             sight=Sight.before(plan.poses[0], rod.keypoints),
             estimate=estimator.start(q),
@@ -232,7 +228,7 @@ class RodMPC(Controller[RodMPCState]):
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(state.estimate.offset, rod.stride), wanted[1:].copy(),
             np.diff(ends, axis=0), fits[1:, 3:].copy(), longest_gap(ends[1:], theta[LENGTH], config.stretch),
-            problem.world, problem.limits, config.weights, config.iterations, config.tolerance,
+            problem.task.scene.world.arrays, problem.limits, config.weights, config.iterations, config.tolerance,
         )  # fmt: skip
         first, reached = q[:1].copy(), np.empty((1, 2, 3))
         fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
