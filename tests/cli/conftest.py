@@ -20,7 +20,8 @@ def cableway(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     def run(*arguments: object) -> Done:
         capsys.readouterr()
         status = main([str(argument) for argument in arguments])
-        return Done(status, *capsys.readouterr())
+        printed = capsys.readouterr()
+        return Done(status, printed.out, printed.err)
 
     return run
 
