@@ -72,7 +72,11 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         (["plan", "maze-1", "--pivot", "prm"], "unknown pivot method 'prm'; known: grid, rrt_star"),
         (
             ["run", "maze-1", "--controller", "pid"],
-            "unknown controller 'pid'; known: rod-mpc, neural-mpc, neural-mpc-paper, rod-jacobian, broyden, open-loop",
+            "unknown controller 'pid'; known: broyden, neural-mpc, neural-mpc-paper, open-loop, rod-jacobian, rod-mpc",
+        ),
+        (
+            ["run", "maze-1", "--controller", "broyden", "--model", "transformer"],
+            "--model is for neural-mpc and neural-mpc-paper; broyden has no deformation model to choose",
         ),
         (["run", "maze-1", "--model", "no/such.safetensors"], "no/such.safetensors: no such file"),
         (["check", "maze-1", "plan.npz"], "plan.npz: no such file"),

@@ -97,8 +97,8 @@ def test_the_cost_and_its_derivative_agree(seed: int) -> None:
     def cost(q: np.ndarray) -> float:
         return rod_kernels.assemble(
             q, PLAN.poses[2], p, modes, ROD.stride, np.full((49, 2), 1e-3), PLAN.shapes[[3, 4]],
-            np.diff(PLAN.poses[2:5], axis=0), np.zeros((2, 3)), np.full(2, 0.2), task.scene.world.arrays, limits, weights,
-            normal, gradient,
+            np.diff(PLAN.poses[2:5], axis=0), np.zeros((2, 3)), np.full(2, 0.2), task.scene.world.arrays, limits,
+            weights, normal, gradient,
         )  # fmt: skip
 
     cost(q)

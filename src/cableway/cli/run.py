@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 class Run(PlanOptions):
     """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
 
-    controller: Annotated[str, tyro.conf.arg(metavar="{" + ",".join(CONTROLLERS) + "}")] = CONTROLLERS[0]
-    """What leads the grippers."""
+    controller: Annotated[str | None, tyro.conf.arg(metavar="{" + ",".join(CONTROLLERS) + "}")] = None
+    """What leads the grippers; rod-mpc unless given, neural-mpc where a model is."""
 
     model: str | None = None
     """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; transformer unless given."""
@@ -45,7 +45,7 @@ class Run(PlanOptions):
 
         terminal, task = Terminal(self), load_task(self.task)
         setup = read_plant(self.plant, task)
-        folder, controller = self.folder(task.name), make_controller(self.controller, self.model, terminal)
+        folder, controller = self.folder(task.name), make_controller(self._name, self.model, terminal)
         with terminal.progress() as tell:
             planned = plan_into(folder, task, self, terminal, tell)
             report = planned.report
@@ -54,6 +54,11 @@ class Run(PlanOptions):
         outputs.announce(terminal, folder, report)
         terminal.result(report.as_dict(), pairs(report.rows()))
         return 0 if report.success else 1
+
+    @property
+    def _name(self) -> str:
+        """Of the controller."""
+        return self.controller or (CONTROLLERS[0] if self.model is None else "neural-mpc")
 
     def _track_into(
         self,
@@ -101,9 +106,9 @@ class Run(PlanOptions):
             rollout = track(plant, controller, planned.plan, progress=tell, seed=self.seed or 0)
         except (SimulationError, ControlError) as error:
             return None, notes, f"tracking failed: {error}"
-        if self.controller in ROD_BASED:
+        if self._name in ROD_BASED:
             mark_compiled("control")
         made_by: dict[str, Any] = {"versions": versions(), "plant": setup.as_dict()}
-        if self.controller.startswith("neural-mpc"):
+        if self._name.startswith("neural-mpc"):
             made_by["model"] = self.model or MODEL
         return replace(rollout, metadata={**made_by, **rollout.metadata}), notes, None
