@@ -56,7 +56,7 @@ def test_a_file_cut_short_is_refused(file, cut):
 
 def test_another_safetensors_file_is_refused(tmp_path):
     save_file({"w": np.zeros(3)}, tmp_path / "other.safetensors")
-    with pytest.raises(FileFormatError, match="not a cableway model of kind transformer"):
+    with pytest.raises(FileFormatError, match="not a cableway model of kind bilstm, conv, mlp, rod, transformer"):
         load_model(tmp_path / "other.safetensors")
 
 
