@@ -22,7 +22,7 @@ from cableway.models.mlp import MLPConfig
 from cableway.models.recipe import Recipe, make_model
 from cableway.models.recurrent import RecurrentConfig
 from cableway.models.rod import RodConfig
-from cableway.models.training import TrainingConfig
+from cableway.models.training_config import TrainingConfig
 from cableway.models.transformer import TransformerConfig
 from cableway.scene.cable import Cable
 from cableway.simulation.collection import collect
@@ -98,14 +98,15 @@ def train_models(folder: Path, seeds: int) -> None:
 def main() -> None:
     """Carry out the stages asked for."""
     parser = argparse.ArgumentParser(description="Compare the deformation models.")
-    parser.add_argument("stages", nargs="*", choices=[*STAGES, []], default=STAGES)
+    parser.add_argument("stage", nargs="?", choices=("all", *STAGES), default="all")
     parser.add_argument("--out", type=Path, default=Path("runs/comparison"))
     parser.add_argument("--seeds", type=int, default=3)
     options = parser.parse_args()
     enable_compilation_cache()
-    if "collect" in options.stages:
+    stages = STAGES if options.stage == "all" else (options.stage,)
+    if "collect" in stages:
         collect_sets(options.out)
-    if "train" in options.stages:
+    if "train" in stages:
         train_models(options.out, options.seeds)
 
 

@@ -11,7 +11,7 @@ from cableway.models.checkpoint import load_model, model_file, model_names, read
 from cableway.models.configuration import from_mapping
 from cableway.models.evaluation import evaluate
 from cableway.models.recipe import read_training_config, shipped_config
-from cableway.models.training import TrainingConfig
+from cableway.models.training_config import TrainingConfig
 from cableway.scene.cable import Cable
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig

@@ -12,7 +12,8 @@ import pytest
 from cableway.errors import FileFormatError, InputError
 from cableway.models.dataset import select
 from cableway.models.evaluation import baselines, evaluate
-from cableway.models.training import TrainingConfig, learning_rate, train
+from cableway.models.training import train
+from cableway.models.training_config import TrainingConfig, learning_rate
 
 SHORT = TrainingConfig(epochs=3, rollout_epochs=1, rollout_steps=3, batch_size=64, validation_fraction=0.2, seed=5)
 
