@@ -34,21 +34,21 @@ PLAIN = Framing.plain()
 BLIND = replace(PLAIN, angles=False)
 ROD = Framing(rod=True)
 
-TRAINING = TrainingConfig(epochs=8, rollout_epochs=0)
+TRAINING = TrainingConfig(epochs=5, rollout_epochs=0)
 
 MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
     "linear, plain": (MLPConfig(hidden=(), framing=PLAIN), TRAINING),
     "linear": (MLPConfig(hidden=()), TRAINING),
     "MLP, plain": (MLPConfig(framing=PLAIN), TRAINING),
     "MLP": (MLPConfig(), TRAINING),
-    "rod": (RodConfig(damping_time=0.3), replace(TRAINING, epochs=4, learning_rate=1e-2)),
+    "rod": (RodConfig(damping_time=0.3), replace(TRAINING, epochs=3, learning_rate=1e-2)),
     "C, plain": (ConvConfig(framing=PLAIN), TRAINING),
     "T, plain": (TransformerConfig(framing=PLAIN), TRAINING),
     "B, plain": (RecurrentConfig(framing=PLAIN), TRAINING),
     "T, plain, no angles": (TransformerConfig(framing=BLIND), TRAINING),
     "C": (ConvConfig(), TRAINING),
     "T": (TransformerConfig(), TRAINING),
-    "C on rod": (ConvConfig(width=24, framing=ROD), replace(TRAINING, rollout_epochs=2)),
+    "C on rod": (ConvConfig(width=24, framing=ROD), replace(TRAINING, rollout_epochs=1)),
 }
 """What is compared. Plain is the paper's way: world coordinates, no blend, ends that may leave the grippers."""
 

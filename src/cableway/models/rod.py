@@ -40,7 +40,7 @@ class RodModel(LearnedModel):
 
     config: RodConfig = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
     normalization: Normalization
-    rod: RodParameters
+    rod: RodParameters | None
 
     def __init__(self, config: RodConfig, *, key: PRNGKeyArray, normalization: Normalization | None = None) -> None:
         """The nominal rod; nothing in it is random."""
@@ -51,9 +51,3 @@ class RodModel(LearnedModel):
     def network(self, inputs: Inputs) -> Float[Array, "n 2"]:
         """No correction."""
         return jnp.zeros_like(inputs.keypoints)
-
-    def __call__(
-        self, keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"], action: Float[Array, "2 3"]
-    ) -> Float[Array, "n 2"]:
-        """See `DeformationModel`."""
-        return self.rod(keypoints, poses, action)

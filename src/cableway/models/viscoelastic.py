@@ -220,7 +220,9 @@ def _outward(load: Array, offset: Array, compliance: Array) -> tuple[Float[Array
     hinges = len(offset)
     each, half = hinges // 2, 1.0 / (2 * hinges)
     side = jnp.array([-1.0, 1.0])
-    per_hinge = [jnp.stack([row[:each][::-1], row[hinges - each :]], axis=1) for row in (offset, compliance)]
+
+    def from_centre(row: Array) -> Float[Array, "k 2"]:
+        return jnp.stack([row[:each][::-1], row[hinges - each :]], axis=1)
 
     def advance(state: tuple[Array, Array, Array], hinge: tuple[Array, Array]) -> tuple[Any, Array]:
         x, y, angle = state
@@ -236,7 +238,7 @@ def _outward(load: Array, offset: Array, compliance: Array) -> tuple[Float[Array
         angle = side * 0.5 * (offset[each] + compliance[each] * load[2])
         start = (side * half * jnp.cos(angle), side * half * jnp.sin(angle), angle)
         begun = jnp.stack(start[:2], axis=1)
-    (_, _, angle), points = jax.lax.scan(advance, start, tuple(per_hinge))
+    (_, _, angle), points = jax.lax.scan(advance, start, (from_centre(offset), from_centre(compliance)))
     return jnp.concatenate([points[::-1, 0], begun, points[:, 1]]), angle
 
 
