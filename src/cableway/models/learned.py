@@ -125,6 +125,11 @@ class LearnedModel(DeformationModel):
         """Number of trained numbers."""
         return sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(self, trainable(self))))
 
+    @property
+    def last_layer(self) -> eqx.Module | None:
+        """What reads the correction off the network's last features; None where there is no network."""
+        return getattr(self, "readout", None)
+
     @abc.abstractmethod
     def network(self, inputs: Inputs) -> Float[Array, "n 2"]:
         """Normalised correction of each keypoint from normalised inputs."""
