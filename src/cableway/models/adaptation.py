@@ -1,6 +1,6 @@
 """Adapting a model to the cable it sees, while it works, without getting worse.
 
-Of the transitions seen last, every third block is held back. The others change a few parameters: those of the rod
+Of the transitions seen last, every second block is held back. The others change a few parameters: those of the rod
 where the model has one, else the last layer of its decoder, as Tang et al. freeze the encoders. The change is taken
 only where it predicts the held-back blocks better than the model in use.
 
@@ -39,6 +39,9 @@ class AdaptationConfig:
         window: Steps of the rollouts that a rod is fitted to; the last layer of a network is fitted to single steps.
         windows: Most windows in a fit, and most that are replayed.
         held_windows: Most held-back blocks.
+        least_held: Fewest of them that a change is judged by.
+        enough: Error on held-back blocks, in lengths of the cable, below which nothing is changed: what a hundred
+            transitions of one or two motions tell about smaller errors often holds for these motions only.
         improvement: Share by which the error on held-back blocks must fall.
         least_motion: Travel of the grippers [m] in a window below which it says nothing.
         fit: How parameters are fitted.
@@ -46,16 +49,18 @@ class AdaptationConfig:
 
     memory: int = 200
     block: int = 10
-    hold_every: int = 3
+    hold_every: int = 2
     window: int = 5
     windows: int = 48
     held_windows: int = 8
-    improvement: float = 0.05
+    least_held: int = 3
+    enough: float = 0.005
+    improvement: float = 0.2
     least_motion: float = 2e-3
     fit: Fit = field(default_factory=Fit)
 
     def __post_init__(self) -> None:
-        for name in ("memory", "block", "window", "windows", "held_windows"):
+        for name in ("memory", "block", "window", "windows", "held_windows", "least_held"):
             if getattr(self, name) < 1:
                 raise InputError(f"adaptation {name} must be at least 1, got {getattr(self, name)!r}")
         if self.hold_every < 2:
@@ -128,20 +133,28 @@ def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
     horizon = 1 if state.model.rod is None else config.window
     windows = _informative(recent, _inside(training, config.block, horizon), horizon, config)
     judges = _informative(recent, held, config.block, config)
-    if not len(windows) or not len(judges):
+    if not len(windows) or len(judges) < config.least_held:
+        return state
+    chosen = judges[-config.held_windows :]
+    test = _repeated(dataset.windows(recent, chosen, config.block), config.held_windows)
+    before = np.asarray(_errors(state.model, test), float)[: len(chosen)]
+    limit = config.fit.outlier * np.median(before)
+    error = np.minimum(before, limit).mean()
+    if error < config.enough * _length(recent):
         return state
     batch = _repeated(dataset.windows(recent, _spread(windows, config.windows), horizon), config.windows)
     if state.replay is not None:
         batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
     candidate = fit(state.model, batch, state.first, config.fit)
-    chosen = judges[-config.held_windows :]
-    test = _repeated(dataset.windows(recent, chosen, config.block), config.held_windows)
-    before, after = (np.asarray(_errors(model, test), float)[: len(chosen)] for model in (state.model, candidate))
-    limit = config.fit.outlier * np.median(before)
-    goal = (1.0 - config.improvement) * np.minimum(before, limit).mean()
-    if np.isfinite(after).all() and np.minimum(after, limit).mean() < goal:
+    after = np.asarray(_errors(candidate, test), float)[: len(chosen)]
+    if np.isfinite(after).all() and np.minimum(after, limit).mean() < (1.0 - config.improvement) * error:
         return replace(state, model=candidate, accepted=state.accepted + 1)
     return replace(state, refused=state.refused + 1)
+
+
+def _length(data: Transitions) -> float:
+    """Length [m] of the polyline through the keypoints."""
+    return float(np.median(np.linalg.norm(np.diff(data.keypoints, axis=1), axis=2).sum(axis=1)))
 
 
 def _remembered(recent: Transitions | None, new: Transitions, memory: int) -> Transitions:
@@ -178,8 +191,7 @@ def _informative(
     """Those windows in which the grippers move."""
     travel = np.abs(data.actions[starts[:, None] + np.arange(horizon), :, :2]).sum(axis=(1, 2, 3))
     turn = np.abs(data.actions[starts[:, None] + np.arange(horizon), :, 2]).sum(axis=(1, 2))
-    reach = np.linalg.norm(np.diff(data.keypoints[0], axis=0), axis=1).sum()
-    return starts[travel + 0.1 * reach * turn > config.least_motion * horizon / config.window]
+    return starts[travel + 0.1 * _length(data) * turn > config.least_motion * horizon / config.window]
 
 
 def _spread(rows: Int[np.ndarray, "k"], most: int) -> Int[np.ndarray, "j"]:

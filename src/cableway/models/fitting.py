@@ -16,7 +16,7 @@ from cableway.models.dataset import Windows
 from cableway.models.frames import frame_of
 from cableway.models.learned import LearnedModel
 
-LEAST_NOISE = 1e-3
+LEAST_NOISE = 2e-3
 """Root mean square of the residuals, in lengths of the cable, below which they are not trusted further."""
 
 ROD_SPREAD = (0.35, 0.5, 0.5, 0.7, 0.7, 0.1, 0.1)
@@ -61,7 +61,8 @@ def with_parameters(model: LearnedModel, values: Float[Array, "p"]) -> LearnedMo
 def fit(model: LearnedModel, batch: Windows, first: Float[np.ndarray, "p"], config: Fit) -> LearnedModel:
     """The model with parameters that predict the windows best.
 
-    Minimises the squared residuals over their variance plus the squared distance to `first` over its own.
+    Minimises the mean squared residual of each window over its variance plus the squared distance to `first` over its
+    own. A window counts once, however many numbers it has: what a model cannot describe errs alike in all of them.
 
     Args:
         model: Where to begin.
@@ -74,7 +75,7 @@ def fit(model: LearnedModel, batch: Windows, first: Float[np.ndarray, "p"], conf
     pull = np.broadcast_to(1.0 / np.square(spread), values.shape)
     for _ in range(config.iterations):
         matrix, right, variance = _normal_equations(model, jnp.asarray(values, jnp.float32), batch, config.outlier)
-        noise = max(float(variance), LEAST_NOISE**2)
+        noise = max(float(variance), LEAST_NOISE**2) * batch.targets[0].size
         system = np.asarray(matrix, float) / noise + np.diag(pull)
         values = values - np.linalg.solve(system, np.asarray(right, float) / noise + pull * (values - first))
     return with_parameters(model, jnp.asarray(values, jnp.float32))
