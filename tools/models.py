@@ -32,7 +32,7 @@ from cableway.models.conv import ConvConfig
 from cableway.models.dataset import joined, select
 from cableway.models.evaluation import baselines, window_errors
 from cableway.models.frames import Framing
-from cableway.models.learned import LearnedConfig
+from cableway.models.learned import LearnedConfig, LearnedModel
 from cableway.models.mlp import MLPConfig
 from cableway.models.recipe import CONFIGS, Recipe, make_model, read_training_config
 from cableway.models.recurrent import RecurrentConfig
@@ -167,18 +167,19 @@ def adapt_models(folder: Path) -> None:
     )
     print("|" + "---|" * 9)
     for model in ADAPTED:
-        start = start_adaptation(load_model(model_path(folder, model, 0)), replay=replay)
+        trained = load_model(model_path(folder, model, 0))
+        assert isinstance(trained, LearnedModel)
+        start = start_adaptation(trained, replay=replay)
         for name in TEST_SETS:
             rows = np.array([draw_of(start, load_transitions(folder / "sets" / name), k) for k in range(DRAWS)])
             before, after, worse, changed, median, slowest = rows.T
             reached = int(np.sum((after <= 0.5 * before) | (after <= 4.0)))
             spread = [f"{np.median(values):.2f} / {values.max():.2f}" for values in (before, after)]
-            print(
-                f"| {model} | {name} | {spread[0]} | {spread[1]} | {reached}/{DRAWS} | "
-                f"{int(np.sum(after > before + 0.01))} | {100 * worse.mean():.0f}% | {int((changed > 0).sum())}/{DRAWS} "
-                f"| {np.median(median):.0f} / {slowest[1:].max():.0f} |",
-                flush=True,
+            counts = (
+                f"{int(np.sum(after > before + 0.01))} | {100 * worse.mean():.0f}% | {int((changed > 0).sum())}/{DRAWS}"
             )
+            took = f"{np.median(median):.0f} / {slowest[1:].max():.0f}"
+            print(f"| {model} | {name} | {' | '.join(spread)} | {reached}/{DRAWS} | {counts} | {took} |", flush=True)
 
 
 def draw_of(start: AdaptationState, data: Transitions, draw: int) -> tuple[float, ...]:

@@ -68,9 +68,7 @@ def test_another_version_is_refused(file):
 
 def test_another_kind_is_refused_with_the_known_ones(file):
     rewrite(file, kind="oracle")
-    with pytest.raises(
-        FileFormatError, match="unknown kind of model 'oracle'; known: bilstm, conv, mlp, rod"
-    ):
+    with pytest.raises(FileFormatError, match="unknown kind of model 'oracle'; known: bilstm, conv, mlp, rod"):
         load_model(file)
 
 
