@@ -82,6 +82,11 @@ def test_the_shipped_recipe_is_valid():
     assert isinstance(read.model, TransformerConfig)
 
 
+def test_an_unknown_shipped_recipe_lists_the_known_ones():
+    with pytest.raises(UnknownNameError, match="unknown model configuration 'oracle'; known: bilstm, conv"):
+        shipped_config("oracle")
+
+
 def test_a_made_model_brings_a_card_with_its_own_figures(recipe, transitions, tmp_path):
     recipe.write_text(GOOD.replace("{blend: false}", "{}"))
     model, card = make_model(read_training_config(recipe), transitions)

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from cableway.errors import FileFormatError, InputError
+from cableway.errors import FileFormatError, InputError, UnknownNameError
 from cableway.models.configuration import from_mapping
 from cableway.models.dataset import fingerprint
 from cableway.models.evaluation import baselines, evaluate
@@ -45,7 +45,14 @@ class Recipe:
 
 
 def shipped_config(name: str = "transformer") -> Path:
-    """The configuration that the shipped weights of this name were made from."""
+    """The configuration that the shipped weights of this name were made from.
+
+    Raises:
+        UnknownNameError: There is none.
+    """
+    known = sorted(path.stem for path in CONFIGS.glob("*.yaml"))
+    if name not in known:
+        raise UnknownNameError("model configuration", name, known)
     return CONFIGS / f"{name}.yaml"
 
 
