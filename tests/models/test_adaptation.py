@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import quasi_static
+from led_cables import quasi_static
 
 from cableway.errors import InputError
 from cableway.models.adaptation import AdaptationConfig, AdaptationState, adapt, start_adaptation

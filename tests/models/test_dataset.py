@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import quasi_static
+from led_cables import quasi_static
 
 from cableway.errors import InputError
 from cableway.models import dataset

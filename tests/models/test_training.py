@@ -171,7 +171,7 @@ def test_more_devices_than_there_are_are_refused(small, transitions):
 SHARDED = """
 import numpy as np
 from dataclasses import replace
-from conftest import quasi_static
+from led_cables import quasi_static
 from test_training import SHORT, weights
 from cableway.models.mlp import MLPConfig
 from cableway.models.training import train
