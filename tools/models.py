@@ -4,8 +4,8 @@
     .venv/bin/python tools/models.py train --seeds 1   # one stage; what is already there is kept
     .venv/bin/python tools/models.py yu2d --yu2d sets  # cables of Yu et al., made by tools/convert_yu2d.py
 
-Interrupted and started again, it goes on where it stopped. `ship` trains the models of `src/cableway/models/configs`
-that have no weights in the output folder and leaves them there.
+Interrupted and started again, it goes on where it stopped. `ship` puts the models of the first seed among the shipped
+weights.
 """
 
 from __future__ import annotations
@@ -21,20 +21,19 @@ import numpy as np
 from cableway.datasets.reading import load_transitions
 from cableway.figures.learning import horizon_figure
 from cableway.figures.style import save_figure
-from cableway.files import write_json
+from cableway.files import write_atomically, write_json
 from cableway.models.adaptation import AdaptationState, adapt, start_adaptation
 from cableway.models.card import write_card
-from cableway.models.checkpoint import load_model, save_model
+from cableway.models.checkpoint import WEIGHTS, load_model, save_model
 from cableway.models.comparison import LONGEST, Curve, compare
 from cableway.models.compilation import enable_compilation_cache
-from cableway.models.configuration import from_mapping
 from cableway.models.conv import ConvConfig
 from cableway.models.dataset import joined, select
 from cableway.models.evaluation import baselines, window_errors
 from cableway.models.frames import Framing
 from cableway.models.learned import LearnedConfig, LearnedModel
 from cableway.models.mlp import MLPConfig
-from cableway.models.recipe import CONFIGS, Recipe, make_model, read_training_config
+from cableway.models.recipe import Recipe, make_model
 from cableway.models.recurrent import RecurrentConfig
 from cableway.models.rod import RodConfig
 from cableway.models.training_config import TrainingConfig
@@ -67,13 +66,18 @@ MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
 """What is compared. Plain is the paper's way: world coordinates, no blend, ends that may leave the grippers."""
 
 YU2D_MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
-    "C": (ConvConfig(), replace(TRAINING, rollout_epochs=1)),
-    "C on rod": (ConvConfig(width=24, framing=ROD), replace(TRAINING, rollout_epochs=1)),
-    "rod": (RodConfig(), replace(TRAINING, learning_rate=1e-2)),
     "linear": (MLPConfig(hidden=(), keypoints=10), TRAINING),
+    "rod": (RodConfig(), replace(TRAINING, learning_rate=1e-2)),
+    "C": (ConvConfig(), TRAINING),
 }
 
-ADAPTED = ("rod", "C on rod", "T")
+SHIPPED = {"rod": "rod", "hybrid": "C on rod", "conv": "C", "mlp": "MLP", "linear": "linear", "bilstm": "B, plain"}
+"""Names of shipped weights and which model they are; `src/cableway/models/configs` says the same of each."""
+
+ON_PLANTS = ("rod", "C on rod", "C", "T", "MLP", "linear")
+"""What is judged on cables that differ from those it was trained on."""
+
+ADAPTED = ("rod", "T")
 ADAPTED_TO = 100
 """Transitions that a model adapts to, in five parts."""
 
@@ -130,7 +134,7 @@ def evaluate_models(folder: Path, seeds: int) -> None:
         data = load_transitions(folder / "sets" / name)
         models = {
             model: [load_model(path) for seed in range(seeds) if (path := model_path(folder, model, seed)).exists()]
-            for model in MODELS
+            for model in (MODELS if name == "nominal" else ON_PLANTS)
         }
         models |= {model: [one] for model, one in baselines().items()}
         curves = compare({model: trained for model, trained in models.items() if trained}, data)
@@ -221,18 +225,11 @@ def compare_yu2d(folder: Path, sets: Path) -> None:
 
 
 def ship_models(folder: Path) -> None:
-    """What `cableway train --config` makes of each shipped configuration but the transformer's, which is larger."""
-    for config in sorted(CONFIGS.glob("*.yaml")):
-        path = folder / "shipped" / f"{config.stem}.safetensors"
-        if path.exists() or config.stem == "transformer":
-            continue
-        recipe = read_training_config(config)
-        collection = from_mapping(CollectionConfig, recipe.collection, str(config))
-        data = folder / "sets" / f"shipped-{collection.transitions}"
-        collect(collection, data, workers=1)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        made, card = make_model(recipe, load_transitions(data), state_file=path.with_suffix(".state"))
-        save_model(path, made, card)
+    """The models of the first seed as shipped weights, with their cards."""
+    for shipped, name in SHIPPED.items():
+        path = WEIGHTS / f"{shipped}.safetensors"
+        content = model_path(folder, name, 0).read_bytes()
+        write_atomically(path, lambda file, content=content: file.write(content))
         print(write_card(path), flush=True)
 
 
