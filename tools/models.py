@@ -2,6 +2,7 @@
 
     .venv/bin/python tools/models.py                   # all but yu2d, below runs/comparison; an hour of one core
     .venv/bin/python tools/models.py train --seeds 1   # one stage; what is already there is kept
+    .venv/bin/python tools/models.py speed             # one core: taskset -c 0
     .venv/bin/python tools/models.py yu2d --yu2d sets  # cables of Yu et al., made by tools/convert_yu2d.py
 
 Interrupted and started again, it goes on where it stopped. `ship` puts the models of the first seed among the shipped
@@ -15,7 +16,10 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
+import equinox as eqx
+import jax
 import numpy as np
 
 from cableway.datasets.reading import load_transitions
@@ -23,8 +27,9 @@ from cableway.figures.learning import horizon_figure
 from cableway.figures.style import save_figure
 from cableway.files import write_atomically, write_json
 from cableway.models.adaptation import AdaptationState, adapt, start_adaptation
+from cableway.models.base import DeformationModel
 from cableway.models.card import write_card
-from cableway.models.checkpoint import WEIGHTS, load_model, save_model
+from cableway.models.checkpoint import WEIGHTS, load_model, model_names, save_model
 from cableway.models.comparison import LONGEST, Curve, compare
 from cableway.models.compilation import enable_compilation_cache
 from cableway.models.conv import ConvConfig
@@ -233,13 +238,33 @@ def ship_models(folder: Path) -> None:
         print(write_card(path), flush=True)
 
 
+def time_models() -> None:
+    """One prediction with its whole Jacobian by shape, poses and action, for each shipped model."""
+    rod = Cable().rod
+    stations, poses = rod.shapes(np.array([[0.3, 0.3, 0.4, -15.0, 4.0, 1.5]]))
+    sample = (np.float32(rod.at_keypoints(stations)[0]), np.float32(poses[0]), np.full((2, 3), 0.004, np.float32))
+
+    @eqx.filter_jit
+    def both(model: DeformationModel, *sample: np.ndarray) -> tuple[Any, Any]:
+        return model(*sample), jax.jacfwd(lambda *parts: model(*parts), argnums=(0, 1, 2))(*sample)
+
+    print("\n| model | prediction with Jacobian [ms], median / p95 of 500 |\n|---|---|")
+    for name in model_names():
+        model, times = load_model(name), []
+        for _ in range(510):
+            begun = time.perf_counter()
+            jax.block_until_ready(both(model, *sample))
+            times.append(1e3 * (time.perf_counter() - begun))
+        print(f"| {name} | {np.median(times[10:]):.2f} / {np.percentile(times[10:], 95):.2f} |", flush=True)
+
+
 STAGES = ("collect", "train", "evaluate", "adapt", "ship")
 
 
 def main() -> None:
     """Carry out the stages asked for."""
     parser = argparse.ArgumentParser(description="Compare the deformation models.")
-    parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "yu2d"), default="all")
+    parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "yu2d", "speed"), default="all")
     parser.add_argument("--out", type=Path, default=Path("runs/comparison"))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--yu2d", type=Path, default=Path("runs/yu2d"))
@@ -251,6 +276,7 @@ def main() -> None:
         "evaluate": lambda: evaluate_models(options.out, options.seeds),
         "adapt": lambda: adapt_models(options.out),
         "ship": lambda: ship_models(options.out),
+        "speed": time_models,
         "yu2d": lambda: compare_yu2d(options.out, options.yu2d),
     }
     for stage in STAGES if options.stage == "all" else (options.stage,):
