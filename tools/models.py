@@ -242,10 +242,11 @@ def time_models() -> None:
     """One prediction with its whole Jacobian by shape, poses and action, for each shipped model."""
     rod = Cable().rod
     stations, poses = rod.shapes(np.array([[0.3, 0.3, 0.4, -15.0, 4.0, 1.5]]))
-    sample = (np.float32(rod.at_keypoints(stations)[0]), np.float32(poses[0]), np.full((2, 3), 0.004, np.float32))
+    shape, action = rod.at_keypoints(stations)[0], np.full((2, 3), 0.004)
+    sample = [part.astype(np.float32) for part in (shape, poses[0], action)]
 
     @eqx.filter_jit
-    def both(model: DeformationModel, *sample: np.ndarray) -> tuple[Any, Any]:
+    def both(model: DeformationModel, *sample: Any) -> tuple[Any, Any]:
         return model(*sample), jax.jacfwd(lambda *parts: model(*parts), argnums=(0, 1, 2))(*sample)
 
     print("\n| model | prediction with Jacobian [ms], median / p95 of 500 |\n|---|---|")
