@@ -55,7 +55,7 @@ class AdaptationConfig:
     held_windows: int = 8
     least_held: int = 3
     enough: float = 0.005
-    improvement: float = 0.2
+    improvement: float = 0.5
     least_motion: float = 2e-3
     fit: Fit = field(default_factory=Fit)
 

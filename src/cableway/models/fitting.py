@@ -32,7 +32,8 @@ class Fit:
 
     Attributes:
         iterations: Gauss-Newton steps.
-        outlier: Windows with residuals above so many times the median count less, in inverse proportion.
+        outlier: Windows with residuals above so many times the median count less, in inverse proportion; above the
+            square of it, not at all.
     """
 
     iterations: int = 3
@@ -98,7 +99,11 @@ def _normal_equations(
 
     missed, slopes = residuals(values), jax.jacfwd(residuals)(values)
     size = jnp.sqrt(jnp.mean(missed**2, axis=1))
-    typical = jnp.median(size)
-    weight = jnp.minimum(1.0, outlier * typical / (size + 1e-12))
+    sound = jnp.isfinite(size) & jnp.all(jnp.isfinite(slopes), axis=(1, 2))
+    typical = jnp.nanmedian(jnp.where(sound, size, jnp.nan))
+    # a window that is far out has lost its shape, and its slopes with it
+    sound = sound & (size <= outlier**2 * typical)
+    missed, slopes = jnp.where(sound[:, None], missed, 0.0), jnp.where(sound[:, None, None], slopes, 0.0)
+    weight = jnp.minimum(1.0, outlier * typical / (jnp.where(sound, size, 1.0) + 1e-12))
     matrix = jnp.einsum("k,krp,krq->pq", weight, slopes, slopes)
     return matrix, jnp.einsum("k,krp,kr->p", weight, slopes, missed), typical**2
