@@ -19,7 +19,7 @@ from cableway.models.learned import LearnedModel
 LEAST_NOISE = 2e-3
 """Root mean square of the residuals, in lengths of the cable, below which they are not trusted further."""
 
-ROD_SPREAD = (0.35, 0.5, 0.5, 0.7, 0.7, 0.1, 0.1)
+ROD_SPREAD = (0.35, 0.5, 0.5, 0.4, 0.4, 0.05, 0.05)
 """How far the parameters of a rod may be from the first ones: damping, stiffness, rest, grasp."""
 
 WEIGHT_SPREAD = 0.1
