@@ -135,7 +135,7 @@ def train_models(folder: Path, seeds: int) -> None:
 
 def evaluate_models(folder: Path, seeds: int) -> None:
     """Error against horizon of every model on every test set: tables, pictures, JSON."""
-    for name in reversed(TEST_SETS):
+    for name in TEST_SETS:
         data = load_transitions(folder / "sets" / name)
         models = {
             model: [load_model(path) for seed in range(seeds) if (path := model_path(folder, model, seed)).exists()]
