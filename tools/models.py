@@ -82,7 +82,7 @@ SHIPPED = {"rod": "rod", "hybrid": "C on rod", "conv": "C", "mlp": "MLP", "linea
 ON_PLANTS = ("rod", "C on rod", "C", "T", "MLP", "linear")
 """What is judged on cables that differ from those it was trained on."""
 
-ADAPTED = ("rod", "T")
+ADAPTED = ("rod",)
 ADAPTED_TO = 100
 """Transitions that a model adapts to, in five parts."""
 
