@@ -154,7 +154,7 @@ def test_patience_ends_a_training_and_takes_its_best_weights(small, transitions)
 
 def test_a_training_goes_on_from_a_model_and_keeps_its_normalisation(whole, small, transitions):
     few = select(transitions, transitions.episode < 6)
-    config = replace(SHORT, epochs=1, rollout_epochs=0, learning_rate=1e-4)
+    config = replace(SHORT, epochs=1, rollout_epochs=0, batch_size=16, learning_rate=1e-4)
     tuned = train(small, few, config, start=whole.model)
     assert eqx.tree_equal(tuned.model.normalization, whole.model.normalization)
     moved = [np.abs(a - b).max() for a, b in zip(weights(tuned.model), weights(whole.model), strict=True)]
