@@ -15,7 +15,7 @@ from cableway.planning.config import PLANNERS
 from cableway.provenance import versions
 from cableway.scene.loading import task_names
 
-COMMANDS = ("tasks", "show", "plan", "run", "check", "collect", "train", "models")
+COMMANDS = ("tasks", "show", "plan", "run", "check", "collect", "train", "evaluate", "models")
 
 
 def one_sentence(text: str) -> bool:

@@ -67,9 +67,42 @@ def test_without_its_extra_ray_is_asked_for(cableway: Command, monkeypatch: pyte
 
 
 def test_train_leaves_a_model_and_its_card_and_nothing_else(made: Path):
-    assert {path.name for path in made.iterdir()} == {"recipe.yaml", "data", "small.safetensors", "small.md"}
+    assert {path.name for path in made.iterdir()} == {
+        "recipe.yaml",
+        "data",
+        "small.safetensors",
+        "small.md",
+        "small.png",
+    }
     assert read_card(made / "small.safetensors")["data"]["transitions"] == 300
     assert load_model(made / "small.safetensors") is not None
+
+
+def test_train_goes_on_from_a_model_on_mixed_sets(cableway: Command, made: Path):
+    sets = ("--data", made / "data", made / "data")
+    done = cableway("train", "--config", made / "recipe.yaml", "--from", made / "small.safetensors", *sets, "--json")
+    assert json.loads(done.out)["epochs"] == 1
+    card = read_card("runs/train/model.safetensors")
+    assert card["data"]["transitions"] == 600
+    assert card["model"] == read_card(made / "small.safetensors")["model"]
+    assert len(card["data"]["metadata"]["sets"]) == 2
+
+
+def test_evaluate_compares_models_with_those_that_learn_nothing(cableway: Command, made: Path):
+    done = cableway("evaluate", made / "small.safetensors", "--data", made / "data", "--horizon", "5", "--json")
+    report = json.loads(done.out)
+    assert report["models"] == {str(made / "small.safetensors"): 1, "linear": 1, "persistence": 1, "rigid blend": 1}
+    errors = report["data"][str(made / "data")]["errors_mm"]
+    assert all(curve["horizons"] == [1, 2, 3, 4, 5] for curve in errors.values())
+    assert errors["rigid blend"]["mean"] < errors["persistence"]["mean"]
+    assert {path.name for path in Path("runs/evaluate").iterdir()} == {"report.json", "errors.png"}
+    assert json.loads(Path("runs/evaluate/report.json").read_text()) == report
+
+
+def test_evaluate_refuses_a_model_for_other_cables(cableway: Command, made: Path):
+    done = cableway("evaluate", "mlp", "--data", made / "data", "--horizon", "0")
+    assert (done.status, done.out) == (2, "")
+    assert "horizon must be at least 1, got 0" in done.err
 
 
 def test_models_lists_the_shipped_the_named_and_those_below_runs(cableway: Command, made: Path):

@@ -6,32 +6,12 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from led_cables import quasi_static
 
 from cableway.models.frames import Framing
 from cableway.models.learned import Normalization
 from cableway.models.transformer import TransformerConfig, TransformerModel
 from cableway.records import Transitions
-from cableway.rod.equilibrium import Rod
-
-
-def quasi_static(episodes: int, steps: int, *, seed: int, length: float = 0.3, keypoints: int = 13) -> Transitions:
-    """Transitions of a cable without lag: straight lines in rod coordinates, one for each episode."""
-    rng, rod = np.random.default_rng(seed), Rod(length, keypoints)
-    parts = []
-    for _ in range(episodes):
-        start = np.concatenate([rng.uniform(0.2, 0.5, 2), rng.uniform(-3, 3, 1), rng.normal(0, [6, 6, 1.5])])
-        change = rng.normal(0, [0.05, 0.05, 0.4, 4, 4, 1])
-        q = start + np.linspace(0, 1, steps + 1)[:, None] * change
-        stations, poses = rod.shapes(q)
-        parts.append((rod.at_keypoints(stations), poses))
-    shapes, poses = (np.array(part) for part in zip(*parts, strict=True))
-    return Transitions(
-        keypoints=shapes[:, :-1].reshape(-1, keypoints, 2),
-        poses=poses[:, :-1].reshape(-1, 2, 3),
-        actions=np.diff(poses, axis=1).reshape(-1, 2, 3),
-        next_keypoints=shapes[:, 1:].reshape(-1, keypoints, 2),
-        episode=np.repeat(np.arange(episodes), steps),
-    )
 
 
 def lively(config: TransformerConfig, data: Transitions) -> TransformerModel:

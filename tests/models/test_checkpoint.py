@@ -56,7 +56,7 @@ def test_a_file_cut_short_is_refused(file, cut):
 
 def test_another_safetensors_file_is_refused(tmp_path):
     save_file({"w": np.zeros(3)}, tmp_path / "other.safetensors")
-    with pytest.raises(FileFormatError, match="not a cableway model of kind transformer"):
+    with pytest.raises(FileFormatError, match="not a cableway model of kind bilstm, conv, mlp, rod, transformer"):
         load_model(tmp_path / "other.safetensors")
 
 
@@ -68,7 +68,7 @@ def test_another_version_is_refused(file):
 
 def test_another_kind_is_refused_with_the_known_ones(file):
     rewrite(file, kind="oracle")
-    with pytest.raises(FileFormatError, match="unknown kind of model 'oracle'; known: transformer"):
+    with pytest.raises(FileFormatError, match="unknown kind of model 'oracle'; known: bilstm, conv, mlp, rod"):
         load_model(file)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from led_cables import quasi_static
 
 from cableway.errors import InputError
 from cableway.models import dataset
@@ -76,3 +77,16 @@ def test_the_fingerprint_notices_a_single_bit(transitions):
     assert dataset.fingerprint(other) == dataset.fingerprint(transitions)
     other.keypoints[3, 4, 0] = np.nextafter(other.keypoints[3, 4, 0], 1.0)
     assert dataset.fingerprint(other) != dataset.fingerprint(transitions)
+
+
+def test_joined_sets_keep_their_episodes_apart(transitions):
+    both = dataset.joined([transitions, transitions])
+    assert len(both) == 2 * len(transitions)
+    assert len(np.unique(both.episode)) == 48
+    assert len(dataset.window_starts(both.episode, 20)) == 2 * len(dataset.window_starts(transitions.episode, 20))
+    assert dataset.joined([transitions]) is transitions
+
+
+def test_sets_of_other_keypoints_are_not_joined(transitions):
+    with pytest.raises(InputError, match="the same number of keypoints, got 10 and 13"):
+        dataset.joined([transitions, quasi_static(1, 5, seed=0, keypoints=10)])

@@ -24,7 +24,7 @@ def moved(sample, shift, angle, size=1.0):
 
 def test_the_cable_frame_sees_no_rigid_motion_and_no_size(sample):
     def view(keypoints, poses, action):
-        return frames.express(frames.cable_frame(keypoints, poses), keypoints, poses, action)
+        return frames.express(Framing(), frames.cable_frame(keypoints, poses), keypoints, poses, action)
 
     before = view(*sample)
     after = view(*(np.asarray(part, np.float32) for part in moved(sample, [1.0, -2.0], 2.5, size=0.5)))
@@ -56,9 +56,8 @@ def test_full_turns_of_a_gripper_change_nothing(sample, turns):
     keypoints, poses, action = sample
     wound = poses + np.array([0, 0, 2 * np.pi * turns], np.float32)
     frame = frames.cable_frame(keypoints, poses)
-    for one, other in zip(
-        frames.express(frame, keypoints, poses, action), frames.express(frame, keypoints, wound, action), strict=True
-    ):
+    seen = [frames.express(Framing(), frame, keypoints, angles, action) for angles in (poses, wound)]
+    for one, other in zip(*seen, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
 
 

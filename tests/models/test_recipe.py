@@ -62,7 +62,7 @@ def test_each_mistake_in_a_recipe_has_its_sentence(recipe, old, new, message):
 
 def test_an_unknown_kind_is_refused_with_the_known_ones(recipe):
     recipe.write_text(GOOD.replace("kind: transformer", "kind: oracle"))
-    with pytest.raises(UnknownNameError, match="known: transformer"):
+    with pytest.raises(UnknownNameError, match="known: bilstm, conv"):
         read_training_config(recipe)
 
 
@@ -80,6 +80,11 @@ def test_files_that_are_no_recipe_are_refused(tmp_path):
 def test_the_shipped_recipe_is_valid():
     read = read_training_config(shipped_config())
     assert isinstance(read.model, TransformerConfig)
+
+
+def test_an_unknown_shipped_recipe_lists_the_known_ones():
+    with pytest.raises(UnknownNameError, match="unknown model configuration 'oracle'; known: bilstm, conv"):
+        shipped_config("oracle")
 
 
 def test_a_made_model_brings_a_card_with_its_own_figures(recipe, transitions, tmp_path):

@@ -8,9 +8,10 @@ from cableway.datasets.reading import load_transitions
 from cableway.models.baselines import Persistence, RigidBlend
 from cableway.models.card import card_text
 from cableway.models.checkpoint import load_model, model_file, model_names, read_card
+from cableway.models.configuration import from_mapping
 from cableway.models.evaluation import evaluate
 from cableway.models.recipe import read_training_config, shipped_config
-from cableway.provenance import describe
+from cableway.models.training_config import TrainingConfig
 from cableway.scene.cable import Cable
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
@@ -37,8 +38,8 @@ def test_it_beats_the_baselines_on_fresh_transitions(cable, better, tmp_path):
 @pytest.mark.parametrize("name", model_names())
 def test_it_is_what_its_configuration_says(name):
     recipe, card = read_training_config(shipped_config(name)), read_card(name)
-    assert card["model"] == describe(recipe.model)
-    assert card["training"] == describe(recipe.training)
+    assert from_mapping(type(recipe.model), card["model"], "card") == recipe.model
+    assert from_mapping(TrainingConfig, card["training"], "card") == recipe.training
     assert card["data"]["transitions"] == recipe.collection["transitions"]
     assert len(card["history"]) == recipe.training.epochs
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -11,8 +15,9 @@ import pytest
 
 from cableway.errors import FileFormatError, InputError
 from cableway.models.dataset import select
-from cableway.models.evaluation import baselines, evaluate
-from cableway.models.training import TrainingConfig, learning_rate, train
+from cableway.models.evaluation import baselines, evaluate, open_loop_errors
+from cableway.models.training import train
+from cableway.models.training_config import TrainingConfig, learning_rate
 
 SHORT = TrainingConfig(epochs=3, rollout_epochs=1, rollout_steps=3, batch_size=64, validation_fraction=0.2, seed=5)
 
@@ -135,3 +140,53 @@ def test_the_learning_rate_rises_and_falls_to_zero():
 def test_a_rollout_longer_than_every_episode_is_refused(small, transitions):
     with pytest.raises(InputError, match="rollout_steps = 21 or more steps"):
         train(small, transitions, replace(SHORT, rollout_steps=21))
+
+
+def test_patience_ends_a_training_and_takes_its_best_weights(small, transitions):
+    config = replace(SHORT, epochs=30, rollout_epochs=0, learning_rate=0.1, warmup=0.01, patience=2)
+    result = train(small, transitions, config)
+    errors = [row.validation_error for row in result.history]
+    assert len(errors) < 30
+    assert int(np.argmin(errors)) == len(errors) - 3
+    best = 1e3 * np.mean(open_loop_errors(result.model, result.validation_data, (1,), stride=1)[1])
+    assert best == pytest.approx(min(errors))
+
+
+def test_a_training_goes_on_from_a_model_and_keeps_its_normalisation(whole, small, transitions):
+    few = select(transitions, transitions.episode < 6)
+    config = replace(SHORT, epochs=1, rollout_epochs=0, batch_size=16, learning_rate=1e-4)
+    tuned = train(small, few, config, start=whole.model)
+    assert eqx.tree_equal(tuned.model.normalization, whole.model.normalization)
+    moved = [np.abs(a - b).max() for a, b in zip(weights(tuned.model), weights(whole.model), strict=True)]
+    assert 0 < max(moved) < 1e-3
+
+
+def test_more_devices_than_there_are_are_refused(small, transitions):
+    with pytest.raises(InputError, match="devices must be at most the 1 that JAX sees, got 2"):
+        train(small, transitions, replace(SHORT, devices=2))
+    with pytest.raises(InputError, match="batch_size must be a multiple of 3 devices, got 64"):
+        replace(SHORT, devices=3)
+
+
+SHARDED = """
+import numpy as np
+from dataclasses import replace
+from led_cables import quasi_static
+from test_training import SHORT, weights
+from cableway.models.mlp import MLPConfig
+from cableway.models.training import train
+
+data = quasi_static(12, 20, seed=0)
+short = replace(SHORT, epochs=2, rollout_epochs=0)
+one, two = (train(MLPConfig(hidden=(16,)), data, replace(short, devices=count)).model for count in (1, 2))
+assert all(np.allclose(a, b, atol=1e-5) for a, b in zip(weights(one), weights(two)))
+assert any(len(leaf.sharding.device_set) == 2 for leaf in (two.readout.weight,))
+"""
+
+
+def test_two_devices_learn_what_one_does():
+    folder = Path(__file__).parent
+    path = os.pathsep.join([str(folder), str(folder.parent), *sys.path])
+    environment = {**os.environ, "PYTHONPATH": path, "XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    done = subprocess.run([sys.executable, "-c", SHARDED], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -8,6 +8,7 @@ import tyro
 
 from cableway.cli.check import Check
 from cableway.cli.collect import Collect
+from cableway.cli.evaluate import Evaluate
 from cableway.cli.models import Models
 from cableway.cli.options import Options
 from cableway.cli.plan import Plan
@@ -28,6 +29,7 @@ Command = (
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Collect, tyro.conf.subcommand("collect")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Models, tyro.conf.subcommand("models")]
 )
 

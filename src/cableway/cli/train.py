@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
 
 from cableway.cli.models import HORIZONS, error_at
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal, pairs
+from cableway.errors import InputError
 
 if TYPE_CHECKING:
+    from cableway.models.learned import LearnedModel
     from cableway.models.recipe import Recipe
 
 
@@ -18,11 +22,20 @@ if TYPE_CHECKING:
 class Train(Options):
     """Train a deformation model, going on where an interrupted training stopped; `--out` is a folder or a file."""
 
-    data: Path = Path("runs/collect")
-    """A data set from `cableway collect`."""
+    data: tuple[Path, ...] = (Path("runs/collect"),)
+    """Data sets from `cableway collect`; several are mixed."""
 
     config: Path | None = None
-    """YAML file whose sections `model` and `training` say what to train; the shipped model's unless given."""
+    """YAML file whose sections `model` and `training` say what to train."""
+
+    model: str = "transformer"
+    """Whose shipped configuration to take where there is no `--config`; `cableway models` lists them."""
+
+    start: Annotated[str | None, tyro.conf.arg(name="from")] = None
+    """A model, shipped or a file, to go on from instead of random weights; what it is, the new one is too."""
+
+    devices: int | None = None
+    """Over how many of JAX's devices each batch is spread, in place of what the configuration says."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
@@ -30,32 +43,59 @@ class Train(Options):
         from cableway.models.card import write_card
         from cableway.models.checkpoint import save_model
         from cableway.models.compilation import enable_compilation_cache
+        from cableway.models.dataset import joined
         from cableway.models.recipe import make_model
 
-        terminal, path, recipe = Terminal(self), self.target("train", "model.safetensors"), self._recipe()
-        data = load_transitions(self.data)
+        terminal, path = Terminal(self), self.target("train", "model.safetensors")
+        start = self._start()
+        recipe = self._recipe(start)
+        data = joined([load_transitions(folder) for folder in self.data])
         state = path.with_name(f"{path.name}.state")
         if not enable_compilation_cache():
             terminal.note("The training step is compiled before it starts; the next run finds it in your cache folder.")
         path.parent.mkdir(parents=True, exist_ok=True)
         with terminal.progress() as tell:
             model, card = make_model(
-                recipe, data, state_file=state, progress=lambda words, share: tell(f"train: {words}", share)
-            )
+                recipe, data, start=start, state_file=state,
+                progress=lambda words, share: tell(f"train: {words}", share),
+            )  # fmt: skip
         save_model(path, model, card)
-        page = write_card(path)
+        page, picture = write_card(path), _draw(path.with_suffix(".png"), card["history"])
         errors = {f"{steps}": error_at(card, steps) for steps in HORIZONS}
         report = {
-            "file": str(path), "card": str(page), "kind": card["kind"], "parameters": card["parameters"],
-            "mean_error_mm": errors,
+            "file": str(path), "card": str(page), "picture": str(picture), "kind": card["kind"],
+            "parameters": card["parameters"], "epochs": len(card["history"]), "mean_error_mm": errors,
         }  # fmt: skip
-        rows = [(name, str(report[name])) for name in ("file", "card", "kind", "parameters")]
+        rows = [(name, str(value)) for name, value in report.items() if name != "mean_error_mm"]
         rows += [(f"held-out error, {steps} steps", f"{value:.2f} mm") for steps, value in errors.items() if value]
         terminal.result(report, pairs(rows))
         return 0
 
-    def _recipe(self) -> Recipe:
+    def _start(self) -> LearnedModel | None:
+        from cableway.models.checkpoint import load_model
+        from cableway.models.learned import LearnedModel
+
+        if self.start is None:
+            return None
+        model = load_model(self.start)
+        if not isinstance(model, LearnedModel):
+            raise InputError(f"--from {self.start}: a model of this kind is not trained")
+        return model
+
+    def _recipe(self, start: LearnedModel | None) -> Recipe:
         from cableway.models.recipe import read_training_config, shipped_config
 
-        recipe = read_training_config(self.config or shipped_config())
-        return recipe if self.seed is None else replace(recipe, training=replace(recipe.training, seed=self.seed))
+        recipe = read_training_config(self.config or shipped_config(self.model))
+        given = {"seed": self.seed, "devices": self.devices}
+        changed = {name: value for name, value in given.items() if value is not None}
+        recipe = replace(recipe, training=replace(recipe.training, **changed))
+        return recipe if start is None else replace(recipe, model=start.config)
+
+
+def _draw(path: Path, history: list[dict[str, Any]]) -> Path:
+    """The learning curve."""
+    from cableway.figures.learning import learning_figure
+    from cableway.figures.style import save_figure
+
+    save_figure(learning_figure([row["loss"] for row in history], [row["validation_error"] for row in history]), path)
+    return path

@@ -66,14 +66,20 @@ def card_text(name: str, card: dict[str, Any]) -> str:
         "",
         "## Limits",
         "",
-        *_limits(data["metadata"].get("config", {}).get("ranges")),
+        *_limits(data["metadata"]),
         "",
     ]
     return "\n".join(lines)
 
 
-def _limits(ranges: dict[str, Any] | None) -> list[str]:
-    """What the model was not trained for; `ranges` are those that the cables were drawn from."""
+def _limits(metadata: dict[str, Any]) -> list[str]:
+    """What the model was not trained for."""
+    if "sets" in metadata:
+        return [
+            f"Trained on {len(metadata['sets'])} data sets together, whose settings are in the file. The model is not",
+            "told which one it sees. A cable unlike theirs is predicted worse than the table says.",
+        ]
+    ranges = metadata.get("config", {}).get("ranges")
     if ranges:
         return [
             f"Trained on cables that differ in {', '.join(ranges)} within the ranges above. The model is not told",

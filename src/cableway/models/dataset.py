@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -45,6 +46,31 @@ def select(data: Transitions, rows: Bool[np.ndarray, "m"] | Int[np.ndarray, "k"]
     names = ("keypoints", "poses", "actions", "next_keypoints", "episode")
     cable = {name: values[rows] for name, values in data.cable.items()}
     return Transitions(**{name: getattr(data, name)[rows] for name in names}, cable=cable, metadata=data.metadata)
+
+
+def joined(sets: Sequence[Transitions]) -> Transitions:
+    """One data set of several, one after the other; what their metadata say is kept as a list.
+
+    Raises:
+        InputError: They differ in the number of keypoints.
+    """
+    if len(sets) == 1:
+        return sets[0]
+    counts = sorted({data.keypoints.shape[1] for data in sets})
+    if len(counts) > 1:
+        raise InputError(f"data sets to join need the same number of keypoints, got {' and '.join(map(str, counts))}")
+    episodes, first = [], 0
+    for data in sets:
+        numbers = np.unique(data.episode, return_inverse=True)[1]
+        episodes.append(numbers + first)
+        first += int(numbers.max()) + 1
+    keypoints, poses, actions, after = (
+        np.concatenate([getattr(data, name) for data in sets])
+        for name in ("keypoints", "poses", "actions", "next_keypoints")
+    )
+    return Transitions(
+        keypoints, poses, actions, after, np.concatenate(episodes), metadata={"sets": [data.metadata for data in sets]}
+    )
 
 
 def split_by_episode(data: Transitions, fraction: float, seed: int) -> tuple[Transitions, Transitions]:

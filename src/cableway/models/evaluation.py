@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -83,20 +84,41 @@ def open_loop_errors(
     model: DeformationModel, data: Transitions, horizons: tuple[int, ...], stride: int = WINDOW_STRIDE
 ) -> dict[int, Float[np.ndarray, "k"]]:
     """Stacked error [m] after each number of steps, from every `stride`-th row of each episode that is long enough."""
+    stacked = window_errors(model, data, horizons, stride).stacked
+    return {h: row[np.isfinite(row)] for h, row in zip(horizons, stacked.T, strict=True)}
+
+
+class WindowErrors(NamedTuple):
+    """Errors of windows; NaN where the episode ends before the horizon.
+
+    Attributes:
+        episode: (k,) number of each window's episode.
+        stacked: (k, H) L2 over all 2n numbers [m] after each horizon.
+        mean: (k, H) mean over the keypoints of their distances [m].
+    """
+
+    episode: Float[np.ndarray, "k"]
+    stacked: Float[np.ndarray, "k H"]
+    mean: Float[np.ndarray, "k H"]
+
+
+def window_errors(
+    model: DeformationModel, data: Transitions, horizons: tuple[int, ...], stride: int = WINDOW_STRIDE
+) -> WindowErrors:
+    """Open-loop errors from every `stride`-th row of each episode that is as long as the shortest horizon."""
     starts = window_starts(data.episode, min(horizons), stride)
-    fits = {h: np.isin(starts, window_starts(data.episode, h, stride)) for h in horizons}
+    fits = np.stack([np.isin(starts, window_starts(data.episode, h, stride)) for h in horizons], axis=1)
     last = len(data) - 1
-    errors = []
+    distances = []
     for first in range(0, len(starts), BATCH):
         rows = starts[first : first + BATCH]
         padded = np.pad(rows, (0, BATCH - len(rows)), mode="edge") if first else rows
         actions = data.actions[np.minimum(padded[:, None] + np.arange(max(horizons)), last)]
         predicted = _predict(model, data.keypoints[padded], data.poses[padded], actions, horizons)
         true = data.next_keypoints[np.minimum(rows[:, None] + np.array(horizons) - 1, last)]
-        left = np.asarray(predicted, float)[: len(rows)] - true
-        errors.append(np.linalg.norm(left.reshape(len(rows), len(horizons), -1), axis=2))
-    stacked = np.concatenate(errors)
-    return {h: stacked[fits[h], i] for i, h in enumerate(horizons)}
+        distances.append(np.linalg.norm(np.asarray(predicted, float)[: len(rows)] - true, axis=3))
+    distance = np.where(fits[..., None], np.concatenate(distances), np.nan)
+    return WindowErrors(data.episode[starts], np.sqrt(np.sum(distance**2, axis=2)), np.mean(distance, axis=2))
 
 
 @eqx.filter_jit

@@ -40,11 +40,16 @@ class Framing:
         frame: "cable" for the cable's own frame and unit of length, "world" for metres in the world frame.
         blend: Predict the difference from the end-motion blend instead of the displacement itself.
         hard_ends: The first and last keypoint move exactly with their grippers.
+        rod: Predict the difference from the step of a visco-elastic rod, whose parameters are learned too; takes
+            the place of the blend.
+        angles: Tell the network the angles of the grippers and how they turn; the paper's ablation leaves them out.
     """
 
     frame: FrameName = "cable"
     blend: bool = True
     hard_ends: bool = True
+    rod: bool = False
+    angles: bool = True
 
     def __post_init__(self) -> None:
         if self.frame not in get_args(FrameName):
@@ -111,15 +116,19 @@ def frame_of(framing: Framing, keypoints: Float[Array, "n 2"], poses: Float[Arra
 
 
 def express(
-    frame: Frame, keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"], action: Float[Array, "2 3"]
+    framing: Framing,
+    frame: Frame,
+    keypoints: Float[Array, "n 2"],
+    poses: Float[Array, "2 3"],
+    action: Float[Array, "2 3"],
 ) -> Inputs:
-    """A sample in the units of a frame."""
-    inverse = frame.axes / frame.unit
-    headings = jnp.stack([jnp.cos(poses[:, 2]), jnp.sin(poses[:, 2])], axis=1) @ frame.axes
+    """What the network sees of a sample, in the units of a frame; angles that it may not see are 0."""
+    inverse, seen = frame.axes / frame.unit, float(framing.angles)
+    headings = seen * jnp.stack([jnp.cos(poses[:, 2]), jnp.sin(poses[:, 2])], axis=1) @ frame.axes
     return Inputs(
         keypoints=(keypoints - frame.origin) @ inverse,
         poses=jnp.concatenate([(poses[:, :2] - frame.origin) @ inverse, headings], axis=1),
-        motions=jnp.concatenate([action[:, :2] @ inverse, action[:, 2:]], axis=1),
+        motions=jnp.concatenate([action[:, :2] @ inverse, seen * action[:, 2:]], axis=1),
     )
 
 

@@ -7,10 +7,20 @@ from typing import Any
 from jaxtyping import PRNGKeyArray
 
 from cableway.errors import UnknownNameError
+from cableway.models.conv import ConvConfig, ConvModel
 from cableway.models.learned import LearnedConfig, LearnedModel, Normalization
+from cableway.models.mlp import MLPConfig, MLPModel
+from cableway.models.recurrent import RecurrentConfig, RecurrentModel
+from cableway.models.rod import RodConfig, RodModel
 from cableway.models.transformer import TransformerConfig, TransformerModel
 
-KINDS: dict[str, tuple[type[Any], type[Any]]] = {"transformer": (TransformerConfig, TransformerModel)}
+KINDS: dict[str, tuple[type[Any], type[Any]]] = {
+    "transformer": (TransformerConfig, TransformerModel),
+    "conv": (ConvConfig, ConvModel),
+    "bilstm": (RecurrentConfig, RecurrentModel),
+    "mlp": (MLPConfig, MLPModel),
+    "rod": (RodConfig, RodModel),
+}
 """Configuration and model of each kind."""
 
 

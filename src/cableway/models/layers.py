@@ -8,7 +8,19 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
+
+from cableway.models.frames import Inputs, arc_fractions
+
+POSITION_WAVES = 6
+"""Number of cosines cos(pi k s), k = 1, 2, ..., that tell a network where along the cable a keypoint is."""
+
+GRIPPERS = 14
+"""Numbers that say how both grippers stand and move."""
+
+TOKEN = 2 + POSITION_WAVES + GRIPPERS
+"""Numbers in a row of `tokens`."""
 
 NORM_EPSILON = 1e-5
 """Added to the variance in a layer norm, the usual value."""
@@ -89,3 +101,16 @@ class Attention(eqx.Module):
 
     def _split(self, rows: Float[Array, "k width"]) -> Float[Array, "k heads d"]:
         return rows.reshape(len(rows), self.heads, -1)
+
+
+def position_code(count: int) -> Float[np.ndarray, "n k"]:
+    """cos(pi k s) at each keypoint's arc fraction s, for k = 1 to `POSITION_WAVES`."""
+    return np.cos(np.pi * np.outer(arc_fractions(count), np.arange(1, POSITION_WAVES + 1))).astype(np.float32)
+
+
+def tokens(inputs: Inputs) -> Float[Array, "n k"]:
+    """A row for each keypoint: its position, its place along the cable, and both grippers."""
+    count = len(inputs.keypoints)
+    grippers = jnp.concatenate([inputs.poses.ravel(), inputs.motions.ravel()])
+    position = jnp.asarray(position_code(count))
+    return jnp.concatenate([inputs.keypoints, position, jnp.broadcast_to(grippers, (count, GRIPPERS))], axis=1)

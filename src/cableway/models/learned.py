@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from cableway.models import frames
 from cableway.models.base import DeformationModel
 from cableway.models.frames import Framing, Inputs
+from cableway.models.rod_parameters import RodParameters
 from cableway.records import Transitions
 
 SMALLEST_SPREAD = 1e-6
@@ -75,7 +76,8 @@ class Normalization(eqx.Module):
     @classmethod
     def fitted(cls, framing: Framing, data: Transitions) -> Self:
         """Measured on a data set."""
-        inputs, target = jax.jit(jax.vmap(lambda *sample: _network_view(framing, *sample)))(
+        rod = rod_of(framing)
+        inputs, target = jax.jit(jax.vmap(lambda *sample: _network_view(framing, rod, *sample)))(
             *(jnp.asarray(part, jnp.float32) for part in (data.keypoints, data.poses, data.actions)),
             jnp.asarray(data.next_keypoints - data.keypoints, jnp.float32),
         )
@@ -93,12 +95,19 @@ class Normalization(eqx.Module):
 
 
 def _network_view(
-    framing: Framing, keypoints: Array, poses: Array, action: Array, displacement: Array
+    framing: Framing, rod: RodParameters | None, keypoints: Array, poses: Array, action: Array, displacement: Array
 ) -> tuple[Inputs, Array]:
     """Inputs, and what is left to predict, in the frame's units."""
     frame = frames.frame_of(framing, keypoints, poses)
-    left = displacement - frames.base_displacement(framing, keypoints, poses, action)
-    return frames.express(frame, keypoints, poses, action), left @ frame.axes / frame.unit
+    left = displacement - _base(framing, rod, keypoints, poses, action)
+    return frames.express(framing, frame, keypoints, poses, action), left @ frame.axes / frame.unit
+
+
+def _base(framing: Framing, rod: RodParameters | None, keypoints: Array, poses: Array, action: Array) -> Array:
+    """What the network's output is added to [m]."""
+    if rod is not None:
+        return rod(keypoints, poses, action)
+    return frames.base_displacement(framing, keypoints, poses, action)
 
 
 class LearnedModel(DeformationModel):
@@ -109,11 +118,17 @@ class LearnedModel(DeformationModel):
 
     config: eqx.AbstractVar[LearnedConfig]
     normalization: eqx.AbstractVar[Normalization]
+    rod: eqx.AbstractVar[RodParameters | None]
 
     @property
     def parameters(self) -> int:
         """Number of trained numbers."""
         return sum(leaf.size for leaf in jax.tree.leaves(eqx.filter(self, trainable(self))))
+
+    @property
+    def last_layer(self) -> eqx.Module | None:
+        """What reads the correction off the network's last features; None where there is no network."""
+        return getattr(self, "readout", None)
 
     @abc.abstractmethod
     def network(self, inputs: Inputs) -> Float[Array, "n 2"]:
@@ -125,10 +140,15 @@ class LearnedModel(DeformationModel):
         """See `DeformationModel`."""
         framing = self.config.framing
         frame = frames.frame_of(framing, keypoints, poses)
-        output = self.network(self.normalization(frames.express(frame, keypoints, poses, action)))
+        output = self.network(self.normalization(frames.express(framing, frame, keypoints, poses, action)))
         correction = self.normalization.output * frame.unit * output @ frame.axes.T
         window = jnp.asarray(frames.correction_window(framing, len(keypoints)))[:, None]
-        return frames.base_displacement(framing, keypoints, poses, action) + window * correction
+        return _base(framing, self.rod, keypoints, poses, action) + window * correction
+
+
+def rod_of(framing: Framing) -> RodParameters | None:
+    """The nominal rod, where a framing asks for one."""
+    return RodParameters() if framing.rod else None
 
 
 def trainable(model: LearnedModel) -> LearnedModel:

@@ -9,13 +9,14 @@ from typing import Any
 
 import yaml
 
-from cableway.errors import FileFormatError, InputError
+from cableway.errors import FileFormatError, InputError, UnknownNameError
 from cableway.models.configuration import from_mapping
 from cableway.models.dataset import fingerprint
 from cableway.models.evaluation import baselines, evaluate
 from cableway.models.kinds import config_of, kind_of
 from cableway.models.learned import LearnedConfig, LearnedModel
-from cableway.models.training import Progress, TrainingConfig, train
+from cableway.models.training import Progress, train
+from cableway.models.training_config import TrainingConfig
 from cableway.provenance import describe, versions
 from cableway.records import Transitions
 
@@ -44,7 +45,14 @@ class Recipe:
 
 
 def shipped_config(name: str = "transformer") -> Path:
-    """The configuration that the shipped weights of this name were made from."""
+    """The configuration that the shipped weights of this name were made from.
+
+    Raises:
+        UnknownNameError: There is none.
+    """
+    known = sorted(path.stem for path in CONFIGS.glob("*.yaml"))
+    if name not in known:
+        raise UnknownNameError("model configuration", name, known)
     return CONFIGS / f"{name}.yaml"
 
 
@@ -88,20 +96,26 @@ def _read_yaml(path: Path) -> Any:
 
 
 def make_model(
-    recipe: Recipe, data: Transitions, *, state_file: Path | None = None, progress: Progress | None = None
+    recipe: Recipe,
+    data: Transitions,
+    *,
+    start: LearnedModel | None = None,
+    state_file: Path | None = None,
+    progress: Progress | None = None,
 ) -> tuple[LearnedModel, dict[str, Any]]:
     """Train a model as a recipe says, evaluate it on the held-out episodes, and write up how it was made.
 
     Args:
         recipe: What to make.
         data: The transitions.
+        start: A model of the recipe's configuration to go on from.
         state_file: See `cableway.models.training.train`.
         progress: Called with the stage in words and the fraction done.
 
     Returns:
         The model, and its card as plain data: what `cableway.models.checkpoint.save_model` stores with it.
     """
-    result = train(recipe.model, data, recipe.training, state_file=state_file, progress=progress)
+    result = train(recipe.model, data, recipe.training, start=start, state_file=state_file, progress=progress)
     table = evaluate({"model": result.model, **baselines()}, result.validation_data)
     card = {
         "kind": kind_of(recipe.model),

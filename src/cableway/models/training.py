@@ -1,93 +1,31 @@
-"""Training a learned model on transitions: AdamW on mini-batches, resumable after every epoch, the same every time.
-
-The loss is the paper's (Tang et al., the mean of ||delta s - f(s, y, a)||^2), in units of the cable's length and of
-the root mean square of what the network has to predict, so that it starts near 1 for every model and length.
-
-Note:
-    Towards the end the loss is taken over several steps of the model's own rollout, which the paper does not do;
-    `rollout_epochs = 0` leaves that out. Mirrored and swapped samples are ours too.
-"""
+"""Training a learned model on transitions: AdamW on mini-batches, resumable after every epoch, the same every time."""
 
 from __future__ import annotations
 
-import math
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
-from jaxtyping import Array, Float, PRNGKeyArray
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from cableway.errors import InputError
 from cableway.models import dataset
-from cableway.models.base import rollout
 from cableway.models.dataset import Windows
 from cableway.models.evaluation import open_loop_errors
-from cableway.models.frames import frame_of
 from cableway.models.kinds import build
 from cableway.models.learned import LearnedConfig, LearnedModel, Normalization, trainable
+from cableway.models.training_config import TrainingConfig, learning_rate
 from cableway.models.training_state import EpochRecord, TrainingState, read_state, write_state
+from cableway.models.training_step import compiled_step
 from cableway.records import Transitions
 
 Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainingConfig:
-    """How a model is trained.
-
-    Attributes:
-        epochs: Passes over the data.
-        rollout_epochs: How many of them, the last ones, take the loss over `rollout_steps` steps.
-        rollout_steps: Steps of the model's own rollout in those epochs.
-        batch_size: Transitions per step of the optimiser.
-        learning_rate: Of AdamW at its highest, after the warm-up.
-        warmup: Fraction of all steps in which the rate rises from 0; it then falls as a cosine.
-        weight_decay: Of AdamW.
-        gradient_norm: Longer gradients are cut to this norm.
-        mirror: Reflect every other sample, by chance.
-        swap: Read every other sample from the other end, by chance; right for uniform cables only.
-        validation_fraction: Of the episodes, held out.
-        seed: Of weights, split and order.
-    """
-
-    epochs: int = 40
-    rollout_epochs: int = 10
-    rollout_steps: int = 5
-    batch_size: int = 256
-    learning_rate: float = 3e-3
-    warmup: float = 0.03
-    weight_decay: float = 1e-4
-    gradient_norm: float = 1.0
-    mirror: bool = True
-    swap: bool = True
-    validation_fraction: float = 0.1
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("epochs", "rollout_steps", "batch_size"):
-            if getattr(self, name) < 1:
-                raise InputError(f"training {name} must be at least 1, got {getattr(self, name)!r}")
-        for name in ("learning_rate", "gradient_norm"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InputError(f"training {name} must be positive and finite, got {getattr(self, name)!r}")
-        for name in ("warmup", "validation_fraction"):
-            if not 0 < getattr(self, name) < 1:
-                raise InputError(f"training {name} must be between 0 and 1, got {getattr(self, name)!r}")
-        if not 0 <= self.rollout_epochs <= self.epochs:
-            raise InputError(f"training rollout_epochs must be from 0 to {self.epochs}, got {self.rollout_epochs!r}")
-        if not 0 <= self.weight_decay < np.inf:
-            raise InputError(f"training weight_decay must be finite and not negative, got {self.weight_decay!r}")
-
-    def horizon(self, epoch: int) -> int:
-        """Steps in the loss of an epoch, counted from 0."""
-        return self.rollout_steps if epoch >= self.epochs - self.rollout_epochs else 1
 
 
 @dataclass(frozen=True)
@@ -95,7 +33,7 @@ class TrainingResult:
     """A trained model.
 
     Attributes:
-        model: With the weights after the last epoch.
+        model: With the weights after the last epoch, or the best ones where there is `patience`.
         history: One row per epoch.
         training_data: The episodes it was trained on.
         validation_data: The episodes it has not seen.
@@ -112,6 +50,7 @@ def train(
     data: Transitions,
     config: TrainingConfig,
     *,
+    start: LearnedModel | None = None,
     state_file: Path | None = None,
     progress: Progress | None = None,
 ) -> TrainingResult:
@@ -121,41 +60,49 @@ def train(
         model_config: Which model.
         data: Transitions of at least two episodes.
         config: How.
+        start: A model of this configuration to go on from, with its normalisation; random weights where None.
         state_file: Where the state goes after every epoch, and what to resume from if it is there. It is removed
             at the end.
         progress: Called after every step with the stage, in words with loss and validation error, and the fraction
             done.
 
     Raises:
-        InputError: The data are too few, or `state_file` belongs to another training.
+        InputError: The data are too few, `state_file` belongs to another training, there are fewer devices than
+            asked for, or the training diverged.
         FileFormatError: `state_file` is damaged.
     """
     training_data, validation_data = dataset.split_by_episode(data, config.validation_fraction, config.seed)
     trainer = _Trainer(model_config, training_data, config)
     identity = {"model": repr(model_config), "training": repr(config), "data": dataset.fingerprint(data)}
-    state = trainer.start()
+    if start is not None:
+        identity["start"] = _weights_fingerprint(start)
+    state = trainer.start(start)
     if state_file is not None and state_file.exists():
         state = read_state(state_file, state, identity)
-    while len(state.history) < config.epochs:
+    while len(state.history) < config.epochs and not _waited(state.history, config.patience):
         state = trainer.epoch(state, validation_data, progress)
         if state_file is not None:
             write_state(state_file, state, identity)
     if state_file is not None:
         state_file.unlink(missing_ok=True)
-    return TrainingResult(state.model, state.history, training_data, validation_data)
+    model = state.model if config.patience is None else state.best
+    return TrainingResult(model, state.history, training_data, validation_data)
 
 
-def learning_rate(config: TrainingConfig, fraction: float) -> float:
-    """The rate when `fraction` of all steps is done: a linear rise, then half a cosine down to 0."""
-    if fraction < config.warmup:
-        return config.learning_rate * fraction / config.warmup
-    rest = (fraction - config.warmup) / (1.0 - config.warmup)
-    return 0.5 * config.learning_rate * (1.0 + math.cos(math.pi * rest))
+def _waited(history: tuple[EpochRecord, ...], patience: int | None) -> bool:
+    """Whether the validation error has not fallen for so many epochs."""
+    if patience is None or not history:
+        return False
+    best = min(range(len(history)), key=lambda epoch: history[epoch].validation_error)
+    return len(history) - 1 - best >= patience
 
 
-class _Compiled(NamedTuple):
-    optimizer: optax.GradientTransformation
-    update: Callable[..., Any]
+def _weights_fingerprint(model: LearnedModel) -> str:
+    """SHA-256 of a model's arrays, in hexadecimal."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(eqx.filter(model, eqx.is_array)):
+        digest.update(np.asarray(leaf).tobytes())
+    return digest.hexdigest()
 
 
 class _Trainer:
@@ -169,7 +116,10 @@ class _Trainer:
             raise InputError(f"no training episode has rollout_steps = {config.rollout_steps} or more steps")
         self.starts = [by_horizon[horizon] for horizon in horizons]
         self.steps = [self._steps(epoch) for epoch in range(config.epochs)]
-        self.optimizer, self.update = _compiled(config.gradient_norm, config.weight_decay, config.mirror, config.swap)
+        self.devices = _devices(config.devices)
+        self.optimizer, self.update = compiled_step(
+            config.gradient_norm, config.weight_decay, config.mirror, config.swap
+        )
 
     def _batch_size(self, epoch: int) -> int:
         return min(self.config.batch_size, self._samples(epoch))
@@ -181,11 +131,12 @@ class _Trainer:
     def _steps(self, epoch: int) -> int:
         return self._samples(epoch) // self._batch_size(epoch)
 
-    def start(self) -> TrainingState:
-        """Random weights, and the normalisation of the data."""
-        normalization = Normalization.fitted(self.model_config.framing, self.data)
-        model = build(self.model_config, key=jax.random.key(self.config.seed), normalization=normalization)
-        return TrainingState(model, self.optimizer.init(eqx.filter(model, trainable(model))), ())
+    def start(self, model: LearnedModel | None) -> TrainingState:
+        """Random weights and the normalisation of the data, unless there is a model to go on from."""
+        if model is None:
+            normalization = Normalization.fitted(self.model_config.framing, self.data)
+            model = build(self.model_config, key=jax.random.key(self.config.seed), normalization=normalization)
+        return TrainingState(model, model, self.optimizer.init(eqx.filter(model, trainable(model))), ())
 
     def epoch(self, state: TrainingState, validation: Transitions, progress: Progress | None) -> TrainingState:
         """The state after one more epoch; its order comes from the seed and the epoch's number alone."""
@@ -193,10 +144,10 @@ class _Trainer:
         rng = np.random.default_rng([self.config.seed, epoch])
         key = jax.random.fold_in(jax.random.key(self.config.seed), epoch)
         order, size = rng.permutation(self.starts[epoch]), self._batch_size(epoch)
-        model, optimizer_state, total = state.model, state.optimizer, 0.0
+        model, optimizer_state, total = *self._everywhere(state.model, state.optimizer), 0.0
         done = sum(self.steps[:epoch])
         for step in range(self.steps[epoch]):
-            batch = dataset.windows(self.data, order[step * size : (step + 1) * size], horizon)
+            batch = self._spread(dataset.windows(self.data, order[step * size : (step + 1) * size], horizon))
             rate = jnp.asarray(learning_rate(self.config, (done + step) / sum(self.steps)), jnp.float32)
             model, optimizer_state, loss = self.update(
                 model, optimizer_state, batch, rate, jax.random.fold_in(key, step)
@@ -208,45 +159,30 @@ class _Trainer:
             raise InputError(f"training diverged in epoch {epoch + 1}; a lower learning_rate is needed")
         error = 1e3 * float(np.mean(open_loop_errors(model, validation, (1,), stride=1)[1]))
         record = EpochRecord(epoch=epoch + 1, loss=total / self.steps[epoch], validation_error=error)
-        return TrainingState(model, optimizer_state, (*state.history, record))
+        better = all(error < row.validation_error for row in state.history)
+        return TrainingState(model, model if better else state.best, optimizer_state, (*state.history, record))
+
+    def _spread(self, batch: Windows) -> Windows:
+        """A batch with its samples shared out among the devices."""
+        if self.devices is None or len(batch.keypoints) % self.config.devices:
+            return batch
+        return jax.device_put(batch, NamedSharding(self.devices, PartitionSpec("samples")))
+
+    def _everywhere(self, model: LearnedModel, optimizer: Any) -> tuple[LearnedModel, Any]:
+        """Weights and state of the optimiser on every device."""
+        if self.devices is None:
+            return model, optimizer
+        return eqx.filter_shard((model, optimizer), NamedSharding(self.devices, PartitionSpec()))
 
     def _stage(self, history: tuple[EpochRecord, ...], loss: float) -> str:
         validation = f", validation {history[-1].validation_error:.2f} mm" if history else ""
         return f"epoch {len(history) + 1}/{self.config.epochs}, loss {loss:.3g}{validation}"
 
 
-@cache
-def _compiled(gradient_norm: float, weight_decay: float, mirror: bool, swap: bool) -> _Compiled:
-    """The optimiser and one compiled step of it, shared by all trainings of a process that it suits."""
-    optimizer = optax.chain(optax.clip_by_global_norm(gradient_norm), optax.adamw(1.0, weight_decay=weight_decay))
-
-    @eqx.filter_jit
-    def update(model: LearnedModel, state: Any, batch: Windows, rate: Array, key: PRNGKeyArray) -> Any:
-        trained, fixed = eqx.partition(model, trainable(model))
-        batch = _augmented(batch, mirror, swap, key)
-        loss, gradient = jax.value_and_grad(lambda part: _loss(eqx.combine(part, fixed), batch))(trained)
-        change, state = optimizer.update(gradient, state, trained)
-        trained = jax.tree.map(lambda weight, step: weight + rate * step, trained, change)
-        return eqx.combine(trained, fixed), state, loss
-
-    return _Compiled(optimizer, update)
-
-
-def _augmented(batch: Windows, mirror: bool, swap: bool, key: PRNGKeyArray) -> Windows:
-    """Each sample mirrored, and swapped, with probability one half, where asked for."""
-    keys, count = jax.random.split(key), len(batch.keypoints)
-    if mirror:
-        batch = dataset.mirrored(batch, jax.random.bernoulli(keys[0], shape=(count,)))
-    if swap:
-        batch = dataset.swapped(batch, jax.random.bernoulli(keys[1], shape=(count,)))
-    return batch
-
-
-def _loss(model: LearnedModel, batch: Windows) -> Float[Array, ""]:
-    """Mean square of the error, in units of cable length and of what the network has to predict."""
-
-    def sample(keypoints: Array, poses: Array, actions: Array, targets: Array) -> Array:
-        unit = frame_of(model.config.framing, keypoints, poses).unit * model.normalization.output
-        return jnp.mean(((rollout(model, keypoints, poses, actions) - targets) / unit) ** 2)
-
-    return jnp.mean(jax.vmap(sample)(*batch))
+def _devices(count: int) -> Mesh | None:
+    """The first `count` devices; None for one."""
+    if count == 1:
+        return None
+    if count > len(jax.devices()):
+        raise InputError(f"training devices must be at most the {len(jax.devices())} that JAX sees, got {count}")
+    return Mesh(np.array(jax.devices()[:count]), ("samples",))

@@ -36,11 +36,13 @@ class TrainingState:
 
     Attributes:
         model: The model.
+        best: The model after the epoch with the smallest validation error.
         optimizer: State of the optimiser.
         history: One row for each epoch done.
     """
 
     model: LearnedModel
+    best: LearnedModel
     optimizer: optax.OptState
     history: tuple[EpochRecord, ...]
 
@@ -52,7 +54,7 @@ def write_state(path: Path, state: TrainingState, identity: dict[str, str]) -> N
         "identity": identity,
         "history": [asdict(row) for row in state.history],
     }
-    write_tree(path, (state.model, state.optimizer), metadata)
+    write_tree(path, (state.model, state.best, state.optimizer), metadata)
 
 
 def read_state(path: Path, like: TrainingState, identity: dict[str, str]) -> TrainingState:
@@ -73,5 +75,5 @@ def read_state(path: Path, like: TrainingState, identity: dict[str, str]) -> Tra
         history = tuple(EpochRecord(**row) for row in metadata["history"])
     except (KeyError, TypeError):
         raise FileFormatError(f"{path}: its learning curve is damaged") from None
-    model, optimizer = read_tree(path, (like.model, like.optimizer))
-    return TrainingState(model, optimizer, history)
+    model, best, optimizer = read_tree(path, (like.model, like.best, like.optimizer))
+    return TrainingState(model, best, optimizer, history)

@@ -16,16 +16,13 @@ from dataclasses import dataclass, field
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from cableway.errors import InputError
-from cableway.models.frames import Framing, Inputs, arc_fractions
-from cableway.models.layers import Attention, Dense, FeedForward, LayerNorm
-from cableway.models.learned import LearnedModel, Normalization
-
-POSITION_WAVES = 6
-"""Number of cosines cos(pi k s), k = 1, 2, ..., that tell a network where along the cable a keypoint is."""
+from cableway.models.frames import Framing, Inputs
+from cableway.models.layers import POSITION_WAVES, Attention, Dense, FeedForward, LayerNorm, position_code
+from cableway.models.learned import LearnedModel, Normalization, rod_of
+from cableway.models.rod_parameters import RodParameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +35,7 @@ class TransformerConfig:
         encoder_blocks: Self-attention blocks of the DLO encoder.
         decoder_blocks: Cross-attention blocks of the DLO decoder.
         expansion: Width of the layer inside a feed-forward block over `width`.
-        framing: Frame, blend and hard ends.
+        framing: Frame, blend, hard ends, rod.
     """
 
     width: int = 32
@@ -127,6 +124,7 @@ class TransformerModel(LearnedModel):
 
     config: TransformerConfig = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
     normalization: Normalization
+    rod: RodParameters | None
     embedding: Dense
     encoder: tuple[EncoderBlock, ...]
     robot: RobotEncoder
@@ -141,6 +139,7 @@ class TransformerModel(LearnedModel):
         encoder_key, decoder_key, robot_key, embedding_key, readout_key = jax.random.split(key, 5)
         self.config = config  # pyright: ignore[reportIncompatibleVariableOverride]
         self.normalization = Normalization.identity() if normalization is None else normalization
+        self.rod = rod_of(config.framing)
         self.embedding = Dense(2 + POSITION_WAVES, config.width, key=embedding_key)
         self.encoder = tuple(EncoderBlock(config, key=k) for k in jax.random.split(encoder_key, config.encoder_blocks))
         self.robot = RobotEncoder(config.width, key=robot_key)
@@ -158,8 +157,3 @@ class TransformerModel(LearnedModel):
         for block in self.decoder:
             tokens = block(tokens, poses, motions)
         return self.readout(self.norm(tokens))
-
-
-def position_code(count: int) -> Float[np.ndarray, "n k"]:
-    """cos(pi k s) at each keypoint's arc fraction s, for k = 1 to `POSITION_WAVES`."""
-    return np.cos(np.pi * np.outer(arc_fractions(count), np.arange(1, POSITION_WAVES + 1))).astype(np.float32)

@@ -1,0 +1,139 @@
+"""`cableway evaluate`: how far deformation models can look ahead on data sets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from cableway.cli.options import Options
+from cableway.cli.terminal import Terminal, columns, literal
+from cableway.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from cableway.models.base import DeformationModel
+    from cableway.models.comparison import Curve
+    from cableway.records import Transitions
+
+SHOWN = (1, 5, 10, 20, 30, 50)
+"""Horizons [steps] in the table; the JSON file has all."""
+
+BASELINES = ("linear",)
+"""Shipped models that stand in every comparison, beside those that learn nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate(Options):
+    """Open-loop error of models on data sets against the horizon; models that differ in their seed are one."""
+
+    models: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Shipped models by name, or files; all shipped ones unless given."""
+
+    data: tuple[Path, ...] = (Path("runs/collect"),)
+    """Data sets from `cableway collect` that the models have not seen."""
+
+    horizon: int = 50
+    """Longest horizon in control steps."""
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        from cableway.datasets.reading import load_transitions
+        from cableway.files import write_json
+        from cableway.models.comparison import compare
+        from cableway.models.compilation import enable_compilation_cache
+        from cableway.models.dataset import fingerprint
+        from cableway.provenance import versions
+
+        terminal, folder = Terminal(self), self.folder("evaluate")
+        sets = {str(path): load_transitions(path) for path in self.data}
+        models = self._models(sets)
+        enable_compilation_cache()
+        results: dict[str, dict[str, Curve]] = {}
+        with terminal.progress() as tell:
+            for place, (name, data) in enumerate(sets.items()):
+                results[name] = {}
+                for count, (model, trained) in enumerate(models.items()):
+                    tell("evaluate", (place + count / len(models)) / len(sets))
+                    results[name] |= compare({model: trained}, data, self.horizon)
+            tell("evaluate", 1.0)
+        report = {
+            "horizon": self.horizon,
+            "models": {name: len(trained) for name, trained in models.items()},
+            "data": {
+                name: {"sha256": fingerprint(data), "transitions": len(data), "errors_mm": _plain(results[name])}
+                for name, data in sets.items()
+            },
+            "versions": versions(),
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "report.json", report)
+        for place, curves in enumerate(results.values(), start=1):
+            _draw(folder / ("errors.png" if len(results) == 1 else f"errors-{place}.png"), curves)
+        terminal.result(report, _table(results))
+        return 0
+
+    def _models(self, sets: Mapping[str, Transitions]) -> dict[str, list[DeformationModel]]:
+        """Models by name, those that learn nothing last; trainings with other seeds under one name.
+
+        Raises:
+            InputError: A model given does not serve as many keypoints as the data have.
+        """
+        from cableway.models.checkpoint import load_model, model_names, read_card
+        from cableway.models.comparison import training_groups
+        from cableway.models.evaluation import baselines
+
+        counts = {data.keypoints.shape[1] for data in sets.values()}
+        wanted = list(dict.fromkeys([*(self.models or model_names()), *BASELINES]))
+        loaded = {name: load_model(name) for name in wanted}
+        serving = {name: model for name, model in loaded.items() if all(_serves(model, count) for count in counts)}
+        for name in self.models:
+            if name not in serving:
+                raise InputError(f"{name} does not serve cables of {' and '.join(map(str, sorted(counts)))} keypoints")
+        groups = training_groups({name: read_card(name) for name in serving})
+        return {
+            **{name: [serving[one] for one in trained] for name, trained in groups.items()},
+            **{name: [model] for name, model in baselines().items()},
+        }
+
+
+def _serves(model: DeformationModel, keypoints: int) -> bool:
+    """Whether a model takes that many keypoints."""
+    return getattr(getattr(model, "config", None), "keypoints", keypoints) == keypoints
+
+
+def _plain(curves: Mapping[str, Curve]) -> dict[str, Any]:
+    return {name: asdict(curve) for name, curve in curves.items()}
+
+
+def _draw(path: Path, curves: Mapping[str, Curve]) -> None:
+    from cableway.figures.learning import horizon_figure
+    from cableway.figures.style import save_figure
+
+    horizons = next(iter(curves.values())).horizons
+    means = {name: curve.mean for name, curve in curves.items()}
+    bands = {name: curve.quartiles for name, curve in curves.items()}
+    save_figure(horizon_figure(horizons, means, bands), path)
+
+
+def _table(results: Mapping[str, Mapping[str, Curve]]) -> Table:
+    shown = [h for h in SHOWN if any(h in curve.horizons for curves in results.values() for curve in curves.values())]
+    table = columns("data", "model", "seeds", *(f"{h} steps" for h in shown))
+    for place, curves in results.items():
+        for name, curve in curves.items():
+            cells = [_cell(curve, h) for h in shown]
+            table.add_row(literal(place), literal(name), f"{curve.trainings}", *cells)
+    table.caption = "Stacked error of open-loop prediction [mm]: median / mean over windows."
+    table.caption_justify = "left"
+    return table
+
+
+def _cell(curve: Curve, horizon: int) -> str:
+    if horizon not in curve.horizons:
+        return ""
+    figures = curve.at(horizon)
+    return f"{figures['median']:.2f} / {figures['mean']:.2f}"

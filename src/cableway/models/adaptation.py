@@ -1,0 +1,212 @@
+"""Adapting a model to the cable it sees, while it works, without getting worse.
+
+Of the transitions seen last, every second block is held back. The others change a few parameters: those of the rod
+where the model has one, else the last layer of its decoder, as Tang et al. freeze the encoders. The change is taken
+only where it predicts the held-back blocks better than the model in use.
+
+Note:
+    The paper fine-tunes its decoder and keeps whatever comes out. Replay of earlier data, held-back data and the
+    bound on outliers are ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from cableway.errors import InputError
+from cableway.models import dataset
+from cableway.models.base import rollout
+from cableway.models.dataset import Windows
+from cableway.models.fitting import Fit, fit, parameters_of
+from cableway.models.learned import LearnedModel
+from cableway.records import Transitions
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptationConfig:
+    """How a model is adapted.
+
+    Attributes:
+        memory: Transitions remembered, the last ones.
+        block: Successive transitions in a block; held-back blocks are predicted over their whole length.
+        hold_every: Every how manieth block is held back.
+        window: Steps of the rollouts that a rod is fitted to; the last layer of a network is fitted to single steps.
+        windows: Most windows in a fit, and most that are replayed.
+        held_windows: Most held-back blocks.
+        least_held: Fewest of them that a change is judged by.
+        enough: Error on held-back blocks, in lengths of the cable, below which nothing is changed: what a hundred
+            transitions of one or two motions tell about smaller errors often holds for these motions only.
+        improvement: Share by which the error on held-back blocks must fall.
+        least_motion: Travel of the grippers [m] in a window below which it says nothing.
+        fit: How parameters are fitted.
+    """
+
+    memory: int = 200
+    block: int = 10
+    hold_every: int = 2
+    window: int = 5
+    windows: int = 48
+    held_windows: int = 8
+    least_held: int = 3
+    enough: float = 0.005
+    improvement: float = 0.5
+    least_motion: float = 2e-3
+    fit: Fit = field(default_factory=Fit)
+
+    def __post_init__(self) -> None:
+        for name in ("memory", "block", "window", "windows", "held_windows", "least_held"):
+            if getattr(self, name) < 1:
+                raise InputError(f"adaptation {name} must be at least 1, got {getattr(self, name)!r}")
+        if self.hold_every < 2:
+            raise InputError(f"adaptation hold_every must be at least 2, got {self.hold_every!r}")
+        if self.window > self.block:
+            raise InputError(f"adaptation window must be at most the block, {self.block}, got {self.window!r}")
+        if not 0 <= self.improvement < 1:
+            raise InputError(f"adaptation improvement must be from 0 to below 1, got {self.improvement!r}")
+
+
+@dataclass(frozen=True)
+class AdaptationState:
+    """A model that adapts.
+
+    Attributes:
+        model: In use.
+        config: How it adapts.
+        first: Parameters it began with; the fit is drawn towards them.
+        replay: Windows of earlier data that a network is to keep predicting.
+        recent: What was seen last.
+        accepted: Updates taken.
+        refused: Updates that predicted the held-back blocks no better.
+    """
+
+    model: LearnedModel
+    config: AdaptationConfig
+    first: Float[np.ndarray, "p"]
+    replay: Windows | None = None
+    recent: Transitions | None = None
+    accepted: int = 0
+    refused: int = 0
+
+
+def start_adaptation(
+    model: LearnedModel, *, replay: Transitions | None = None, config: AdaptationConfig | None = None, seed: int = 0
+) -> AdaptationState:
+    """The state before anything was seen.
+
+    Args:
+        model: The model as trained.
+        replay: Earlier data, say those it was trained on; a rod needs none.
+        config: How to adapt.
+        seed: Of the choice among the earlier data.
+    """
+    config = config or AdaptationConfig()
+    old = None
+    if replay is not None and model.rod is None:
+        starts = np.random.default_rng(seed).permutation(len(replay))[: config.windows]
+        old = _repeated(dataset.windows(replay, starts, 1), config.windows)
+    return AdaptationState(model, config, np.asarray(parameters_of(model), float), old)
+
+
+def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
+    """Take in new transitions, and a changed model if it predicts better what was held back.
+
+    Frames that were not seen are left out of `transitions`; rows of one episode that do not follow each other are
+    noticed by their poses. Transitions without motion are remembered but change nothing.
+
+    Args:
+        state: As it was.
+        transitions: The newest ones, in order; their episodes are numbered on from those before, or are the same.
+
+    Raises:
+        InputError: They have another number of keypoints than those before.
+    """
+    config = state.config
+    recent = _remembered(state.recent, transitions, config.memory)
+    state = replace(state, recent=recent)
+    training, held = _blocks(recent, config)
+    horizon = 1 if state.model.rod is None else config.window
+    windows = _informative(recent, _inside(training, config.block, horizon), horizon, config)
+    judges = _informative(recent, held, config.block, config)
+    if not len(windows) or len(judges) < config.least_held:
+        return state
+    chosen = judges[-config.held_windows :]
+    test = _repeated(dataset.windows(recent, chosen, config.block), config.held_windows)
+    before = np.asarray(_errors(state.model, test), float)[: len(chosen)]
+    limit = config.fit.outlier * np.median(before)
+    error = np.minimum(before, limit).mean()
+    if error < config.enough * _length(recent):
+        return state
+    batch = _repeated(dataset.windows(recent, _spread(windows, config.windows), horizon), config.windows)
+    if state.replay is not None:
+        batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
+    candidate = fit(state.model, batch, state.first, config.fit)
+    after = np.asarray(_errors(candidate, test), float)[: len(chosen)]
+    if np.isfinite(after).all() and np.minimum(after, limit).mean() < (1.0 - config.improvement) * error:
+        return replace(state, model=candidate, accepted=state.accepted + 1)
+    return replace(state, refused=state.refused + 1)
+
+
+def _length(data: Transitions) -> float:
+    """Length [m] of the polyline through the keypoints."""
+    return float(np.median(np.linalg.norm(np.diff(data.keypoints, axis=1), axis=2).sum(axis=1)))
+
+
+def _remembered(recent: Transitions | None, new: Transitions, memory: int) -> Transitions:
+    if recent is None:
+        return dataset.select(new, np.arange(len(new))[-memory:])
+    if recent.keypoints.shape[1] != new.keypoints.shape[1]:
+        raise InputError(
+            f"transitions to adapt to have {new.keypoints.shape[1]} keypoints, those before {recent.keypoints.shape[1]}"
+        )
+    keypoints, poses, actions, after, episode = (
+        np.concatenate([getattr(recent, name), getattr(new, name)])[-memory:]
+        for name in ("keypoints", "poses", "actions", "next_keypoints", "episode")
+    )
+    return Transitions(keypoints, poses, actions, after, episode)
+
+
+def _blocks(data: Transitions, config: AdaptationConfig) -> tuple[Int[np.ndarray, "b"], Int[np.ndarray, "h"]]:
+    """First rows of the blocks to learn from, and of those held back; blocks do not overlap."""
+    gap = np.abs(data.poses[1:] - data.poses[:-1] - data.actions[:-1]).max(axis=(1, 2)) > 1e-6
+    runs = np.concatenate([[0], np.cumsum(gap | (np.diff(data.episode) != 0))])
+    starts = dataset.window_starts(runs, config.block, config.block)
+    held = np.arange(len(starts)) % config.hold_every == config.hold_every - 1
+    return starts[~held], starts[held]
+
+
+def _inside(starts: Int[np.ndarray, "b"], block: int, horizon: int) -> Int[np.ndarray, "k"]:
+    """Rows at which windows begin that lie within blocks."""
+    return (starts[:, None] + np.arange(block - horizon + 1)).ravel()
+
+
+def _informative(
+    data: Transitions, starts: Int[np.ndarray, "k"], horizon: int, config: AdaptationConfig
+) -> Int[np.ndarray, "j"]:
+    """Those windows in which the grippers move."""
+    travel = np.abs(data.actions[starts[:, None] + np.arange(horizon), :, :2]).sum(axis=(1, 2, 3))
+    turn = np.abs(data.actions[starts[:, None] + np.arange(horizon), :, 2]).sum(axis=(1, 2))
+    return starts[travel + 0.1 * _length(data) * turn > config.least_motion * horizon / config.window]
+
+
+def _spread(rows: Int[np.ndarray, "k"], most: int) -> Int[np.ndarray, "j"]:
+    """At most so many of the rows, evenly spread."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int))]
+
+
+def _repeated(batch: Windows, count: int) -> Windows:
+    """Windows repeated in turn until there are `count`, so that compiled code always sees the same shapes."""
+    rows = np.arange(count) % len(batch.keypoints)
+    return Windows(*(part[rows] for part in batch))
+
+
+@eqx.filter_jit
+def _errors(model: LearnedModel, windows: Windows) -> Float[Array, "k"]:
+    """Mean stacked error over the steps of each window [m]."""
+    shapes = jax.vmap(lambda *window: rollout(model, *window))(*windows[:3])
+    return jnp.mean(jnp.sqrt(jnp.sum((shapes - windows.targets) ** 2, axis=(2, 3))), axis=1)

@@ -1,0 +1,129 @@
+"""Laws of adaptation: it learns what it can see, never from nothing, and takes no change that does not help."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from led_cables import quasi_static
+
+from cableway.errors import InputError
+from cableway.models.adaptation import AdaptationConfig, AdaptationState, adapt, start_adaptation
+from cableway.models.base import rollout
+from cableway.models.dataset import select
+from cableway.models.evaluation import open_loop_errors
+from cableway.models.rod import RodConfig, RodModel
+from cableway.records import Transitions
+
+NOMINAL = RodModel(RodConfig(), key=jax.random.key(0))
+GRADED = eqx.tree_at(lambda model: model.rod.stiffness, NOMINAL, jnp.array([0.7, -0.2]))
+run = eqx.filter_jit(jax.vmap(rollout, in_axes=(None, 0, 0, 0)))
+
+
+@pytest.fixture(scope="module")
+def seen() -> Transitions:
+    """A cable with one stiff end, as led in forty-step episodes."""
+    led = quasi_static(10, 40, seed=3)
+    first = slice(None, None, 40)
+    actions = led.actions.reshape(10, 40, 2, 3)
+    settled = run(GRADED, led.keypoints[first], led.poses[first], 0 * actions[:, :20])[:, -1]
+    shapes = np.concatenate([settled[:, None], run(GRADED, settled, led.poses[first], actions)], axis=1)
+    before, after = (shapes[:, part].reshape(-1, 13, 2).astype(float) for part in (slice(-1), slice(1, None)))
+    return replace(led, keypoints=before, next_keypoints=after)
+
+
+def fed(state: AdaptationState, data: Transitions, rows: range) -> AdaptationState:
+    for start in range(rows.start, rows.stop, 20):
+        state = adapt(state, select(data, np.arange(start, start + 20)))
+    return state
+
+
+def error(state: AdaptationState, data: Transitions) -> float:
+    return float(np.mean(open_loop_errors(state.model, select(data, data.episode >= 5), (10,))[10]))
+
+
+@pytest.fixture(scope="module")
+def adapted(seen: Transitions) -> AdaptationState:
+    return fed(start_adaptation(NOMINAL), seen, range(160))
+
+
+def test_a_stiff_end_is_learned_and_other_motions_are_predicted_better(adapted, seen):
+    assert adapted.accepted >= 1
+    assert error(adapted, seen) < 0.4 * error(start_adaptation(NOMINAL), seen)
+    assert adapted.model.rod.stiffness[0] > 0.3
+
+
+def test_outliers_and_lost_frames_do_not_lead_astray(adapted, seen):
+    rng = np.random.default_rng(0)
+    rows = np.arange(160)
+    bad = rng.choice(rows, 4, replace=False)
+    keypoints, after = seen.keypoints[rows].copy(), seen.next_keypoints[rows].copy()
+    keypoints[bad] += rng.normal(0, 0.05, (4, 13, 2))
+    after[bad - 1] = keypoints[bad]
+    spoilt = replace(select(seen, rows), keypoints=keypoints, next_keypoints=after)
+    kept = select(spoilt, np.setdiff1d(rows, [57, 58, 121]))
+    state = start_adaptation(NOMINAL)
+    for start in range(0, len(kept) - 20, 20):
+        state = adapt(state, select(kept, np.arange(start, start + 20)))
+    before = error(start_adaptation(NOMINAL), seen)
+    assert error(state, seen) < before
+    assert np.isfinite(np.asarray(state.model.rod.stiffness)).all()
+
+
+def test_a_still_cable_changes_nothing(adapted, seen):
+    shape, pose = seen.keypoints[:1], seen.poses[:1]
+    still = Transitions(
+        *(np.repeat(part, 200, axis=0) for part in (shape, pose, 0 * pose, shape)), episode=np.full(200, 77)
+    )
+    after = adapt(adapted, still)
+    assert after.model is adapted.model
+    assert (after.accepted, after.refused) == (adapted.accepted, adapted.refused)
+
+
+def test_a_model_that_is_right_already_is_left_alone(seen):
+    state = fed(start_adaptation(GRADED), seen, range(100))
+    assert state.accepted == 0
+    assert eqx.tree_equal(state.model, GRADED)
+
+
+def test_what_does_not_help_is_refused(seen):
+    demanding = AdaptationConfig(improvement=0.999)
+    state = fed(start_adaptation(NOMINAL, config=demanding), seen, range(100))
+    assert state.accepted == 0
+    assert state.refused >= 1
+    assert state.model is NOMINAL
+
+
+def test_the_same_transitions_give_the_same_model(adapted, seen):
+    again = fed(start_adaptation(NOMINAL), seen, range(160))
+    assert eqx.tree_equal(again.model, adapted.model)
+
+
+def test_a_network_changes_in_its_last_layer_only(model, seen, transitions):
+    state = fed(start_adaptation(model, replay=transitions), seen, range(100))
+    assert state.accepted + state.refused >= 1
+    same = eqx.tree_at(lambda m: m.readout, state.model, model.readout)
+    assert eqx.tree_equal(same, model)
+
+
+def test_another_number_of_keypoints_is_refused(adapted):
+    with pytest.raises(InputError, match="have 10 keypoints, those before 13"):
+        adapt(adapted, quasi_static(1, 20, seed=0, keypoints=10))
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"memory": 0}, "memory must be at least 1"),
+        ({"hold_every": 1}, "hold_every must be at least 2"),
+        ({"window": 11}, "window must be at most the block, 10, got 11"),
+        ({"improvement": 1.0}, "improvement must be from 0 to below 1"),
+    ],
+)
+def test_impossible_settings_are_refused(fields, message):
+    with pytest.raises(InputError, match=message):
+        AdaptationConfig(**fields)

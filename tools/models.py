@@ -1,0 +1,288 @@
+"""Compare the deformation models: collect the sets, train every model with three seeds, evaluate, adapt, ship.
+
+    .venv/bin/python tools/models.py                   # all but yu2d, below runs/comparison; an hour of one core
+    .venv/bin/python tools/models.py train --seeds 1   # one stage; what is already there is kept
+    .venv/bin/python tools/models.py speed             # one core: taskset -c 0
+    .venv/bin/python tools/models.py yu2d --yu2d sets  # cables of Yu et al., made by tools/convert_yu2d.py
+
+Interrupted and started again, it goes on where it stopped. `ship` puts the models of the first seed among the shipped
+weights.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from cableway.datasets.reading import load_transitions
+from cableway.figures.learning import horizon_figure
+from cableway.figures.style import save_figure
+from cableway.files import write_atomically, write_json
+from cableway.models.adaptation import AdaptationState, adapt, start_adaptation
+from cableway.models.base import DeformationModel
+from cableway.models.card import write_card
+from cableway.models.checkpoint import WEIGHTS, load_model, model_names, save_model
+from cableway.models.comparison import LONGEST, Curve, compare
+from cableway.models.compilation import enable_compilation_cache
+from cableway.models.conv import ConvConfig
+from cableway.models.dataset import joined, select
+from cableway.models.evaluation import baselines, window_errors
+from cableway.models.frames import Framing
+from cableway.models.learned import LearnedConfig, LearnedModel
+from cableway.models.mlp import MLPConfig
+from cableway.models.recipe import Recipe, make_model
+from cableway.models.recurrent import RecurrentConfig
+from cableway.models.rod import RodConfig
+from cableway.models.training_config import TrainingConfig
+from cableway.models.transformer import TransformerConfig
+from cableway.records import Transitions
+from cableway.scene.cable import Cable
+from cableway.simulation.collection import collect
+from cableway.simulation.episodes import CollectionConfig
+
+PLAIN = Framing.plain()
+BLIND = replace(PLAIN, angles=False)
+ROD = Framing(rod=True)
+
+TRAINING = TrainingConfig(epochs=5, rollout_epochs=0)
+
+MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
+    "linear, plain": (MLPConfig(hidden=(), framing=PLAIN), TRAINING),
+    "linear": (MLPConfig(hidden=()), TRAINING),
+    "MLP, plain": (MLPConfig(framing=PLAIN), TRAINING),
+    "MLP": (MLPConfig(), TRAINING),
+    "rod": (RodConfig(damping_time=0.3), replace(TRAINING, epochs=3, learning_rate=1e-2)),
+    "C, plain": (ConvConfig(framing=PLAIN), TRAINING),
+    "T, plain": (TransformerConfig(framing=PLAIN), TRAINING),
+    "B, plain": (RecurrentConfig(framing=PLAIN), TRAINING),
+    "T, plain, no angles": (TransformerConfig(framing=BLIND), TRAINING),
+    "C": (ConvConfig(), TRAINING),
+    "T": (TransformerConfig(), TRAINING),
+    "C on rod": (ConvConfig(width=24, framing=ROD), replace(TRAINING, rollout_epochs=1)),
+}
+"""What is compared. Plain is the paper's way: world coordinates, no blend, ends that may leave the grippers."""
+
+YU2D_MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
+    "linear": (MLPConfig(hidden=(), keypoints=10), TRAINING),
+    "rod": (RodConfig(), replace(TRAINING, learning_rate=1e-2)),
+    "C": (ConvConfig(), TRAINING),
+}
+
+SHIPPED = {"rod": "rod", "hybrid": "C on rod", "conv": "C", "mlp": "MLP", "linear": "linear", "bilstm": "B, plain"}
+"""Names of shipped weights and which model they are; `src/cableway/models/configs` says the same of each."""
+
+ON_PLANTS = ("rod", "C on rod", "C", "T", "MLP", "linear")
+"""What is judged on cables that differ from those it was trained on."""
+
+ADAPTED = ("rod",)
+ADAPTED_TO = 100
+"""Transitions that a model adapts to, in five parts."""
+
+DRAWS = 10
+SHOWN = (1, 10, 20, 30, 50)
+"""Horizons in the tables."""
+
+TRAINING_SET = CollectionConfig(transitions=50_000, seed=0)
+
+TEST = CollectionConfig(transitions=6_000, seed=101)
+"""More than a hundred episodes of up to 60 steps."""
+
+NOMINAL = Cable()
+TEST_SETS = {
+    "nominal": TEST,
+    "friction": replace(TEST, cable=replace(NOMINAL, friction=0.4, linear_density=0.1)),
+    "graded": replace(TEST, cable=replace(NOMINAL, stiffness_profile=(0.5, 2.0))),
+    "curved": replace(TEST, cable=replace(NOMINAL, rest_curvature=(0.0, 0.0, 5.0))),
+    "slow": replace(TEST, cable=replace(NOMINAL, damping_time=0.5)),
+    "short": replace(TEST, cable=replace(NOMINAL, length=0.97 * NOMINAL.length)),
+    "long": replace(TEST, cable=replace(NOMINAL, length=1.03 * NOMINAL.length)),
+}
+
+
+def collect_sets(folder: Path) -> None:
+    """The training set and the test sets."""
+    for name, config in {"training": TRAINING_SET, **TEST_SETS}.items():
+        collect(config, folder / "sets" / name, workers=1)
+
+
+def model_path(folder: Path, name: str, seed: int) -> Path:
+    """Where a trained model goes."""
+    return folder / "models" / f"{name.replace(', ', '-').replace(' ', '-')}-{seed}.safetensors"
+
+
+def train_models(folder: Path, seeds: int) -> None:
+    """All models with the first seed, then all with the next one."""
+    data = load_transitions(folder / "sets" / "training")
+    for seed in range(seeds):
+        for name, (model, training) in MODELS.items():
+            path = model_path(folder, name, seed)
+            if path.exists():
+                continue
+            path.parent.mkdir(parents=True, exist_ok=True)
+            recipe = Recipe(collection={}, model=model, training=replace(training, seed=seed))
+            made, card = make_model(recipe, data, state_file=path.with_suffix(".state"))
+            save_model(path, made, card)
+            print(f"{path}: {card['errors']['model']}", flush=True)
+
+
+def evaluate_models(folder: Path, seeds: int) -> None:
+    """Error against horizon of every model on every test set: tables, pictures, JSON."""
+    for name in TEST_SETS:
+        data = load_transitions(folder / "sets" / name)
+        models = {
+            model: [load_model(path) for seed in range(seeds) if (path := model_path(folder, model, seed)).exists()]
+            for model in (MODELS if name == "nominal" else ON_PLANTS)
+        }
+        models |= {model: [one] for model, one in baselines().items()}
+        curves = compare({model: trained for model, trained in models.items() if trained}, data)
+        write_json(folder / f"{name}.json", {model: asdict(curve) for model, curve in curves.items()})
+        means = {model: curve.mean for model, curve in curves.items()}
+        bands = {model: curve.seeds for model, curve in curves.items() if curve.trainings > 1}
+        save_figure(horizon_figure(tuple(range(1, LONGEST + 1)), means, bands), folder / f"{name}.png")
+        print_curves(name, curves)
+
+
+def print_curves(title: str, curves: Mapping[str, Curve], horizons: tuple[int, ...] = SHOWN) -> None:
+    """A table in Markdown: median / mean, and the range of the seeds' means."""
+    first = next(iter(curves.values()))
+    print(f"\n{title}: stacked error [mm], median / mean (range of the seeds' means)\n")
+    print("| model | seeds | " + " | ".join(f"{h} steps" for h in horizons) + " |")
+    print("|" + "---|" * (len(horizons) + 2))
+    for name, curve in curves.items():
+        cells = []
+        for h in horizons:
+            at, (low, high) = curve.at(h), (edge[curve.horizons.index(h)] for edge in curve.seeds)
+            spread = f" ({low:.2f} to {high:.2f})" if curve.trainings > 1 else ""
+            cells.append(f"{at['median']:.2f} / {at['mean']:.2f}{spread}")
+        print(f"| {name} | {curve.trainings} | " + " | ".join(cells) + " |")
+    counts = [f"{first.windows[h - 1]} windows of {first.episodes[h - 1]} episodes at {h}" for h in horizons]
+    print("\n" + ", ".join(counts), flush=True)
+
+
+def adapt_models(folder: Path) -> None:
+    """20-step error on every test set before and after 100 transitions, ten draws; other episodes judge."""
+    replay = load_transitions(folder / "sets" / "training")
+    print("\n20-step stacked error [mm], mean over other episodes, median / worst of the draws\n")
+    print(
+        "| model | set | before | after | half or 4 mm | draws worse | episodes worse | changed | ms, median / worst |"
+    )
+    print("|" + "---|" * 9)
+    for model in ADAPTED:
+        trained = load_model(model_path(folder, model, 0))
+        assert isinstance(trained, LearnedModel)
+        start = start_adaptation(trained, replay=replay)
+        for name in TEST_SETS:
+            rows = np.array([draw_of(start, load_transitions(folder / "sets" / name), k) for k in range(DRAWS)])
+            before, after, worse, changed, median, slowest = rows.T
+            reached = int(np.sum((after <= 0.5 * before) | (after <= 4.0)))
+            spread = [f"{np.median(values):.2f} / {values.max():.2f}" for values in (before, after)]
+            counts = (
+                f"{int(np.sum(after > before + 0.01))} | {100 * worse.mean():.0f}% | {int((changed > 0).sum())}/{DRAWS}"
+            )
+            took = f"{np.median(median):.0f} / {slowest[1:].max():.0f}"
+            print(f"| {model} | {name} | {' | '.join(spread)} | {reached}/{DRAWS} | {counts} | {took} |", flush=True)
+
+
+def draw_of(start: AdaptationState, data: Transitions, draw: int) -> tuple[float, ...]:
+    """Mean error before and after [mm], share of episodes that got worse, updates taken, ms per update."""
+    rows = np.arange(draw * len(data) // DRAWS, draw * len(data) // DRAWS + ADAPTED_TO)
+    state, times = start, []
+    for part in np.split(rows, 5):
+        begun = time.perf_counter()
+        state = adapt(state, select(data, part))
+        times.append(1e3 * (time.perf_counter() - begun))
+    others = select(data, ~np.isin(data.episode, np.unique(data.episode[rows])))
+    before, after = (window_errors(model, others, (20,)) for model in (start.model, state.model))
+    known = np.isfinite(before.stacked[:, 0])
+    errors = [1e3 * side.stacked[known, 0] for side in (before, after)]
+    episodes = before.episode[known]
+    # a tenth of a millimetre over 26 numbers is nothing
+    worse = [errors[1][episodes == one].mean() > errors[0][episodes == one].mean() + 0.1 for one in np.unique(episodes)]
+    means = [float(error.mean()) for error in errors]
+    return (*means, float(np.mean(worse)), float(state.accepted), float(np.median(times)), float(np.max(times)))
+
+
+def compare_yu2d(folder: Path, sets: Path) -> None:
+    """Each length left out in turn: models trained on the others, judged on it."""
+    found = {path.name: load_transitions(path) for path in sorted(sets.iterdir()) if path.is_dir()}
+    for left_out, data in found.items():
+        training = joined([other for name, other in found.items() if name != left_out])
+        models = {}
+        for name, (model, settings) in YU2D_MODELS.items():
+            path = folder / "yu2d" / f"{name.replace(' ', '-')}-{left_out}.safetensors"
+            if not path.exists():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                made, card = make_model(Recipe(collection={}, model=model, training=settings), training)
+                save_model(path, made, card)
+            models[name] = [load_model(path)]
+        models |= {name: [one] for name, one in baselines().items()}
+        curves = compare(models, data, 20)
+        write_json(folder / f"yu2d-{left_out}.json", {name: asdict(curve) for name, curve in curves.items()})
+        print_curves(f"yu2d, trained without {left_out} m, judged on it", curves, (1, 5, 10, 20))
+
+
+def ship_models(folder: Path) -> None:
+    """The models of the first seed as shipped weights, with their cards."""
+    for shipped, name in SHIPPED.items():
+        path = WEIGHTS / f"{shipped}.safetensors"
+        content = model_path(folder, name, 0).read_bytes()
+        write_atomically(path, lambda file, content=content: file.write(content))
+        print(write_card(path), flush=True)
+
+
+def time_models() -> None:
+    """One prediction with its whole Jacobian by shape, poses and action, for each shipped model."""
+    rod = Cable().rod
+    stations, poses = rod.shapes(np.array([[0.3, 0.3, 0.4, -15.0, 4.0, 1.5]]))
+    shape, action = rod.at_keypoints(stations)[0], np.full((2, 3), 0.004)
+    sample = [part.astype(np.float32) for part in (shape, poses[0], action)]
+
+    @eqx.filter_jit
+    def both(model: DeformationModel, *sample: Any) -> tuple[Any, Any]:
+        return model(*sample), jax.jacfwd(lambda *parts: model(*parts), argnums=(0, 1, 2))(*sample)
+
+    print("\n| model | prediction with Jacobian [ms], median / p95 of 500 |\n|---|---|")
+    for name in model_names():
+        model, times = load_model(name), []
+        for _ in range(510):
+            begun = time.perf_counter()
+            jax.block_until_ready(both(model, *sample))
+            times.append(1e3 * (time.perf_counter() - begun))
+        print(f"| {name} | {np.median(times[10:]):.2f} / {np.percentile(times[10:], 95):.2f} |", flush=True)
+
+
+STAGES = ("collect", "train", "evaluate", "adapt", "ship")
+
+
+def main() -> None:
+    """Carry out the stages asked for."""
+    parser = argparse.ArgumentParser(description="Compare the deformation models.")
+    parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "yu2d", "speed"), default="all")
+    parser.add_argument("--out", type=Path, default=Path("runs/comparison"))
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--yu2d", type=Path, default=Path("runs/yu2d"))
+    options = parser.parse_args()
+    enable_compilation_cache()
+    work = {
+        "collect": lambda: collect_sets(options.out),
+        "train": lambda: train_models(options.out, options.seeds),
+        "evaluate": lambda: evaluate_models(options.out, options.seeds),
+        "adapt": lambda: adapt_models(options.out),
+        "ship": lambda: ship_models(options.out),
+        "speed": time_models,
+        "yu2d": lambda: compare_yu2d(options.out, options.yu2d),
+    }
+    for stage in STAGES if options.stage == "all" else (options.stage,):
+        work[stage]()
+
+
+if __name__ == "__main__":
+    main()
