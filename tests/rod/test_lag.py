@@ -31,7 +31,7 @@ def test_rigid_motion_leaves_nothing_behind():
 def test_lag_is_speed_and_length_times_what_it_is():
     rod = Rod(0.3)
     slow, fast = lag(rod, line(80)), lag(rod, line(40))
-    np.testing.assert_allclose(fast, slow[::2] + slow[1::2], rtol=0.02)
+    np.testing.assert_allclose(fast, slow[::2] + slow[1::2], rtol=0.02, atol=1e-5)
     scaled = line(40) * [3, 3, 1, 1, 1, 1]
     np.testing.assert_allclose(lag(Rod(0.9), scaled), 3 * fast, rtol=1e-9)
 
@@ -51,8 +51,8 @@ def test_a_straight_rod_that_begins_to_bend():
 
 @pytest.mark.parametrize("tau", [0.1, 0.2])
 def test_the_simulated_cable_trails_as_far(tau: float):
-    """Half way, where it has built up."""
-    cable, steps = Cable(damping_time=tau), 40
+    """After a third of the way, when it has built up."""
+    cable, steps = Cable(damping_time=tau), 30
     q = line(steps)
     stations, poses = cable.rod.shapes(q)
     shapes = cable.rod.at_keypoints(stations)
@@ -61,5 +61,5 @@ def test_the_simulated_cable_trails_as_far(tau: float):
     seen = np.array([plant.step(step).keypoints for step in se2.pose_step(poses[:-1], poses[1:])])
     off = np.linalg.norm(seen - shapes[1:], axis=2).max(1)
     wanted = lag(cable.rod, q) * tau / CONTROL_STEP
-    assert wanted[20:].max() > 0.002
-    np.testing.assert_allclose(off[20:], wanted[20:], rtol=0.35)
+    assert wanted[10:].max() > 0.001
+    np.testing.assert_allclose(off[10:], wanted[10:], rtol=0.25, atol=2e-4)
