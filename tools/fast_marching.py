@@ -40,6 +40,8 @@ def least_cost(
     i, j = (goal / steps).astype(int)
     x, y = goal / steps - (i, j)
     corners = cost[i : i + 2, j : j + 2]
+    if not np.isfinite(corners).all():
+        return np.inf
     return float(np.array([1 - x, x]) @ corners @ np.array([1 - y, y]))
 
 

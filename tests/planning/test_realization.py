@@ -19,7 +19,8 @@ from cableway.planning.realization import (
     step_evenly,
 )
 from cableway.records import DeformationSequence
-from cableway.scene.task import Grippers
+from cableway.rod.lag import lag
+from cableway.scene.task import CONTROL_STEP, Grippers
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +81,18 @@ def test_no_step_exceeds_its_share_of_the_limits(line, limits):
     assert max(move.max() / limits.max_step, turn.max() / limits.max_turn) > 0.4
     assert np.allclose(stepped[[0, -1]], q[[0, -1]])
     assert (np.diff(at) > 0).all()
+
+
+def test_a_sluggish_cable_is_not_left_behind():
+    """With quick grippers the lag sets the pace; a cable that does not lag goes as fast as they do."""
+    task = replace(problems.free(), grippers=Grippers(max_step=0.04, max_turn=0.4))
+    q = np.linspace([0.3, 0.3, 0.2, 3.0, 9.0, -1.5], [0.4, 0.35, -0.4, -24.0, 9.0, 1.5], 31)
+    config = RealizationConfig()
+    stepped, _ = step_evenly(q, task, config)
+    trailing = lag(task.cable.rod, stepped) * config.damping_time / CONTROL_STEP
+    assert trailing.max() == pytest.approx(config.limit_share * config.lag, rel=0.1)
+    brisk, _ = step_evenly(q, task, replace(config, damping_time=0.0))
+    assert len(brisk) < len(stepped)
 
 
 def test_an_end_that_is_no_shape_of_the_cable_is_refused():

@@ -23,9 +23,13 @@ from cableway.planning.refinement import RefinementConfig, refine
 from cableway.records import DeformationSequence
 from cableway.rod import inverse
 from cableway.rod.equilibrium import Rod
-from cableway.scene.task import Task
+from cableway.rod.lag import lag
+from cableway.scene.task import CONTROL_STEP, Task
 
 Kind = Literal["refine", "fit", "none"]
+
+MOST_LAG = 0.05
+"""What counts of the lag of one row, at a step as long as tau [m]: shapes about to snap would ask for any time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +41,10 @@ class RealizationConfig:
             grippers along the tangents at their ends, as in the paper.
         refinement: Weights of the refinement.
         row_step: Largest move of a keypoint between rows during refinement [m].
-        limit_share: Share of the gripper limits that a plan uses; the rest is left to the controller.
+        limit_share: Share of the gripper limits, and of `lag`, that a plan uses; the rest is left to the controller.
         keypoint_step: Largest move of any keypoint in a control step, in units of the grippers' largest step.
+        lag: Largest distance [m] by which a cable of `damping_time` may trail behind its equilibria.
+        damping_time: tau [s] of that cable.
         fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
     """
 
@@ -47,6 +53,8 @@ class RealizationConfig:
     row_step: float = 0.012
     limit_share: float = 0.7
     keypoint_step: float = 1.5
+    lag: float = 0.005
+    damping_time: float = 0.2
     fit_tolerance: float = 0.01
 
     def __post_init__(self) -> None:
@@ -54,6 +62,8 @@ class RealizationConfig:
         require_range(self, 1e-4, 1, "row_step")
         require_range(self, 1e-3, 1, "limit_share")
         require_range(self, 1e-3, 1e3, "keypoint_step")
+        require_range(self, 1e-5, 1, "lag")
+        require_range(self, 0, 10, "damping_time")
         require_range(self, 0, 1, "fit_tolerance")
 
 
@@ -167,14 +177,16 @@ def between(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Flo
 def step_evenly(
     q: Float[np.ndarray, "T+1 6"], task: Task, config: RealizationConfig
 ) -> tuple[Float[np.ndarray, "K+1 6"], Float[np.ndarray, "K+1"]]:
-    """The same polyline in q with rows at equal effort, none above `limit_share` of the gripper limits.
+    """The same polyline in q with rows at equal effort, none above `limit_share` of the limits.
 
     Returns:
         q (K+1, 6) and the fractional index of each row in the q given.
     """
-    fine = np.linspace(0, len(q) - 1, 8 * (len(q) - 1) + 1)
-    stations, poses = task.cable.rod.shapes(between(q, fine))
-    at = at_equal_effort(fine, task.cable.rod.at_keypoints(stations), poses, task, config)
+    rod, pieces = task.cable.rod, 8
+    fine = np.linspace(0, len(q) - 1, pieces * (len(q) - 1) + 1)
+    stations, poses = rod.shapes(between(q, fine))
+    trailing = np.minimum(lag(rod, q), MOST_LAG) * config.damping_time / CONTROL_STEP / config.lag
+    at = at_equal_effort(fine, rod.at_keypoints(stations), poses, task, config, np.repeat(trailing / pieces, pieces))
     return between(q, at), at
 
 
@@ -184,10 +196,12 @@ def at_equal_effort(
     poses: Float[np.ndarray, "f 2 3"],
     task: Task,
     config: RealizationConfig,
+    trailing: Float[np.ndarray, "f-1"] | float = 0.0,
 ) -> Float[np.ndarray, "K+1"]:
-    """Places among `fine`, increasing, at equal effort, none above `limit_share` of the gripper limits.
+    """Places among `fine`, increasing, at equal effort, none above `limit_share` of the limits.
 
-    The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit.
+    The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit,
+    and of `trailing`, the same for the lag of the cable.
     """
     move, turn = se2.pose_distance(poses[:-1], poses[1:])
     shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
@@ -197,6 +211,7 @@ def at_equal_effort(
             move.max(1) / limits.max_step,
             turn.max(1) / limits.max_turn,
             shift / (config.keypoint_step * limits.max_step),
+            np.broadcast_to(trailing, shift.shape),
         ]
     )
     total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
