@@ -14,13 +14,16 @@ from cableway.control.base import Status
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.neural_mpc import NeuralMPC
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
-from cableway.errors import InputError, SimulationError
+from cableway.errors import InputError, PlanningError, SimulationError
 from cableway.models.baselines import RigidBlend
-from cableway.records import Measurement, Observation, Rollout
+from cableway.planning.planner import plan
+from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.rod.equilibrium import Rod
+from cableway.rod.inverse import equilibria_at, shape_between
+from cableway.scene.task import Task
 from cableway.simulation.plant import CableSimulator, PlantConfig
 from cableway.simulation.sensing import SensedPlant, SensingConfig
-from cableway.tracking import TrackConfig, track
+from cableway.tracking import LOST, Recovery, TrackConfig, track
 
 ROD = Rod(0.3)
 PLAN = straight_plan(ROD, steps=40)
@@ -202,3 +205,71 @@ def test_progress_rises_to_1() -> None:
 def test_settings_out_of_range_are_refused() -> None:
     with pytest.raises(InputError, match="patience must be finite and not negative, got nan"):
         TrackConfig(patience=float("nan"))
+
+
+ARC = shape_between(ROD, np.array([[0.2, 0.3, 0.0], [0.42, 0.3, 0.0]]), "left")
+CARRIED = straight_plan(ROD, ARC, ARC + [0.08, 0.05, 0.0, 0.0, 0.0, 0.0], steps=40)
+"""An arc carried aside; between the same grippers its mirror image is as stable."""
+CARRIED_TASK = task_for(CARRIED)
+
+
+class Snapping(QuasiStaticPlant):
+    """At some steps the cable jumps to another shape that its grippers allow."""
+
+    snaps: tuple[int, ...] = (15,)
+
+    def step(self, action: np.ndarray) -> Observation:
+        seen = super().step(action)
+        if self._step not in self.snaps:
+            return seen
+        shapes = equilibria_at(self.rod, self._poses)
+        stations = self.rod.shapes(shapes)[0]
+        farthest = int(np.argmax(np.linalg.norm(stations - self._stations, axis=(1, 2))))
+        self._now, self._stations = shapes[farthest], stations[farthest]
+        return self._observe()
+
+
+def planned_back(task: Task, left: Plan) -> Plan:
+    return plan(task, previous=left)
+
+
+def test_a_cable_that_snaps_is_stopped_within_half_a_second_and_led_on_by_a_new_plan() -> None:
+    recovery = Recovery(replan=planned_back, rest=0.5)
+    rollout = track(Snapping(CARRIED_TASK, ARC, ROD), EAGER, CARRIED, recovery=recovery)
+    lost = [step for step, status in enumerate(rollout.status.tolist()) if status == LOST]
+    assert 15 < lost[0] <= 15 + 5
+    assert lost == list(range(lost[0], lost[0] + 5))
+    np.testing.assert_array_equal(rollout.actions[lost], 0.0)
+    assert rollout.metadata["recovered"] == [pytest.approx(0.1 * (lost[-1] + 1))]
+    assert rollout.metadata["outcome"] == "settled"
+    assert stacked(rollout.keypoints[-1], CARRIED_TASK.goal) < 1e-3
+    without = track(Snapping(CARRIED_TASK, ARC, ROD), EAGER, CARRIED)
+    assert stacked(without.keypoints[-1], CARRIED_TASK.goal) > 0.03
+
+
+def test_a_cable_that_snaps_again_and_again_is_given_up() -> None:
+    plant = Snapping(CARRIED_TASK, ARC, ROD)
+    plant.snaps = (15, 30)
+    rollout = track(plant, EAGER, CARRIED, recovery=Recovery(replan=planned_back, times=1))
+    assert rollout.metadata["outcome"] == "the cable left its plan: already brought back 1 times"
+    assert len(rollout.metadata["recovered"]) == 1
+
+
+def test_a_cable_that_cannot_be_brought_back_is_a_clean_failure() -> None:
+    def nowhere(task: Task, left: Plan) -> Plan:
+        raise PlanningError("there is no plan")
+
+    rollout = track(Snapping(CARRIED_TASK, ARC, ROD), EAGER, CARRIED, recovery=Recovery(replan=nowhere))
+    assert rollout.metadata["outcome"] == "the cable left its plan: there is no plan"
+    assert not rollout.metadata["recovered"]
+    np.testing.assert_array_equal(rollout.actions[-1], 0.0)
+
+
+def test_on_its_plan_nothing_is_recovered(mpc: NeuralMPC, shifted: Rollout) -> None:
+    again = track(plant(SHIFTED), mpc, PLAN, recovery=Recovery(replan=planned_back))
+    np.testing.assert_array_equal(again.actions, shifted.actions)
+
+
+def test_settings_of_recovery_are_checked() -> None:
+    with pytest.raises(InputError, match="deviation must be finite"):
+        Recovery(replan=planned_back, deviation=np.nan)

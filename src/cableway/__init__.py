@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cableway.simulation.grasp import GraspConfig, GraspedCable
     from cableway.simulation.plant import CableSimulator
     from cableway.simulation.sensing import SensedPlant, SensingConfig
-    from cableway.tracking import track
+    from cableway.tracking import Recovery, track
     from cableway.verification import verify_plan, verify_rollout
 
 _HOME = {
@@ -45,6 +45,7 @@ _HOME = {
     "NeuralMPC": "control.neural_mpc",
     "OpenLoop": "control.open_loop",
     "Plan": "records",
+    "Recovery": "tracking",
     "PlannerConfig": "planning.config",
     "Polygon": "scene.obstacles",
     "RodMPC": "control.rod_mpc",

@@ -254,7 +254,7 @@ def _failure(
         return None if plan_verdict is None or plan_verdict.passed else f"the plan does not verify: {plan_verdict}"
     reasons = []
     outcome = str(rollout.metadata.get("outcome", ""))
-    if outcome.startswith("plant failed"):
+    if outcome.startswith(("plant failed", "the cable left its plan")):
         reasons.append(outcome)
     error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
     if not error < SUCCESS_ERROR:

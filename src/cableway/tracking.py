@@ -13,13 +13,19 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from cableway.control.base import Controller, ControllerState
-from cableway.errors import InputError, SimulationError
+from cableway.errors import InputError, PlanningError, SimulationError, TaskError
 from cableway.provenance import describe
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.scene.task import Task
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
+
+LOST = "off the plan: stopped"
+"""Status of a step in which the grippers stand still because the cable has left its plan."""
+
+LEFT = "the cable left its plan"
+"""How the outcome of a run begins that was not brought back."""
 
 
 class Plant(Protocol):
@@ -131,6 +137,36 @@ class _Log:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Recovery:
+    """What happens when the cable leaves its plan for good: it snapped to another shape, slipped, or is blocked.
+
+    The grippers stop and stand still; a new plan is made from where the cable is, and the run goes on with it.
+
+    Attributes:
+        replan: Plans a task that starts where the cable is; told the plan that was left. Raises `PlanningError` where
+            there is no way.
+        times: Recoveries in one run, after which it ends.
+        deviation: Mean distance [m] of the keypoints from their reference from which the cable is not on its plan.
+        patience: Time [s] for which that must be so.
+        rest: Time [s] that the grippers stand still.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    replan: Callable[[Task, Plan], Plan]
+    times: int = 2
+    deviation: float = 0.05
+    patience: float = 0.3
+    rest: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("times", "deviation", "patience", "rest"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
+
+
 # Threads of the linear algebra library cost more than they save on matrices of this size, most on a busy machine.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def track(
@@ -139,6 +175,7 @@ def track(
     plan: Plan,
     *,
     config: TrackConfig | None = None,
+    recovery: Recovery | None = None,
     progress: Progress | None = None,
     seed: int = 0,
 ) -> Rollout:
@@ -149,13 +186,15 @@ def track(
         controller: What leads.
         plan: Shapes and gripper poses to follow.
         config: When to end, the defaults where None.
+        recovery: What to do when the cable leaves the plan; nothing where None.
         progress: Told how far along the plan the run is.
         seed: For the record.
 
     Returns:
-        All that happened. `metadata["outcome"]` says how it ended: "settled", "time ran out", or, where the plant
-        gave up, "plant failed: ..." with its reason, which the last status says too; the rollout then ends with the
-        last state before that.
+        All that happened. `metadata["outcome"]` says how it ended: "settled", "time ran out", "the cable left its
+        plan: ..." with why it was not brought back, or, where the plant gave up, "plant failed: ..." with its reason,
+        which the last status says too; the rollout then ends with the last state before that. `metadata["recovered"]`
+        has the times [s] from which a new plan was followed.
 
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.
@@ -167,26 +206,98 @@ def track(
             f"the controller makes a step every {controller.control_step:.4g} s, "
             f"the plant takes steps of {plant.control_step:.4g} s"
         )
-    state = controller.init(plant.task, plan)
-    observation = plant.reset()
-    log = _Log()
-    log.see(0.0, observation, plant.measure(), state.reference)
-    rule = _StopRule(config, plan, plant.control_step)
+    loop = _Loop(plant, controller, plan, config)
+    watch = _Watch(recovery, plant.control_step) if recovery is not None else None
     outcome = None
     while outcome is None:
-        before = time.perf_counter()
-        action, state = controller.step(state, observation)
-        log.act(action, time.perf_counter() - before, str(state.status))
-        try:
-            observation = plant.step(action)
-            log.see(len(log.times) * plant.control_step, observation, plant.measure(), state.reference)
-        except SimulationError as error:
-            outcome = log.end_early(error)
-        else:
-            outcome = rule.outcome(state, observation)
+        outcome = loop.step()
+        if outcome is None and watch is not None and watch.is_lost(loop.observation, loop.state.reference):
+            outcome = watch.recover(loop)
         if progress is not None:
-            progress("track", 1.0 if outcome else min(state.progress, 0.99))
-    return log.rollout(_metadata(controller, config, outcome, seed))
+            progress("track", 1.0 if outcome else min(loop.state.progress, 0.99))
+    recovered = watch.recovered if watch is not None else []
+    return loop.log.rollout(_metadata(controller, config, outcome, seed) | {"recovered": recovered})
+
+
+class _Loop:
+    """A run: plant and controller, what was seen last, and the record."""
+
+    def __init__(self, plant: Plant, controller: Controller[Any], plan: Plan, config: TrackConfig) -> None:
+        self.plant, self._controller, self._config, self.log = plant, controller, config, _Log()
+        self.follow(plant.task, plan)
+        self.observation = plant.reset()
+        self.log.see(0.0, self.observation, plant.measure(), self.state.reference)
+
+    @property
+    def time(self) -> float:
+        """[s] since the start."""
+        return self.log.times[-1]
+
+    def follow(self, task: Task, plan: Plan) -> None:
+        """Begin with a plan."""
+        self.plan = plan
+        self.state: ControllerState = self._controller.init(task, plan)
+        self._rule = _StopRule(self._config, plan, self.plant.control_step)
+
+    def step(self) -> str | None:
+        """One control step; how the run ended, if it did."""
+        before = time.perf_counter()
+        action, self.state = self._controller.step(self.state, self.observation)
+        self.log.act(action, time.perf_counter() - before, str(self.state.status))
+        return self._move(action) or self._rule.outcome(self.state, self.observation)
+
+    def stand(self) -> str | None:
+        """One control step without motion."""
+        self.log.act(np.zeros((2, 3)), 0.0, LOST)
+        return self._move(np.zeros((2, 3)))
+
+    def _move(self, action: np.ndarray) -> str | None:
+        try:
+            self.observation = self.plant.step(action)
+            now = len(self.log.times) * self.plant.control_step
+            self.log.see(now, self.observation, self.plant.measure(), self.state.reference)
+        except SimulationError as error:
+            return self.log.end_early(error)
+        return None
+
+
+class _Watch:
+    """Sees that the cable has left its plan, and brings it back."""
+
+    def __init__(self, recovery: Recovery, control_step: float) -> None:
+        self._recovery = recovery
+        self._patience = max(1, math.ceil(recovery.patience / control_step))
+        self._rest = max(1, math.ceil(recovery.rest / control_step))
+        self._off = 0
+        self.recovered: list[float] = []
+
+    def is_lost(self, observation: Observation, reference: Float[np.ndarray, "n 2"]) -> bool:
+        """Whether the keypoints have been far from their reference for long enough; hidden ones tell nothing."""
+        distance = np.linalg.norm(observation.keypoints - reference, axis=1)
+        seen = distance[np.isfinite(distance)]
+        if len(seen):
+            self._off = self._off + 1 if seen.mean() > self._recovery.deviation else 0
+        return self._off >= self._patience
+
+    def recover(self, loop: _Loop) -> str | None:
+        """Stand still, plan anew from where the cable is and follow that; how the run ended, if it did."""
+        if len(self.recovered) >= self._recovery.times:
+            return f"{LEFT}: already brought back {len(self.recovered)} times"
+        keypoints = np.full_like(loop.observation.keypoints, np.nan)
+        for _ in range(self._rest):
+            outcome = loop.stand()
+            if outcome is not None:
+                return outcome
+            seen = loop.observation.keypoints
+            keypoints = np.where(np.isfinite(seen), seen, keypoints)
+        try:
+            task = loop.plant.task.resumed_from(keypoints)
+            loop.follow(task, self._recovery.replan(task, loop.plan))
+        except (TaskError, PlanningError) as error:
+            return f"{LEFT}: {error}"
+        self._off = 0
+        self.recovered.append(loop.time)
+        return None
 
 
 class _StopRule:

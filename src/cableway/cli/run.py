@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,7 +18,7 @@ from cableway.errors import ControlError, SimulationError
 if TYPE_CHECKING:
     from cableway.cli.plants import PlantSetup
     from cableway.control.base import Controller
-    from cableway.records import Rollout
+    from cableway.records import Plan, Rollout
     from cableway.report import Report
     from cableway.scene.task import Task
 
@@ -95,7 +96,7 @@ class Run(PlanOptions):
         """The rollout, what was not simulated, and what stopped it before it began, if something did."""
         from cableway.geometry.compiled import mark_compiled
         from cableway.provenance import versions
-        from cableway.tracking import track
+        from cableway.tracking import Recovery, track
 
         assert planned.plan is not None
         tell("track", 0.0)
@@ -103,7 +104,14 @@ class Run(PlanOptions):
         try:
             plant = setup.build(task, self.seed or 0)
             notes = plant.plant.unmodelled
-            rollout = track(plant, controller, planned.plan, progress=tell, seed=self.seed or 0)
+            rollout = track(
+                plant,
+                controller,
+                planned.plan,
+                recovery=Recovery(replan=self._replan),
+                progress=tell,
+                seed=self.seed or 0,
+            )
         except (SimulationError, ControlError) as error:
             return None, notes, f"tracking failed: {error}"
         if self._name in ROD_BASED:
@@ -112,3 +120,16 @@ class Run(PlanOptions):
         if self._name.startswith("neural-mpc"):
             made_by["model"] = self.model or MODEL
         return replace(rollout, metadata={**made_by, **rollout.metadata}), notes, None
+
+    def _replan(self, task: Task, left: Plan) -> Plan:
+        """A plan from where the cable is, sought first along the one that it left."""
+        from cableway.planning.planner import plan
+
+        deadline = time.monotonic() + self.time_limit
+        return plan(
+            task,
+            seed=self.seed or 0,
+            config=self.planner_config(),
+            previous=left,
+            expired=lambda: time.monotonic() > deadline,
+        )
