@@ -16,8 +16,7 @@ MODULES = (
     "cableway.cli.commands",
     "cableway.scene.loading",
     "cableway.planning.planner",
-    "cableway.control.neural_mpc",
-    "cableway.models.checkpoint",
+    "cableway.control.rod_mpc",
     "cableway.simulation.plant",
     "cableway.tracking",
     "cableway.report",
@@ -36,24 +35,19 @@ def timed(action: Callable[[], Any]) -> float:
 
 def until_first_step(name: str) -> dict[str, float]:
     """Seconds of each part of a run, up to and with the first control step."""
-    from cableway.control.neural_mpc import NeuralMPC
-    from cableway.models.checkpoint import load_model
-    from cableway.models.compilation import enable_compilation_cache
+    from cableway.control.rod_mpc import RodMPC
     from cableway.planning.planner import plan
     from cableway.scene.loading import load_task
     from cableway.simulation.plant import CableSimulator
 
     found: dict[str, Any] = {}
-    enable_compilation_cache()
     parts: dict[str, Callable[[], Any]] = {
         "load task": lambda: found.update(task=load_task(name)),
         "plan": lambda: found.update(plan=plan(found["task"])),
-        "load model": lambda: found.update(model=load_model("transformer")),
         "make plant": lambda: CableSimulator(found["task"]),
     }
     seconds = {part: timed(action) for part, action in parts.items()}
-    controller = NeuralMPC(found["model"])
-    seconds["compile controller"] = timed(lambda: controller.init(found["task"], found["plan"]))
+    seconds["compile controller"] = timed(lambda: RodMPC().init(found["task"], found["plan"]))
     return seconds
 
 

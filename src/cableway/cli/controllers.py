@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cableway.errors import InputError, UnknownNameError
-from cableway.geometry.compiled import is_compiled
 
 if TYPE_CHECKING:
     from cableway.cli.terminal import Terminal
@@ -45,6 +44,8 @@ def make_controller(name: str, model: str | None, terminal: Terminal) -> Control
         from cableway.control.open_loop import OpenLoop
 
         return OpenLoop()
+    from cableway.geometry.compiled import is_compiled
+
     if not is_compiled("control"):
         terminal.note(AHEAD)
     if name == "rod-mpc":
