@@ -20,7 +20,7 @@ from cableway.records import Observation, Plan, Rollout
 from cableway.rod import adapted
 from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, STIFFNESS
 from cableway.rod.equilibrium import Rod
-from cableway.rod.inverse import fit_keypoints
+from cableway.rod.inverse import fit_keypoints, shape_between
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
@@ -156,8 +156,6 @@ def test_with_nothing_to_estimate_only_the_offset_moves() -> None:
 def test_a_jump_to_another_shape_is_followed() -> None:
     """The mirror image between the same grippers: the estimator takes it up at once."""
     rod, poses = Rod(0.3), np.array([[0.2, 0.3, 0.0], [0.42, 0.3, 0.0]])
-    from cableway.rod.inverse import shape_between
-
     up, down = (shape_between(rod, poses, side) for side in ("left", "right"))
     estimator = RodEstimator(rod, EstimatorConfig(), 0.1)
     seen = rod.at_keypoints(rod.shapes(down[None])[0])[0]
@@ -280,3 +278,15 @@ def test_the_compiled_grasp_is_that_of_the_plane() -> None:
     poses, grasps = rng.normal(size=(2, 3)), rng.normal(size=6)
     np.testing.assert_allclose(rod_kernels.held(poses, grasps), se2.attached(poses, grasps.reshape(2, 3)))
     np.testing.assert_allclose(rod_kernels.holding(poses, grasps), se2.bearing(poses, grasps.reshape(2, 3)))
+
+
+def test_a_cable_too_short_to_be_held_as_first_believed_is_found_all_the_same() -> None:
+    """Nearly taut and 3% short: the first correction overshoots what its grippers allow."""
+    rod, poses = Rod(0.291), np.array([[0.2, 0.3, 0.3], [0.4885, 0.31, -0.2]])
+    seen = rod.at_keypoints(rod.shapes(shape_between(rod, poses, "left")[None])[0])[0]
+    believed = shape_between(ROD, poses, "left")
+    estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
+    estimate = estimator.start(believed)
+    for _ in range(20):
+        estimate = estimator.update(estimate, seen, poses, 0.0)
+    assert estimate.theta[LENGTH] == pytest.approx(0.291, abs=1e-3)

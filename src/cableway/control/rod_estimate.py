@@ -25,6 +25,9 @@ from cableway.rod.inverse import fit_keypoints
 MET = 1e-3
 """Residual of the ends, in lengths and radians, up to which the rod is held as it should be."""
 
+HALVINGS = 6
+"""Shorter corrections tried where the corrected rod cannot be held by its grippers."""
+
 JUMP = 0.015
 """Mean distance [m] of the keypoints from their prediction from which the cable may have jumped to another shape."""
 
@@ -160,6 +163,12 @@ class RodEstimator:
             return estimate
         theta, covariance = self._corrected(estimate, expected, keypoints, speed)
         corrected = self._explained(expected.q, theta, keypoints, poses)
+        for _ in range(HALVINGS):
+            if corrected.possible:
+                break
+            # a rod that is too short for its grippers: part of the way, and no surer than before
+            theta, covariance = (theta + estimate.theta) / 2, estimate.covariance
+            corrected = self._explained(expected.q, theta, keypoints, poses)
         if not corrected.possible:
             return estimate
         rest = np.where(seen[:, None], keypoints - corrected.keypoints, estimate.offset)
