@@ -65,8 +65,17 @@ def test_the_same_in_python(folder):
     """The calls of the README give the rollout that the command gave, bit for bit."""
     task = cw.load_task(folder / "own.yaml")
     plan = cw.plan(task, seed=1)
-    rollout = cw.track(cw.CableSimulator(task), cw.NeuralMPC(cw.load_model("transformer")), plan)
+    rollout = cw.track(cw.CableSimulator(task), cw.RodMPC(), plan)
     recorded = cw.Rollout.load(folder / "out" / "rollout.npz")
     assert np.array_equal(rollout.keypoints, recorded.keypoints)
     assert np.array_equal(rollout.actions, recorded.actions)
     assert cw.summarize(task, plan, rollout).success
+
+
+def test_the_learned_model_leads_it_there_too(folder):
+    """Neural MPC with the shipped transformer, from the plan on disk."""
+    task, plan = cw.load_task(folder / "own.yaml"), cw.Plan.load(folder / "out" / "plan.npz")
+    rollout = cw.track(cw.CableSimulator(task), cw.NeuralMPC(cw.load_model("transformer")), plan)
+    report = cw.summarize(task, plan, rollout)
+    assert report.success
+    assert report.shape_error < 0.005

@@ -11,12 +11,14 @@ import pytest
 from recorded import moved_aside, moved_plan, perfect_rollout
 
 from cableway.records import Attempt, Check, Plan, Rollout, Verdict
-from cableway.report import Report, summarize
+from cableway.report import Report, shape_error_floor, summarize
+from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
 from cableway.verification import VerificationLimits
 
 ONLY_OF_A_RUN = {
     "shape_error",
+    "shape_error_floor",
     "mean_keypoint_error",
     "min_clearance",
     "gripper_clearance",
@@ -164,3 +166,15 @@ def test_the_text_names_every_figure_with_its_unit(recorded: tuple[Task, Plan, R
         assert part in text
     starts = {len(line) - len(line.split("  ", 1)[1].lstrip()) for line in text.splitlines()}
     assert len(starts) == 1, "values stand below each other"
+
+
+def test_the_floor_is_what_no_gripper_poses_go_below(recorded: tuple[Task, Plan, Rollout]):
+    """Nothing for the task's own cable, the nearest shape of a rod that is 3% short for such a cable."""
+    task = recorded[0]
+    goal = task.cable.rod.at_keypoints(task.cable.rod.shapes(task.goal_fit[0][None])[0])[0]
+    assert shape_error_floor(task.cable, goal) == pytest.approx(0.0, abs=1e-6)
+    short = replace(task.cable, length=0.97 * task.cable.length)
+    assert shape_error_floor(short, goal) == pytest.approx(fit_keypoints(short.rod, goal)[1], rel=1e-4)
+    graded = replace(task.cable, stiffness_profile=(0.5, 2.0))
+    assert 1e-4 < (shape_error_floor(graded, goal) or 0.0) < 0.02
+    assert shape_error_floor(replace(task.cable, yield_curvature=5.0), goal) is None

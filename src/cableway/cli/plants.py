@@ -49,8 +49,9 @@ class PlantSetup:
             InputError: The cable does not fit the task.
             SimulationError: The start cannot be taken.
         """
-        cable = GraspedCable(CableSimulator(task, self.simulation, self.cable), self.grasp)
-        return SensedPlant(cable, self.sensing, seed)
+        cable = CableSimulator(task, self.simulation, self.cable)
+        held = cable if self.grasp == GraspConfig() else GraspedCable(cable, self.grasp)
+        return SensedPlant(held, self.sensing, seed)
 
     def as_dict(self) -> dict[str, Any]:
         """The resolved configuration as plain data."""
