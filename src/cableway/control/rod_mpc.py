@@ -42,13 +42,14 @@ from cableway.errors import InputError
 from cableway.records import Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH, ROD
 from cableway.rod.adapted_kernels import fit_shapes, meet_ends
+from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
 
 FIT_PULL = 1e-8
 """Weight [m^2] of the change of the load in a fit."""
 
-FIT_ITERATIONS = 5
+FIT_ITERATIONS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,12 +129,15 @@ class Problem:
         task: The task.
         reference: The plan by time.
         estimator: Of the rod's parameters.
+        shapes: (T + 1, 6) shapes of the uniform rod nearest to the plan's rows, from which fits start: loads that
+            keypoints cannot tell do not run away from step to step.
         limits: As `rod_kernels.assemble` wants them.
     """
 
     task: Task
     reference: PlanReference
     estimator: RodEstimator
+    shapes: Float[np.ndarray, "T+1 6"]
     limits: tuple[float, ...]
 
 
@@ -146,14 +150,12 @@ class RodMPCState(ControllerState):
         index: Control steps of the reference that are over.
         sight: What is known of grippers and delays.
         estimate: What is believed of the cable.
-        fits: (H + 1, 6) shapes of the adapted rod nearest to the reference now and after each action.
     """
 
     problem: Problem
     index: int
     sight: Sight
     estimate: RodEstimate
-    fits: Float[np.ndarray, "H+1 6"]
 
 
 class RodMPC(Controller[RodMPCState]):
@@ -179,16 +181,15 @@ class RodMPC(Controller[RodMPCState]):
             self.config.threshold,
             grippers.separation,
         )
-        q = turned_on(fit_keypoints(rod, plan.shapes[0])[0], rod, plan.poses[0])
+        shapes = plan_shapes(rod, plan)
         state = RodMPCState(
             status=Status.STARTED,
             reference=reference.shape(0),
             progress=0.0,
-            problem=Problem(task, reference, estimator, limits),
+            problem=Problem(task, reference, estimator, shapes, limits),
             index=0,
             sight=Sight.before(plan.poses[0], rod.keypoints),
-            estimate=estimator.start(q),
-            fits=np.repeat(q[None], self.config.horizon + 1, axis=0),
+            estimate=estimator.start(shapes[0]),
         )
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
@@ -205,20 +206,18 @@ class RodMPC(Controller[RodMPCState]):
             return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
         estimate = state.problem.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed)
         state = replace(state, estimate=estimate)
-        action, fits = self._solve(state)
+        action = self._solve(state)
         if not np.isfinite(action).all():
-            action, fits = state.problem.reference.actions(state.index, 1)[0], state.fits
-            return self._sent(state, action, Status.FAILED)
-        state = replace(state, fits=np.concatenate([fits[1:], fits[-1:]]))
+            return self._sent(state, state.problem.reference.actions(state.index, 1)[0], Status.FAILED)
         return self._sent(state, action, Status.UNSEEN if sight.blind else Status.TRACKING)
 
-    def _solve(self, state: RodMPCState) -> tuple[Float[np.ndarray, "2 3"], Float[np.ndarray, "H+1 6"]]:
-        """The next gripper motion and the fits it comes from."""
+    def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
+        """The next gripper motion."""
         config, problem, theta = self.config, state.problem, state.estimate.theta
         estimator, count = problem.estimator, config.horizon + 1
         rod, modes, p = estimator.rod, estimator.modes, theta[ROD]
-        wanted = problem.reference.plan.shapes[problem.reference.rows(state.index, count)]
-        fits, ends = state.fits.copy(), np.empty((count, 2, 3))
+        rows = problem.reference.rows(state.index, count)
+        wanted, fits, ends = problem.reference.plan.shapes[rows], problem.shapes[rows], np.empty((count, 2, 3))
         fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_ITERATIONS, np.empty_like(wanted), ends)
         commanded = state.sight.commanded
         before = rod_kernels.held(commanded, theta[GRASPS])
@@ -234,7 +233,7 @@ class RodMPC(Controller[RodMPCState]):
         fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
         farthest = float(longest_gap(ends[1:2], theta[LENGTH], config.longest)[0])
         moved = within_limits(reached[0] - before, before, problem.task.grippers, farthest)
-        return rod_kernels.holding(before + moved, theta[GRASPS]) - commanded, fits
+        return rod_kernels.holding(before + moved, theta[GRASPS]) - commanded
 
     def _sent(
         self, state: RodMPCState, action: Float[np.ndarray, "2 3"], status: Status
@@ -251,6 +250,14 @@ class RodMPC(Controller[RodMPCState]):
             index=index,
             sight=sight.sending(action),
         )
+
+
+def plan_shapes(rod: Rod, plan: Plan) -> Float[np.ndarray, "T+1 6"]:
+    """Rod coordinates of a plan's rows, running on from row to row, turned on with its gripper poses."""
+    shapes = [turned_on(fit_keypoints(rod, plan.shapes[0])[0], rod, plan.poses[0])]
+    for keypoints, poses in zip(plan.shapes[1:], plan.poses[1:], strict=True):
+        shapes.append(turned_on(fit_keypoints(rod, keypoints, shapes[-1])[0], rod, poses))
+    return np.array(shapes)
 
 
 def _at_stations(offset: Float[np.ndarray, "n 2"], stride: int) -> Float[np.ndarray, "s 2"]:
