@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cableway.control.neural_mpc import NeuralMPC
+from cableway.control.rod_mpc import RodMPC
 from cableway.errors import SimulationError
-from cableway.models.checkpoint import load_model
 from cableway.planning.planner import plan
 from cableway.records import SUCCESS_ERROR, Plan
 from cableway.scene.cable import Cable
@@ -72,7 +71,7 @@ class Loop:
 
     task: Task
     plan: Plan
-    controller: NeuralMPC
+    controller: RodMPC
 
     def run(self, cable: Cable, sensing: SensingConfig, seed: int) -> tuple[float, float, bool]:
         """Final stacked error, largest deviation [mm], whether it succeeded; infinite where the plant gave up."""
@@ -128,7 +127,7 @@ def main() -> None:
     options = parser.parse_args()
     task = load_task(options.task)
     print_rates(task)
-    loop = Loop(task, plan(task, seed=0), NeuralMPC(load_model("transformer")))
+    loop = Loop(task, plan(task, seed=0), RodMPC())
     print_sensing(loop, options.runs)
     print_cables(loop, options.runs)
 
