@@ -277,7 +277,6 @@ def test_the_compiled_grasp_is_that_of_the_plane() -> None:
     rng = np.random.default_rng(0)
     poses, grasps = rng.normal(size=(2, 3)), rng.normal(size=6)
     np.testing.assert_allclose(rod_kernels.held(poses, grasps), se2.attached(poses, grasps.reshape(2, 3)))
-    np.testing.assert_allclose(rod_kernels.holding(poses, grasps), se2.bearing(poses, grasps.reshape(2, 3)))
 
 
 def test_a_cable_too_short_to_be_held_as_first_believed_is_found_all_the_same() -> None:

@@ -11,6 +11,8 @@ import pytest
 from cableway.geometry import se2
 from cableway.models.rod_parameters import RodParameters
 from cableway.models.viscoelastic import link_angles, rod_step
+from cableway.rod import adapted
+from cableway.rod.adapted_kernels import adapted_shape, workspace
 from cableway.rod.equilibrium import Rod
 
 FROM = np.array([0.3, 0.2, 0.7, -20.0, 6.0, 2.5])
@@ -37,6 +39,26 @@ def test_without_lag_it_goes_from_one_equilibrium_of_the_chain_to_the_next(keypo
     moved = step(material(keypoints, 1e-4), shapes[0], poses[0], poses[1] - poses[0])
     way = shapes[1] - shapes[0]
     np.testing.assert_allclose(moved, way, atol=0.01 * np.abs(way).max())
+
+
+@pytest.mark.parametrize("keypoints", [13, 10])
+def test_a_rod_that_is_not_uniform_is_the_adapted_rod(keypoints):
+    """Stiffness and rest curvature along the length as in `cableway.rod.adapted`; x^2 - 1/3 is 2/3 of P_2."""
+    rod = Rod(0.3, keypoints)
+    stiffness, rest = np.array([0.5, -0.4]), np.array([0.6, 0.8])
+    p = np.concatenate([[rod.length], stiffness * [1, 2 / 3], rest * [1, 2 / 3]])
+    shapes, poses = [], []
+    for q in (FROM, TO):
+        stations, _, ends, _ = arrays = workspace(adapted.modes(rod))
+        adapted_shape(q, p, adapted.modes(rod), *arrays)
+        shapes.append(rod.at_keypoints(stations[None])[0])
+        poses.append(ends)
+    parameters = RodParameters(1e-4)
+    parameters = eqx.tree_at(lambda r: (r.stiffness, r.rest), parameters, (jnp.float32(stiffness), jnp.float32(rest)))
+    action = np.float32(poses[1] - poses[0])
+    moved = step(parameters.material(rod.hinges), np.float32(shapes[0]), np.float32(poses[0]), action)
+    way = shapes[1] - shapes[0]
+    np.testing.assert_allclose(moved, way, atol=0.02 * np.abs(way).max())
 
 
 def test_the_angles_of_the_links_are_found_from_the_keypoints():

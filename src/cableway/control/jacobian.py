@@ -24,11 +24,9 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control import rod_kernels
-from cableway.control.base import Controller, ControllerState, Status
-from cableway.control.limits import longest_gap, within_limits
-from cableway.control.reference import PlanReference, reference_for
-from cableway.control.seen import poses_usable
-from cableway.control.sight import HELD_AS_BELIEVED, Sight
+from cableway.control.base import Controller, Status
+from cableway.control.following import FollowerState
+from cableway.control.limits import longest_gap
 from cableway.errors import InputError
 from cableway.records import Observation, Plan
 from cableway.rod import adapted
@@ -53,7 +51,8 @@ class JacobianConfig:
         learning_rate: r, share of what was not expected that J takes on.
         longest: Distance between the grippers over the cable's length, never exceeded unless by the plan.
         hold: Time [s] at the plan's first row before it is followed.
-        unseen_steps: Steps in a row that go on without all keypoints before the grippers stop.
+        blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
+        unseen_steps: Steps in a row that go on without any keypoint before the grippers stop.
 
     Raises:
         InputError: A value is out of range.
@@ -66,6 +65,7 @@ class JacobianConfig:
     learning_rate: float = 0.3
     longest: float = 0.995
     hold: float = 1.5
+    blind_steps: int = 3
     unseen_steps: int = 10
 
     def __post_init__(self) -> None:
@@ -81,23 +81,15 @@ class JacobianConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JacobianState(ControllerState):
+class JacobianState(FollowerState):
     """State of `JacobianFeedback`.
 
     Attributes:
-        task: The task.
-        plan: The plan by time.
-        index: Control steps of the reference that are over.
-        sight: What is known of the grippers.
         jacobian: (2n, 6) derivative of the keypoints by the gripper poses.
         seen: Keypoints (n, 2) and gripper poses (2, 3) of the last complete observation, None before it.
         q: (6,) rod coordinates of the plan's shape.
     """
 
-    task: Task
-    plan: PlanReference
-    index: int
-    sight: Sight
     jacobian: Float[np.ndarray, "2n 6"]
     seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
     q: Float[np.ndarray, "6"]
@@ -115,16 +107,8 @@ class JacobianFeedback(Controller[JacobianState]):
 
     def init(self, task: Task, plan: Plan) -> JacobianState:
         """See `Controller.init`."""
-        reference = reference_for(task, plan, self.config.hold)
-        n = task.cable.keypoints
         state = JacobianState(
-            status=Status.STARTED,
-            reference=reference.shape(0),
-            progress=0.0,
-            task=task,
-            plan=reference,
-            index=0,
-            sight=Sight.before(plan.poses[0], n),
+            **FollowerState.beginning(task, plan, self.config.hold),
             jacobian=blend_jacobian(plan.shapes[0], plan.poses[0]),
             seen=None,
             q=fit_keypoints(task.cable.rod, plan.shapes[0])[0],
@@ -136,22 +120,18 @@ class JacobianFeedback(Controller[JacobianState]):
         self, state: JacobianState, observation: Observation | None
     ) -> tuple[Float[np.ndarray, "2 3"], JacobianState]:
         """See `Controller.step`."""
-        if observation is None or not poses_usable(observation):
-            sight = state.sight.blindly()
-        else:
-            sight = state.sight.after(observation, HELD_AS_BELIEVED, state.task.cable)
-        complete = bool(np.isfinite(sight.keypoints).all())
-        state = replace(state, sight=sight)
-        if sight.blind > self.config.unseen_steps:
-            return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
+        config, state = self.config, state.looking(observation)
+        longest = float(longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, config.longest)[0])
+        if state.sight.blind > config.blind_steps or state.sight.unseen > config.unseen_steps:
+            return state.sending(np.zeros((2, 3)), Status.STOPPED, longest)
         forward = state.plan.actions(state.index, 1)[0]
-        if not complete:
-            return self._sent(state, forward, Status.UNSEEN)
+        if not np.isfinite(state.sight.keypoints).all():
+            return state.sending(forward, Status.UNSEEN, longest)
         state = self._learned(state)
         back = self._feedback(state, forward)
         if not np.isfinite(back).all():
-            return self._sent(state, forward, Status.FAILED)
-        return self._sent(state, forward + back, Status.TRACKING)
+            return state.sending(forward, Status.FAILED, longest)
+        return state.sending(forward + back, Status.TRACKING, longest)
 
     def _learned(self, state: JacobianState) -> JacobianState:
         """With the derivative at the plan's next shape, or brought up to date by what was seen."""
@@ -184,22 +164,6 @@ class JacobianFeedback(Controller[JacobianState]):
     @property
     def _units(self) -> Float[np.ndarray, "6"]:
         return np.tile([1.0, 1.0, self.config.turn_lever**2], 2)
-
-    def _sent(
-        self, state: JacobianState, action: Float[np.ndarray, "2 3"], status: Status
-    ) -> tuple[Float[np.ndarray, "2 3"], JacobianState]:
-        sight, cable = state.sight, state.task.cable
-        longest = longest_gap(state.plan.poses(state.index, 1), cable.length, self.config.longest)[0]
-        action = within_limits(action, sight.commanded, state.task.grippers, float(longest))
-        index = state.index + (status != Status.STOPPED)
-        return action, replace(
-            state,
-            status=status,
-            reference=state.plan.shape(index),
-            progress=state.plan.progress(index),
-            index=index,
-            sight=sight.sending(action),
-        )
 
 
 def blend_jacobian(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2n 6"]:

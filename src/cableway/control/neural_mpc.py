@@ -30,15 +30,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.base import Controller, ControllerState, Status
+from cableway.control.base import Controller, Status
+from cableway.control.following import FollowerState
 from cableway.control.gauss_newton import Residual, Solution, minimize_in_box
 from cableway.control.horizon import ActionBox, HorizonCost, Target
-from cableway.control.limits import longest_gap, within_limits
+from cableway.control.limits import longest_gap
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.prediction import Predictor, compile_predictor
-from cableway.control.reference import PlanReference, reference_for
-from cableway.control.seen import poses_usable
-from cableway.control.sight import HELD_AS_BELIEVED, Sight
 from cableway.errors import ControlError
 from cableway.models.base import DeformationModel
 from cableway.records import Observation, Plan
@@ -50,36 +48,28 @@ class Problem:
     """What stays the same during a run.
 
     Attributes:
-        task: The task.
-        reference: The plan by time.
         predictor: The compiled model.
         cost: The terms.
     """
 
-    task: Task
-    reference: PlanReference
     predictor: Predictor
     cost: HorizonCost
 
 
 @dataclass(frozen=True, kw_only=True)
-class MPCState(ControllerState):
+class MPCState(FollowerState):
     """State of `NeuralMPC`.
 
     Attributes:
         problem: What stays the same.
-        index: Control steps of the reference that are over.
         actions: (H, 2, 3) the last solution.
-        sight: What is known of grippers and delays.
         seen: Keypoints (n, 2) [m] as last seen, with gripper poses (2, 3) of the same time; None before.
         offset: (n, 2) output offset [m].
         solution: The last solve, for the record; None before the first.
     """
 
     problem: Problem
-    index: int
     actions: Float[np.ndarray, "H 2 3"]
-    sight: Sight
     seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
     offset: Float[np.ndarray, "n 2"]
     solution: Solution | None
@@ -100,16 +90,11 @@ class NeuralMPC(Controller[MPCState]):
 
     def init(self, task: Task, plan: Plan) -> MPCState:
         """See `Controller.init`."""
-        reference = reference_for(task, plan, self.config.hold)
-        predictor = self._predictor(task.cable.keypoints)
+        beginning = FollowerState.beginning(task, plan, self.config.hold)
         return MPCState(
-            status=Status.STARTED,
-            reference=reference.shape(0),
-            progress=0.0,
-            problem=Problem(task, reference, predictor, HorizonCost(task, self.config)),
-            index=0,
+            **beginning,
+            problem=Problem(self._predictor(task.cable.keypoints), HorizonCost(task, self.config)),
             actions=np.zeros((self.config.horizon, 2, 3)),
-            sight=Sight.before(plan.poses[0], task.cable.keypoints),
             seen=None,
             offset=np.zeros_like(task.start),
             solution=None,
@@ -117,18 +102,13 @@ class NeuralMPC(Controller[MPCState]):
 
     def step(self, state: MPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], MPCState]:
         """See `Controller.step`."""
-        task = state.problem.task
-        if observation is None or not poses_usable(observation):
-            sight, most = state.sight.blindly(), self.config.blind_steps
-        else:
-            sight, most = state.sight.after(observation, HELD_AS_BELIEVED, task.cable), self.config.unseen_steps
-        state = replace(state, sight=sight)
-        if sight.blind > most:
+        state = state.looking(observation)
+        if state.sight.blind > self.config.blind_steps or state.sight.unseen > self.config.unseen_steps:
             return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
         try:
             return self._track(state)
         except ControlError:
-            wanted = state.problem.reference.actions(state.index, self.config.horizon)
+            wanted = state.plan.actions(state.index, self.config.horizon)
             return self._sent(replace(state, actions=wanted, seen=None), wanted[0], Status.FAILED)
 
     def _predictor(self, keypoints: int) -> Predictor:
@@ -146,12 +126,12 @@ class NeuralMPC(Controller[MPCState]):
             offset = offset + self.config.offset_gain * (error - offset)
             keypoints = np.where(np.isfinite(keypoints), keypoints, expected + offset)
         if not np.isfinite(keypoints).all():
-            return self._sent(state, state.problem.reference.actions(state.index, 1)[0], Status.UNSEEN)
+            return self._sent(state, state.plan.actions(state.index, 1)[0], Status.UNSEEN)
         state = replace(state, seen=(keypoints, sight.then), offset=offset)
         way = sight.way
         actions, solution = self._solve(state, self._rolled(state, keypoints, way[0], way[1:]), offset)
         state = replace(state, actions=actions, solution=solution)
-        return self._sent(state, actions[0], Status.UNSEEN if sight.blind else Status.TRACKING)
+        return self._sent(state, actions[0], Status.UNSEEN if sight.unseen else Status.TRACKING)
 
     def _rolled(
         self,
@@ -182,7 +162,7 @@ class NeuralMPC(Controller[MPCState]):
         """Actions over the horizon that make the cost least."""
         problem, config, poses = state.problem, self.config, state.sight.commanded
         target = self._target(state)
-        box = ActionBox.around(target.actions, problem.task.grippers)
+        box = ActionBox.around(target.actions, state.task.grippers)
 
         def evaluate(x: np.ndarray) -> Residual:
             actions = box.actions(x)
@@ -207,7 +187,7 @@ class NeuralMPC(Controller[MPCState]):
 
     def _target(self, state: MPCState) -> Target:
         """What the plan asks of the next H actions."""
-        reference, horizon = state.problem.reference, self.config.horizon
+        reference, horizon = state.plan, self.config.horizon
         actions = reference.actions(state.index, horizon)
         poses = nearest_turns(reference.poses(state.index, horizon), state.sight.commanded)
         return Target(
@@ -215,20 +195,9 @@ class NeuralMPC(Controller[MPCState]):
         )
 
     def _sent(self, state: MPCState, action: np.ndarray, status: Status) -> tuple[np.ndarray, MPCState]:
-        """The action within the limits, and the state after it; where the grippers stand still the reference waits."""
-        problem, sight = state.problem, state.sight
-        longest = longest_gap(problem.reference.poses(state.index, 1), problem.task.cable.length, self.config.longest)
-        action = within_limits(action, sight.commanded, problem.task.grippers, float(longest[0]))
-        index = state.index + (status != Status.STOPPED)
-        return action, replace(
-            state,
-            index=index,
-            actions=np.concatenate([action[None], state.actions[1:]]),
-            status=status,
-            reference=problem.reference.shape(index),
-            progress=problem.reference.progress(index),
-            sight=sight.sending(action),
-        )
+        longest = longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, self.config.longest)
+        action, state = state.sending(action, status, float(longest[0]))
+        return action, replace(state, actions=np.concatenate([action[None], state.actions[1:]]))
 
 
 def nearest_turns(wanted: Float[np.ndarray, "H 2 3"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "H 2 3"]:

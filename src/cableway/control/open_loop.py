@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.base import Controller, ControllerState, Status
-from cableway.control.limits import within_limits
-from cableway.control.reference import PlanReference, reference_for
-from cableway.control.seen import poses_usable
+from cableway.control.base import Controller, Status
+from cableway.control.following import FollowerState
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
 
@@ -26,24 +24,7 @@ class OpenLoopConfig:
     hold: float = 1.5
 
 
-@dataclass(frozen=True, kw_only=True)
-class OpenLoopState(ControllerState):
-    """State of `OpenLoop`.
-
-    Attributes:
-        task: The task.
-        plan: The reference.
-        index: Control steps of the reference that are over.
-        poses: (2, 3) gripper poses [m, m, rad] as last seen, moved on by what was sent since.
-    """
-
-    task: Task
-    plan: PlanReference
-    index: int
-    poses: Float[np.ndarray, "2 3"]
-
-
-class OpenLoop(Controller[OpenLoopState]):
+class OpenLoop(Controller[FollowerState]):
     """Sends the steps between the plan's gripper poses.
 
     Args:
@@ -53,33 +34,14 @@ class OpenLoop(Controller[OpenLoopState]):
     def __init__(self, config: OpenLoopConfig | None = None) -> None:
         self.config = config or OpenLoopConfig()
 
-    def init(self, task: Task, plan: Plan) -> OpenLoopState:
+    def init(self, task: Task, plan: Plan) -> FollowerState:
         """See `Controller.init`."""
-        reference = reference_for(task, plan, self.config.hold)
-        return OpenLoopState(
-            status=Status.STARTED,
-            reference=reference.shape(0),
-            progress=0.0,
-            task=task,
-            plan=reference,
-            index=0,
-            poses=plan.poses[0],
-        )
+        return FollowerState(**FollowerState.beginning(task, plan, self.config.hold))
 
     def step(
-        self, state: OpenLoopState, observation: Observation | None
-    ) -> tuple[Float[np.ndarray, "2 3"], OpenLoopState]:
+        self, state: FollowerState, observation: Observation | None
+    ) -> tuple[Float[np.ndarray, "2 3"], FollowerState]:
         """See `Controller.step`; of the observation only the gripper poses are used, for the limits."""
-        seen = poses_usable(observation)
-        poses = observation.poses if observation is not None and seen else state.poses
-        wanted = state.plan.actions(state.index, 1)[0]
-        action = within_limits(wanted, poses, state.task.grippers, state.task.cable.length)
-        index = state.index + 1
-        return action, replace(
-            state,
-            status=Status.TRACKING if seen else Status.UNSEEN,
-            reference=state.plan.shape(index),
-            progress=state.plan.progress(index),
-            index=index,
-            poses=poses + action,
-        )
+        state = state.looking(observation)
+        status = Status.UNSEEN if state.sight.blind else Status.TRACKING
+        return state.sending(state.plan.actions(state.index, 1)[0], status, state.task.cable.length)

@@ -43,19 +43,6 @@ def held(poses, grasps):
 
 
 @kernel
-def holding(ends, grasps):
-    """Gripper poses (2, 3) that hold a rod with end poses `ends` (2, 3); the inverse of `held`."""
-    poses = np.empty((2, 3))
-    for k in range(2):
-        angle = ends[k, 2] - grasps[3 * k + 2]
-        c, s = math.cos(angle), math.sin(angle)
-        poses[k, 0] = ends[k, 0] - c * grasps[3 * k] + s * grasps[3 * k + 1]
-        poses[k, 1] = ends[k, 1] - s * grasps[3 * k] - c * grasps[3 * k + 1]
-        poses[k, 2] = angle
-    return poses
-
-
-@kernel
 def predict(q, poses, theta, modes, stride, keypoints, by_theta):
     """Keypoints (n, 2) of the rod held at gripper `poses`, and their derivative (n, 2, p) by theta.
 
@@ -124,6 +111,79 @@ def _add_change(normal, gradient, later, earlier, residual, weight, at):
 
 
 @kernel
+def _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted, weight, at):
+    """Add the distances of the keypoints, with the offset, from those wanted (n, 2). Returns the cost."""
+    cost = 0.0
+    for i in range(len(wanted)):
+        j = i * stride
+        for k in range(2):
+            residual = stations[j, k] + offset[j, k] - wanted[i, k]
+            add_row(normal, gradient, dstations[j, k], residual, weight, at)
+            cost += weight * residual * residual
+    return cost
+
+
+@kernel
+def _add_clearance(normal, gradient, stations, dstations, offset, world, limits, weight, rates, at):
+    """Add what the clearance of the stations, with the offset, lacks; the ends are the grippers. Returns the cost."""
+    _, _, cable_radius, gripper_radius, threshold, _ = limits
+    cost = 0.0
+    for j in range(len(stations)):
+        radius = gripper_radius if j == 0 or j == len(stations) - 1 else cable_radius
+        x, y = stations[j, 0] + offset[j, 0], stations[j, 1] + offset[j, 1]
+        distance, gx, gy, _ = nearest_obstacle(x, y, world, threshold + radius)
+        short = threshold - (distance - radius)
+        if short > 0.0:
+            for a in range(6):
+                rates[a] = -gx * dstations[j, 0, a] - gy * dstations[j, 1, a]
+            add_row(normal, gradient, rates, short, weight, at)
+            cost += weight * short * short
+    return cost
+
+
+@kernel
+def _add_motion(normal, gradient, ends, dends, last, dlast, wanted, limits, weights, rates, earlier, at):
+    """Add how far the motion of the ends is from the one wanted (2, 3), and beyond its limits. Returns the cost."""
+    max_step, max_turn = limits[0], limits[1]
+    w_motion, lever, w_limit = weights[1], weights[2], weights[6]
+    cost = 0.0
+    for side in range(2):
+        for k in range(3):
+            weight = lever * lever if k == 2 else 1.0
+            moved = ends[side, k] - last[side, k]
+            residual = moved - wanted[side, k]
+            _add_change(normal, gradient, dends[side, k], dlast[side, k], residual, w_motion * weight, at)
+            cost += w_motion * weight * residual * residual
+            if k == 2 and abs(moved) > max_turn:
+                over = moved - math.copysign(max_turn, moved)
+                _add_change(normal, gradient, dends[side, k], dlast[side, k], over, w_limit * weight, at)
+                cost += w_limit * weight * over * over
+        dx, dy = ends[side, 0] - last[side, 0], ends[side, 1] - last[side, 1]
+        moved = math.hypot(dx, dy)
+        if moved > max_step:
+            for a in range(6):
+                rates[a] = (dx * dends[side, 0, a] + dy * dends[side, 1, a]) / moved
+                earlier[a] = (dx * dlast[side, 0, a] + dy * dlast[side, 1, a]) / moved
+            over = moved - max_step
+            _add_change(normal, gradient, rates, earlier, over, w_limit, at)
+            cost += w_limit * over * over
+    return cost
+
+
+@kernel
+def _add_separation(normal, gradient, ends, dends, least, most, weight, rates, at):
+    """Add how far the distance between the ends is outside [least, most]. Returns the cost."""
+    gx, gy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
+    gap = max(math.hypot(gx, gy), 1e-9)
+    wrong = max(gap - most, 0.0) - max(least - gap, 0.0)
+    if wrong != 0.0:
+        for a in range(6):
+            rates[a] = (gx * (dends[1, 0, a] - dends[0, 0, a]) + gy * (dends[1, 1, a] - dends[0, 1, a])) / gap
+        add_row(normal, gradient, rates, wrong, weight, at)
+    return weight * wrong * wrong
+
+
+@kernel
 def assemble(
     q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights, normal, gradient
 ):
@@ -146,8 +206,7 @@ def assemble(
         normal: (6 + 6H, 6 + 6H), changed.
         gradient: (6 + 6H,), changed.
     """
-    max_step, max_turn, cable_radius, gripper_radius, threshold, least = limits
-    w_track, w_motion, lever, w_load, w_clear, w_apart, w_limit = weights
+    w_track, w_load, w_clear, w_apart = weights[0], weights[3], weights[4], weights[5]
     stations, dstations, ends, dends = workspace(modes)
     last, dlast, rates, earlier = before.copy(), np.zeros((2, 3, 6)), np.empty(6), np.empty(6)
     scale = scales(p[0])
@@ -156,55 +215,15 @@ def assemble(
     for t in range(len(q)):
         at = 6 + 6 * t
         scaled_shape(q[t], p, modes, scale, stations, dstations, ends, dends)
-        for i in range(wanted.shape[1]):
-            j = i * stride
-            for k in range(2):
-                residual = stations[j, k] + offset[j, k] - wanted[t, i, k]
-                add_row(normal, gradient, dstations[j, k], residual, w_track, at)
-                cost += w_track * residual * residual
+        cost += _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted[t], w_track, at)
         for k in range(3):
             residual = (q[t, 3 + k] - loads[t, k]) / scale[3 + k]
             normal[at + 3 + k, at + 3 + k] += w_load
             gradient[at + 3 + k] += w_load * residual
             cost += w_load * residual * residual
-        for j in range(len(stations)):
-            radius = gripper_radius if j == 0 or j == len(stations) - 1 else cable_radius
-            x, y = stations[j, 0] + offset[j, 0], stations[j, 1] + offset[j, 1]
-            distance, gx, gy, _ = nearest_obstacle(x, y, world, threshold + radius)
-            short = threshold - (distance - radius)
-            if short > 0.0:
-                for a in range(6):
-                    rates[a] = -gx * dstations[j, 0, a] - gy * dstations[j, 1, a]
-                add_row(normal, gradient, rates, short, w_clear, at)
-                cost += w_clear * short * short
-        for side in range(2):
-            for k in range(3):
-                weight = lever * lever if k == 2 else 1.0
-                moved = ends[side, k] - last[side, k]
-                residual = moved - steps[t, side, k]
-                _add_change(normal, gradient, dends[side, k], dlast[side, k], residual, w_motion * weight, at)
-                cost += w_motion * weight * residual * residual
-                if k == 2 and abs(moved) > max_turn:
-                    over = moved - math.copysign(max_turn, moved)
-                    _add_change(normal, gradient, dends[side, k], dlast[side, k], over, w_limit * weight, at)
-                    cost += w_limit * weight * over * over
-            dx, dy = ends[side, 0] - last[side, 0], ends[side, 1] - last[side, 1]
-            moved = math.hypot(dx, dy)
-            if moved > max_step:
-                for a in range(6):
-                    rates[a] = (dx * dends[side, 0, a] + dy * dends[side, 1, a]) / moved
-                    earlier[a] = (dx * dlast[side, 0, a] + dy * dlast[side, 1, a]) / moved
-                over = moved - max_step
-                _add_change(normal, gradient, rates, earlier, over, w_limit, at)
-                cost += w_limit * over * over
-        gx, gy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
-        gap = max(math.hypot(gx, gy), 1e-9)
-        wrong = max(gap - longest[t], 0.0) - max(least - gap, 0.0)
-        if wrong != 0.0:
-            for a in range(6):
-                rates[a] = (gx * (dends[1, 0, a] - dends[0, 0, a]) + gy * (dends[1, 1, a] - dends[0, 1, a])) / gap
-            add_row(normal, gradient, rates, wrong, w_apart, at)
-            cost += w_apart * wrong * wrong
+        cost += _add_clearance(normal, gradient, stations, dstations, offset, world, limits, w_clear, rates, at)
+        cost += _add_motion(normal, gradient, ends, dends, last, dlast, steps[t], limits, weights, rates, earlier, at)
+        cost += _add_separation(normal, gradient, ends, dends, limits[5], longest[t], w_apart, rates, at)
         copy(ends, last)
         for side in range(2):
             for k in range(3):

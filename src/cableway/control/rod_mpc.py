@@ -32,13 +32,12 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control import rod_kernels
-from cableway.control.base import Controller, ControllerState, Status
+from cableway.control.base import Controller, Status
+from cableway.control.following import FollowerState
 from cableway.control.limits import longest_gap, within_limits
-from cableway.control.reference import PlanReference, reference_for
 from cableway.control.rod_estimate import EstimatorConfig, RodEstimate, RodEstimator, turned_on
-from cableway.control.seen import poses_usable
-from cableway.control.sight import Sight
 from cableway.errors import InputError
+from cableway.geometry import se2
 from cableway.records import Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH, ROD
 from cableway.rod.adapted_kernels import fit_shapes, meet_ends
@@ -126,35 +125,27 @@ class Problem:
     """What stays the same during a run.
 
     Attributes:
-        task: The task.
-        reference: The plan by time.
         estimator: Of the rod's parameters.
         shapes: (T + 1, 6) shapes of the uniform rod nearest to the plan's rows, from which fits start: loads that
             keypoints cannot tell do not run away from step to step.
         limits: As `rod_kernels.assemble` wants them.
     """
 
-    task: Task
-    reference: PlanReference
     estimator: RodEstimator
     shapes: Float[np.ndarray, "T+1 6"]
     limits: tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RodMPCState(ControllerState):
+class RodMPCState(FollowerState):
     """State of `RodMPC`.
 
     Attributes:
         problem: What stays the same.
-        index: Control steps of the reference that are over.
-        sight: What is known of grippers and delays.
         estimate: What is believed of the cable.
     """
 
     problem: Problem
-    index: int
-    sight: Sight
     estimate: RodEstimate
 
 
@@ -170,9 +161,9 @@ class RodMPC(Controller[RodMPCState]):
 
     def init(self, task: Task, plan: Plan) -> RodMPCState:
         """See `Controller.init`."""
-        reference = reference_for(task, plan, self.config.hold)
+        beginning = FollowerState.beginning(task, plan, self.config.hold)
         rod, grippers = task.cable.rod, task.grippers
-        estimator = RodEstimator(rod, self.config.estimator, self.control_step)
+        estimator, shapes = RodEstimator(rod, self.config.estimator, self.control_step), plan_shapes(rod, plan)
         limits = (
             grippers.max_step,
             grippers.max_turn,
@@ -181,43 +172,31 @@ class RodMPC(Controller[RodMPCState]):
             self.config.threshold,
             grippers.separation,
         )
-        shapes = plan_shapes(rod, plan)
-        state = RodMPCState(
-            status=Status.STARTED,
-            reference=reference.shape(0),
-            progress=0.0,
-            problem=Problem(task, reference, estimator, shapes, limits),
-            index=0,
-            sight=Sight.before(plan.poses[0], rod.keypoints),
-            estimate=estimator.start(shapes[0]),
-        )
+        problem = Problem(estimator, shapes, limits)
+        state = RodMPCState(**beginning, problem=problem, estimate=estimator.start(shapes[0]))
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
 
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""
-        task, grasps = state.problem.task, state.estimate.theta[GRASPS]
-        if observation is None or not poses_usable(observation):
-            sight, most = state.sight.blindly(), self.config.blind_steps
-        else:
-            sight, most = state.sight.after(observation, grasps, task.cable), self.config.unseen_steps
-        state = replace(state, sight=sight)
-        if sight.blind > most:
-            return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
+        state = state.looking(observation, state.estimate.theta[GRASPS])
+        sight = state.sight
+        if sight.blind > self.config.blind_steps or sight.unseen > self.config.unseen_steps:
+            return state.sending(np.zeros((2, 3)), Status.STOPPED, math.inf)
         estimate = state.problem.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed)
         state = replace(state, estimate=estimate)
         action = self._solve(state)
         if not np.isfinite(action).all():
-            return self._sent(state, state.problem.reference.actions(state.index, 1)[0], Status.FAILED)
-        return self._sent(state, action, Status.UNSEEN if sight.blind else Status.TRACKING)
+            return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, math.inf)
+        return state.sending(action, Status.UNSEEN if sight.unseen else Status.TRACKING, math.inf)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion."""
         config, problem, theta = self.config, state.problem, state.estimate.theta
         estimator, count = problem.estimator, config.horizon + 1
         rod, modes, p = estimator.rod, estimator.modes, theta[ROD]
-        rows = problem.reference.rows(state.index, count)
-        wanted, fits, ends = problem.reference.plan.shapes[rows], problem.shapes[rows], np.empty((count, 2, 3))
+        rows = state.plan.rows(state.index, count)
+        wanted, fits, ends = state.plan.plan.shapes[rows], problem.shapes[rows], np.empty((count, 2, 3))
         fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_ITERATIONS, np.empty_like(wanted), ends)
         commanded = state.sight.commanded
         before = rod_kernels.held(commanded, theta[GRASPS])
@@ -227,29 +206,13 @@ class RodMPC(Controller[RodMPCState]):
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(state.estimate.offset, rod.stride), wanted[1:].copy(),
             np.diff(ends, axis=0), fits[1:, 3:].copy(), longest_gap(ends[1:], theta[LENGTH], config.stretch),
-            problem.task.scene.world.arrays, problem.limits, config.weights, config.iterations, config.tolerance,
+            state.task.scene.world.arrays, problem.limits, config.weights, config.iterations, config.tolerance,
         )  # fmt: skip
         first, reached = q[:1].copy(), np.empty((1, 2, 3))
         fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
         farthest = float(longest_gap(ends[1:2], theta[LENGTH], config.longest)[0])
-        moved = within_limits(reached[0] - before, before, problem.task.grippers, farthest)
-        return rod_kernels.holding(before + moved, theta[GRASPS]) - commanded
-
-    def _sent(
-        self, state: RodMPCState, action: Float[np.ndarray, "2 3"], status: Status
-    ) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
-        """The action within the limits, and the state after it; where the grippers stand still the reference waits."""
-        reference, sight = state.problem.reference, state.sight
-        action = within_limits(action, sight.commanded, state.problem.task.grippers, math.inf)
-        index = state.index + (status != Status.STOPPED)
-        return action, replace(
-            state,
-            status=status,
-            reference=reference.shape(index),
-            progress=reference.progress(index),
-            index=index,
-            sight=sight.sending(action),
-        )
+        moved = within_limits(reached[0] - before, before, state.task.grippers, farthest)
+        return se2.bearing(before + moved, theta[GRASPS].reshape(2, 3)) - commanded
 
 
 def plan_shapes(rod: Rod, plan: Plan) -> Float[np.ndarray, "T+1 6"]:

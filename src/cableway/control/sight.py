@@ -31,13 +31,15 @@ class Sight:
             keypoints.
         sent: Gripper motions sent; their age is the time until the grippers begin them.
         keypoints: (n, 2) [m] as last believed, NaN where none.
-        blind: Control steps since the last keypoint that was believed.
+        unseen: Control steps since the last keypoint that was believed.
+        blind: Control steps since the last gripper poses that were usable.
         started: Whether the grippers were seen yet.
     """
 
     poses: Age
     sent: Age
     keypoints: Float[np.ndarray, "n 2"]
+    unseen: int = 0
     blind: int = 0
     started: bool = False
 
@@ -95,13 +97,14 @@ class Sight:
         if shown.any():
             ends = np.array([held(row, grasps)[:, :2] for row in poses.aged(AGES)])
             poses = poses.judged(np.sum((ends - keypoints[[0, -1]])[:, shown] ** 2, axis=(1, 2)))
-        blind = 0 if np.isfinite(keypoints).any() else self.blind + 1
-        return Sight(poses, sent, keypoints, blind, started=True)
+        unseen = 0 if np.isfinite(keypoints).any() else self.unseen + 1
+        return Sight(poses, sent, keypoints, unseen, started=True)
 
     def blindly(self) -> Sight:
         """After an observation that told nothing: the grippers are taken to do what they were sent."""
         poses = self.poses.with_row(self.poses.rows[-1] + self.sent.row)
-        return replace(self, poses=poses, keypoints=np.full_like(self.keypoints, np.nan), blind=self.blind + 1)
+        nothing = np.full_like(self.keypoints, np.nan)
+        return replace(self, poses=poses, keypoints=nothing, unseen=self.unseen + 1, blind=self.blind + 1)
 
     def sending(self, action: Float[np.ndarray, "2 3"]) -> Sight:
         """With an action sent."""
