@@ -172,6 +172,7 @@ class Attempt:
         shapes: (T+1, n, 2) [m] shapes reached, or None.
         verdict: What failed, if it came that far.
         pivot: (P, 2) [m] pivot path, or None.
+        poses: (T+1, 2, 3) gripper poses of the shapes, or None.
     """
 
     reason: str
@@ -179,6 +180,7 @@ class Attempt:
     path_set: PathSet | None = None
     shapes: Float[np.ndarray, "T+1 n 2"] | None = None
     verdict: Verdict | None = None
+    poses: Float[np.ndarray, "T+1 2 3"] | None = None
 
 
 # ------------------------------------------------------------------------------------------------ models

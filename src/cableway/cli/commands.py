@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from cableway.cli.bench import Bench
 from cableway.cli.check import Check
 from cableway.cli.collect import Collect
 from cableway.cli.evaluate import Evaluate
@@ -31,6 +32,7 @@ Command = (
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Models, tyro.conf.subcommand("models")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -50,6 +51,13 @@ def add_axes(figure: Figure, left: float, bottom: float, width: float, height: f
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure to a PNG file, atomically."""
     write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=DOTS_PER_INCH))
+
+
+def figure_png(figure: Figure, dots_per_inch: float = 100) -> bytes:
+    """The content of a figure's PNG file."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=dots_per_inch)
+    return file.getvalue()
 
 
 def title(ax: Axes, text: str) -> None:

@@ -13,7 +13,7 @@ from cableway.planning.guides import Guides, Progress
 from cableway.planning.reachability import find_blockage
 from cableway.planning.realization import realize
 from cableway.provenance import describe, versions
-from cableway.records import Attempt, DeformationSequence, PathSet, Plan
+from cableway.records import Attempt, DeformationSequence, PathSet, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 
@@ -78,7 +78,7 @@ class Search:
         if isinstance(found, Attempt):
             return self._fail(found)
         if accept is not None and (fault := accept(found)):
-            return self._fail(Attempt(fault, pivot=paths.pivot, path_set=paths, shapes=found.shapes))
+            return self._fail(_attempt(fault, found, paths))
         made_by = {"guide": name, "seed": self.seed, "versions": versions(), "planner": describe(self.config)}
         return Plan(found.shapes, found.poses, found.pivot, found.passages, found.path_set, found.progress, made_by)
 
@@ -103,11 +103,15 @@ class Search:
         self.report("verification", 1.0)
         if verdict.passed:
             return candidate
-        return Attempt(str(verdict), pivot=paths.pivot, path_set=paths, shapes=candidate.shapes, verdict=verdict)
+        return _attempt(str(verdict), candidate, paths, verdict)
 
     def _fail(self, attempt: Attempt) -> None:
         if self.best is None or _faults(attempt) < _faults(self.best):
             self.best = attempt
+
+
+def _attempt(reason: str, plan: Plan, paths: PathSet, verdict: Verdict | None = None) -> Attempt:
+    return Attempt(reason, paths.pivot, paths, plan.shapes, verdict, plan.poses)
 
 
 def _faults(attempt: Attempt) -> int:

@@ -24,10 +24,14 @@ def save_task(task: Task, path: str | os.PathLike[str]) -> None:
     Shapes are written as keypoints, with the gripper poses where the task states them. The cable's preset is left
     out where it is none of `preset_names()`; its values stand there in any case.
     """
-    text = yaml.dump(
+    write_atomically(Path(path), lambda file: file.write(task_text(task).encode()))
+
+
+def task_text(task: Task) -> str:
+    """What `save_task` writes."""
+    return yaml.dump(
         _content(task), Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
     )
-    write_atomically(Path(path), lambda file: file.write(text.encode()))
 
 
 def _content(task: Task) -> dict[str, Any]:

@@ -80,7 +80,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
     if count == 1:
         yield Executor(lambda function, *arguments: lambda: function(*arguments), 1)
         return
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _begin_worker)
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin_worker)
     try:
         yield Executor(lambda function, *arguments: pool.submit(function, *arguments).result, count)
     except BrokenProcessPool:
@@ -92,7 +92,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _begin_worker() -> None:
+def begin_worker() -> None:
     """In a worker: an interrupt is for the main process, and a main process that was killed takes its workers along."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

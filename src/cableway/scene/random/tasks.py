@@ -17,6 +17,7 @@ from cableway.scene.random.clutter import clutter, dense, sizes
 from cableway.scene.random.ends import s_shaped, straight, table
 from cableway.scene.random.maze import maze
 from cableway.scene.random.motion import in_steps, swept_lines
+from cableway.scene.random.open import far, near
 from cableway.scene.random.passages import corridor, slot
 from cableway.scene.random.serpentine import serpentine
 from cableway.scene.random.setup import Draft, Rejected, Setup
@@ -52,10 +53,12 @@ class Kind:
     Attributes:
         draw: Makes a draft, or raises `Rejected`; takes the width of the passage too where there is one.
         widths: Least, usual and largest width [m] of its passage; None for a kind without one.
+        obstructed: Whether the goal is far and something stands in the straight way to it.
     """
 
     draw: Callable[..., Draft]
     widths: tuple[float, float, float] | None = None
+    obstructed: bool = True
 
 
 KINDS = {
@@ -70,6 +73,8 @@ KINDS = {
     "serpentine": Kind(draw=serpentine, widths=(0.045, 0.06, 0.12)),
     "maze": Kind(draw=maze, widths=(0.06, 0.085, 0.15)),
     "blocked": Kind(draw=blocked),
+    "open-near": Kind(draw=near, obstructed=False),
+    "open-far": Kind(draw=far, obstructed=False),
 }
 """Kinds of random tasks by name; the docstring of each draw says what makes its tasks solvable."""
 
@@ -98,7 +103,7 @@ def random_task_with_witness(seed: int, kind: str, *, width: float | None = None
     reasons: dict[str, int] = {}
     for _ in range(TRIES):
         try:
-            return _task(f"{kind}-{seed}", KINDS[kind].draw(rng, **options))
+            return _task(f"{kind}-{seed}", KINDS[kind].draw(rng, **options), KINDS[kind].obstructed)
         except Rejected as reason:
             reasons[str(reason)] = reasons.get(str(reason), 0) + 1
     listed = ", ".join(f"{reason} ({count})" for reason, count in reasons.items())
@@ -120,15 +125,16 @@ def _options(kind: str, width: float | None) -> dict[str, float]:
     return {"width": usual if width is None else float(width)}
 
 
-def _task(name: str, draft: Draft) -> tuple[Task, Witness | None]:
+def _task(name: str, draft: Draft, obstructed: bool) -> tuple[Task, Witness | None]:
     setup = draft.setup
     q = in_steps(draft.motion, setup.rod, setup.grippers) if draft.solvable else draft.motion
     ends = setup.rod.at_keypoints(setup.rod.shapes(q[[0, -1]])[0]).round(END_DECIMALS)
-    if np.linalg.norm(ends[1] - ends[0], axis=1).mean() < LEAST_WAY * setup.cable.length:
-        raise Rejected("the goal is near the start")
     scene = Scene(setup.size, draft.obstacles)
-    if not _in_the_way(scene, setup, q[[0, -1]]):
-        raise Rejected("nothing stands in the way")
+    if obstructed:
+        if np.linalg.norm(ends[1] - ends[0], axis=1).mean() < LEAST_WAY * setup.cable.length:
+            raise Rejected("the goal is near the start")
+        if not _in_the_way(scene, setup, q[[0, -1]]):
+            raise Rejected("nothing stands in the way")
     try:
         task = Task(
             name=name,

@@ -1,0 +1,40 @@
+"""A controller of one's own in the benchmark: one file, one row in the table.
+
+Each half of the cable is pushed by its mean error, on top of the plan's own motion. `METHOD` is all that the benchmark
+needs; `cableway bench clutter --methods examples/04_a_method_of_ones_own.py:METHOD,open-loop` runs it on a whole suite.
+A package offers its method under a name of its own with an entry point in the group `cableway.methods`.
+"""
+
+import types
+
+import numpy as np
+
+from cableway.benchmark.methods import Method
+from cableway.cli import main
+from cableway.control.base import Controller, Status
+from cableway.control.following import FollowerState
+
+
+class HalfByHalf(Controller[FollowerState]):
+    """Feedforward, and a share of the mean error of the keypoints nearer to each gripper."""
+
+    config = types.MappingProxyType({"gain": 0.3, "hold": 1.5})
+
+    def init(self, task, plan):
+        return FollowerState(**FollowerState.beginning(task, plan, hold=self.config["hold"]))
+
+    def step(self, state, observation):
+        state = state.looking(observation)
+        action = state.plan.actions(state.index, 1)[0].copy()
+        error = state.plan.shape(state.index) - state.sight.keypoints
+        if np.isfinite(error).all():
+            halves = np.array_split(error, 2)
+            action[:, :2] += self.config["gain"] * np.array([half.mean(axis=0) for half in halves])
+        return state.sending(action, Status.TRACKING, state.task.cable.length)
+
+
+METHOD = Method(name="half-by-half", description="each half pushed by its mean error", controller=HalfByHalf)
+
+if __name__ == "__main__":
+    few = "open-near-20000,open-near-20002,open-far-20003"
+    main(["bench", "unconstrained", "--methods", f"{__file__}:METHOD,open-loop", "--episodes", few, "--out", "out"])

@@ -1,0 +1,239 @@
+"""One episode of one method: planned, tracked, measured."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from cableway.benchmark.methods import DEFAULT, Method, default_planner, load_method
+from cableway.benchmark.plants import Variant, plant_variant
+from cableway.benchmark.suites import Episode
+from cableway.control.base import Controller
+from cableway.errors import PlanningError
+from cableway.planning.compilation import EXAMPLE, compile_kernels
+from cableway.records import SUCCESS_ERROR, Attempt, Plan, Rollout
+from cableway.report import Report, summarize
+from cableway.scene.loading import load_task
+from cableway.scene.task import Task
+from cableway.tracking import Recovery, track
+
+STRICT_ERROR = 0.01
+"""Stacked shape error [m] below which an episode is a success by the strict rule."""
+
+BLOCKED = "blocked"
+"""The suite of tasks without a solution."""
+
+IMPOSSIBLE = "there is no plan"
+"""How the message begins of a planner that says that no cable can get there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """What became of an episode; metres, seconds. None where there is no such figure.
+
+    Attributes:
+        suite: Name.
+        episode: Name.
+        method: Name.
+        task: As in `Episode`.
+        plant: Name.
+        seed: Of planner and noise.
+        digest: Of the task.
+        outcome: "success", or what went wrong, in two words.
+        detail: In a sentence.
+        success: The final stacked error is below 3 cm and neither cable nor grippers touched anything; of a blocked
+            task: it was said that there is no plan.
+        strict: The same with 1 cm.
+        contact: Whether something was touched.
+        verified: Whether the independent judge found nothing wrong with the rollout.
+        shape_error: Final stacked error; where the cable was not moved, that of the start.
+        floor: Least that any gripper poses reach with this cable.
+        mean_keypoint_error: Mean distance of a final keypoint from its goal.
+        clearance: Least clearance of cable and grippers.
+        deviation: Largest distance of a keypoint from its reference.
+        gripper_travel: Way of both grippers together.
+        steps: Control steps.
+        recovered: How many times a new plan was made.
+        planning_time: Wall time.
+        control_median: Of the wall times of control steps.
+        control_p99: Of the same.
+        control_max: Of the same.
+    """
+
+    suite: str
+    episode: str
+    method: str
+    task: str
+    plant: str
+    seed: int
+    digest: str
+    outcome: str
+    detail: str = ""
+    success: bool = False
+    strict: bool = False
+    contact: bool = False
+    verified: bool | None = None
+    shape_error: float | None = None
+    floor: float | None = None
+    mean_keypoint_error: float | None = None
+    clearance: float | None = None
+    deviation: float | None = None
+    gripper_travel: float | None = None
+    steps: int | None = None
+    recovered: int | None = None
+    planning_time: float | None = None
+    control_median: float | None = None
+    control_p99: float | None = None
+    control_max: float | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A result and, where the episode failed, its picture.
+
+    Attributes:
+        result: The figures.
+        picture: A PNG file's content.
+    """
+
+    result: Result
+    picture: bytes | None = None
+
+
+def run_episode(episode: Episode, source: str) -> Outcome:
+    """Run an episode.
+
+    Args:
+        episode: Which.
+        source: The method, as for `load_method`.
+
+    Raises:
+        CablewayError: The method or the task cannot be loaded. What a method raises comes through.
+    """
+    warm_up(source)
+    method, task = load_method(source), episode.load()
+    start = time.perf_counter()
+    try:
+        plan = method.planner(task, episode.seed)
+    except PlanningError as error:
+        return _unplanned(episode, method, task, error, time.perf_counter() - start)
+    planning_time = time.perf_counter() - start
+    if episode.suite == BLOCKED:
+        return Outcome(Result(**_known(episode, method.name), outcome="not told", detail="a plan was returned"))
+    variant = plant_variant(episode.plant, task)
+    rollout = _follow(episode, method, source, task, plan, variant)
+    report = summarize(variant.true_task(task), None, rollout, cable=variant.cable)
+    result = _tracked(episode, method, report, rollout, planning_time)
+    if result.success:
+        return Outcome(result)
+    from cableway.figures.rollout import rollout_figure
+    from cableway.figures.style import figure_png
+
+    return Outcome(result, figure_png(rollout_figure(variant.true_task(task), rollout)))
+
+
+@cache
+def warm_up(source: str = DEFAULT) -> None:
+    """Compile and load what a method's episodes need, so that no figure of time has that in it.
+
+    Args:
+        source: The method, as for `load_method`.
+    """
+    _controller(source).init(load_task(EXAMPLE), _example_plan())
+
+
+def died(episode: Episode, method: str, outcome: str, detail: str) -> Outcome:
+    """The outcome of an episode in which the method died: the cable was not moved."""
+    from cableway.figures.scene import task_figure
+    from cableway.figures.style import figure_png
+
+    task = episode.load()
+    result = Result(**_known(episode, method), outcome=outcome, detail=detail, **_unmoved(task))
+    return Outcome(result, figure_png(task_figure(task)))
+
+
+@cache
+def _example_plan() -> Plan:
+    compile_kernels()
+    return default_planner(load_task(EXAMPLE), 0)
+
+
+@cache
+def _controller(source: str) -> Controller[Any]:
+    return load_method(source).controller()
+
+
+def _follow(episode: Episode, method: Method, source: str, task: Task, plan: Plan, variant: Variant) -> Rollout:
+    """The rollout.
+
+    Raises:
+        SimulationError: The plant cannot take the start.
+    """
+    recovery = None
+    if method.recovers:
+        recovery = Recovery(replan=lambda changed, _: method.planner(changed, episode.seed))
+    plant = variant.build(task, episode.seed)
+    return track(plant, _controller(source), plan, recovery=recovery, seed=episode.seed)
+
+
+def _known(episode: Episode, method: str) -> dict[str, Any]:
+    given = asdict(episode)
+    return {"episode": given.pop("name"), "method": method, **given}
+
+
+def _unmoved(task: Task) -> dict[str, Any]:
+    """Figures of a cable that was left where it lay."""
+    offset = task.start - task.goal
+    return {
+        "shape_error": float(np.linalg.norm(offset)),
+        "mean_keypoint_error": float(np.linalg.norm(offset, axis=1).mean()),
+    }
+
+
+def _unplanned(episode: Episode, method: Method, task: Task, error: PlanningError, seconds: float) -> Outcome:
+    """No plan: right where there is none, a failure elsewhere."""
+    told = str(error).startswith(IMPOSSIBLE)
+    known = _known(episode, method.name) | {"detail": str(error), "planning_time": seconds}
+    if episode.suite == BLOCKED:
+        outcome = "success" if told else "not told"
+        return Outcome(Result(**known, outcome=outcome, success=told, strict=told))
+    from cableway.figures.plan import attempt_figure
+    from cableway.figures.style import figure_png
+
+    picture = figure_png(attempt_figure(task, error.attempt or Attempt(str(error))))
+    return Outcome(Result(**known, outcome="no plan", **_unmoved(task)), picture)
+
+
+def _tracked(episode: Episode, method: Method, report: Report, rollout: Rollout, planning_time: float) -> Result:
+    clearance = min(float(rollout.clearance.min()), float(rollout.gripper_clearance.min()))
+    error, contact = float(report.shape_error or 0.0), not clearance > 0
+    ended = str(rollout.metadata["outcome"])
+    lost = ended.startswith(("plant failed", "the cable left its plan"))
+    success = error < SUCCESS_ERROR and not contact and not lost
+    outcome = "contact" if contact else "left plan" if lost else "missed goal"
+    times = report.control_time
+    return Result(
+        **_known(episode, method.name),
+        outcome="success" if success else outcome,
+        detail="" if success else (report.failure or ended),
+        success=success,
+        strict=success and error < STRICT_ERROR,
+        contact=contact,
+        verified=None if report.rollout_verdict is None else report.rollout_verdict.passed,
+        shape_error=error,
+        floor=report.shape_error_floor,
+        mean_keypoint_error=report.mean_keypoint_error,
+        clearance=clearance,
+        deviation=report.largest_deviation,
+        gripper_travel=float(np.linalg.norm(np.diff(rollout.poses[..., :2], axis=0), axis=2).sum()),
+        steps=report.steps,
+        recovered=len(rollout.metadata.get("recovered", [])),
+        planning_time=planning_time,
+        control_median=times.median if times else None,
+        control_p99=times.p99 if times else None,
+        control_max=times.max if times else None,
+    )

@@ -1,0 +1,157 @@
+"""Suites: lists of episodes that are drawn from seeds once and then kept.
+
+An episode is a task, a plant and a seed. The list of a suite is a file beside this one, made by
+`tools/freeze_suites.py`; every line has a digest of its task's YAML, so that a task which comes out differently is
+noticed. Sizes are beginnings of the list, so that a larger size contains the smaller ones.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+from cableway.errors import TaskError, UnknownNameError
+from cableway.scene.loading import catalogue_file, load_task, task_names
+from cableway.scene.random.tasks import random_task
+from cableway.scene.saving import task_text
+from cableway.scene.task import Task
+
+SIZES = ("quick", "standard", "full")
+"""Names of the sizes."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One run of a method.
+
+    Attributes:
+        suite: Name of its suite.
+        name: Its own name, unique in the suite.
+        task: A task of the catalogue, or the kind and seed of a random one, with the width of its passage after "@".
+        plant: Name of the plant.
+        seed: Of the planner and of the noise.
+        digest: First half of the SHA-256 of the task's YAML, in hexadecimal digits.
+    """
+
+    suite: str
+    name: str
+    task: str
+    plant: str
+    seed: int
+    digest: str
+
+    def load(self) -> Task:
+        """The task.
+
+        Raises:
+            TaskError: It is no longer the one that was frozen.
+        """
+        task = make_task(self.task)
+        if (digest := task_digest(self.task, task)) != self.digest:
+            raise TaskError(f"task {self.task} has the digest {digest}, not the {self.digest} of suite {self.suite}")
+        return task
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A suite.
+
+    Attributes:
+        name: Its name.
+        version: Goes up when a list changes.
+        description: One sentence.
+        groups: What the episodes are grouped by in tables: "task", "kind" or "plant".
+        sizes: Number of episodes of each size.
+        own_sizes: The same for the default method, where that is held to more.
+    """
+
+    name: str
+    version: int
+    description: str
+    groups: str
+    sizes: tuple[int, int, int]
+    own_sizes: tuple[int, int, int] | None = None
+
+    def episodes(self, size: str, own: bool = False) -> tuple[Episode, ...]:
+        """The episodes of a size; `own`: for the default method.
+
+        Raises:
+            UnknownNameError: No such size; the message lists them.
+        """
+        if size not in SIZES:
+            raise UnknownNameError("size", size, SIZES)
+        counts = self.own_sizes if own and self.own_sizes else self.sizes
+        return frozen_episodes(self.name)[: counts[SIZES.index(size)]]
+
+
+SUITES = {
+    suite.name: suite
+    for suite in (
+        Suite("paper", 1, "the catalogue: the paper's tasks, with many seeds", "task", (11, 110, 1001)),
+        Suite("clutter", 1, "four to seven obstacles", "kind", (12, 100, 1000), (12, 250, 1000)),
+        Suite("dense", 1, "ten to fourteen obstacles, gaps down to 25 mm", "kind", (12, 100, 1000), (12, 250, 1000)),
+        Suite("corridors", 1, "slots, corridors and serpentines of 25 to 60 mm", "kind",
+              (8, 100, 1000), (8, 250, 1000)),
+        Suite("mazes", 1, "mazes with ways of 70 and 85 mm", "kind", (6, 100, 1000), (6, 250, 1000)),
+        Suite("plants", 1, "clutter; the cable, its grasp or the table is not what is believed", "plant",
+              (17, 102, 1904)),
+        Suite("sensing", 1, "clutter; noise, delays, dropped and hidden keypoints", "plant", (8, 104, 1000)),
+        Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
+        Suite("blocked", 1, "tasks without a solution, to be told so", "kind", (10, 100, 1000)),
+    )
+}  # fmt: skip
+"""Suites by name."""
+
+PLANNING_SUITES = ("clutter", "dense", "corridors", "mazes")
+"""Suites whose difficulty is to find a plan."""
+
+
+def get_suite(name: str) -> Suite:
+    """The suite of a name.
+
+    Raises:
+        UnknownNameError: No such suite; the message lists them.
+    """
+    if name not in SUITES:
+        raise UnknownNameError("suite", name, SUITES)
+    return SUITES[name]
+
+
+@cache
+def frozen_episodes(suite: str) -> tuple[Episode, ...]:
+    """All episodes of a suite, in order."""
+    text = (resources.files("cableway.benchmark") / "frozen" / f"{suite}.csv").read_text()
+    rows = csv.DictReader(text.splitlines())
+    return tuple(
+        Episode(suite, row["episode"], row["task"], row["plant"], int(row["seed"]), row["digest"]) for row in rows
+    )
+
+
+def kind_of(task: str) -> str:
+    """What a task belongs to in tables: itself in the catalogue, or the kind of random task, with its width.
+
+    >>> kind_of("slot-20001@0.025"), kind_of("maze-1")
+    ('slot 25 mm', 'maze-1')
+    """
+    if task in task_names():
+        return task
+    name, _, width = task.partition("@")
+    return name.rsplit("-", 1)[0] + (f" {1000 * float(width):.0f} mm" if width else "")
+
+
+def make_task(reference: str) -> Task:
+    """The task that `Episode.task` names."""
+    if reference in task_names():
+        return load_task(reference)
+    name, _, width = reference.partition("@")
+    kind, _, seed = name.rpartition("-")
+    return random_task(int(seed), kind, width=float(width) if width else None)
+
+
+def task_digest(reference: str, task: Task) -> str:
+    """See `Episode.digest`; of a task in the catalogue that of its file, whose end shapes may be left to the rod."""
+    text = catalogue_file(reference).read_text() if reference in task_names() else task_text(task)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]

@@ -1,0 +1,123 @@
+"""A run's figures as plain data: what `summary.json` holds, and one line for each episode."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import platform
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from typing import Any
+
+from cableway.benchmark.episode import Result
+from cableway.benchmark.methods import Method
+from cableway.benchmark.metrics import METRICS, Metric
+from cableway.benchmark.suites import SUITES, kind_of
+from cableway.provenance import versions
+
+Results = Mapping[str, Mapping[str, Sequence[Result]]]
+"""Results by suite and by method."""
+
+
+def group_of(result: Result) -> str:
+    """What a result is grouped by in its suite's tables."""
+    by = SUITES[result.suite].groups
+    return result.plant if by == "plant" else kind_of(result.task)
+
+
+def by_group(results: Sequence[Result]) -> dict[str, list[Result]]:
+    """Results by what they are grouped by, in the order in which groups first come."""
+    groups: dict[str, list[Result]] = {}
+    for result in results:
+        groups.setdefault(group_of(result), []).append(result)
+    return groups
+
+
+def reference_time() -> float:
+    """Seconds that ten million additions take in a plain Python loop here, to compare machines by."""
+    before, total = time.perf_counter(), 0
+    for number in range(10_000_000):
+        total += number
+    return time.perf_counter() - before
+
+
+def machine() -> dict[str, Any]:
+    """The class of this machine."""
+    return {
+        "system": platform.system(),
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+        "ten_million_additions": round(reference_time(), 3),
+    }
+
+
+def summary(results: Results, methods: Sequence[Method], size: str, configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """All figures with their intervals, by suite, method and group."""
+    content: dict[str, Any] = {
+        "versions": versions(),
+        "machine": machine(),
+        "size": size,
+        "configuration": dict(configuration),
+        "metrics": {
+            metric.name: {
+                "unit": _si_unit(metric),
+                "better": "higher" if metric.higher_is_better else "lower",
+                "definition": metric.definition,
+            }
+            for metric in METRICS.values()
+        },
+        "methods": {method.name: method.description for method in methods},
+        "suites": {},
+    }
+    for suite, rows in results.items():
+        first = next(iter(rows.values()))
+        content["suites"][suite] = {
+            "version": SUITES[suite].version,
+            "methods": {name: _figures(found) | _against(found, first) for name, found in rows.items()},
+        }
+    return content
+
+
+def _si_unit(metric: Metric) -> str:
+    return "1" if metric.is_share else {"mm": "m", "ms": "s"}.get(metric.unit, metric.unit)
+
+
+def _figures(results: Sequence[Result]) -> dict[str, Any]:
+    groups = by_group(results)
+    return {
+        "episodes": len(results),
+        "outcomes": dict(Counter(result.outcome for result in results).most_common()),
+        "metrics": _metrics(results),
+        "groups": {name: {"episodes": len(rows), "metrics": _metrics(rows)} for name, rows in groups.items()},
+    }
+
+
+def _metrics(results: Sequence[Result]) -> dict[str, Any]:
+    found = {}
+    for metric in METRICS.values():
+        estimate = metric.estimate(results)
+        if estimate is not None:
+            found[metric.name] = asdict(estimate) | (metric.quantiles(results) or {})
+    return found
+
+
+def _against(results: Sequence[Result], first: Sequence[Result]) -> dict[str, Any]:
+    """Differences to the first method in the same episodes."""
+    if results is first:
+        return {}
+    found = {metric.name: metric.difference(results, first) for metric in METRICS.values()}
+    against = {name: asdict(estimate) for name, estimate in found.items() if estimate is not None}
+    return {"difference_to": first[0].method, "differences": against} if first else {}
+
+
+def csv_text(results: Sequence[Result]) -> str:
+    """All results, one a line; an empty cell where there is no figure, full precision elsewhere."""
+    file = io.StringIO()
+    writer = csv.DictWriter(file, [entry.name for entry in fields(Result)], lineterminator="\n")
+    writer.writeheader()
+    for result in results:
+        writer.writerow({name: "" if value is None else value for name, value in asdict(result).items()})
+    return file.getvalue()

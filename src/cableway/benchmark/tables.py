@@ -1,0 +1,108 @@
+"""Tables of a run, for Markdown and for the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from cableway.benchmark.episode import Result
+from cableway.benchmark.metrics import METRICS, Metric
+from cableway.benchmark.statistics import Estimate
+from cableway.benchmark.suites import SUITES
+from cableway.benchmark.summary import Results, by_group
+
+COLUMNS = ("success", "strict", "contact", "shape_error", "over_floor", "deviation", "clearance", "planning_time",
+           "control_time", "control_p99")  # fmt: skip
+"""Metrics of the tables."""
+
+COMPARED = ("success", "strict", "contact", "shape_error", "deviation", "clearance", "planning_time", "control_time")
+"""Metrics in which methods are compared."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        title: What it shows.
+        rows: Of text, the first of them titles.
+    """
+
+    title: str
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """As Markdown."""
+        first, *others = self.rows
+        lines = [first, ("---",) * len(first), *others]
+        return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def markdown(results: Results, size: str) -> str:
+    """All tables of a run."""
+    parts = []
+    for suite, rows in results.items():
+        parts.append(f"## {suite}, {size}\n\n{sentence(suite)}\n")
+        parts += [f"### {suite}: {table.title}\n\n{table.markdown()}" for table in suite_tables(suite, rows)]
+    return "\n".join(parts)
+
+
+def sentence(suite: str) -> str:
+    """What a suite is."""
+    text = SUITES[suite].description
+    return f"{text[0].upper()}{text[1:]}. Version {SUITES[suite].version}."
+
+
+def suite_tables(suite: str, rows: Mapping[str, Sequence[Result]]) -> list[Table]:
+    """Methods against metrics, their differences to the first, and the groups of each."""
+    tables = [_figures("methods", "method", rows)]
+    if len(rows) > 1:
+        tables.append(_differences(rows))
+    groups = {name: by_group(results) for name, results in rows.items()}
+    tables += [_figures(name, SUITES[suite].groups, found) for name, found in groups.items() if len(found) > 1]
+    return tables
+
+
+def _figures(title: str, first: str, rows: Mapping[str, Sequence[Result]]) -> Table:
+    shown = [METRICS[name] for name in COLUMNS]
+    shown = [metric for metric in shown if any(metric.estimate(results) for results in rows.values())]
+    lines = [(first, "n", *(f"{metric.title} [{metric.unit}]" for metric in shown))]
+    for name, results in rows.items():
+        lines.append((name, str(len(results)), *(_cell(metric, results) for metric in shown)))
+    return Table(title, tuple(lines))
+
+
+def _differences(rows: Mapping[str, Sequence[Result]]) -> Table:
+    """What each method has more than the first one, in the same episodes."""
+    first, *others = rows
+    shown = [METRICS[name] for name in COMPARED]
+    lines = [("method", "n", *(f"{metric.title} [{metric.unit}]" for metric in shown))]
+    for name in others:
+        found = [metric.difference(rows[name], rows[first]) for metric in shown]
+        count = str(max((each.n for each in found if each is not None), default=0))
+        lines.append((name, count, *(_interval(metric, each) for metric, each in zip(shown, found, strict=True))))
+    return Table(f"differences to {first} in the same episodes", tuple(lines))
+
+
+def _cell(metric: Metric, results: Sequence[Result]) -> str:
+    """A share with its interval, or median / 95th percentile / worst."""
+    quantiles = metric.quantiles(results)
+    if quantiles is None:
+        return _interval(metric, metric.estimate(results))
+    return " / ".join(number(metric.scale * value) for value in quantiles.values())
+
+
+def _interval(metric: Metric, estimate: Estimate | None) -> str:
+    if estimate is None:
+        return "-"
+    value, low, high = (number(metric.scale * each) for each in (estimate.value, estimate.low, estimate.high))
+    return f"{value} ({low} to {high})"
+
+
+def number(value: float) -> str:
+    """Three digits, and no more than a table needs.
+
+    >>> [number(x) for x in (100.0, 99.61, 12.345, 0.1234, 0.00123)]
+    ['100', '99.6', '12.3', '0.12', '0.00']
+    """
+    return f"{value:.0f}" if abs(value) >= 99.95 else f"{value:.1f}" if abs(value) >= 9.995 else f"{value:.2f}"

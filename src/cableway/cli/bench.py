@@ -1,0 +1,222 @@
+"""`cableway bench`: suites x methods, each episode kept as it comes, then tables, figures and a report."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from cableway.cli.options import Options
+from cableway.cli.terminal import Tell, Terminal, columns
+from cableway.errors import InputError
+
+if TYPE_CHECKING:
+    from cableway.benchmark.episode import Result
+    from cableway.benchmark.methods import Method
+    from cableway.benchmark.runner import Job
+    from cableway.benchmark.summary import Results
+
+CSV, SUMMARY, TABLES, PAGE, BASELINE = "results.csv", "summary.json", "tables.md", "report.html", "baseline.json"
+SUCCESS_PICTURE, ERROR_PICTURE = "success.png", "errors.png"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench(Options):
+    """Run methods on suites of tasks: results.csv, summary.json, tables.md, figures, report.html, baseline.json.
+
+    Every episode's result is kept as it comes; the same command again goes on where it stopped.
+    """
+
+    suites: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SUITES")]
+    """Names with commas between, or all: paper, clutter, dense, corridors, mazes, plants, sensing, unconstrained,
+    blocked."""
+
+    size: str = "quick"
+    """quick, standard or full."""
+
+    methods: str = "cableway"
+    """Names with commas between; FILE.py:NAME for a method of your own. An unknown name lists those there are."""
+
+    episodes: str | None = None
+    """Only these, with commas between."""
+
+    workers: int | None = None
+    """Episodes at a time, as many as there are cores unless given."""
+
+    executor: str = "local"
+    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster that RAY_ADDRESS names."""
+
+    time_limit: float = 300.0
+    """Seconds after which an episode is given up; it counts as a failure."""
+
+    against: Path | None = None
+    """The baseline.json of an earlier run; exit status 1 where this one is worse beyond noise."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.seed is not None:
+            raise InputError("--seed is not for bench: every episode of a suite has its own")
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        from cableway.benchmark.gate import read_baseline, regressions
+        from cableway.benchmark.methods import load_method
+        from cableway.benchmark.summary import reference_time
+
+        terminal, folder = Terminal(self), self.folder("bench")
+        before = None if self.against is None else read_baseline(self.against)
+        methods = {source: load_method(source) for source in self.methods.split(",")}
+        jobs = self._jobs(methods)
+        with terminal.progress() as tell:
+            self._run(jobs, folder, tell)
+        results = _collect(jobs, folder)
+        about = self._write(results, jobs, list(methods.values()), folder)
+        terminal.note(f"In {folder}: {CSV}, {SUMMARY}, {TABLES}, {PAGE}, {BASELINE}")
+        worse = []
+        if before is not None:
+            found = [result for rows in results.values() for each in rows.values() for result in each]
+            worse = regressions(found, before, reference_time())
+        terminal.result(about | {"regressions": worse}, _shown(results))
+        for sentence in worse:
+            terminal.note(f"worse than {self.against}: {sentence}")
+        return 1 if worse else 0
+
+    def _jobs(self, methods: Mapping[str, Method]) -> list[Job]:
+        """All jobs of the run, suite by suite, the methods of an episode one after the other."""
+        from cableway.benchmark.methods import DEFAULT
+        from cableway.benchmark.runner import Job
+        from cableway.benchmark.suites import SUITES, get_suite
+
+        names = list(SUITES) if self.suites == "all" else self.suites.split(",")
+        wanted = None if self.episodes is None else self.episodes.split(",")
+        jobs, known = [], []
+        for suite in map(get_suite, names):
+            for episode in suite.episodes(self.size, own=True):
+                known.append(episode.name)
+                for source, method in methods.items():
+                    if episode in suite.episodes(self.size, own=source == DEFAULT):
+                        jobs.append(Job(episode, method.name, source))
+        for name in wanted or []:
+            if name not in known:
+                raise InputError(f"--episodes: no {name!r} in {', '.join(names)} of size {self.size}, "
+                                 f"whose episodes are like {known[0]!r} and {known[-1]!r}")  # fmt: skip
+        if len({method.name for method in methods.values()}) < len(methods):
+            raise InputError(f"--methods: two methods of {self.methods!r} have the same name")
+        return [job for job in jobs if wanted is None or job.episode.name in wanted]
+
+    def _run(self, jobs: Sequence[Job], folder: Path, tell: Tell) -> None:
+        """Run what is missing."""
+        from cableway.benchmark.episode import warm_up
+        from cableway.benchmark.runner import read_result, run_jobs
+        from cableway.geometry.compiled import is_compiled, mark_compiled
+
+        missing = [job for job in jobs if read_result(job, folder) is None]
+        if not missing:
+            return
+        if not is_compiled("control"):
+            tell("compilation", 0.0)
+            warm_up()  # here, so that no episode's time limit has it in it
+            mark_compiled("control")
+        ended, failed = len(jobs) - len(missing), 0
+
+        def done(result: Result) -> None:
+            nonlocal ended, failed
+            ended, failed = ended + 1, failed + (not result.success)
+            tell(f"episodes: {ended} of {len(jobs)}, {failed} failed now", ended / len(jobs))
+
+        tell(f"episodes: {ended} of {len(jobs)}", ended / len(jobs))
+        run_jobs(missing, folder, executor=self.executor, workers=self.workers, time_limit=self.time_limit, done=done)
+
+    def _write(self, results: Results, jobs: Sequence[Job], methods: Sequence[Method], folder: Path) -> dict[str, Any]:
+        """Leave all files of a finished run."""
+        from cableway.benchmark.gate import baseline
+        from cableway.benchmark.pages import report_page
+        from cableway.benchmark.summary import csv_text, summary
+        from cableway.benchmark.tables import markdown
+        from cableway.files import write_atomically, write_json
+
+        found = [result for rows in results.values() for each in rows.values() for result in each]
+        chosen = {"suites": self.suites, "methods": self.methods, "episodes": self.episodes,
+                  "time_limit": self.time_limit, "executor": self.executor, "workers": self.workers}  # fmt: skip
+        about = summary(results, methods, self.size, chosen)
+        page = report_page(
+            results,
+            {(job.episode.suite, job.method, job.episode.name): job for job in jobs},
+            folder,
+            about=about,
+            command=f"cableway {shlex.join(sys.argv[1:])}",
+            pictures=_write_pictures(results, folder),
+        )
+        for name, text in ((CSV, csv_text(found)), (TABLES, markdown(results, self.size)), (PAGE, page)):
+            write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))
+        write_json(folder / SUMMARY, about)
+        write_json(folder / BASELINE, baseline(found, about["machine"]["ten_million_additions"]))
+        return about
+
+
+def _collect(jobs: Sequence[Job], folder: Path) -> Results:
+    from cableway.benchmark.runner import read_result
+
+    results: dict[str, dict[str, list[Result]]] = {}
+    for job in jobs:
+        result = read_result(job, folder)
+        if result is not None:
+            results.setdefault(job.episode.suite, {}).setdefault(job.method, []).append(result)
+    return results
+
+
+def _write_pictures(results: Results, folder: Path) -> list[str]:
+    """Draw shares of success and distributions of the error; names of the files."""
+    from cableway.benchmark.metrics import METRICS
+    from cableway.figures.benchmark import error_figure, success_figure
+    from cableway.figures.style import save_figure
+    from cableway.records import SUCCESS_ERROR
+
+    shares = {
+        suite: {
+            name: (share.value, share.low, share.high)
+            for name, each in rows.items()
+            if (share := METRICS["success"].estimate(each)) is not None
+        }
+        for suite, rows in results.items()
+    }
+    save_figure(success_figure(shares), folder / SUCCESS_PICTURE)
+    errors = {
+        suite: {name: [_error(result) for result in each] for name, each in rows.items()}
+        for suite, rows in results.items()
+        if any(result.shape_error is not None for each in rows.values() for result in each)
+    }
+    if not errors:
+        return [SUCCESS_PICTURE]
+    save_figure(error_figure(errors, (0.01, SUCCESS_ERROR)), folder / ERROR_PICTURE)
+    return [SUCCESS_PICTURE, ERROR_PICTURE]
+
+
+def _error(result: Result) -> float:
+    """Infinite where the episode failed though its error may be small."""
+    return math.inf if result.contact or result.shape_error is None else result.shape_error
+
+
+def _shown(results: Results) -> Any:
+    from cableway.benchmark.metrics import METRICS
+    from cableway.benchmark.tables import number
+
+    table = columns("suite", "method", "n", "< 3 cm [%]", "< 1 cm [%]", "error, median / worst [mm]", "failures")
+    for suite, rows in results.items():
+        for name, found in rows.items():
+            errors = METRICS["shape_error"].quantiles(found)
+            shares = [METRICS[rule].estimate(found) for rule in ("success", "strict")]
+            outcomes = [result.outcome for result in found if not result.success]
+            table.add_row(
+                suite, name, str(len(found)),
+                *(number(100 * share.value) if share else "-" for share in shares),
+                " / ".join(number(1000 * errors[key]) for key in ("median", "worst")) if errors else "-",
+                ", ".join(f"{outcomes.count(each)} {each}" for each in dict.fromkeys(outcomes)),
+            )  # fmt: skip
+    return table

@@ -1,0 +1,106 @@
+"""Draw the suites of the benchmark and write their lists, one line for each episode.
+
+    .venv/bin/python tools/freeze_suites.py [SUITE ...] [--lines N]
+
+A list that is there is gone on with, never drawn anew: remove its file and raise the suite's version to change it.
+Where the cable of a plant can't take the start of a task, as one 3% short between grippers that hold a straight one,
+another task is drawn in its place.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+from pathlib import Path
+
+from cableway.benchmark.plants import DIFFERING, PLANTS, SENSED, plant_variant
+from cableway.benchmark.suites import SUITES, make_task, task_digest
+from cableway.errors import InputError, SimulationError
+from cableway.scene.loading import task_names
+
+FOLDER = Path(__file__).parents[1] / "src/cableway/benchmark/frozen"
+FIRST, NEXT = 20000, 10000
+"""Seed of the first random task, and from a task to the one in its place: nothing was ever chosen on these."""
+
+TASKS = 100 * len(DIFFERING)
+"""Tasks of the suite "plants": then come more seeds of the noise, two for every third task of those seen with noise."""
+
+COLUMNS = ["episode", "task", "plant", "seed", "digest"]
+PATTERNS = {
+    "plants": ("clutter-{}",),
+    "sensing": ("clutter-{}",),
+    "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
+    "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
+    "unconstrained": ("open-near-{}", "open-far-{}"),
+}
+"""Kinds of random tasks, in turn; otherwise that of the suite's name."""
+
+IN_TURN = {"plants": DIFFERING, "sensing": SENSED}
+"""Plants, in turn; otherwise the nominal one."""
+
+
+def line(suite: str, number: int, before: list[list[str]]) -> list[str]:
+    """One line of a list.
+
+    Args:
+        suite: Name.
+        number: Of the line, from 0.
+        before: The lines before it.
+    """
+    if suite == "paper":
+        names = task_names()
+        return described(names[number % len(names)], "nominal", number // len(names))
+    if suite == "plants" and number >= TASKS:
+        noisy = [row for row in before[:TASKS] if PLANTS[row[2]].noisy]
+        every_third = [row for plant in DIFFERING for row in [row for row in noisy if row[2] == plant][::3]]
+        row = every_third[(number - TASKS) % len(every_third)]
+        return described(row[1], row[2], 1 + (number - TASKS) // len(every_third))
+    patterns, plants = PATTERNS.get(suite, (suite + "-{}",)), IN_TURN.get(suite, ("nominal",))
+    for seed in itertools.count(FIRST + number, NEXT):
+        try:
+            return described(patterns[number % len(patterns)].format(seed), plants[number % len(plants)], 0)
+        except (InputError, SimulationError) as error:
+            print(f"{suite}, {number}: another task, because {error}", flush=True)
+    raise AssertionError
+
+
+def described(task: str, plant: str, seed: int) -> list[str]:
+    """The line of an episode.
+
+    Raises:
+        InputError: There is no such task.
+        SimulationError: The plant can't take its start.
+    """
+    made = make_task(task)
+    if plant != "nominal":
+        plant_variant(plant, made).build(made, seed)
+    name = task.replace("@", "-") + ("" if plant == "nominal" else f"-{plant}") + (f"-s{seed}" if seed else "")
+    return [name, task, plant, str(seed), task_digest(task, made)]
+
+
+def freeze(suite: str, most: int) -> None:
+    """Write what is missing of a list, or of its first lines."""
+    path, count = FOLDER / f"{suite}.csv", min(max(SUITES[suite].sizes), most)
+    rows = list(csv.reader(path.open()))[1:] if path.exists() else []
+    while len(rows) < count:
+        rows.append(line(suite, len(rows), rows))
+        if len(rows) % 50 == 0 or len(rows) == count:
+            path.parent.mkdir(exist_ok=True)
+            with path.open("w", newline="") as file:
+                csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
+            print(f"{suite}: {len(rows)} of {count}", flush=True)
+
+
+def main() -> None:
+    """Freeze what is asked for, or everything."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("suites", nargs="*", metavar="SUITE", default=list(SUITES))
+    parser.add_argument("--lines", type=int, default=10**9, help="no more than these of each list")
+    given = parser.parse_args()
+    for suite in given.suites:
+        freeze(suite, given.lines)
+
+
+if __name__ == "__main__":
+    main()
