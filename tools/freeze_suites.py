@@ -27,16 +27,27 @@ TASKS = 100 * len(DIFFERING)
 """Tasks of the suite "plants": then come more seeds of the noise, two for every third task of those seen with noise."""
 
 COLUMNS = ["episode", "task", "plant", "seed", "digest"]
+LONG = ("paracord-0.34", "rubber-0.34", "ethernet-0.34", "usb-0.34")
+OTHERS = ("cotton-0.22", "hdmi-0.25", "silicone-0.27")
+SHORT = ("rubber-0.17", "paracord-0.17")
+LAB = [
+    *((task, cable) for cable in LONG + OTHERS for task in ("real-single", "real-multi")),
+    *(("real-maze", cable) for cable in SHORT * 2 + OTHERS),
+]
+"""Tasks and cables of the paper's summary: the long ones on two tasks, the short ones on the maze twice as often; and
+its three other cables, on all."""
+
 PATTERNS = {
     "plants": ("clutter-{}",),
     "sensing": ("clutter-{}",),
     "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
     "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
     "unconstrained": ("open-near-{}", "open-far-{}"),
+    "lab-unconstrained": tuple(f"open-{way}-{{}}~{cable}" for way in ("near", "far") for cable in LONG),
 }
 """Kinds of random tasks, in turn; otherwise that of the suite's name."""
 
-IN_TURN = {"plants": DIFFERING, "sensing": SENSED}
+IN_TURN = {"plants": DIFFERING, "sensing": SENSED, "lab-unconstrained": ("drawn",)}
 """Plants, in turn; otherwise the nominal one."""
 
 
@@ -56,6 +67,9 @@ def line(suite: str, number: int, before: list[list[str]]) -> list[str]:
         every_third = [row for plant in DIFFERING for row in [row for row in noisy if row[2] == plant][::3]]
         row = every_third[(number - TASKS) % len(every_third)]
         return described(row[1], row[2], 1 + (number - TASKS) // len(every_third))
+    if suite == "lab-constrained":
+        task, cable = LAB[number % len(LAB)]
+        return described(f"{task}~{cable}", "drawn", number)
     patterns, plants = PATTERNS.get(suite, (suite + "-{}",)), IN_TURN.get(suite, ("nominal",))
     for seed in itertools.count(FIRST + number, NEXT):
         try:
@@ -74,8 +88,12 @@ def described(task: str, plant: str, seed: int) -> list[str]:
     """
     made = make_task(task)
     if plant != "nominal":
-        plant_variant(plant, made).build(made, seed)
-    name = task.replace("@", "-") + ("" if plant == "nominal" else f"-{plant}") + (f"-s{seed}" if seed else "")
+        plant_variant(plant, made, seed).build(made, seed)
+    name = (
+        task.replace("@", "-").replace("~", "-")
+        + ("" if plant == "nominal" else f"-{plant}")
+        + (f"-s{seed}" if seed else "")
+    )
     return [name, task, plant, str(seed), task_digest(task, made)]
 
 

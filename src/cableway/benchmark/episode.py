@@ -124,7 +124,7 @@ def run_episode(episode: Episode, source: str) -> Outcome:
     planning_time = time.perf_counter() - start
     if episode.suite == BLOCKED:
         return Outcome(Result(**_known(episode, method.name), outcome="not told", detail="a plan was returned"))
-    variant = plant_variant(episode.plant, task)
+    variant = plant_variant(episode.plant, task, episode.seed)
     rollout = _follow(episode, method, source, task, plan, variant)
     report = summarize(variant.true_task(task), None, rollout, cable=variant.cable)
     result = _tracked(episode, method, report, rollout, planning_time)
@@ -219,7 +219,7 @@ def _tracked(episode: Episode, method: Method, report: Report, rollout: Rollout,
     return Result(
         **_known(episode, method.name),
         outcome="success" if success else outcome,
-        detail="" if success else (report.failure or ended),
+        detail="" if success else f"{ended}; final error {1000 * error:.1f} mm, clearance {1000 * clearance:.1f} mm",
         success=success,
         strict=success and error < STRICT_ERROR,
         contact=contact,

@@ -70,8 +70,9 @@ class Variant:
 Draw = Callable[[Task, np.random.Generator], Variant]
 
 
-def plant_variant(name: str, task: Task) -> Variant:
-    """The plant of a name for a task; what is random of it follows from the task's name.
+def plant_variant(name: str, task: Task, seed: int = 0) -> Variant:
+    """The plant of a name for a task; what is random of it follows from the task's name, and the cable of "drawn" from
+    the seed too.
 
     Raises:
         UnknownNameError: No such plant; the message lists them.
@@ -79,7 +80,8 @@ def plant_variant(name: str, task: Task) -> Variant:
     """
     if name not in PLANTS:
         raise UnknownNameError("plant", name, PLANTS)
-    return PLANTS[name].draw(task, np.random.default_rng(zlib.crc32(f"{name} {task.name}".encode())))
+    key = f"{name} {task.name}" + (f" {seed}" if name == "drawn" else "")
+    return PLANTS[name].draw(task, np.random.default_rng(zlib.crc32(key.encode())))
 
 
 # ------------------------------------------------------------------------------------------------ draws
@@ -184,6 +186,10 @@ def _preset(name: str) -> Draw:
     return lambda task, _: Variant(replace(task.cable, **values, preset=name), sensing=LAB)
 
 
+def _drawn(task: Task, rng: np.random.Generator) -> Variant:
+    return Variant(task.cable.sample(int(rng.integers(2**31))), sensing=LAB)
+
+
 @dataclass(frozen=True)
 class PlantKind:
     """A kind of plant.
@@ -238,6 +244,7 @@ PLANTS: dict[str, PlantKind] = {
         "2 mm of noise, seen and moved 0.1 s late, a frame in five lost, a stretch hidden in every second",
         lambda task, _: Variant(task.cable, sensing=replace(LAB, drop_rate=0.2, occlusion_rate=0.5, action_delay=0.1)),
         noisy=True),
+    "drawn": PlantKind("a cable drawn from the ranges of the task's preset, seen as 'lab'", _drawn, noisy=True),
     **{name: PlantKind(f"a cable of the preset {name}, as long as believed, seen as 'lab'", _preset(name), noisy=True)
        for name in preset_names()},
 }  # fmt: skip

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import csv
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 
+import numpy as np
+
 from cableway.errors import TaskError, UnknownNameError
-from cableway.scene.loading import catalogue_file, load_task, task_names
-from cableway.scene.random.tasks import random_task
+from cableway.scene.cable import Cable
+from cableway.scene.loading import cable_from_preset, catalogue_file, load_task, task_names
+from cableway.scene.random.tasks import END_DECIMALS, random_task
 from cableway.scene.saving import task_text
 from cableway.scene.task import Task
 
@@ -30,7 +33,8 @@ class Episode:
     Attributes:
         suite: Name of its suite.
         name: Its own name, unique in the suite.
-        task: A task of the catalogue, or the kind and seed of a random one, with the width of its passage after "@".
+        task: A task of the catalogue, or the kind and seed of a random one, with the width of its passage after "@";
+            after "~" the preset and the length of another cable, which starts and ends in the same shapes, scaled.
         plant: Name of the plant.
         seed: Of the planner and of the noise.
         digest: First half of the SHA-256 of the task's YAML, in hexadecimal digits.
@@ -63,7 +67,7 @@ class Suite:
         name: Its name.
         version: Goes up when a list changes.
         description: One sentence.
-        groups: What the episodes are grouped by in tables: "task", "kind" or "plant".
+        groups: What the episodes are grouped by in tables: "task", "kind", "plant" or "cable".
         sizes: Number of episodes of each size.
         own_sizes: The same for the default method, where that is held to more.
     """
@@ -100,6 +104,11 @@ SUITES = {
               (17, 102, 1904)),
         Suite("sensing", 1, "clutter; noise, delays, dropped and hidden keypoints", "plant", (8, 104, 1000)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
+        Suite("lab-constrained", 1,
+              "the paper's three tasks with obstacles, drawn cables of its seven kinds, seen as in a "
+              "laboratory", "task", (21, 84, 1008)),
+        Suite("lab-unconstrained", 1, "no obstacles, near and far goals, drawn cables of four kinds, seen as in a "
+              "laboratory", "cable", (8, 400, 1000)),
         Suite("blocked", 1, "tasks without a solution, to be told so", "kind", (10, 100, 1000)),
     )
 }  # fmt: skip
@@ -133,22 +142,49 @@ def frozen_episodes(suite: str) -> tuple[Episode, ...]:
 def kind_of(task: str) -> str:
     """What a task belongs to in tables: itself in the catalogue, or the kind of random task, with its width.
 
-    >>> kind_of("slot-20001@0.025"), kind_of("maze-1")
-    ('slot 25 mm', 'maze-1')
+    >>> kind_of("slot-20001@0.025"), kind_of("maze-1"), kind_of("real-maze~rubber-0.17")
+    ('slot 25 mm', 'maze-1', 'real-maze')
     """
+    task = task.partition("~")[0]
     if task in task_names():
         return task
     name, _, width = task.partition("@")
     return name.rsplit("-", 1)[0] + (f" {1000 * float(width):.0f} mm" if width else "")
 
 
+def cable_of(task: str) -> str:
+    """The preset that a task names.
+
+    >>> cable_of("open-far-20001~usb-0.34"), cable_of("maze-1")
+    ('usb', '')
+    """
+    return task.partition("~")[2].rpartition("-")[0]
+
+
 def make_task(reference: str) -> Task:
-    """The task that `Episode.task` names."""
-    if reference in task_names():
-        return load_task(reference)
-    name, _, width = reference.partition("@")
-    kind, _, seed = name.rpartition("-")
-    return random_task(int(seed), kind, width=float(width) if width else None)
+    """The task that `Episode.task` names.
+
+    Raises:
+        InputError: There is none.
+    """
+    base, _, cable = reference.partition("~")
+    if base in task_names():
+        task = load_task(base)
+    else:
+        name, _, width = base.partition("@")
+        kind, _, seed = name.rpartition("-")
+        task = random_task(int(seed), kind, width=float(width) if width else None)
+    if not cable:
+        return task
+    preset, _, length = cable.rpartition("-")
+    return _with_cable(task, cable_from_preset(preset, length=float(length)), reference.replace("~", "-"))
+
+
+def _with_cable(task: Task, cable: Cable, name: str) -> Task:
+    """With another cable, whose ends have the same loads, made dimensionless, and the same centre and direction."""
+    q = np.array([task.start_fit[0], task.goal_fit[0]])
+    start, goal = cable.rod.at_keypoints(cable.rod.shapes(q)[0]).round(END_DECIMALS)
+    return replace(task, name=name, cable=cable, start=start, goal=goal, start_poses=None, goal_poses=None)
 
 
 def task_digest(reference: str, task: Task) -> str:

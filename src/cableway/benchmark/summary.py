@@ -15,7 +15,7 @@ from typing import Any
 from cableway.benchmark.episode import Result
 from cableway.benchmark.methods import Method
 from cableway.benchmark.metrics import METRICS, Metric
-from cableway.benchmark.suites import SUITES, kind_of
+from cableway.benchmark.suites import SUITES, cable_of, kind_of
 from cableway.provenance import versions
 
 Results = Mapping[str, Mapping[str, Sequence[Result]]]
@@ -25,7 +25,7 @@ Results = Mapping[str, Mapping[str, Sequence[Result]]]
 def group_of(result: Result) -> str:
     """What a result is grouped by in its suite's tables."""
     by = SUITES[result.suite].groups
-    return result.plant if by == "plant" else kind_of(result.task)
+    return result.plant if by == "plant" else cable_of(result.task) if by == "cable" else kind_of(result.task)
 
 
 def by_group(results: Sequence[Result]) -> dict[str, list[Result]]:
