@@ -47,7 +47,7 @@ PATTERNS = {
 }
 """Kinds of random tasks, in turn; otherwise that of the suite's name."""
 
-IN_TURN = {"plants": DIFFERING, "sensing": SENSED, "lab-unconstrained": ("drawn",)}
+IN_TURN = {"plants": DIFFERING, "sensing": SENSED, "lab-unconstrained": ("laid",)}
 """Plants, in turn; otherwise the nominal one."""
 
 
@@ -67,9 +67,9 @@ def line(suite: str, number: int, before: list[list[str]]) -> list[str]:
         every_third = [row for plant in DIFFERING for row in [row for row in noisy if row[2] == plant][::3]]
         row = every_third[(number - TASKS) % len(every_third)]
         return described(row[1], row[2], 1 + (number - TASKS) // len(every_third))
-    if suite == "lab-constrained":
+    if suite in ("lab-constrained", "lab-drawn"):
         task, cable = LAB[number % len(LAB)]
-        return described(f"{task}~{cable}", "drawn", number)
+        return described(f"{task}~{cable}", "laid" if suite == "lab-constrained" else "drawn", number)
     patterns, plants = PATTERNS.get(suite, (suite + "-{}",)), IN_TURN.get(suite, ("nominal",))
     for seed in itertools.count(FIRST + number, NEXT):
         try:

@@ -71,8 +71,8 @@ Draw = Callable[[Task, np.random.Generator], Variant]
 
 
 def plant_variant(name: str, task: Task, seed: int = 0) -> Variant:
-    """The plant of a name for a task; what is random of it follows from the task's name, and the cable of "drawn" from
-    the seed too.
+    """The plant of a name for a task; what is random of it follows from the task's name, and with "laid" and
+    "drawn" from the seed too.
 
     Raises:
         UnknownNameError: No such plant; the message lists them.
@@ -80,7 +80,7 @@ def plant_variant(name: str, task: Task, seed: int = 0) -> Variant:
     """
     if name not in PLANTS:
         raise UnknownNameError("plant", name, PLANTS)
-    key = f"{name} {task.name}" + (f" {seed}" if name == "drawn" else "")
+    key = f"{name} {task.name}" + (f" {seed}" if name in ("laid", "drawn") else "")
     return PLANTS[name].draw(task, np.random.default_rng(zlib.crc32(key.encode())))
 
 
@@ -146,16 +146,25 @@ def _slipping(task: Task, rng: np.random.Generator) -> Variant:
     return Variant(task.cable, GraspConfig(slip_time=4.0, **end))
 
 
-def _start_off(task: Task, rng: np.random.Generator) -> Variant:
+def _off(task: Task, rng: np.random.Generator, shift: float, turn: float) -> Task:
+    """The task with a start to which the grippers were moved by `shift` [m] and turned by `turn` [degrees].
+
+    Raises:
+        SimulationError: No shape of the cable is stable there.
+    """
     poses = task.cable.rod.shapes(task.start_fit[0][None])[1][0]
     angles, signs = rng.uniform(0, 2 * math.pi, 2), rng.choice([-1, 1], 2)
-    poses = poses + np.column_stack([MOVED * np.cos(angles), MOVED * np.sin(angles), math.radians(5.0) * signs])
+    poses = poses + np.column_stack([shift * np.cos(angles), shift * np.sin(angles), math.radians(turn) * signs])
     found = equilibria_at(task.cable.rod, poses)
     if not len(found):
         raise SimulationError("no stable shape between the moved grippers")
     shapes = task.cable.rod.at_keypoints(task.cable.rod.shapes(found)[0])
     nearest = int(np.argmin(np.linalg.norm(shapes - task.start, axis=(1, 2))))
-    return Variant(task.cable, start=replace(task, start=shapes[nearest], start_poses=None))
+    return replace(task, start=shapes[nearest], start_poses=None)
+
+
+def _start_off(task: Task, rng: np.random.Generator) -> Variant:
+    return Variant(task.cable, start=_off(task, rng, MOVED, 5.0))
 
 
 def _obstacles_moved(task: Task, rng: np.random.Generator) -> Variant:
@@ -184,6 +193,10 @@ def _preset(name: str) -> Draw:
     """As long as the task's cable and otherwise that of a preset, seen as in a laboratory."""
     values = {key: value for key, value in preset_values(name).items() if key not in ("length", "radius")}
     return lambda task, _: Variant(replace(task.cable, **values, preset=name), sensing=LAB)
+
+
+def _laid(task: Task, rng: np.random.Generator) -> Variant:
+    return Variant(task.cable, sensing=LAB, start=_off(task, rng, 0.005, 3.0))
 
 
 def _drawn(task: Task, rng: np.random.Generator) -> Variant:
@@ -244,6 +257,7 @@ PLANTS: dict[str, PlantKind] = {
         "2 mm of noise, seen and moved 0.1 s late, a frame in five lost, a stretch hidden in every second",
         lambda task, _: Variant(task.cable, sensing=replace(LAB, drop_rate=0.2, occlusion_rate=0.5, action_delay=0.1)),
         noisy=True),
+    "laid": PlantKind("the start off by 5 mm and 3 degrees, seen as 'lab'", _laid, noisy=True),
     "drawn": PlantKind("a cable drawn from the ranges of the task's preset, seen as 'lab'", _drawn, noisy=True),
     **{name: PlantKind(f"a cable of the preset {name}, as long as believed, seen as 'lab'", _preset(name), noisy=True)
        for name in preset_names()},
