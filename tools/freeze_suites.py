@@ -101,12 +101,15 @@ def freeze(suite: str, most: int) -> None:
     """Write what is missing of a list, or of its first lines."""
     path, count = FOLDER / f"{suite}.csv", min(max(SUITES[suite].sizes), most)
     rows = list(csv.reader(path.open()))[1:] if path.exists() else []
-    while len(rows) < count:
-        rows.append(line(suite, len(rows), rows))
-        if len(rows) % 50 == 0 or len(rows) == count:
-            path.parent.mkdir(exist_ok=True)
-            with path.open("w", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
+    path.parent.mkdir(exist_ok=True)
+    with path.open("a", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if not rows:
+            writer.writerow(COLUMNS)
+        while len(rows) < count:
+            rows.append(line(suite, len(rows), rows))
+            writer.writerow(rows[-1])
+            file.flush()
             print(f"{suite}: {len(rows)} of {count}", flush=True)
 
 

@@ -28,6 +28,7 @@ SOLVABLE = {
     "serpentine": (2,),
     "maze": (1,),
 }
+OPEN = ("open-near", "open-far")
 CASES = [(kind, seed) for kind, seeds in SOLVABLE.items() for seed in seeds]
 
 
@@ -40,7 +41,17 @@ def plan_of(task: Task, witness: Witness) -> Plan:
 
 
 def test_every_kind_is_tried():
-    assert {*SOLVABLE, "blocked"} == set(KINDS)
+    assert {*SOLVABLE, *OPEN, "blocked"} == set(KINDS)
+
+
+@pytest.mark.parametrize("kind", OPEN)
+def test_without_obstacles_the_witness_is_a_plan(kind: str):
+    for seed in range(3):
+        task, witness = random_task_with_witness(seed, kind)
+        assert witness is not None
+        assert not task.scene.obstacles
+        assert verify_plan(plan_of(task, witness), task).passed
+        assert np.linalg.norm(task.goal - task.start, axis=1).mean() > 0.1 * task.cable.length
 
 
 @pytest.mark.parametrize(("kind", "seed"), CASES)

@@ -1,0 +1,172 @@
+"""Episodes: kept at once, run once, the same again; a method that dies costs itself its own episodes alone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cableway.benchmark.episode import Result, run_episode
+from cableway.benchmark.gate import baseline, regressions
+from cableway.benchmark.methods import BUILT_IN, load_method, method_names
+from cableway.benchmark.metrics import METRICS
+from cableway.benchmark.runner import Job, read_result, run_jobs
+from cableway.benchmark.suites import frozen_episodes
+from cableway.cli import main
+from cableway.errors import FileFormatError, InputError, UnknownNameError
+
+FILE = Path(__file__).with_name("methods_for_tests.py")
+EPISODE = frozen_episodes("unconstrained")[0]
+TIMES = {"planning_time", "control_median", "control_p99", "control_max"}
+
+
+def job(name: str, episode=EPISODE) -> Job:
+    source = f"{FILE}:{name.upper()}"
+    return Job(episode, load_method(source).name, source)
+
+
+def without_times(result: Result) -> dict:
+    return {name: value for name, value in asdict(result).items() if name not in TIMES}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of a sound method and of those that fail in every way, side by side."""
+    folder = tmp_path_factory.mktemp("bench")
+    names = ("hangs", "sound", "dies", "raises", "tells")
+    run_jobs([job(name) for name in names], folder, workers=2, time_limit=12.0)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "outcome", "detail"),
+    [
+        ("hangs", "timed out", "not done within 12 s"),
+        ("dies", "crashed", "ProcessExpired"),
+        ("raises", "crashed", "ValueError: broken inside"),
+        ("tells", "no plan", "the gap is too narrow"),
+    ],
+)
+def test_a_failure_is_named_counted_and_drawn(folder: Path, name: str, outcome: str, detail: str):
+    result = read_result(job(name), folder)
+    assert result is not None
+    assert (result.outcome, result.success, result.strict) == (outcome, False, False)
+    assert detail in result.detail
+    task = EPISODE.load()
+    assert result.shape_error == pytest.approx(np.linalg.norm(task.start - task.goal))
+    assert job(name).picture(folder).read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_died_cost_the_others_nothing(folder: Path):
+    result = read_result(job("sound"), folder)
+    assert result is not None
+    assert result.success, result.detail
+    assert result.strict
+    assert result.verified
+    assert not job("sound").picture(folder).exists()
+
+
+def test_an_episode_run_again_is_the_same(folder: Path):
+    known = read_result(job("sound"), folder)
+    assert known is not None
+    assert without_times(run_episode(EPISODE, job("sound").source).result) == without_times(known)
+
+
+def test_a_blocked_task_is_solved_by_saying_so():
+    blocked = frozen_episodes("blocked")[0]
+    assert run_episode(blocked, job("tells").source).result.success
+    result = run_episode(blocked, "cableway").result
+    assert result.outcome == "success", result.detail
+    assert METRICS["shape_error"].value(result) is None
+
+
+def test_results_of_another_task_or_version_are_not_taken_for_ours(folder: Path, tmp_path: Path):
+    path = job("sound").path(folder)
+    content = json.loads(path.read_text())
+    copy = job("sound").path(tmp_path)
+    copy.parent.mkdir(parents=True)
+    copy.write_text(json.dumps(content | {"digest": "0"}))
+    with pytest.raises(FileFormatError, match="digest"):
+        read_result(job("sound"), tmp_path)
+    copy.write_text("{")
+    with pytest.raises(FileFormatError, match="sound"):
+        read_result(job("sound"), tmp_path)
+    assert read_result(job("hangs"), tmp_path) is None
+
+
+def test_methods_by_name_by_file_and_by_mistake():
+    assert set(BUILT_IN) <= set(method_names())
+    assert load_method("cableway").name == "cableway"
+    with pytest.raises(UnknownNameError, match="rod-jacobian"):
+        load_method("jacobian")
+    with pytest.raises(InputError, match="no such file"):
+        load_method("missing.py:METHOD")
+    with pytest.raises(InputError, match="has no 'NOTHING'"):
+        load_method(f"{FILE}:NOTHING")
+    with pytest.raises(InputError, match="must be a"):
+        load_method(f"{FILE}:NO_METHOD")
+
+
+def test_the_command_runs_resumes_and_leaves_everything(folder: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["bench", "unconstrained", "--methods", f"{FILE}:SOUND,{FILE}:RAISES", "--episodes", EPISODE.name,
+               "--out", str(folder), "--workers", "1", "--json"]  # fmt: skip
+    before = job("sound").path(folder).stat().st_mtime_ns
+    assert main(command) == 0
+    assert job("sound").path(folder).stat().st_mtime_ns == before
+    shown = json.loads(capsys.readouterr().out)
+    figures = shown["suites"]["unconstrained"]["methods"]
+    assert figures["sound"]["metrics"]["success"]["value"] == 1.0
+    assert figures["raises"]["outcomes"] == {"crashed": 1}
+    assert figures["raises"]["differences"]["success"]["value"] == -1.0
+    page = (folder / "report.html").read_text()
+    assert "http" not in page.replace("https://", "http")
+    assert f"--episodes {EPISODE.name}" in page
+    assert (folder / "failures/unconstrained/raises" / f"{EPISODE.name}.png").exists()
+    assert f"failures/unconstrained/raises/{EPISODE.name}.png" in page
+    rows = (folder / "results.csv").read_text().splitlines()
+    assert len(rows) == 3
+    for name in ("tables.md", "success.png", "errors.png", "summary.json", "baseline.json"):
+        assert (folder / name).stat().st_size > 100
+    assert main([*command, "--against", str(folder / "baseline.json")]) == 0
+
+
+def test_worse_than_the_baseline_is_told(folder: Path):
+    known = read_result(job("sound"), folder)
+    assert known is not None
+    results = [Result(**{**asdict(known), "episode": f"e{k}"}) for k in range(5)]
+    before = baseline(results, reference=1.0)
+    assert regressions(results, before, reference=1.0) == []
+    lost = [Result(**{**asdict(r), "success": k > 1, "strict": k > 1}) for k, r in enumerate(results)]
+    assert [sentence.split(":")[0] for sentence in regressions(lost, before, 1.0)] == ["success", "strict"]
+    one = [Result(**{**asdict(r), "strict": k > 0}) for k, r in enumerate(results)]
+    assert regressions(one, before, 1.0) == []
+    off = [Result(**{**asdict(r), "shape_error": 2 * (r.shape_error or 0) + 2e-4}) for r in results]
+    assert "errors are" in regressions(off, before, 1.0)[0]
+    slow = [Result(**{**asdict(r), "planning_time": 3 * (r.planning_time or 0)}) for r in results]
+    assert "planning_time" in regressions(slow, before, 1.0)[0]
+    assert regressions(slow, before, 3.0) == []
+    assert "2 of 5 episodes" in regressions(results[2:], before, 1.0)[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere"], "unknown suite 'nowhere'"),
+        (["clutter", "--size", "huge"], "unknown size 'huge'"),
+        (["clutter", "--episodes", "nothing"], "no 'nothing' in clutter"),
+        (["clutter", "--seed", "3"], "--seed is not for bench"),
+        (["clutter", "--against", "missing.json"], "missing.json"),
+        (["clutter", "--workers", "0"], "workers must be at least 1"),
+        (["clutter", "--time-limit", "0"], "time limit must be positive"),
+        (["clutter", "--executor", "moon"], "unknown executor 'moon'"),
+    ],
+)
+def test_mistakes_are_told_in_a_sentence(
+    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["bench", *arguments, "--out", str(tmp_path), "--quiet"]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

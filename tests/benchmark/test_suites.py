@@ -1,0 +1,75 @@
+"""Suites are what was frozen: as long as their sizes, without repetition, and each task still the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cableway.benchmark.plants import PLANTS, plant_variant
+from cableway.benchmark.suites import SIZES, SUITES, frozen_episodes, get_suite, make_task
+from cableway.errors import TaskError, UnknownNameError
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_a_list_has_all_episodes_of_every_size_and_none_twice(name: str):
+    suite, episodes = SUITES[name], frozen_episodes(name)
+    counts = (*suite.sizes, *(suite.own_sizes or ()))
+    assert len(episodes) >= max(counts)
+    assert len({episode.name for episode in episodes}) == len(episodes)
+    assert {episode.plant for episode in episodes} <= set(PLANTS)
+    assert list(suite.sizes) == sorted(suite.sizes)
+
+
+def test_a_larger_size_begins_with_the_smaller_one():
+    suite = get_suite("clutter")
+    quick, standard, own = suite.episodes("quick"), suite.episodes("standard"), suite.episodes("standard", own=True)
+    assert standard[: len(quick)] == quick
+    assert own[: len(standard)] == standard
+    assert len(own) == 250
+
+
+def test_unknown_names_list_what_there_is():
+    with pytest.raises(UnknownNameError, match="clutter"):
+        get_suite("cluter")
+    with pytest.raises(UnknownNameError, match=", ".join(sorted(SIZES))):
+        get_suite("clutter").episodes("small")
+
+
+@pytest.mark.parametrize("name", SUITES)
+def test_the_first_task_is_still_the_one_that_was_frozen(name: str):
+    frozen_episodes(name)[0].load()
+
+
+def test_a_task_that_comes_out_otherwise_is_noticed():
+    episode = replace(frozen_episodes("clutter")[0], task="clutter-1")
+    with pytest.raises(TaskError, match="clutter-1 has the digest"):
+        episode.load()
+
+
+def test_another_cable_begins_in_the_same_shape_scaled():
+    short, usual = make_task("real-single~hdmi-0.25"), make_task("real-single")
+    assert short.cable.length == 0.25
+    assert short.cable.preset == "hdmi"
+    for mine, its in ((short.start, usual.start), (short.goal, usual.goal)):
+        scale = short.cable.length / usual.cable.length
+        np.testing.assert_allclose(mine - mine.mean(axis=0), scale * (its - its.mean(axis=0)), atol=1e-3)
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_plant_is_the_same_for_the_same_task_and_can_be_built(name: str):
+    task = make_task("real-single") if name == "drawn" else make_task("single-obstacle-2")
+    first, again = plant_variant(name, task), plant_variant(name, task)
+    assert (first.cable, first.grasp, first.sensing) == (again.cable, again.grasp, again.sensing)
+    plant = first.build(task, seed=0)
+    assert np.isfinite(plant.reset().poses).all()
+    assert plant.task is (first.scene or task)
+
+
+def test_plants_of_two_seeds_differ_only_where_they_should():
+    task = make_task("real-single")
+    assert plant_variant("drawn", task, 0).cable != plant_variant("drawn", task, 1).cable
+    assert plant_variant("hard", task, 0) == plant_variant("hard", task, 1)
+    with pytest.raises(UnknownNameError, match="very-hard"):
+        plant_variant("harder", task)
