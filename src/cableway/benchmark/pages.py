@@ -1,7 +1,8 @@
-"""The report of a run as a page that opens without a network."""
+"""Reports as pages that open without a network."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import jinja2
 
 from cableway.benchmark.episode import Result
 from cableway.benchmark.metrics import METRICS
+from cableway.benchmark.reproduction import Section
 from cableway.benchmark.runner import Job
 from cableway.benchmark.summary import Results
 from cableway.benchmark.tables import sentence, suite_tables
@@ -34,14 +36,12 @@ def report_page(
         command: That made it.
         pictures: Names of figures in the folder.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cableway.benchmark", ""), autoescape=True, undefined=jinja2.StrictUndefined
-    )
     suites = [
         {"name": name, "description": sentence(name), "tables": suite_tables(name, rows)}
         for name, rows in results.items()
     ]
-    return environment.get_template("report.html.jinja").render(
+    return _render(
+        "report.html.jinja",
         suites=suites,
         failures=[
             _failure(result, jobs[result.suite, result.method, result.episode], folder)
@@ -55,6 +55,33 @@ def report_page(
         pictures=pictures,
         **{key: about[key] for key in ("versions", "machine", "size")},
     )
+
+
+def reproduction_page(sections: Sequence[Section], about: Mapping[str, Any]) -> str:
+    """HTML with the paper's tables and figures beside ours.
+
+    Args:
+        sections: In order.
+        about: "versions", "machine" and "size".
+    """
+    return _render("reproduction.html.jinja", sections=sections, **about)
+
+
+def reproduction_text(sections: Sequence[Section], size: str) -> str:
+    """The same as Markdown."""
+    parts = [f"# The paper's tables and figures, and ours ({size})\n"]
+    for section in sections:
+        parts += [f"## {section.title}\n", "\n".join(textwrap.wrap(section.text, 120)) + "\n"]
+        parts += [table.markdown() for table in section.tables]
+        parts += [f"![{picture}]({picture})\n" for picture in section.pictures]
+    return "\n".join(parts)
+
+
+def _render(template: str, **values: Any) -> str:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("cableway.benchmark", ""), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    return environment.get_template(template).render(**values)
 
 
 def repeat_command(job: Job) -> str:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from cableway.cli.options import Options
-from cableway.cli.terminal import Tell, Terminal, columns
+from cableway.cli.episodes import EpisodeOptions, collect
+from cableway.cli.terminal import Terminal, columns
 from cableway.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ SUCCESS_PICTURE, ERROR_PICTURE = "success.png", "errors.png"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bench(Options):
+class Bench(EpisodeOptions):
     """Run methods on suites of tasks: results.csv, summary.json, tables.md, figures, report.html, baseline.json.
 
     Every episode's result is kept as it comes; the same command again goes on where it stopped.
@@ -46,22 +46,8 @@ class Bench(Options):
     episodes: str | None = None
     """Only these, with commas between."""
 
-    workers: int | None = None
-    """Episodes at a time, as many as there are cores unless given."""
-
-    executor: str = "local"
-    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster that RAY_ADDRESS names."""
-
-    time_limit: float = 300.0
-    """Seconds after which an episode is given up; it counts as a failure."""
-
     against: Path | None = None
     """The baseline.json of an earlier run; exit status 1 where this one is worse beyond noise."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.seed is not None:
-            raise InputError("--seed is not for bench: every episode of a suite has its own")
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
@@ -74,8 +60,8 @@ class Bench(Options):
         methods = {source: load_method(source) for source in self.methods.split(",")}
         jobs = self._jobs(methods)
         with terminal.progress() as tell:
-            self._run(jobs, folder, tell)
-        results = _collect(jobs, folder)
+            self.run_missing(jobs, folder, tell)
+        results = collect(jobs, folder)
         about = self._write(results, jobs, list(methods.values()), folder)
         terminal.note(f"In {folder}: {CSV}, {SUMMARY}, {TABLES}, {PAGE}, {BASELINE}")
         worse = []
@@ -110,29 +96,6 @@ class Bench(Options):
             raise InputError(f"--methods: two methods of {self.methods!r} have the same name")
         return [job for job in jobs if wanted is None or job.episode.name in wanted]
 
-    def _run(self, jobs: Sequence[Job], folder: Path, tell: Tell) -> None:
-        """Run what is missing."""
-        from cableway.benchmark.episode import warm_up
-        from cableway.benchmark.runner import read_result, run_jobs
-        from cableway.geometry.compiled import is_compiled, mark_compiled
-
-        missing = [job for job in jobs if read_result(job, folder) is None]
-        if not missing:
-            return
-        if not is_compiled("control"):
-            tell("compilation", 0.0)
-            warm_up()  # here, so that no episode's time limit has it in it
-            mark_compiled("control")
-        ended, failed = len(jobs) - len(missing), 0
-
-        def done(result: Result) -> None:
-            nonlocal ended, failed
-            ended, failed = ended + 1, failed + (not result.success)
-            tell(f"episodes: {ended} of {len(jobs)}, {failed} failed now", ended / len(jobs))
-
-        tell(f"episodes: {ended} of {len(jobs)}", ended / len(jobs))
-        run_jobs(missing, folder, executor=self.executor, workers=self.workers, time_limit=self.time_limit, done=done)
-
     def _write(self, results: Results, jobs: Sequence[Job], methods: Sequence[Method], folder: Path) -> dict[str, Any]:
         """Leave all files of a finished run."""
         from cableway.benchmark.gate import baseline
@@ -158,17 +121,6 @@ class Bench(Options):
         write_json(folder / SUMMARY, about)
         write_json(folder / BASELINE, baseline(found, about["machine"]["ten_million_additions"]))
         return about
-
-
-def _collect(jobs: Sequence[Job], folder: Path) -> Results:
-    from cableway.benchmark.runner import read_result
-
-    results: dict[str, dict[str, list[Result]]] = {}
-    for job in jobs:
-        result = read_result(job, folder)
-        if result is not None:
-            results.setdefault(job.episode.suite, {}).setdefault(job.method, []).append(result)
-    return results
 
 
 def _write_pictures(results: Results, folder: Path) -> list[str]:

@@ -13,6 +13,7 @@ from cableway.cli.evaluate import Evaluate
 from cableway.cli.models import Models
 from cableway.cli.options import Options
 from cableway.cli.plan import Plan
+from cableway.cli.reproduce import Reproduce
 from cableway.cli.run import Run
 from cableway.cli.show import Show
 from cableway.cli.tasks import Tasks
@@ -33,6 +34,7 @@ Command = (
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Models, tyro.conf.subcommand("models")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
+    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
 )
 
 

@@ -1,0 +1,71 @@
+"""Running the episodes of a benchmark at the edge, shared by `bench` and `reproduce`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cableway.cli.options import Options
+from cableway.cli.terminal import Tell
+from cableway.errors import InputError
+
+if TYPE_CHECKING:
+    from cableway.benchmark.episode import Result
+    from cableway.benchmark.runner import Job
+    from cableway.benchmark.summary import Results
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeOptions(Options):
+    """Options of the commands that run episodes."""
+
+    workers: int | None = None
+    """Episodes at a time, as many as there are cores unless given."""
+
+    executor: str = "local"
+    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster that RAY_ADDRESS names."""
+
+    time_limit: float = 300.0
+    """Seconds after which an episode is given up; it counts as a failure."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.seed is not None:
+            raise InputError("--seed is not for episodes: every one of a suite has its own")
+
+    def run_missing(self, jobs: Sequence[Job], folder: Path, tell: Tell) -> None:
+        """Run what is missing."""
+        from cableway.benchmark.episode import warm_up
+        from cableway.benchmark.runner import read_result, run_jobs
+        from cableway.geometry.compiled import is_compiled, mark_compiled
+
+        missing = [job for job in jobs if read_result(job, folder) is None]
+        if not missing:
+            return
+        if not is_compiled("control"):
+            tell("compilation", 0.0)
+            warm_up()  # here, so that no episode's time limit has it in it
+            mark_compiled("control")
+        ended, failed = len(jobs) - len(missing), 0
+
+        def done(result: Result) -> None:
+            nonlocal ended, failed
+            ended, failed = ended + 1, failed + (not result.success)
+            tell(f"episodes: {ended} of {len(jobs)}, {failed} failed now", ended / len(jobs))
+
+        tell(f"episodes: {ended} of {len(jobs)}", ended / len(jobs))
+        run_jobs(missing, folder, executor=self.executor, workers=self.workers, time_limit=self.time_limit, done=done)
+
+
+def collect(jobs: Sequence[Job], folder: Path) -> Results:
+    """The results that are there, by suite and method."""
+    from cableway.benchmark.runner import read_result
+
+    results: dict[str, dict[str, list[Result]]] = {}
+    for job in jobs:
+        result = read_result(job, folder)
+        if result is not None:
+            results.setdefault(job.episode.suite, {}).setdefault(job.method, []).append(result)
+    return results

@@ -1,0 +1,91 @@
+"""`cableway reproduce`: the paper's tables and figures, its numbers and ours side by side."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from cableway.cli.episodes import EpisodeOptions, collect
+from cableway.cli.terminal import Tell, Terminal, pairs
+from cableway.errors import UnknownNameError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cableway.benchmark.reproduction import Section
+    from cableway.benchmark.runner import Job
+
+PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
+
+SIZES = {"quick": ("quick", 2000, 3), "full": ("standard", 10000, 7)}
+"""For each size: that of the suites, transitions for each cable, and repetitions of what is timed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reproduce(EpisodeOptions):
+    """Make the paper's tables and figures: reproduction.html, reproduction.md, reproduction.json, pictures.
+
+    Every episode's result is kept as it comes; the same command again goes on where it stopped.
+    """
+
+    size: str = "quick"
+    """quick: a quarter of an hour on two cores; full: as many trials as the paper, and more."""
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        from cableway.benchmark.pages import reproduction_page, reproduction_text
+        from cableway.benchmark.summary import machine
+        from cableway.files import write_atomically, write_json
+        from cableway.provenance import versions
+
+        if self.size not in SIZES:
+            raise UnknownNameError("size", self.size, SIZES)
+        terminal, folder = Terminal(self), self.folder("reproduce")
+        jobs = self._jobs()
+        with terminal.progress() as tell:
+            self.run_missing(jobs, folder, tell)
+            sections = self._sections(jobs, folder, tell)
+        about = {"versions": versions(), "machine": machine(), "size": self.size}
+        for name, text in (
+            (PAGE, reproduction_page(sections, about)),
+            (TEXT, reproduction_text(sections, self.size)),
+        ):
+            write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))
+        content = about | {"sections": [asdict(section) for section in sections]}
+        write_json(folder / DATA, content)
+        terminal.note(f"In {folder}: {PAGE}, {TEXT}, {DATA}")
+        rows = [
+            (section.title, f"{len(section.tables)} tables, {len(section.pictures)} pictures") for section in sections
+        ]
+        terminal.result(content, pairs(rows))
+        return 0
+
+    def _jobs(self) -> list[Job]:
+        from cableway.benchmark.reproduction import RUNS
+        from cableway.benchmark.runner import Job
+        from cableway.benchmark.suites import get_suite
+
+        size = SIZES[self.size][0]
+        return [
+            Job(episode, method, method)
+            for suite, methods in RUNS.items()
+            for episode in get_suite(suite).episodes(size)
+            for method in methods
+        ]
+
+    def _sections(self, jobs: list[Job], folder: Path, tell: Tell) -> list[Section]:
+        from cableway.benchmark import reproduction
+
+        _, transitions, repeats = SIZES[self.size]
+        results = collect(jobs, folder)
+        tell("figures", 0.0)
+        return [
+            reproduction.hyperparameters(),
+            reproduction.planning(folder),
+            reproduction.simulated(results),
+            reproduction.prediction(folder, transitions, tell),
+            reproduction.unconstrained(results),
+            reproduction.summary(results),
+            reproduction.one_plan(folder),
+            reproduction.cost(repeats, tell),
+        ]

@@ -1,0 +1,85 @@
+"""The stages of the paper's planner side by side, and cables that follow one plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.figure import Figure
+
+from cableway.figures.plan import draw_guide, draw_shapes
+from cableway.figures.scene import draw_cable, draw_end_shapes, draw_scene, panel_size
+from cableway.figures.style import TIME, add_axes, curve_axes, legend_below, new_figure, title
+from cableway.records import DeformationSequence, PathSet, Rollout
+from cableway.scene.task import Task
+
+LEFT, BETWEEN, BELOW, CURVES = 0.7, 0.9, 1.1, 4.0
+"""Inches left of the panels, between them, below them, and the width of a panel with curves."""
+
+
+def stages_figure(
+    task: Task,
+    pivots: Mapping[str, Float[np.ndarray, "P 2"]],
+    paths: PathSet,
+    sequence: DeformationSequence,
+) -> Figure:
+    """Pivot paths, path set, deformation along it, and the progress of each keypoint over time.
+
+    Args:
+        task: The task.
+        pivots: Pivot paths [m] by what they were made with.
+        paths: The path set.
+        sequence: The deformation.
+    """
+    width, height = panel_size(task)
+    lefts = [LEFT + (width + BETWEEN) * place for place in range(4)]
+    figure = new_figure(lefts[3] + 0.6 + CURVES + 0.3, height + BELOW + 0.5)
+    first, second, third, last = (
+        add_axes(figure, left, BELOW, wide, height)
+        for left, wide in zip((*lefts[:3], lefts[3] + 0.6), (width, width, width, CURVES), strict=True)
+    )
+    title(first, "pivot path")
+    draw_scene(first, task)
+    colors, handles = colormaps["viridis"], []
+    for place, (label, path) in enumerate(pivots.items()):
+        handles += first.plot(*path.T, color=colors(place / max(1, len(pivots))), linewidth=2, label=label)
+    draw_end_shapes(first, task)
+    legend_below(first, handles, 3)
+    title(second, "passages and path set")
+    draw_guide(second, task, paths.pivot, paths.paths, paths.passages)
+    title(third, "deformation")
+    draw_shapes(third, task, sequence.shapes)
+    title(last, "progress σ of the keypoints")
+    for place, curve in enumerate(sequence.progress.T):
+        last.plot(curve, color=TIME(place / (sequence.progress.shape[1] - 1)), linewidth=1.3)
+    curve_axes(last, "step", "share of the path; first keypoint blue, last one orange")
+    return figure
+
+
+def followers_figure(task: Task, rollouts: Mapping[str, Rollout]) -> Figure:
+    """Where cables lay at the start, halfway and at the end of the same plan, and their errors over time.
+
+    Args:
+        task: The task.
+        rollouts: By name of the cable.
+    """
+    width, height = panel_size(task)
+    figure = new_figure(LEFT + width + BETWEEN + 0.6 + CURVES + 0.3, height + BELOW + 0.5)
+    scene = add_axes(figure, LEFT, BELOW, width, height)
+    errors = add_axes(figure, LEFT + width + BETWEEN + 0.6, BELOW, CURVES, height)
+    draw_scene(scene, task)
+    title(scene, "start, halfway, end")
+    title(errors, "stacked shape error")
+    colors, handles = colormaps["tab10"], []
+    for place, (name, rollout) in enumerate(rollouts.items()):
+        for row in (0, rollout.steps // 2, -1):
+            draw_cable(scene, rollout.centreline[row], task.cable.radius / 2, colors(place), alpha=0.8)
+        error = 1000 * np.linalg.norm(rollout.keypoints - task.goal, axis=(1, 2))
+        handles += errors.plot(rollout.times, error, color=colors(place), label=name)
+    draw_end_shapes(scene, task)
+    legend_below(scene, handles, 4)
+    errors.set_yscale("log")
+    curve_axes(errors, "time [s]", "to the goal [mm]")
+    return figure
