@@ -236,7 +236,8 @@ def summary(results: Results) -> Section:
     text = (
         f"Simulated cables as the presets have them, with friction on the table, {LABORATORY}; the start is off by 5 "
         "mm and 3 degrees. Long cables on the first two tasks, 0.17 m rubber and paracord in the maze, sixteen trials "
-        "each; cotton, HDMI and silicone have end shapes scaled to their length. The paper's numbers are from real cables."
+        "each; cotton, HDMI and silicone have end shapes scaled to their length. The paper's numbers are from real "
+        "cables."
     )
     return Section("Constrained tasks on seven cables", text, (Table("summary", tuple(rows)),))
 
