@@ -113,7 +113,7 @@ def make_model(
         progress: Called with the stage in words and the fraction done.
 
     Returns:
-        The model, and its card as plain data: what `cableway.models.checkpoint.save_model` stores with it.
+        The model and its card, plain data that `cableway.models.checkpoint.save_model` stores with it.
     """
     result = train(recipe.model, data, recipe.training, start=start, state_file=state_file, progress=progress)
     table = evaluate({"model": result.model, **baselines()}, result.validation_data)

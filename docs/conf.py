@@ -1,0 +1,36 @@
+"""The documentation site: `make docs` builds it into site/, warnings as errors, without a network.
+
+Formulas are plain text: a formula renderer would have to be fetched, or weigh more than all pages together.
+"""
+
+import sys
+from pathlib import Path
+
+from cableway.provenance import versions
+
+sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+
+project = "cableway"
+author = "The cableway authors"
+version = release = versions()["cableway"]
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "command_line"]
+exclude_patterns = ["_extensions"]
+
+myst_heading_anchors = 3
+default_role = "code"
+
+autodoc_default_options = {"members": True}
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+maximum_signature_line_length = 100
+napoleon_use_ivar = True
+
+# Names of cableway must lead somewhere, but for these, which no user writes; names of others lead out of the site.
+INTERNAL = r"control\.\w+\.(S|\w+State|PlanReference|Sight)|models\.\w+\.(Fit|Inputs|LearnedConfig|Windows)|geometry\..*"
+nitpicky = True
+nitpick_ignore_regex = [("py:.*", r"(?!cableway\.).*"), ("py:.*", rf"cableway\.({INTERNAL})")]
+
+html_theme = "furo"
+html_title = f"cableway {release}"
+html_copy_source = False

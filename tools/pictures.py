@@ -1,0 +1,256 @@
+"""The pictures of README and documentation, except those of the simulator, which `simulator_accuracy.py` makes.
+
+    .venv/bin/python tools/pictures.py [NAME ...]
+
+All of `PICTURES` unless named; about a minute on one core. The same code makes the same pictures.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
+
+import cableway as cw
+from cableway.errors import PlanningError
+from cableway.figures import scene, style
+from cableway.figures.plan import (
+    alternatives_figure,
+    attempt_figure,
+    draw_clearance,
+    draw_guide,
+    draw_shapes,
+    plan_figure,
+)
+from cableway.figures.rollout import draw_tracking, rollout_figure
+from cableway.files import write_atomically
+from cableway.planning.config import PathSetConfig, PivotConfig
+from cableway.planning.guides import Guides
+from cableway.planning.passages import find_passages
+from cableway.planning.path_set import generate_path_set
+from cableway.records import Rollout
+from cableway.scene.task import CONTROL_STEP, Task
+
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = ROOT / "docs" / "images"
+
+EXAMPLE = "multi-obstacle-1"
+"""The task on which the stages of the method are shown."""
+
+PIXELS = 1500
+"""Width of a picture."""
+
+WEIGHTS = ((0.0, "#8a6d3b"), (0.01, style.LEFT), (0.1, style.GUIDE), (1.0, style.PIVOT))
+"""Clearance weights k_c [m] of the pivot paths shown, with their colours."""
+
+MARGIN, BETWEEN, BAR, CURVES = 0.7, 1.0, 0.8, 4.2
+"""Inches left of a row of panels, between panels, for a colour bar beside one, and the width of a column of curves."""
+
+
+def _row(
+    task: Task, widths: Sequence[float], between: float = BETWEEN, right: float = 0.4
+) -> tuple[Figure, list[Axes]]:
+    """A figure with panels side by side, as high as a panel for the task's scene."""
+    height = scene.panel_size(task)[1]
+    lefts = [MARGIN + sum(widths[:k]) + between * k for k in range(len(widths))]
+    figure = style.new_figure(lefts[-1] + widths[-1] + right, height + 1.5)
+    return figure, [style.add_axes(figure, x, 1.0, width, height) for x, width in zip(lefts, widths, strict=True)]
+
+
+def _guides(task: Task) -> Guides:
+    return Guides(task, cw.PlannerConfig(), 0, lambda *_: None)
+
+
+def pivot() -> Figure:
+    """All passages of the scene, and pivot paths with different weights of clearance."""
+    task = cw.load_task(EXAMPLE)
+    side = scene.panel_size(task)[0]
+    figure, (left, right) = _row(task, (side, side))
+    style.title(left, "passages")
+    draw_guide(left, task, None, None, np.array([passage.ends for passage in cw.find_passages(task.scene)]))
+    left.get_legend().remove()
+    style.legend_below(left, [*scene.end_handles(), _line(style.PASSAGE, "passage")], 5)
+    style.title(right, "pivot paths")
+    scene.draw_scene(right, task)
+    handles = []
+    for weight, colour in WEIGHTS:
+        config = cw.PlannerConfig(pivot=PivotConfig(clearance_weight=weight))
+        right.plot(*Guides(task, config, 0, lambda *_: None).pivot.T, color=colour, linewidth=2.2, zorder=5)
+        handles.append(_line(colour, f"clearance weight {weight:g} m"))
+    scene.draw_end_shapes(right, task)
+    style.legend_below(right, handles, 2)
+    return figure
+
+
+def _line(colour: str, label: str) -> Line2D:
+    return Line2D([], [], color=colour, linewidth=2.2, label=label)
+
+
+def path_set() -> Figure:
+    """The paper's path set and ours along the same pivot path."""
+    task = cw.load_task(EXAMPLE)
+    side = scene.panel_size(task)[0]
+    figure, panels = _row(task, (side, side))
+    route, passages = _guides(task).pivot, find_passages(task.scene)
+    for ax, kind, title in zip(
+        panels, ("transfer", "homotopic"), ("linear transfer", "one homotopy class"), strict=True
+    ):
+        paths = generate_path_set(task, route, passages, PathSetConfig(kind=kind))
+        draw_guide(ax, task, paths.pivot, paths.paths, paths.passages)
+        style.title(ax, f"path set: {title}")
+    return figure
+
+
+def deformation() -> Figure:
+    """The optimised shapes along the path set, and how far each keypoint is along its path over time."""
+    task = cw.load_task(EXAMPLE)
+    figure, (left, right) = _row(task, (scene.panel_size(task)[0], CURVES), BETWEEN + BAR)
+    sequence, _ = _guides(task).make("head")
+    draw_shapes(left, task, sequence.shapes)
+    style.title(left, "deformation, optimised along the path set")
+    last = sequence.progress.shape[1] - 1
+    for i, curve in enumerate(sequence.progress.T):
+        ends = {0: "left gripper", last: "right gripper"}
+        right.plot(curve, color=style.TIME(i / last), linewidth=1.4, label=ends.get(i))
+    style.title(right, "progress σ of each keypoint")
+    style.curve_axes(right, "step", "share of the path")
+    right.legend(fontsize=8.5, frameon=False, labelcolor=style.INK)
+    return figure
+
+
+def realisation() -> Figure:
+    """What the search among equilibria finds, and the plan made of it."""
+    task = cw.load_task(EXAMPLE)
+    side = scene.panel_size(task)[0]
+    figure, (left, right) = _row(task, (side, side), BETWEEN + BAR, BAR + 0.2)
+    sequence, _ = _guides(task).make("corridor")
+    draw_shapes(left, task, sequence.shapes)
+    style.title(left, "guide: found among equilibria")
+    found = cw.plan(task)
+    draw_shapes(right, task, found.shapes)
+    style.title(right, f"plan: refined, verified, {found.steps * CONTROL_STEP:.1f} s")
+    return figure
+
+
+def _differing() -> tuple[Task, dict[str, Rollout]]:
+    """One plan, followed with and without looking at a cable that is not as believed."""
+    task = cw.load_task(EXAMPLE)
+    found = cw.plan(task)
+    cable = replace(task.cable, length=1.01 * task.cable.length, stiffness_profile=(0.5, 2.0))
+    held = cw.GraspConfig(left=(0.002, 0.0, 0.035), right=(0.0, 0.002, -0.035))
+    controllers = {"rod-mpc": cw.RodMPC(), "open-loop": cw.OpenLoop()}
+    runs = {
+        name: cw.track(cw.GraspedCable(cw.CableSimulator(task, cable=cable), held), controller, found)
+        for name, controller in controllers.items()
+    }
+    return task, runs
+
+
+def tracking() -> Figure:
+    """A cable that differs from the planned one, led along the plan; deviation with and without feedback; clearance."""
+    task, runs = _differing()
+    figure, (left, right) = _row(task, (scene.panel_size(task)[0], CURVES), BETWEEN + BAR)
+    x0, y0, width, height = right.get_position().bounds
+    right.set_position((x0, y0 + 0.57 * height, width, 0.43 * height))
+    below = figure.add_axes((x0, y0, width, 0.38 * height))
+    led = runs["rod-mpc"]
+    draw_tracking(left, task, led)
+    style.title(left, "tracking")
+    for (name, run), colour in zip(runs.items(), (style.INK, style.GOAL), strict=True):
+        deviation = 1000 * np.linalg.norm(run.keypoints - run.reference, axis=2).max(axis=1)
+        right.plot(run.times, deviation, color=colour, linewidth=1.6, label=f"{name}, at last {deviation[-1]:.1f} mm")
+    style.title(right, "deviation, worst keypoint")
+    style.curve_axes(right, "", "deviation [mm]")
+    right.set_ylim(0)
+    right.legend(fontsize=8.5, frameon=False, labelcolor=style.INK)
+    draw_clearance(below, led.times, led.clearance, led.gripper_clearance)
+    style.title(below, "clearance with rod-mpc")
+    return figure
+
+
+def failure() -> Figure:
+    """The closest attempt of the paper's planner, and what the judge says of it."""
+    task = cw.load_task(EXAMPLE)
+    return _attempt(task, cw.PlannerConfig.named("paper"))
+
+
+def _attempt(task: Task, config: cw.PlannerConfig | None = None) -> Figure:
+    try:
+        cw.plan(task, config=config)
+    except PlanningError as error:
+        return attempt_figure(task, error.attempt)
+    raise RuntimeError(f"{task.name} was to have no plan")
+
+
+def shown_task(name: str, page: str = "tutorial.md") -> Task:
+    """A task file that a page shows, by the name in its first line."""
+    text = (ROOT / "docs" / page).read_text()
+    (content,) = re.findall(rf"^```yaml\n(# {re.escape(name)}\n.*?)^```", text, re.MULTILINE | re.DOTALL)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        path.write_text(content)
+        return cw.load_task(path)
+
+
+def alternatives() -> Figure:
+    """Plans that go round the obstacles in different ways."""
+    task = cw.load_task(EXAMPLE)
+    return alternatives_figure(task, [found.shapes for found in cw.plan(task, alternatives=3)])
+
+
+def planning() -> Figure:
+    """What `cableway plan` draws."""
+    task = cw.load_task(EXAMPLE)
+    return plan_figure(task, cw.plan(task))
+
+
+def first_run() -> Figure:
+    """What `cableway run` draws."""
+    task = cw.load_task("single-obstacle-2")
+    return rollout_figure(task, cw.track(cw.CableSimulator(task), cw.RodMPC(), cw.plan(task)))
+
+
+PICTURES: dict[str, Callable[[], Figure]] = {
+    "single-obstacle-2": first_run,
+    "planning": planning,
+    "alternatives": alternatives,
+    "method-pivot": pivot,
+    "method-path-set": path_set,
+    "method-deformation": deformation,
+    "method-realisation": realisation,
+    "method-tracking": tracking,
+    "method-failure": failure,
+    "tutorial-task": lambda: scene.task_figure(shown_task("post.yaml")),
+    "tutorial-failure": lambda: _attempt(shown_task("narrow.yaml")),
+}
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure `PIXELS` wide, with 256 colours: a third of the size, and no difference to be seen."""
+    figure.set_dpi(PIXELS / figure.get_size_inches()[0])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    few = image.quantize(method=Image.Quantize.FASTOCTREE)
+    write_atomically(path, lambda file: few.save(file, format="png", optimize=True))
+
+
+def main() -> None:
+    """Make the pictures."""
+    for name in sys.argv[1:] or PICTURES:
+        save(PICTURES[name](), IMAGES / f"{name}.png")
+        print(IMAGES / f"{name}.png", flush=True)
+
+
+if __name__ == "__main__":
+    main()
