@@ -27,9 +27,9 @@ maximum_signature_line_length = 100
 napoleon_use_ivar = True
 
 # Names of cableway must lead somewhere, but for these, which no user writes; names of others lead out of the site.
-INTERNAL = r"control\.\w+\.(S|\w+State|PlanReference|Sight)|models\.\w+\.(Fit|Inputs|LearnedConfig|Windows)|geometry\..*"
+INTERNAL = r"(S|\w+State|PlanReference|Sight|Fit|Inputs|LearnedConfig|Windows|ConvexWorld)"
 nitpicky = True
-nitpick_ignore_regex = [("py:.*", r"(?!cableway\.).*"), ("py:.*", rf"cableway\.({INTERNAL})")]
+nitpick_ignore_regex = [("py:.*", r"(?!cableway\.).*"), ("py:.*", rf"cableway\..*\.{INTERNAL}")]
 
 html_theme = "furo"
 html_title = f"cableway {release}"
