@@ -7,7 +7,7 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 export PYTHON
 
-.PHONY: env demo test check checks lint types imports doctest examples wheel format lock clean
+.PHONY: env demo test check checks lint types imports doctest examples wheel docs format lock clean
 .DEFAULT_GOAL := env
 
 env: $(STAMP)
@@ -24,7 +24,7 @@ test: env
 
 check: test checks
 
-checks: lint types imports doctest examples wheel
+checks: lint types imports doctest examples wheel docs
 
 lint: env
 	@$(BIN)/ruff check .
@@ -37,13 +37,18 @@ imports: env
 	@$(BIN)/lint-imports --no-cache
 
 doctest: env
-	@$(BIN)/python -m pytest --doctest-modules --doctest-glob='*.md' src/cableway docs
+	@$(BIN)/python -m pytest --doctest-modules --doctest-glob='*.md' --ignore-glob='docs/*.py' src/cableway docs
 
 examples: env
 	@$(BIN)/python -m pytest checks/test_examples.py
 
 wheel: env
 	@$(BIN)/python -m pytest checks/test_wheel.py
+
+# The documentation site, in site/; and the commands that its pages show, run.
+docs: env
+	@$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs site
+	@$(BIN)/python -m pytest checks/test_pages.py
 
 format: env
 	@$(BIN)/ruff check --fix --select I .
@@ -55,4 +60,4 @@ lock: env
 	  --only-binary :all: --generate-hashes --upgrade --quiet --custom-compile-command 'make lock' -o requirements.lock
 
 clean:
-	rm -rf .venv demo dist .pytest_cache .ruff_cache
+	rm -rf .venv demo dist site .pytest_cache .ruff_cache

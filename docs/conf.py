@@ -28,7 +28,6 @@ napoleon_use_ivar = True
 
 # Names of cableway must lead somewhere, but for these, which no user writes; names of others lead out of the site.
 INTERNAL = r"(S|\w+State|PlanReference|Sight|Fit|Inputs|LearnedConfig|Windows|ConvexWorld)"
-nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!cableway\.).*"), ("py:.*", rf"cableway\..*\.{INTERNAL}")]
 
 html_theme = "furo"

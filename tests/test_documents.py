@@ -18,7 +18,7 @@ from cableway.cli.collect import Collect
 from cableway.cli.plants import read_plant
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 CODE = re.compile(r"`([^`\n]+)`")
 WITHIN = r"(planning|scene|tracking|report|verification)\.(?!py$|json$)\w+(\.\w+)*$"
 YAML = re.compile(r"^```yaml\n(.*?)^```", re.MULTILINE | re.DOTALL)
