@@ -25,7 +25,7 @@ LIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 def commands(session: str) -> list[tuple[str, str]]:
     """Each command with what it is to print."""
-    return [(c, shown) for c, shown in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", session, re.MULTILINE)]
+    return re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", session, re.MULTILINE)
 
 
 def run(command: str, folder: Path) -> str:
@@ -33,9 +33,8 @@ def run(command: str, folder: Path) -> str:
     hidden = ("DISPLAY", "WAYLAND_DISPLAY", "COLUMNS")
     environment = {key: value for key, value in os.environ.items() if key not in hidden}
     environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{environment['PATH']}"
-    done = subprocess.run(
-        ["bash", "-c", command], cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-    )
+    line = ["bash", "-c", f"exec 2>&1; {command}"]
+    done = subprocess.run(line, cwd=folder, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, f"{command} ended with {done.returncode}\n{done.stdout}"
     return done.stdout
 

@@ -11,11 +11,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import accuracy.pictures
+import pictures
 import pytest
 
 import cableway
 from cableway.cli.collect import Collect
 from cableway.cli.plants import read_plant
+from cableway.simulation.episodes import CollectionConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -105,7 +108,7 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
         if "start:" in block:
             tasks += bool(cableway.load_task(path).description)
         elif "collection:" in block:
-            collections += bool(Collect(config=path).configuration().drawn)
+            collections += Collect(config=path).configuration() != CollectionConfig()
         else:
             plants += read_plant(path, cableway.load_task("single-obstacle-1")).cable != cableway.Cable()
     assert tasks + plants + collections == len(whole_files())
@@ -120,6 +123,21 @@ def links() -> list[tuple[Path, str]]:
 @pytest.mark.parametrize(("document", "link"), links(), ids=lambda value: getattr(value, "name", value))
 def test_links_lead_somewhere(document: Path, link: str):
     assert (document.parent / link).exists()
+
+
+def test_each_picture_is_shown_made_by_a_tool_and_small():
+    shown = {(document.parent / link).resolve() for document, link in links() if link.endswith(".png")}
+    made = {*pictures.PICTURES, *(f"simulator-{name}" for name in accuracy.pictures.PICTURES)}
+    files = sorted((ROOT / "docs" / "images").iterdir())
+    assert {path.resolve() for path in files} == shown
+    assert {path.stem for path in files} == made
+    assert [path.name for path in files if path.stat().st_size > 200_000] == []
+
+
+def test_the_reference_has_every_public_name():
+    pages = "".join(page.read_text() for page in (ROOT / "docs" / "reference").iterdir())
+    documented = set(re.findall(r"^\.\. auto\w+:: cableway\.(\w+)$", pages, re.MULTILINE))
+    assert set(cableway.__all__) - documented == set()
 
 
 def test_the_readme_shows_only_commands_and_targets_that_exist(capsys: pytest.CaptureFixture[str]):

@@ -47,8 +47,8 @@ IMAGES = ROOT / "docs" / "images"
 EXAMPLE = "multi-obstacle-1"
 """The task on which the stages of the method are shown."""
 
-PIXELS = 1500
-"""Width of a picture."""
+PIXELS, DOTS_PER_INCH = 1500, 125
+"""Most pixels across a picture, and in an inch of it."""
 
 WEIGHTS = ((0.0, "#8a6d3b"), (0.01, style.LEFT), (0.1, style.GUIDE), (1.0, style.PIVOT))
 """Clearance weights k_c [m] of the pivot paths shown, with their colours."""
@@ -78,7 +78,6 @@ def pivot() -> Figure:
     figure, (left, right) = _row(task, (side, side))
     style.title(left, "passages")
     draw_guide(left, task, None, None, np.array([passage.ends for passage in cw.find_passages(task.scene)]))
-    left.get_legend().remove()
     style.legend_below(left, [*scene.end_handles(), _line(style.PASSAGE, "passage")], 5)
     style.title(right, "pivot paths")
     scene.draw_scene(right, task)
@@ -236,13 +235,12 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure `PIXELS` wide, with 256 colours: a third of the size, and no difference to be seen."""
-    figure.set_dpi(PIXELS / figure.get_size_inches()[0])
+    """Write a figure with 256 colours: a third of the size, and no difference to be seen."""
+    figure.set_dpi(min(PIXELS / figure.get_size_inches()[0], DOTS_PER_INCH))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    few = image.quantize(method=Image.Quantize.FASTOCTREE)
-    write_atomically(path, lambda file: few.save(file, format="png", optimize=True))
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(kmeans=1)
+    write_atomically(path, lambda file: image.save(file, format="png", optimize=True))
 
 
 def main() -> None:

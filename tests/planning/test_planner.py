@@ -52,9 +52,10 @@ def test_stages_report_their_progress_in_order():
 
 
 def test_no_plan_says_why():
-    """Behind a sealed wall there is no plan, and the error says who cannot pass."""
-    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a way 16 mm wide"):
+    """Behind a sealed wall there is no plan; the error says who cannot pass, and so does the attempt that is drawn."""
+    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a way 16 mm wide") as raised:
         plan(problems.sealed())
+    assert str(raised.value) == f"there is no plan: {raised.value.attempt.reason}"
 
 
 def test_when_time_runs_out_the_closest_attempt_is_handed_on():

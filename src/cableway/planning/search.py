@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -85,7 +86,10 @@ class Search:
     def blocked(self) -> PlanningError | None:
         """The error that says what certainly cannot pass, and where; None where all may."""
         blockage = find_blockage(self.task, self.config.limits.clearance)
-        return None if blockage is None else PlanningError(f"there is no plan: {blockage}", self.best)
+        if blockage is None:
+            return None
+        attempt = Attempt(str(blockage)) if self.best is None else replace(self.best, reason=str(blockage))
+        return PlanningError(f"there is no plan: {blockage}", attempt)
 
     def nothing(self, tried: str) -> PlanningError:
         """The error that says what was tried, and why the closest attempt is no plan."""
