@@ -25,6 +25,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 maximum_signature_line_length = 100
 napoleon_use_ivar = True
+napoleon_attr_annotations = False
 
 # Names of cableway must lead somewhere, but for these, which no user writes; names of others lead out of the site.
 INTERNAL = r"(S|\w+State|PlanReference|Sight|Fit|Inputs|LearnedConfig|Windows|ConvexWorld)"
@@ -33,3 +34,12 @@ nitpick_ignore_regex = [("py:.*", r"(?!cableway\.).*"), ("py:.*", rf"cableway\..
 html_theme = "furo"
 html_title = f"cableway {release}"
 html_copy_source = False
+
+
+def setup(app):
+    """Called by Sphinx: a default that a factory makes is shown as `...`, which can be parsed."""
+
+    def readable(app, what, name, obj, options, signature, returns):
+        return signature and signature.replace("<factory>", "..."), returns
+
+    app.connect("autodoc-process-signature", readable)

@@ -41,8 +41,16 @@ class Commands(Directive):
     def _section(self, name: str) -> nodes.section:
         section = nodes.section(ids=[f"cableway-{name}"], names=[f"cableway {name}"])
         section += nodes.title("", f"cableway {name}")
-        section += nodes.literal_block(text := help_text(name), text, language="text")
+        usage, what, options = help_text(name).split("\n\n", 2)
+        section += nodes.paragraph("", "", *_with_code(what))
+        section += nodes.literal_block(text := f"{usage}\n\n{options}", text, language="text")
         return section
+
+
+def _with_code(text: str) -> list[nodes.Node]:
+    """The text, what stands between backticks as code."""
+    parts = enumerate(text.split("`"))
+    return [nodes.literal("", part) if place % 2 else nodes.Text(part) for place, part in parts]
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -105,7 +105,7 @@ class Plan(ArrayRecord):
 
     @property
     def steps(self) -> int:
-        """T."""
+        """T, the number of control steps."""
         return len(self.shapes) - 1
 
 
@@ -300,7 +300,7 @@ class Rollout(ArrayRecord):
 
     @property
     def steps(self) -> int:
-        """K."""
+        """K, the number of control steps."""
         return len(self.times) - 1
 
 
