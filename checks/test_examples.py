@@ -1,4 +1,7 @@
-"""Every example and the Python of README and planning page run as they stand, in a folder of their own."""
+"""Every example, and the Python of README and pages, runs as it stands, in a folder of its own.
+
+Where a page reads the data set `set`, there is a small one. Files that a page names are in `test_pages.py`.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,16 @@ from pathlib import Path
 
 import pytest
 
+from cableway.simulation.collection import collect
+from cableway.simulation.episodes import CollectionConfig
+
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
-PAGES = ("README.md", "docs/planning.md")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 CODE = [
-    (page, code)
+    (page.name, code)
     for page in PAGES
-    for code in re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
+    for code in re.findall(r"^```python\n((?!# [\w-]+\.py\n|>>>).*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
 ]
 
 
@@ -30,7 +36,7 @@ def run(code: str | Path, folder: Path) -> str:
 
 def test_there_are_examples():
     assert len(EXAMPLES) >= 3
-    assert {page for page, _ in CODE} == set(PAGES)
+    assert {page for page, _ in CODE} >= {"README.md", "planning.md", "datasets.md"}
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -38,6 +44,14 @@ def test_example_runs_and_says_something(path: Path, tmp_path: Path):
     assert run(path, tmp_path).strip()
 
 
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("data") / "set"
+    collect(CollectionConfig(transitions=600), folder)
+    return folder
+
+
 @pytest.mark.parametrize(("page", "code"), CODE)
-def test_code_of_a_page_runs(page: str, code: str, tmp_path: Path):
+def test_code_of_a_page_runs(page: str, code: str, tmp_path: Path, data: Path):
+    (tmp_path / "set").symlink_to(data)
     assert run(code, tmp_path).strip()
