@@ -193,7 +193,7 @@ def summarize(
         stage_times=timings,
         plan_verdict=plan_verdict,
         rollout_verdict=rollout_verdict,
-        notes=tuple(notes),
+        notes=(*notes, *_missed(rollout)),
         versions=versions(),
         configuration={**describe(recorded), **describe(dict(configuration or {}))},
         shape_error_floor=None if rollout is None else shape_error_floor(cable or task.cable, task.goal),
@@ -234,6 +234,16 @@ def _control_time(seconds: Float[np.ndarray, "K"]) -> ControlTime | None:
     )
 
 
+def _missed(rollout: Rollout | None) -> tuple[str, ...]:
+    """What the loop had to make good for, in a sentence, if there was anything."""
+    seen = {} if rollout is None else rollout.metadata.get("watchdog", {})
+    late, failed, cut = (seen.get(name, 0) for name in ("late", "failed", "cut"))
+    if not late + failed + cut:
+        return ()
+    reason = f"; {seen['reason']}" if seen.get("reason") else ""
+    return (f"Of the controller's steps {late} came late, {failed} failed, {cut} were cut to the limits{reason}.",)
+
+
 def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
     left, right = np.linalg.norm(np.diff(poses[:, :, :2], axis=0), axis=2).sum(axis=0)
     return float(left), float(right)
@@ -254,7 +264,7 @@ def _failure(
         return None if plan_verdict is None or plan_verdict.passed else f"the plan does not verify: {plan_verdict}"
     reasons = []
     outcome = str(rollout.metadata.get("outcome", ""))
-    if outcome.startswith(("plant failed", "the cable left its plan")):
+    if outcome.startswith(("plant failed", "controller failed", "the cable left its plan")):
         reasons.append(outcome)
     error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
     if not error < SUCCESS_ERROR:

@@ -5,5 +5,6 @@ from cableway.tracking.loop import LOST
 from cableway.tracking.plant import Plant
 from cableway.tracking.recovery import Recovery
 from cableway.tracking.stopping import TrackConfig
+from cableway.tracking.watchdog import Watchdog
 
-__all__ = ["LOST", "Plant", "Progress", "Recovery", "TrackConfig", "track"]
+__all__ = ["LOST", "Plant", "Progress", "Recovery", "TrackConfig", "Watchdog", "track"]

@@ -16,6 +16,7 @@ from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
 from cableway.tracking.recovery import Recovery, Watch
 from cableway.tracking.stopping import TrackConfig
+from cableway.tracking.watchdog import Watchdog
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
@@ -30,6 +31,7 @@ def track(
     *,
     config: TrackConfig | None = None,
     recovery: Recovery | None = None,
+    watchdog: Watchdog | None = None,
     progress: Progress | None = None,
     seed: int = 0,
 ) -> Rollout:
@@ -41,14 +43,16 @@ def track(
         plan: Shapes and gripper poses to follow.
         config: When to end, the defaults where None.
         recovery: What to do when the cable leaves the plan; nothing where None.
+        watchdog: When a controller's step counts as missed, and what then; no deadline where None.
         progress: Told how far along the plan the run is.
         seed: For the record.
 
     Returns:
         All that happened. `metadata["outcome"]` says how it ended: "settled", "time ran out", "the cable left its
-        plan: ..." with why it was not brought back, or, where the plant gave up, "plant failed: ..." with its reason,
-        which the last status says too; the rollout then ends with the last state before that. `metadata["recovered"]`
-        has the times [s] from which a new plan was followed.
+        plan: ..." with why it was not brought back, "controller failed: ..." where it missed too many steps in a row,
+        or, where the plant gave up, "plant failed: ..." with its reason, which the last status says too; the rollout
+        then ends with the last state before that. `metadata["recovered"]` has the times [s] from which a new plan was
+        followed, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
 
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.
@@ -60,7 +64,7 @@ def track(
             f"the controller makes a step every {controller.control_step:.4g} s, "
             f"the plant takes steps of {plant.control_step:.4g} s"
         )
-    loop = Loop(plant, controller, plan, config)
+    loop = Loop(plant, controller, plan, config, watchdog or Watchdog())
     watch = Watch(recovery, plant.control_step) if recovery is not None else None
     outcome = None
     while outcome is None:
@@ -70,7 +74,8 @@ def track(
         if progress is not None:
             progress("track", 1.0 if outcome else min(loop.state.progress, 0.99))
     recovered = watch.recovered if watch is not None else []
-    return loop.log.rollout(_metadata(controller, config, outcome, seed) | {"recovered": recovered})
+    happened = {"recovered": recovered, "watchdog": loop.guard.record()}
+    return loop.log.rollout(_metadata(controller, config, outcome, seed) | happened)
 
 
 def _metadata(controller: Controller[Any], config: TrackConfig, outcome: str, seed: int) -> dict[str, Any]:

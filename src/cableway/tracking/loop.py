@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from cableway.scene.task import Task
 from cableway.tracking.log import Log
 from cableway.tracking.plant import Plant
 from cableway.tracking.stopping import StopRule, TrackConfig
+from cableway.tracking.watchdog import Guard, Watchdog
 
 LOST = "off the plan: stopped"
 """Status of a step in which the grippers stand still because the cable has left its plan."""
@@ -22,8 +22,11 @@ LOST = "off the plan: stopped"
 class Loop:
     """A run: plant and controller, what was seen last, and the record."""
 
-    def __init__(self, plant: Plant, controller: Controller[Any], plan: Plan, config: TrackConfig) -> None:
+    def __init__(
+        self, plant: Plant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
+    ) -> None:
         self.plant, self._controller, self._config, self.log = plant, controller, config, Log()
+        self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
         self.follow(plant.task, plan)
         self.observation = plant.reset()
         self.log.see(0.0, self.observation, plant.measure(), self.state.reference)
@@ -41,10 +44,11 @@ class Loop:
 
     def step(self) -> str | None:
         """One control step; how the run ended, if it did."""
-        before = time.perf_counter()
-        action, self.state = self._controller.step(self.state, self.observation)
-        self.log.act(action, time.perf_counter() - before, str(self.state.status))
-        return self._move(action) or self._rule.outcome(self.state, self.observation)
+        before = self.log.actions[-1] if self.log.actions else np.zeros((2, 3))
+        answer = self.guard.step(self.state, self.observation, before)
+        self.state = answer.state
+        self.log.act(answer.action, answer.seconds, answer.status)
+        return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
 
     def stand(self) -> str | None:
         """One control step without motion."""
