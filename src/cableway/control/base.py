@@ -9,6 +9,7 @@ is made good for by the loop (`tracking.watchdog`).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Generic, Self, TypeVar
@@ -16,7 +17,7 @@ from typing import Any, Generic, Self, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from cableway.records import Observation, Plan
+from cableway.records import Estimate, Observation, Plan
 from cableway.scene.task import CONTROL_STEP, Task
 
 
@@ -48,6 +49,10 @@ class ControllerState:
     status: str
     reference: Float[np.ndarray, "n 2"]
     progress: float
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """What the controller believes of the cable, by name; the same names in every step."""
+        return {}
 
     def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
         """The state after a control step whose answer was dropped, another action being sent in its place.

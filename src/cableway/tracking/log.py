@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from cableway.errors import SimulationError
-from cableway.records import Measurement, Observation, Rollout
+from cableway.records import Estimate, Measurement, Observation, Rollout
 
 
 class Log:
@@ -21,6 +22,7 @@ class Log:
         self.actions: list[np.ndarray] = []
         self.solve_time: list[float] = []
         self.status: list[str] = []
+        self.estimates: list[Mapping[str, Estimate]] = []
 
     def see(self, time: float, observation: Observation, measurement: Measurement, reference: np.ndarray) -> None:
         """Add a row of what is.
@@ -34,8 +36,9 @@ class Log:
         self.measured.append(measurement)
         self.reference.append(reference)
 
-    def act(self, action: np.ndarray, solve_time: float, status: str) -> None:
-        """Add a row of what is done about it."""
+    def act(self, action: np.ndarray, solve_time: float, status: str, estimates: Mapping[str, Estimate]) -> None:
+        """Add a row of what is done about it and of what the controller believes."""
+        self.estimates.append(estimates)
         self.actions.append(action)
         self.solve_time.append(solve_time)
         self.status.append(status)
@@ -54,6 +57,7 @@ class Log:
             name: np.array([getattr(row, name) for row in self.measured])
             for name in ("keypoints", "poses", "centreline", "clearance", "gripper_clearance")
         }
+        believed = self._estimates(steps)
         return Rollout(
             times=np.array(self.times),
             observed=np.array(self.observed),
@@ -61,9 +65,24 @@ class Log:
             actions=np.array(self.actions[:steps]).reshape(steps, 2, 3),
             solve_time=np.array(self.solve_time[:steps]),
             status=np.array(self.status, dtype=np.str_),
-            metadata=metadata,
+            metadata={**metadata, **believed.pop("metadata", {})},
             **truth,
+            **believed,
         )
+
+    def _estimates(self, steps: int) -> dict[str, Any]:
+        """The fields of a rollout that hold what was believed of the cable."""
+        if not steps or not self.estimates[0]:
+            return {}
+        first, rows = self.estimates[0], self.estimates[:steps]
+        described = [
+            {"name": name, "unit": e.unit, "believed": e.believed, "prior": e.prior} for name, e in first.items()
+        ]
+        return {
+            "estimates": np.array([[row[name].value for name in first] for row in rows]),
+            "deviations": np.array([[row[name].deviation for name in first] for row in rows]),
+            "metadata": {"estimates": described},
+        }
 
 
 def _require_finite(measurement: Measurement) -> None:

@@ -47,12 +47,12 @@ class Loop:
         before = self.log.actions[-1] if self.log.actions else np.zeros((2, 3))
         answer = self.guard.step(self.state, self.observation, before)
         self.state = answer.state
-        self.log.act(answer.action, answer.seconds, answer.status)
+        self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
 
     def stand(self) -> str | None:
         """One control step without motion."""
-        self.log.act(np.zeros((2, 3)), 0.0, LOST)
+        self.log.act(np.zeros((2, 3)), 0.0, LOST, self.state.estimates())
         return self._move(np.zeros((2, 3)))
 
     def _move(self, action: np.ndarray) -> str | None:
