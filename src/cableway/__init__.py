@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cableway.simulation.grasp import GraspConfig, GraspedCable
     from cableway.simulation.plant import CableSimulator
     from cableway.simulation.sensing import SensedPlant, SensingConfig
-    from cableway.tracking import Recovery, track
+    from cableway.tracking import Recovery, Watchdog, track
     from cableway.verification import verify_plan, verify_rollout
 
 _HOME = {
@@ -56,6 +56,7 @@ _HOME = {
     "SensingConfig": "simulation.sensing",
     "Task": "scene.task",
     "Transitions": "records",
+    "Watchdog": "tracking",
     "find_passages": "planning.passages",
     "load_model": "models.checkpoint",
     "load_task": "scene.loading",

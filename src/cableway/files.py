@@ -89,11 +89,12 @@ class ArrayRecord:
     kind: ClassVar[str]
 
     def save(self, path: Path | str) -> None:
-        """Write all fields to an `.npz` file, atomically."""
+        """Write all fields that are not None to an `.npz` file, atomically."""
         arrays: dict[str, Any] = {}
         for entry in fields(self):  # pyright: ignore[reportArgumentType]
             value = getattr(self, entry.name)
-            arrays[entry.name] = json.dumps(value) if isinstance(value, dict) else value
+            if value is not None:
+                arrays[entry.name] = json.dumps(value) if isinstance(value, dict) else value
         write_atomically(Path(path), lambda file: np.savez_compressed(file, **arrays))
 
     @classmethod
@@ -110,6 +111,8 @@ class ArrayRecord:
         """The record from the arrays of a file; `source` names it in errors."""
         values: dict[str, Any] = {}
         for entry in fields(cls):  # pyright: ignore[reportArgumentType]
+            if entry.name not in arrays and entry.default is None:
+                continue
             if entry.name not in arrays:
                 raise FileFormatError(f"{source}: not a {cls.kind} file, it has no array {entry.name!r}")
             value = arrays[entry.name]
@@ -140,10 +143,11 @@ def check_shapes(record: Any) -> None:
     """
     sizes: dict[str, int] = {}
     for entry in fields(record):
-        stated = re.fullmatch(r"Float\[np\.ndarray, '(.*)'\]", str(entry.type))
-        if stated is None:
+        stated = re.fullmatch(r"Float\[np\.ndarray, '(.*)'\]( \| None)?", str(entry.type))
+        value = getattr(record, entry.name)
+        if stated is None or (value is None and stated[2]):
             continue
-        value, axes = getattr(record, entry.name), stated[1].split()
+        axes = stated[1].split()
         if not (isinstance(value, np.ndarray) and value.dtype.kind in "fiu"):
             raise InputError(f"{entry.name} is no array of numbers")
         fits = value.ndim == len(axes) and all(

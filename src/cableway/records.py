@@ -253,6 +253,30 @@ class Measurement:
     gripper_clearance: float
 
 
+@dataclass(frozen=True)
+class Estimate:
+    """A number that a controller finds out while it runs.
+
+    Attributes:
+        value: What it is now believed to be.
+        deviation: Standard deviation of that.
+        believed: What it was believed to be beforehand.
+        prior: Standard deviation of that; 0 for a number that was taken as known.
+        unit: Of all four, "" for none.
+    """
+
+    value: float
+    deviation: float
+    believed: float
+    prior: float
+    unit: str = ""
+
+    @property
+    def differs(self) -> bool:
+        """Whether it is off by more than two standard deviations from what was believed."""
+        return abs(self.value - self.believed) > 2 * self.deviation
+
+
 SUCCESS_ERROR = 0.03
 """Stacked error [m] below which the goal counts as reached (Tang et al., Section VI)."""
 
@@ -273,7 +297,10 @@ class Rollout(ArrayRecord):
         status: (K,) short strings.
         clearance: (K+1,) least clearance of the cable's surface since the row before [m].
         gripper_clearance: (K+1,) the same for the gripper discs [m].
-        metadata: Seed, versions and the resolved configuration.
+        metadata: Seed, versions and the resolved configuration; where there are estimates, `metadata["estimates"]` says
+            of each what it is: the fields of `Estimate` that stay the same, with its name.
+        estimates: (K, m) what the controller believed of the cable after each step; None where it believes nothing.
+        deviations: (K, m) standard deviations of that.
     """
 
     kind: ClassVar[str] = "rollout"
@@ -290,6 +317,8 @@ class Rollout(ArrayRecord):
     clearance: Float[np.ndarray, "K+1"]
     gripper_clearance: Float[np.ndarray, "K+1"]
     metadata: dict[str, Any] = field(default_factory=dict)
+    estimates: Float[np.ndarray, "K m"] | None = None
+    deviations: Float[np.ndarray, "K m"] | None = None
 
     def __post_init__(self) -> None:
         check_shapes(self)
@@ -297,11 +326,27 @@ class Rollout(ArrayRecord):
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         for name in ("times", "keypoints", "poses", "centreline", "actions"):
             _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
+        _require((self.estimates is None) == (self.deviations is None), "estimates and deviations go together")
+        if self.estimates is not None and self.deviations is not None:
+            for name, values in (("estimates", self.estimates), ("deviations", self.deviations)):
+                _require(bool(np.isfinite(values).all()), f"{name} holds a number that is not finite")
+            described, count = len(self.metadata.get("estimates", ())), self.estimates.shape[1]
+            _require(described == count, f"the metadata describe {described} estimates, there are {count}")
 
     @property
     def steps(self) -> int:
         """K, the number of control steps."""
         return len(self.times) - 1
+
+    def estimated(self) -> dict[str, Estimate]:
+        """What the controller believed at the end, by name."""
+        if self.estimates is None or self.deviations is None or not self.steps:
+            return {}
+        rows = zip(self.metadata["estimates"], self.estimates[-1], self.deviations[-1], strict=True)
+        return {
+            row["name"]: Estimate(float(value), float(deviation), row["believed"], row["prior"], row["unit"])
+            for row, value, deviation in rows
+        }
 
 
 def _require(condition: bool, message: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.provenance import describe, versions
-from cableway.records import SUCCESS_ERROR, Attempt, Plan, Rollout, Verdict
+from cableway.records import SUCCESS_ERROR, Attempt, Estimate, Plan, Rollout, Verdict
 from cableway.rod.adapted import nearest_shape
 from cableway.scene.cable import Cable
 from cableway.scene.task import Task
@@ -57,6 +57,7 @@ class Report:
         planning_time: Wall time of planning [s].
         stage_times: Wall time of each planning stage [s].
         control_time: Wall time of the controller's steps.
+        estimates: What the controller believed of the cable at the end, by name.
         plan_verdict: Checks of the plan.
         rollout_verdict: Checks of the rollout.
         notes: What a reader should know, such as what was not simulated.
@@ -81,6 +82,7 @@ class Report:
     planning_time: float | None = None
     stage_times: Mapping[str, float] | None = None
     control_time: ControlTime | None = None
+    estimates: Mapping[str, Estimate] | None = None
     plan_verdict: Verdict | None = None
     rollout_verdict: Verdict | None = None
     notes: tuple[str, ...] = ()
@@ -133,6 +135,8 @@ class Report:
             times = self.control_time
             each = f"{1000 * times.median:.1f} / {1000 * times.p99:.1f} / {1000 * times.max:.1f} ms"
             rows.append(("control time, median / p99 / max", each))
+        if self.estimates is not None:
+            rows += _found(self.estimates)
         for name, verdict in (("plan checks", self.plan_verdict), ("rollout checks", self.rollout_verdict)):
             if verdict is not None:
                 rows.append((name, f"{len(verdict.checks) - len(verdict.failures())} of {len(verdict.checks)} passed"))
@@ -141,6 +145,16 @@ class Report:
     def __str__(self) -> str:
         width = max(len(name) for name, _ in self.rows())
         return "\n".join(f"{name:<{width}}  {value}" for name, value in self.rows())
+
+
+def _found(estimates: Mapping[str, Estimate]) -> list[tuple[str, str]]:
+    """What turned out to be otherwise than believed."""
+    rows = []
+    for name, found in estimates.items():
+        if found.differs:
+            text = f"{found.value:.4g} ± {found.deviation:.2g} {found.unit}".rstrip()
+            rows.append((f"found: {name}", f"{text}, not {found.believed:.4g}"))
+    return rows or [("found", f"none of {len(estimates)} estimates off by two standard deviations")]
 
 
 def _millimetres(value: float) -> str:
@@ -193,7 +207,7 @@ def summarize(
         stage_times=timings,
         plan_verdict=plan_verdict,
         rollout_verdict=rollout_verdict,
-        notes=tuple(notes),
+        notes=(*notes, *_missed(rollout)),
         versions=versions(),
         configuration={**describe(recorded), **describe(dict(configuration or {}))},
         shape_error_floor=None if rollout is None else shape_error_floor(cable or task.cable, task.goal),
@@ -223,6 +237,7 @@ def _figures(task: Task, rollout: Rollout) -> dict[str, Any]:
         "steps": rollout.steps,
         "duration": float(rollout.times[-1] - rollout.times[0]),
         "control_time": _control_time(rollout.solve_time),
+        "estimates": rollout.estimated() or None,
     }
 
 
@@ -232,6 +247,16 @@ def _control_time(seconds: Float[np.ndarray, "K"]) -> ControlTime | None:
     return ControlTime(
         median=float(np.median(seconds)), p99=float(np.percentile(seconds, 99)), max=float(seconds.max())
     )
+
+
+def _missed(rollout: Rollout | None) -> tuple[str, ...]:
+    """What the loop had to make good for, in a sentence, if there was anything."""
+    seen = {} if rollout is None else rollout.metadata.get("watchdog", {})
+    late, failed, cut = (seen.get(name, 0) for name in ("late", "failed", "cut"))
+    if not late + failed + cut:
+        return ()
+    reason = f"; {seen['reason']}" if seen.get("reason") else ""
+    return (f"Of the controller's steps {late} came late, {failed} failed, {cut} were cut to the limits{reason}.",)
 
 
 def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
@@ -254,7 +279,7 @@ def _failure(
         return None if plan_verdict is None or plan_verdict.passed else f"the plan does not verify: {plan_verdict}"
     reasons = []
     outcome = str(rollout.metadata.get("outcome", ""))
-    if outcome.startswith(("plant failed", "the cable left its plan")):
+    if outcome.startswith(("plant failed", "controller failed", "the cable left its plan")):
         reasons.append(outcome)
     error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
     if not error < SUCCESS_ERROR:

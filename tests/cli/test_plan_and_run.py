@@ -205,6 +205,15 @@ def test_a_plant_that_cannot_start_is_reported(cableway: Command, moved_file: Pa
     assert names(Path("o")) == PLANNED
 
 
+def test_a_deadline_that_no_step_meets_ends_the_run(cableway: Command, moved_file: Path):
+    done = cableway("run", moved_file, "--controller", "open-loop", "--deadline", "1e-9", "--no-video", "--out", "o")
+    assert done.status == 1
+    assert report(Path("o"))["failure"].startswith("controller failed: 30 steps in a row were missed; all of them were")
+    assert not Rollout.load("o/rollout.npz").actions.any()
+    refused = cableway("run", moved_file, "--deadline", "0")
+    assert (refused.status, refused.err) == (2, "cableway: deadline must be positive and finite, got 0.0\n")
+
+
 def interrupt(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
 

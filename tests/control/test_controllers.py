@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -166,3 +167,25 @@ def test_whole_turns_of_the_plans_angles_do_not_matter(started: Callable[[str], 
     )
     sent = controller.step(state, at(0, shift=1e-3))[0]
     np.testing.assert_allclose(controller.step(controller.init(TASK, turned), at(0, shift=1e-3))[0], sent, atol=1e-9)
+
+
+def numbers_in(value: Any) -> int:
+    """How many numbers and texts a state holds, in all of its parts."""
+    if isinstance(value, np.ndarray):
+        return value.size
+    if is_dataclass(value):
+        return sum(numbers_in(getattr(value, entry.name)) for entry in fields(value))
+    if isinstance(value, (list, tuple)):
+        return sum(map(numbers_in, value))
+    return 1
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_a_state_does_not_grow(started: Callable[[str], Any], name: str) -> None:
+    controller, state = started(name)
+    sizes = set()
+    for row in range(40):
+        _, state = controller.step(state, at(row, shift=1e-3 * (row % 3)))
+        sizes.add(numbers_in(state))
+    assert len(sizes) <= 2, "all but what the first step adds"
+    assert numbers_in(state) == max(sizes)

@@ -212,7 +212,7 @@ def _tracked(episode: Episode, method: Method, report: Report, rollout: Rollout,
     clearance = min(float(rollout.clearance.min()), float(rollout.gripper_clearance.min()))
     error, contact = float(report.shape_error or 0.0), not clearance > 0
     ended = str(rollout.metadata["outcome"])
-    lost = ended.startswith(("plant failed", "the cable left its plan"))
+    lost = ended.startswith(("plant failed", "controller failed", "the cable left its plan"))
     success = error < SUCCESS_ERROR and not contact and not lost
     outcome = "contact" if contact else "left plan" if lost else "missed goal"
     times = report.control_time

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cableway.records import Plan, Rollout
     from cableway.report import Report
     from cableway.scene.task import Task
+    from cableway.tracking import Watchdog
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +37,9 @@ class Run(PlanOptions):
     plant: Path | None = None
     """YAML file that says how the simulated cable differs from the task's and how it is seen: noise, delays."""
 
+    deadline: float | None = None
+    """Wall time [s] after which a control step counts as missed, as on a robot; none unless given."""
+
     no_video: bool = False
     """Leave out the video."""
 
@@ -43,15 +47,16 @@ class Run(PlanOptions):
         """Carry the command out and return its exit status."""
         from cableway.cli.plants import read_plant
         from cableway.scene.loading import load_task
+        from cableway.tracking import Watchdog
 
         terminal, task = Terminal(self), load_task(self.task)
-        setup = read_plant(self.plant, task)
+        setup, watchdog = read_plant(self.plant, task), Watchdog(deadline=self.deadline)
         folder, controller = self.folder(task.name), make_controller(self._name, self.model, terminal)
         with terminal.progress() as tell:
             planned = plan_into(folder, task, self, terminal, tell)
             report = planned.report
             if planned.plan is not None:
-                report = self._track_into(folder, task, planned, setup, controller, tell)
+                report = self._track_into(folder, task, planned, setup, controller, watchdog, tell)
         outputs.announce(terminal, folder, report)
         terminal.result(report.as_dict(), pairs(report.rows()))
         return 0 if report.success else 1
@@ -68,6 +73,7 @@ class Run(PlanOptions):
         planned: Planned,
         setup: PlantSetup,
         controller: Controller[Any],
+        watchdog: Watchdog,
         tell: Tell,
     ) -> Report:
         """Track the plan, leave rollout, pictures and report in the folder, and return the report."""
@@ -76,7 +82,7 @@ class Run(PlanOptions):
         from cableway.figures.video import write_video
         from cableway.report import summarize
 
-        rollout, notes, problem = self._track(task, planned, setup, controller, tell)
+        rollout, notes, problem = self._track(task, planned, setup, controller, watchdog, tell)
         report = summarize(
             task, planned.plan, rollout, timings=planned.timings, seed=self.seed or 0,
             notes=[*planned.notes, *setup.notes, *notes], limits=planned.config.limits, cable=setup.cable,
@@ -91,7 +97,13 @@ class Run(PlanOptions):
         return report
 
     def _track(
-        self, task: Task, planned: Planned, setup: PlantSetup, controller: Controller[Any], tell: Tell
+        self,
+        task: Task,
+        planned: Planned,
+        setup: PlantSetup,
+        controller: Controller[Any],
+        watchdog: Watchdog,
+        tell: Tell,
     ) -> tuple[Rollout | None, tuple[str, ...], str | None]:
         """The rollout, what was not simulated, and what stopped it before it began, if something did."""
         from cableway.geometry.compiled import mark_compiled
@@ -106,8 +118,15 @@ class Run(PlanOptions):
             notes = plant.plant.unmodelled
             # what does not look at the cable does not notice that it has left the plan
             recovery = None if self._name == "open-loop" else Recovery(replan=self._replan)
-            seed = self.seed or 0
-            rollout = track(plant, controller, planned.plan, recovery=recovery, progress=tell, seed=seed)
+            rollout = track(
+                plant,
+                controller,
+                planned.plan,
+                recovery=recovery,
+                watchdog=watchdog,
+                progress=tell,
+                seed=self.seed or 0,
+            )
         except (SimulationError, ControlError) as error:
             return None, notes, f"tracking failed: {error}"
         if self._name in ROD_BASED:

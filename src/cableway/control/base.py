@@ -2,20 +2,22 @@
 
 Nothing but compiled code is kept in the controller itself, so one controller can lead any number of runs. All
 compilation belongs in `init`. A `step` always answers: where it cannot use what it saw it says so in the state's
-status and goes on with the plan's own gripper motion, or stands still.
+status and goes on with the plan's own gripper motion, or stands still. One that fails all the same, or comes too late,
+is made good for by the loop (`tracking.watchdog`).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.records import Observation, Plan
+from cableway.records import Estimate, Observation, Plan
 from cableway.scene.task import CONTROL_STEP, Task
 
 
@@ -39,7 +41,7 @@ class ControllerState:
     """What every controller's state shows.
 
     Attributes:
-        status: How the last action came about, one of `Status`.
+        status: How the last action came about: one of `Status`, or what the loop says that overruled it.
         reference: (n, 2) keypoints [m] wanted at the next observation.
         progress: How far along the reference that is, 0 at the start, 1 from its last row on.
     """
@@ -47,6 +49,19 @@ class ControllerState:
     status: str
     reference: Float[np.ndarray, "n 2"]
     progress: float
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """What the controller believes of the cable, by name; the same names in every step."""
+        return {}
+
+    def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
+        """The state after a control step whose answer was dropped, another action being sent in its place.
+
+        Args:
+            action: (2, 3) what was sent [m, m, rad].
+            status: How that came about.
+        """
+        return replace(self, status=status)
 
 
 S = TypeVar("S", bound=ControllerState)

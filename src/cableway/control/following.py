@@ -68,8 +68,15 @@ class FollowerState(ControllerState):
             longest: Largest distance [m] between the grippers.
         """
         action = within_limits(action, self.sight.commanded, self.task.grippers, longest)
-        index = self.index + (status != Status.STOPPED)
-        return action, replace(
+        return action, self._sent(action, status, waiting=status == Status.STOPPED)
+
+    def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
+        """See `ControllerState.overruled`; nothing was seen, and where the grippers stood still the reference waits."""
+        return replace(self, sight=self.sight.blindly())._sent(action, status, waiting=not action.any())
+
+    def _sent(self, action: Float[np.ndarray, "2 3"], status: str, waiting: bool) -> Self:
+        index = self.index + (not waiting)
+        return replace(
             self,
             status=status,
             reference=self.plan.shape(index),

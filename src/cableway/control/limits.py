@@ -39,6 +39,12 @@ def within_limits(
     return np.column_stack([np.stack([together - share * apart, together + share * apart]), turns])
 
 
+def exceeds_limits(action: Float[np.ndarray, "2 3"], grippers: Grippers) -> bool:
+    """Whether a step or a turn [m, m, rad] is beyond the grippers' limits."""
+    steps, turns = np.linalg.norm(action[:, :2], axis=1), np.abs(action[:, 2])
+    return bool(steps.max() > grippers.max_step or turns.max() > grippers.max_turn)
+
+
 def longest_gap(poses: Float[np.ndarray, "H 2 3"], length: float, share: float) -> Float[np.ndarray, "H"]:
     """Largest distance [m] allowed between the grippers: `share` of the cable's length [m], or the plan's if longer.
 

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from cableway.control import rod_kernels
 from cableway.errors import InputError
+from cableway.records import Estimate
 from cableway.rod import adapted
 from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, PARAMETERS, STIFFNESS
 from cableway.rod.equilibrium import Rod
@@ -139,6 +140,15 @@ class RodEstimator:
     def start(self, q: Float[np.ndarray, "6"]) -> RodEstimate:
         """Nothing known but the first shape q."""
         return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros((self.rod.keypoints, 2)))
+
+    def told(self, estimate: RodEstimate) -> dict[str, Estimate]:
+        """The parameters by name."""
+        deviations = self._prior * np.sqrt(np.diag(estimate.covariance))
+        theta, nominal, prior = estimate.theta, self._nominal, self._prior
+        return {
+            name: Estimate(float(theta[k]), float(deviations[k]), float(nominal[k]), float(prior[k]), unit)
+            for k, (name, unit) in enumerate(adapted.NAMES.items())
+        }
 
     def update(
         self,

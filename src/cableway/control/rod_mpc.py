@@ -26,6 +26,7 @@ Note:
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -38,7 +39,7 @@ from cableway.control.limits import longest_gap, within_limits
 from cableway.control.rod_estimate import EstimatorConfig, RodEstimate, RodEstimator, turned_on
 from cableway.errors import InputError
 from cableway.geometry import se2
-from cableway.records import Observation, Plan
+from cableway.records import Estimate, Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH, ROD
 from cableway.rod.adapted_kernels import fit_shapes, meet_ends
 from cableway.rod.equilibrium import Rod
@@ -147,6 +148,10 @@ class RodMPCState(FollowerState):
 
     problem: Problem
     estimate: RodEstimate
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """See `ControllerState.estimates`."""
+        return self.problem.estimator.told(self.estimate)
 
 
 class RodMPC(Controller[RodMPCState]):

@@ -1,4 +1,4 @@
-"""The picture of a rollout: actual shapes against the reference, and errors and clearance over time."""
+"""The picture of a rollout: actual shapes against the reference, and errors, clearance and estimates over time."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from cableway.figures import scene, style
+from cableway.figures.estimates import draw_estimates
 from cableway.figures.plan import ABOVE, BAR, BELOW, LEFT, add_time_bar, draw_clearance, spread_rows
 from cableway.records import SUCCESS_ERROR, Rollout
 from cableway.scene.task import Task
@@ -25,9 +26,10 @@ COLUMN = 4.6
 
 
 def rollout_figure(task: Task, rollout: Rollout) -> Figure:
-    """Shapes with their reference on the left; errors and clearance over time on the right."""
+    """Shapes with their reference on the left; errors, clearance and estimates, if any, over time on the right."""
     width, height = scene.panel_size(task)
-    figure = style.new_figure(LEFT + width + BAR + 0.3 + COLUMN + 0.25, BELOW + height + ABOVE)
+    columns = 1 if rollout.estimates is None else 2
+    figure = style.new_figure(LEFT + width + BAR + 0.3 + columns * COLUMN + 0.25, BELOW + height + ABOVE)
     ax = style.add_axes(figure, LEFT, BELOW, width, height)
     draw_tracking(ax, task, rollout)
     style.title(ax, f"{task.name}: tracking, {rollout.steps} steps")
@@ -38,6 +40,10 @@ def rollout_figure(task: Task, rollout: Rollout) -> Figure:
     style.title(above, "stacked shape error")
     style.title(below, "clearance, simulated")
     draw_clearance(below, rollout.times, rollout.clearance, rollout.gripper_clearance)
+    if rollout.estimates is not None:
+        found = style.add_axes(figure, left + COLUMN + 0.7, 0.6, COLUMN - 0.7, height + BELOW - 0.6)
+        draw_estimates(found, rollout)
+        style.title(found, "what the controller believes of the cable")
     return figure
 
 

@@ -29,6 +29,9 @@ LEFT = "#3f8fd2"
 RIGHT = "#b4557f"
 BAD = "#c1272d"
 
+SERIES = (INK, START, LEFT, GOAL, PASSAGE, PIVOT)
+"""For curves that are told apart by colour alone."""
+
 TIME = LinearSegmentedColormap.from_list("cableway-time", [START, "#7d5fb2", "#c2558a", GOAL])
 """From the colour of the start to the colour of the goal."""
 

@@ -38,6 +38,15 @@ CURVATURE = slice(1 + MODES, 1 + 2 * MODES)
 GRASPS = slice(1 + 2 * MODES, PARAMETERS)
 ROD = slice(0, 1 + 2 * MODES)
 
+NAMES = {
+    "length": "m",
+    **{f"stiffness mode {k}": "" for k in range(1, MODES + 1)},
+    **{f"curvature mode {k}": "rad" for k in range(1, MODES + 1)},
+    **{f"{side} grasp {axis}": unit for side in ("left", "right")
+       for axis, unit in (("x", "m"), ("y", "m"), ("turn", "rad"))},
+}  # fmt: skip
+"""Names and units of theta, in its order."""
+
 
 def modes(rod: Rod) -> Float[np.ndarray, "K N"]:
     """P_k at the hinges of a rod."""

@@ -1,7 +1,7 @@
 """A controller of one's own in the benchmark: one file, one row in the table.
 
 Each half of the cable is pushed by its mean error, on top of the plan's own motion. `METHOD` is all that the benchmark
-needs; `cableway bench clutter --methods examples/04_a_method_of_ones_own.py:METHOD,open-loop` runs it on a whole suite.
+needs; `cableway bench clutter --methods examples/06_a_method_of_ones_own.py:METHOD,open-loop` runs it on a whole suite.
 A package offers its method under a name of its own with an entry point in the group `cableway.methods`.
 """
 

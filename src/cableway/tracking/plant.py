@@ -1,0 +1,70 @@
+"""What a plant is: a cable held by two grippers, as the closed loop sees it.
+
+A plant is any object with these five members; nothing is inherited. The loop calls `reset` once and then `step` and
+`measure` in turn, once each per control step, from one thread. It does not wait for wall time: a simulator answers as
+fast as it can, a robot when its control step is over, so the plant sets the pace.
+
+Units, frames and order of the numbers are those of `docs/conventions.md`: metres and radians in the world frame of the
+task, keypoint 0 at the left gripper, gripper angles that of the cable's tangent there, left before right.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.records import Measurement, Observation
+from cableway.scene.task import Task
+
+
+class Plant(Protocol):
+    """What a cable held by two grippers must offer: a simulator, a robot, a recording."""
+
+    @property
+    def task(self) -> Task:
+        """What planner and controller believe; the plant itself may differ."""
+        ...
+
+    @property
+    def control_step(self) -> float:
+        """Time [s] that one step takes; the shipped controllers are made for 0.1 s."""
+        ...
+
+    def reset(self) -> Observation:
+        """Go to the start and look.
+
+        Returns:
+            The first observation: time 0, n keypoints at equal arc length as last seen, NaN where nothing was seen, and
+            the poses of both grippers. Angles may be off by whole turns.
+
+        Raises:
+            SimulationError: The start cannot be taken.
+        """
+        ...
+
+    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
+        """Move the grippers, and look when the control step is over.
+
+        Args:
+            action: (2, 3) motion (dx, dy, dtheta) [m, m, rad] from where the grippers were last told to be, left then
+                right; finite and within the limits of the task's grippers.
+
+        Returns:
+            What was seen since the step before. Frames that come late, at another rate or not at all need no mending:
+            keypoints that were not seen are NaN, and controllers find out themselves how old the others are.
+
+        Raises:
+            SimulationError: The plant cannot go on: the connection is lost, a gripper stopped, a cable came loose. The
+                run ends with what was recorded before this step, and its outcome holds the message.
+        """
+        ...
+
+    def measure(self) -> Measurement:
+        """The state after the last step as well as it can be known; never shown to a controller.
+
+        It is what a run is judged by. A simulator knows the truth. A robot gives what it knows best: keypoints as last
+        seen, a line through them for the whole cable, and the clearance of that line. All of it must be finite.
+        """
+        ...

@@ -1,0 +1,68 @@
+"""When a run ends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from cableway.control.base import ControllerState
+from cableway.errors import InputError
+from cableway.records import Observation, Plan
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackConfig:
+    """When a run ends.
+
+    After the last row of the reference the run goes on until the shape error is small or has stopped falling.
+
+    Attributes:
+        settle_time: Longest time [s] after the end of the reference.
+        patience: Time [s] within which the error must fall to go on.
+        improvement: Share of the error by which it must fall in that time.
+        small_error: Stacked shape error [m], of 2n numbers, below which the run ends at once.
+        overtime: Longest time [s] beyond the plan's own duration, standing still and settling included.
+    """
+
+    settle_time: float = 5.0
+    patience: float = 1.0
+    improvement: float = 0.05
+    small_error: float = 5e-4
+    overtime: float = 30.0
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            if not 0 <= getattr(self, entry.name) < math.inf:
+                raise InputError(f"{entry.name} must be finite and not negative, got {getattr(self, entry.name)!r}")
+
+
+class StopRule:
+    """Decides after each step whether the run is over."""
+
+    def __init__(self, config: TrackConfig, plan: Plan, control_step: float) -> None:
+        self._config, self._goal = config, plan.shapes[-1]
+        self._most_steps = plan.steps + math.ceil(config.overtime / control_step)
+        self._settle_steps = math.ceil(config.settle_time / control_step)
+        self._patience_steps = max(1, math.ceil(config.patience / control_step))
+        self._steps = 0
+        self._errors: list[float] = []
+
+    def outcome(self, state: ControllerState, observation: Observation) -> str | None:
+        """How the run ended, if it did."""
+        self._steps += 1
+        if state.progress >= 1.0:
+            error = float(np.linalg.norm(observation.keypoints - self._goal))
+            self._errors.append(error if math.isfinite(error) else math.inf)
+            if self._settled():
+                return "settled"
+        return "time ran out" if self._steps >= self._most_steps else None
+
+    def _settled(self) -> bool:
+        errors, patience = self._errors, self._patience_steps
+        if errors[-1] < self._config.small_error or len(errors) > self._settle_steps:
+            return True
+        if len(errors) <= patience:
+            return False
+        return min(errors[-patience:]) > (1 - self._config.improvement) * min(errors[:-patience])

@@ -1,0 +1,196 @@
+"""What the loop does when a controller answers too late, fails, or answers with what is no motion.
+
+Such an answer is dropped, and with it the controller's new state. In its place the grippers go half as far as in the
+control step before, in the same directions: a cable that is led at a steady pace is not jerked to a stop by one missed
+step, and grippers that coast so come to rest within one more step of their own, however often it happens. They do so
+only where that is safe as far as can be told without the controller: they may not come farther apart, nor nearer to
+each other than the task allows; and with the cable moved along as the ends carry it (`blend_jacobian`), neither cable
+nor grippers may come nearer to an obstacle than a margin, unless they are nearer already and it leads them away. Where
+the cable was not seen whole, nothing is moved. After a few such steps in a row the grippers stand still until the
+controller answers again; where it does not for long, the run ends.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control.base import Controller, ControllerState
+from cableway.control.jacobian import blend_jacobian
+from cableway.control.limits import exceeds_limits, within_limits
+from cableway.control.seen import FAR, poses_usable
+from cableway.errors import ControlError, InputError
+from cableway.geometry import polyline
+from cableway.records import Observation
+from cableway.scene.task import Task
+
+COASTED = 0.5
+"""Share of the motion before that is made in place of a missed one."""
+
+PIECES = 3
+"""Points that are checked per segment between keypoints."""
+
+CUT = "; cut to the limits"
+"""How the status of a step ends in which the controller asked for more than the grippers' limits."""
+
+GIVEN_UP = "controller failed"
+"""How the outcome of a run begins that its controller ended."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watchdog:
+    """When a controller's step counts as missed, and for how long that is borne.
+
+    Attributes:
+        deadline: Wall time [s] after which a step counts as late; never where None. A simulated plant waits, and a run
+            with a deadline is not the same twice, so there is none by default.
+        coasting: Missed steps in a row in which the grippers may still move.
+        margin: Clearance [m] of cable and gripper discs up to which they may.
+        patience: Time [s] of missed steps in a row after which the run ends.
+        clock: Tells wall time [s].
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    deadline: float | None = None
+    coasting: int = 2
+    margin: float = 0.005
+    patience: float = 3.0
+    clock: Callable[[], float] = time.perf_counter
+
+    def __post_init__(self) -> None:
+        if self.deadline is not None and not 0 < self.deadline < math.inf:
+            raise InputError(f"deadline must be positive and finite, got {self.deadline!r}")
+        for name in ("coasting", "margin", "patience"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is done in a control step.
+
+    Attributes:
+        action: (2, 3) gripper motion [m, m, rad].
+        state: Of the controller, after it.
+        status: How it came about.
+        seconds: Wall time [s] that the controller took.
+    """
+
+    action: Float[np.ndarray, "2 3"]
+    state: ControllerState
+    status: str
+    seconds: float
+
+
+class Guard:
+    """Asks a controller, and answers in its place where it must.
+
+    Args:
+        watchdog: When it must.
+        controller: Who is asked.
+        task: Scene and limits.
+        control_step: Time [s] between two steps.
+    """
+
+    def __init__(self, watchdog: Watchdog, controller: Controller[Any], task: Task, control_step: float) -> None:
+        self._watchdog, self._controller, self._task = watchdog, controller, task
+        self._most = max(1, math.ceil(watchdog.patience / control_step))
+        self._missed = 0
+        self._late, self._failed, self._cut = 0, 0, 0
+        self._reason: str | None = None
+        self._nearest(task.start, task.start[[0, -1]])  # compiles what it needs
+
+    @property
+    def outcome(self) -> str | None:
+        """How the run ended, if the controller ended it."""
+        if self._missed < self._most:
+            return None
+        return f"{GIVEN_UP}: {self._missed} steps in a row were missed; {self._reason or 'all of them were late'}"
+
+    def record(self) -> dict[str, Any]:
+        """Plain data on what was missed."""
+        return {
+            "deadline": self._watchdog.deadline,
+            "late": self._late,
+            "failed": self._failed,
+            "cut": self._cut,
+            "reason": self._reason,
+        }
+
+    def step(self, state: ControllerState, observation: Observation, before: Float[np.ndarray, "2 3"]) -> Answer:
+        """One control step, whose action is finite and within the limits whatever the controller does.
+
+        Args:
+            state: Of the controller, before it.
+            observation: What was seen.
+            before: (2, 3) what was sent in the control step before [m, m, rad].
+        """
+        begun, deadline = self._watchdog.clock(), self._watchdog.deadline
+        try:
+            action, after = _usable(*self._controller.step(state, observation))
+        except Exception as error:  # whatever it is, the grippers must be told something
+            self._failed += 1
+            self._reason = self._reason or f"the first failed with {type(error).__name__}: {error}"
+            return self._missing("failed", state, observation, before, self._watchdog.clock() - begun)
+        seconds = self._watchdog.clock() - begun
+        if deadline is not None and seconds > deadline:
+            self._late += 1
+            return self._missing("late", state, observation, before, seconds)
+        self._missed = 0
+        if not exceeds_limits(action, self._task.grippers):
+            return Answer(action, after, str(after.status), seconds)
+        self._cut += 1
+        action = within_limits(action, np.zeros((2, 3)), self._task.grippers, math.inf)  # any poses do: no gap is far
+        return Answer(action, after, f"{after.status}{CUT}", seconds)
+
+    def _missing(
+        self, why: str, state: ControllerState, observation: Observation, before: np.ndarray, seconds: float
+    ) -> Answer:
+        """What is done in place of a missed step."""
+        self._missed += 1
+        action = np.zeros((2, 3))
+        if self._missed <= self._watchdog.coasting and poses_usable(observation):
+            coasted = within_limits(COASTED * before, observation.poses, self._task.grippers, longest=0.0)
+            action = coasted if self._is_safe(coasted, observation) else action
+        status = f"{why}: {'coasting' if action.any() else 'stopped'}"
+        return Answer(action, state.overruled(action, status), status, seconds)
+
+    def _is_safe(self, action: Float[np.ndarray, "2 3"], observation: Observation) -> bool:
+        """Whether an action leads neither cable nor grippers nearer to anything than they may."""
+        poses, keypoints = observation.poses, observation.keypoints
+        if np.shape(keypoints) != self._task.start.shape or not np.isfinite(keypoints).all():
+            return False
+        moved = keypoints + (blend_jacobian(keypoints, poses) @ action.ravel()).reshape(-1, 2)
+        now, then = self._nearest(keypoints, poses[:, :2]), self._nearest(moved, (poses + action)[:, :2])
+        gaps = [float(np.linalg.norm(ends[1, :2] - ends[0, :2])) for ends in (poses, poses + action)]
+        apart = gaps[1] >= min(self._task.grippers.separation, gaps[0])
+        return apart and bool((then >= np.minimum(self._watchdog.margin, now)).all())
+
+    def _nearest(
+        self, keypoints: Float[np.ndarray, "n 2"], grippers: Float[np.ndarray, "2 2"]
+    ) -> Float[np.ndarray, "2"]:
+        """Clearance [m] of the cable and of the gripper discs."""
+        scene, task = self._task.scene, self._task
+        cable = scene.clearance(polyline.spline(keypoints, PIECES)[None], task.cable.radius)[0]
+        return np.array([cable, scene.signed_distance(grippers).min() - task.grippers.radius])
+
+
+def _usable(action: Any, state: ControllerState) -> tuple[Float[np.ndarray, "2 3"], ControllerState]:
+    """A controller's answer, if it is one.
+
+    Raises:
+        ControlError: It is not.
+    """
+    if np.shape(action) != (2, 3) or not (np.abs(action) < FAR).all():
+        raise ControlError(f"the action must be 2 x 3 numbers below {FAR:g}, got {np.asarray(action).tolist()!r:.200}")
+    if not (np.isfinite(state.reference).all() and math.isfinite(state.progress)):
+        raise ControlError("the state's reference or progress is not finite")
+    return np.asarray(action, float), state

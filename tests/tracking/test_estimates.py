@@ -1,0 +1,106 @@
+"""What a controller believes of the cable: recorded at every step, saved, reported and drawn."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from quasi_static import START, QuasiStaticPlant, straight_plan, task_for
+
+from cableway.control.open_loop import OpenLoop, OpenLoopConfig
+from cableway.control.rod_estimate import EstimatorConfig
+from cableway.control.rod_mpc import RodMPC, RodMPCConfig
+from cableway.errors import InputError
+from cableway.figures.rollout import rollout_figure
+from cableway.files import read_arrays
+from cableway.records import Rollout
+from cableway.report import summarize
+from cableway.rod.adapted import PARAMETERS
+from cableway.rod.equilibrium import Rod
+from cableway.tracking import track
+
+PLAN = straight_plan(Rod(0.3), steps=40)
+TASK = task_for(PLAN)
+LONGER = 0.306
+
+
+@pytest.fixture(scope="module")
+def rollout() -> Rollout:
+    """Of a cable that is 2% longer than believed, held where the plan has the shorter one."""
+    return track(QuasiStaticPlant(TASK, START, Rod(LONGER)), RodMPC(RodMPCConfig(hold=0.5)), PLAN)
+
+
+def test_every_step_has_its_estimates(rollout: Rollout) -> None:
+    assert rollout.estimates is not None
+    assert rollout.deviations is not None
+    assert rollout.estimates.shape == rollout.deviations.shape == (rollout.steps, PARAMETERS)
+    described = rollout.metadata["estimates"]
+    assert [row["name"] for row in described][:2] == ["length", "stiffness mode 1"]
+    assert len({row["name"] for row in described}) == PARAMETERS
+    assert (rollout.deviations > 0).all()
+    first, last = (row / [entry["prior"] for entry in described] for row in rollout.deviations[[0, -1]])
+    assert (last < 1.0).all(), "what is seen makes surer"
+    assert last.mean() < 0.8 * first.mean()
+
+
+def test_the_length_found_is_the_true_one(rollout: Rollout) -> None:
+    length = rollout.estimated()["length"]
+    assert (length.believed, length.unit) == (0.3, "m")
+    assert length.value == pytest.approx(LONGER, abs=0.001)
+    assert abs(length.value - LONGER) < 2 * length.deviation
+    assert length.differs
+
+
+def test_what_is_known_does_not_move() -> None:
+    known = RodMPCConfig(hold=0.0, estimator=EstimatorConfig.nominal())
+    rollout = track(QuasiStaticPlant(TASK, START, Rod(0.3)), RodMPC(known), PLAN)
+    for estimate in rollout.estimated().values():
+        assert (estimate.value, estimate.deviation, estimate.prior) == (estimate.believed, 0.0, 0.0)
+        assert not estimate.differs
+
+
+def test_they_outlast_the_file_and_files_without_them_are_read(rollout: Rollout, tmp_path: Path) -> None:
+    rollout.save(tmp_path / "with.npz")
+    assert Rollout.load(tmp_path / "with.npz").estimated() == rollout.estimated()
+    opened = track(QuasiStaticPlant(TASK, START, Rod(0.3)), OpenLoop(OpenLoopConfig(hold=0.0)), PLAN)
+    opened.save(tmp_path / "without.npz")
+    assert not {"estimates", "deviations"} & set(read_arrays(tmp_path / "without.npz"))
+    loaded = Rollout.load(tmp_path / "without.npz")
+    assert loaded.estimates is None
+    assert loaded.estimated() == {}
+
+
+def test_what_does_not_belong_together_is_refused(rollout: Rollout) -> None:
+    assert rollout.estimates is not None
+    with pytest.raises(InputError, match="estimates and deviations go together"):
+        replace(rollout, deviations=None)
+    with pytest.raises(InputError, match=r"estimates has shape \(.*\), not \(K, m\)"):
+        replace(rollout, estimates=rollout.estimates[1:])
+    with pytest.raises(InputError, match="the metadata describe 0 estimates, there are 11"):
+        replace(rollout, metadata={})
+    with pytest.raises(InputError, match="estimates holds a number that is not finite"):
+        replace(rollout, estimates=np.full_like(rollout.estimates, np.nan))
+
+
+def test_the_report_says_what_was_found(rollout: Rollout) -> None:
+    report = summarize(TASK, PLAN, rollout)
+    rows = dict(report.rows())
+    assert rows["found: length"].startswith("0.3058 ± 0.00")
+    assert rows["found: length"].endswith(" m, not 0.3")
+    content = json.loads(json.dumps(report.as_dict(), allow_nan=False))
+    assert content["estimates"]["length"]["value"] == rollout.estimated()["length"].value
+    same = track(QuasiStaticPlant(TASK, START, Rod(0.3)), RodMPC(RodMPCConfig(hold=0.0)), PLAN)
+    assert dict(summarize(TASK, PLAN, same).rows())["found"].startswith("none of 11 estimates")
+
+
+def test_the_picture_has_a_panel_for_them(rollout: Rollout) -> None:
+    assert rollout.estimates is not None
+    figure = rollout_figure(TASK, rollout)
+    without = rollout_figure(TASK, replace(rollout, estimates=None, deviations=None))
+    assert len(figure.axes) == len(without.axes) + 1
+    curve = next(line for line in figure.axes[-1].lines if str(line.get_label()).startswith("length "))
+    np.testing.assert_allclose(curve.get_ydata(), (rollout.estimates[:, 0] - 0.3) / 0.006)
+    assert str(curve.get_label()).startswith("length 305.8 ± 1.")
