@@ -49,10 +49,10 @@ def track(
 
     Returns:
         All that happened. `metadata["outcome"]` says how it ended, which is "settled", "time ran out", "the cable left
-        its plan: ..." with why it was not brought back, "controller failed: ..." where it missed too many steps in a row,
-        or, where the plant gave up, "plant failed: ..." with its reason, which the last status says too; the rollout
-        then ends with the last state before that. `metadata["recovered"]` has the times [s] from which a new plan was
-        followed, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
+        its plan: ..." with why it was not brought back, "controller failed: ..." where it missed too many steps in a
+        row, or, where the plant gave up, "plant failed: ..." with its reason, which the last status says too; the
+        rollout then ends with the last state before that. `metadata["recovered"]` has the times [s] from which a new
+        plan was followed, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
 
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.
