@@ -7,7 +7,7 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 export PYTHON
 
-.PHONY: env demo test check checks lint types imports doctest examples wheel docs format lock clean
+.PHONY: env demo test check checks lint types imports doctest examples wheel docs gate baseline format lock clean
 .DEFAULT_GOAL := env
 
 env: $(STAMP)
@@ -24,7 +24,7 @@ test: env
 
 check: test checks
 
-checks: lint types imports doctest examples wheel docs
+checks: lint types imports doctest examples wheel docs gate
 
 lint: env
 	@$(BIN)/ruff check .
@@ -49,6 +49,15 @@ wheel: env
 docs: env
 	@$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs site
 	@$(BIN)/python -m pytest checks/test_pages.py
+
+# The quick suites against checks/baseline.json; `make baseline` takes what the last `make gate` found for the new one.
+GATE := paper,clutter,dense,corridors,mazes,plants,sensing,unconstrained,blocked
+gate: env
+	@rm -rf runs/gate
+	@$(BIN)/cableway bench $(GATE) --out runs/gate --against checks/baseline.json
+
+baseline:
+	cp runs/gate/baseline.json checks/baseline.json
 
 format: env
 	@$(BIN)/ruff check --fix --select I .

@@ -44,7 +44,7 @@ def report_page(
         "report.html.jinja",
         suites=suites,
         failures=[
-            _failure(result, jobs[result.suite, result.method, result.episode], folder)
+            _failure(result, jobs[result.suite, result.method, result.episode], folder, about["size"])
             for rows in results.values()
             for found in rows.values()
             for result in found
@@ -84,12 +84,12 @@ def _render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(**values)
 
 
-def repeat_command(job: Job) -> str:
-    """The command that runs a job again."""
-    return f"cableway bench {job.episode.suite} --methods {job.source} --episodes {job.episode.name} --size full"
+def repeat_command(job: Job, size: str) -> str:
+    """The command that runs a job of a size of its suite again."""
+    return f"cableway bench {job.episode.suite} --size {size} --methods {job.source} --episodes {job.episode.name}"
 
 
-def _failure(result: Result, job: Job, folder: Path) -> dict[str, str]:
+def _failure(result: Result, job: Job, folder: Path, size: str) -> dict[str, str]:
     picture = job.picture(folder)
     return {
         "suite": result.suite,
@@ -97,6 +97,6 @@ def _failure(result: Result, job: Job, folder: Path) -> dict[str, str]:
         "episode": result.episode,
         "outcome": result.outcome,
         "detail": result.detail,
-        "command": repeat_command(job),
+        "command": repeat_command(job, size),
         "picture": picture.relative_to(folder).as_posix() if picture.exists() else "",
     }
