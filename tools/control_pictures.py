@@ -23,6 +23,7 @@ from cableway.figures import scene, style
 from cableway.figures.rollout import draw_motion
 from cableway.planning.planner import plan
 from cableway.records import Rollout
+from cableway.report import shape_error_floor
 from cableway.scene.loading import load_task
 from cableway.scene.task import Task
 from cableway.tracking import track
@@ -35,6 +36,8 @@ BETWEEN, ABOVE, CURVES = 0.35, 0.6, 2.4
 def rollouts(task: Task) -> dict[str, Rollout]:
     """Of each controller, by name."""
     plant, found = dict(plants(task))["hard"], plan(task)
+    floor = shape_error_floor(plant.plant.plant.cable, task.goal) or 0.0
+    print(f"least error possible: {1000 * floor:.1f} mm")
     terminal = Terminal(Options(quiet=True))
     return {name: track(plant, make_controller(name, None, terminal), found) for name in CONTROLLERS}
 
