@@ -16,8 +16,8 @@ CONTROLLERS = ("rod-mpc", "neural-mpc", "neural-mpc-paper", "rod-jacobian", "bro
 ROD_BASED = ("rod-mpc", "rod-jacobian", "broyden")
 """Those whose kernels Numba compiles."""
 
-MODEL = "transformer"
-"""The deformation model of the neural controllers unless another is given."""
+MODELS = {"neural-mpc": "conv", "neural-mpc-paper": "transformer"}
+"""The deformation models of the neural controllers unless another is given; docs/control.md says why."""
 
 AHEAD = "The controller is compiled once before it starts; the next run finds it in your cache folder."
 
@@ -36,8 +36,8 @@ def make_controller(name: str, model: str | None, terminal: Terminal) -> Control
     """
     if name not in CONTROLLERS:
         raise UnknownNameError("controller", name, CONTROLLERS)
-    if name.startswith("neural-mpc"):
-        return _neural(name, model or MODEL, terminal)
+    if name in MODELS:
+        return _neural(name, model or MODELS[name], terminal)
     if model is not None:
         raise InputError(f"--model is for neural-mpc and neural-mpc-paper; {name} has no deformation model to choose")
     if name == "open-loop":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cableway.cli import outputs
-from cableway.cli.controllers import CONTROLLERS, MODEL, ROD_BASED, make_controller
+from cableway.cli.controllers import CONTROLLERS, MODELS, ROD_BASED, make_controller
 from cableway.cli.planning import Planned, PlanOptions, plan_into
 from cableway.cli.terminal import Tell, Terminal, pairs
 from cableway.errors import ControlError, SimulationError
@@ -32,7 +32,7 @@ class Run(PlanOptions):
     """What leads the grippers; rod-mpc unless given, neural-mpc where a model is."""
 
     model: str | None = None
-    """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; transformer unless given."""
+    """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; conv unless given."""
 
     plant: Path | None = None
     """YAML file that says how the simulated cable differs from the task's and how it is seen: noise, delays."""
@@ -132,8 +132,8 @@ class Run(PlanOptions):
         if self._name in ROD_BASED:
             mark_compiled("control")
         made_by: dict[str, Any] = {"versions": versions(), "plant": setup.as_dict()}
-        if self._name.startswith("neural-mpc"):
-            made_by["model"] = self.model or MODEL
+        if self._name in MODELS:
+            made_by["model"] = self.model or MODELS[self._name]
         return replace(rollout, metadata={**made_by, **rollout.metadata}), notes, None
 
     def _replan(self, task: Task, left: Plan) -> Plan:

@@ -16,7 +16,8 @@ class MPCConfig:
 
     Attributes:
         horizon: H, number of actions looked ahead (paper, hyperparameter table: 5).
-        iterations: Most Gauss-Newton iterations in one step (paper: 15).
+        iterations: Most Gauss-Newton iterations in one step (paper: 15). From the last solution, moved on by a step, a
+            second one changes nothing that can be seen (`tools/neural.py`) and costs as much as the first.
         tolerance: Relative fall of the cost that is not worth another iteration.
         tracking_weight: lambda_1 [1/m^2] (paper: 150).
         obstacle_weight: lambda_2, [1/m^2] for the hinge, [m^2] for the barrier (paper: 0.01).
@@ -38,7 +39,7 @@ class MPCConfig:
     """
 
     horizon: int = 5
-    iterations: int = 15
+    iterations: int = 1
     tolerance: float = 1e-3
     tracking_weight: float = 150.0
     obstacle_weight: float = 1e5
@@ -84,6 +85,7 @@ class MPCConfig:
     def paper(cls) -> MPCConfig:
         """The controller as in Tang et al.: its table's weights, keypoints only, no feedforward, offset or hold."""
         return cls(
+            iterations=15,
             obstacle_weight=0.01,
             control_weight=1.0,
             pose_weight=0.0,

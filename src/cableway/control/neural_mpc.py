@@ -91,7 +91,7 @@ class NeuralMPC(Controller[MPCState]):
     def init(self, task: Task, plan: Plan) -> MPCState:
         """See `Controller.init`."""
         beginning = FollowerState.beginning(task, plan, self.config.hold)
-        return MPCState(
+        state = MPCState(
             **beginning,
             problem=Problem(self._predictor(task.cable.keypoints), HorizonCost(task, self.config)),
             actions=np.zeros((self.config.horizon, 2, 3)),
@@ -99,6 +99,8 @@ class NeuralMPC(Controller[MPCState]):
             offset=np.zeros_like(task.start),
             solution=None,
         )
+        self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # loads and compiles what a step needs
+        return state
 
     def step(self, state: MPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], MPCState]:
         """See `Controller.step`."""

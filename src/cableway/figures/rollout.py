@@ -54,6 +54,19 @@ def stacked_errors(task: Task, rollout: Rollout) -> tuple[Float[np.ndarray, "K+1
 
 
 def draw_tracking(ax: Axes, task: Task, rollout: Rollout) -> None:
+    """The scene with the motion in it, a scale of time and a legend."""
+    draw_motion(ax, task, rollout)
+    add_time_bar(ax, float(rollout.times[-1]))
+    handles: list[Any] = [
+        Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"),
+        Line2D([], [], color="#9aa3ad", linewidth=1.2, linestyle=(0, (3, 2)), label="reference"),
+        Line2D([], [], color=style.INK, linewidth=0.9, label="gripper ways"),
+        Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"),
+    ]
+    style.legend_below(ax, handles, 2)
+
+
+def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> None:
     """The scene with the simulated cable coloured by time and the reference dashed on it."""
     scene.draw_scene(ax, task)
     rows = spread_rows(rollout.keypoints, SHAPES_SHOWN)
@@ -65,14 +78,6 @@ def draw_tracking(ax: Axes, task: Task, rollout: Rollout) -> None:
         ax.plot(*rollout.poses[:, side, :2].T, color=style.INK, linewidth=0.8, alpha=0.6, zorder=5)
         scene.draw_grippers(ax, rollout.poses[rows, side, :2], task.grippers.radius, zorder=6, linewidths=0.4)
     ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=1.0, linestyle=":", zorder=7)
-    add_time_bar(ax, float(rollout.times[-1]))
-    handles: list[Any] = [
-        Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"),
-        Line2D([], [], color="#9aa3ad", linewidth=1.2, linestyle=(0, (3, 2)), label="reference"),
-        Line2D([], [], color=style.INK, linewidth=0.9, label="gripper ways"),
-        Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"),
-    ]
-    style.legend_below(ax, handles, 2)
 
 
 def draw_errors(

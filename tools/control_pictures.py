@@ -1,0 +1,90 @@
+"""The picture of docs/control.md: the same task and the same cable under each controller.
+
+    .venv/bin/python tools/control_pictures.py [--task NAME] [--out FILE]
+
+The cable is 1% short, stiff at one end, held 2 mm and 2 degrees askew, and seen late with 1 mm of noise: the plant
+"hard" of tools/neural.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
+from neural import plants
+
+from cableway.cli.controllers import CONTROLLERS, make_controller
+from cableway.cli.options import Options
+from cableway.cli.terminal import Terminal
+from cableway.figures import scene, style
+from cableway.figures.rollout import draw_motion
+from cableway.planning.planner import plan
+from cableway.records import Rollout
+from cableway.report import shape_error_floor
+from cableway.scene.loading import load_task
+from cableway.scene.task import Task
+from cableway.tracking import track
+
+COLUMNS = 3
+BETWEEN, ABOVE, CURVES = 0.35, 0.6, 2.4
+"""Inches between panels, above each, and of the panel of curves."""
+
+
+def rollouts(task: Task) -> dict[str, Rollout]:
+    """Of each controller, by name."""
+    plant, found = dict(plants(task))["hard"], plan(task)
+    floor = shape_error_floor(plant.plant.plant.cable, task.goal) or 0.0
+    print(f"least error possible: {1000 * floor:.1f} mm")
+    terminal = Terminal(Options(quiet=True))
+    return {name: track(plant, make_controller(name, None, terminal), found) for name in CONTROLLERS}
+
+
+def deviations(rollout: Rollout) -> np.ndarray:
+    """Largest distance [m] of a keypoint from its reference at each time."""
+    return np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max(axis=1)
+
+
+def draw_deviations(ax: Axes, runs: dict[str, Rollout]) -> None:
+    """All of them over time [s], in millimetres."""
+    for (name, run), color in zip(runs.items(), style.SERIES, strict=True):
+        ax.plot(run.times, 1000 * deviations(run), color=color, linewidth=1.4, label=name)
+    ax.set_yscale("log")
+    for axis_format in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
+        axis_format(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "125" else ""))
+    style.curve_axes(ax, "time [s]", "largest deviation [mm]")
+    ax.legend(fontsize=8, frameon=False, ncols=3, loc="upper left", labelcolor=style.INK)
+
+
+def main() -> None:
+    """Run all controllers, draw, and print a line for each."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--task", default="single-obstacle-2")
+    parser.add_argument("--out", type=Path, default=Path("docs/images/controllers.png"))
+    given = parser.parse_args()
+    task = load_task(given.task)
+    runs = rollouts(task)
+    width, height = (0.52 * side for side in scene.panel_size(task))
+    rows = -(-len(runs) // COLUMNS)
+    wide = BETWEEN + COLUMNS * (width + BETWEEN)
+    tall = rows * (height + ABOVE) + CURVES + 1.0
+    figure = style.new_figure(wide, tall)
+    for number, (name, run) in enumerate(runs.items()):
+        row, column = divmod(number, COLUMNS)
+        ax = style.add_axes(
+            figure, BETWEEN + column * (width + BETWEEN), tall - (row + 1) * (height + ABOVE), width, height
+        )
+        draw_motion(ax, task, run)
+        ax.set_axis_off()
+        error = 1000 * np.linalg.norm(run.keypoints[-1] - task.goal)
+        text = f"{name}: error {error:.1f} mm, deviation {1000 * deviations(run).max():.0f} mm"
+        ax.set_title(text, loc="left", fontsize=7.5, color=style.INK, pad=4)
+        print(f"{text}, clearance {1000 * run.clearance.min():.1f} mm, {run.metadata['outcome']}")
+    draw_deviations(style.add_axes(figure, 0.75, 0.6, wide - 1.0, CURVES), runs)
+    style.save_figure(figure, given.out)
+
+
+if __name__ == "__main__":
+    main()
