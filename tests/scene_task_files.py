@@ -36,7 +36,7 @@ VALID: dict[str, Any] = {
     "start": row(0.2, 0.1),
     "goal": row(0.2, 0.6),
     "plug": {"length": 0.04, "width": 0.012},
-    "port": {"position": [0.6, 0.6], "angle": 0.0, "standoff": 0.0, "depth": 0.01},
+    "port": {"position": [0.6, 0.6], "angle": 0.0, "standoff": 0.06, "depth": 0.01},
 }
 
 Change = Callable[[dict[str, Any]], Any]

@@ -9,6 +9,7 @@ keypoints.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar
 
@@ -70,6 +71,10 @@ class DeformationSequence:
         """Shapes in which the progress of all keypoints is the same, the share of the rows."""
         shares = np.linspace(0.0, 1.0, len(shapes))
         return cls(np.ascontiguousarray(shapes), np.repeat(shares[:, None], shapes.shape[1], axis=1))
+
+
+INSERTION = "insertion"
+"""Value of `metadata["part"]` of a plan and a rollout that push a plug into its port."""
 
 
 @dataclass(frozen=True)
@@ -279,6 +284,16 @@ class Estimate:
 
 SUCCESS_ERROR = 0.03
 """Stacked error [m] below which the goal counts as reached (Tang et al., Section VI)."""
+
+
+PORT_LATERAL = 0.002
+"""Largest distance [m] of a plug's tip from the axis of its port with which it goes in."""
+
+PORT_ANGLE = math.radians(3.0)
+"""Largest turn [rad] from that axis."""
+
+PORT_DEPTH = 0.001
+"""By how much [m] a plug that is in may be short of the port's depth."""
 
 
 @dataclass(frozen=True)

@@ -528,6 +528,7 @@ def test_a_shape_bent_more_sharply_than_the_cable_may(tmp_path: Path):
 
 def test_shapes_and_obstacles_may_touch_the_walls(tmp_path: Path):
     def change(content: dict[str, Any]) -> None:
+        del content["plug"], content["port"]
         content["start"] = row(0.004, 0.004)
         content["obstacles"][0] = {"type": "box", "center": [0.55, 0.6666664], "size": [0.3, 1 / 15]}
         content["goal"] = row(0.1, 0.5)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import cableway
 from cableway.errors import InputError, TaskError
+from cableway.geometry import se2
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
 from cableway.scene.grippers import Grippers, Plug, Port
@@ -119,6 +120,7 @@ def full_task(**changes: Any) -> Task:
     q = np.array([[0.35, 0.15, 0.1, 4.0, 2.0, 1.0], [0.35, 0.55, -0.1, 2.0, 4.0, -1.0]])
     stations, poses = rod.shapes(q)
     start, goal = rod.at_keypoints(stations)
+    before = poses[1, 1, :2] + (0.04 + 1 / 30) * se2.direction(poses[1, 1, 2])
     obstacles = (
         Box(center=(1 / 3, 0.37), size=(np.pi / 30, 0.03), angle=-1e-7),
         Polygon(vertices=np.array([[0.1, 0.3], [0.1 + 1 / 7, 0.3], [0.15, 0.4]])),
@@ -145,7 +147,7 @@ def full_task(**changes: Any) -> Task:
         "start_poses": poses[0],
         "goal_poses": poses[1],
         "plug": Plug(length=0.04, width=0.01),
-        "port": Port(position=(0.6, 0.5), angle=1 / 3, standoff=0.01, depth=0.0),
+        "port": Port(position=tuple(before), angle=float(poses[1, 1, 2]), standoff=1 / 30, depth=0.0),
     }
     return Task(**{**values, **changes})
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -104,25 +104,17 @@ def draw_grippers(ax: Axes, points: Float[np.ndarray, "k 2"], radius: float, **o
 def plug_corners(task: Task, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 2"]:
     """Corners [m] of the plug ahead of the right gripper at `pose`."""
     assert task.plug is not None
-    half = task.plug.width / 2
-    local = np.array([[0.0, -half], [task.plug.length, -half], [task.plug.length, half], [0.0, half]])
-    return se2.transform(local, pose[:2], float(pose[2]))
-
-
-def end_pose(shape: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3"]:
-    """Position and direction of a cable's right end."""
-    curve = smooth(shape)
-    ahead = curve[-1] - curve[-2]
-    return np.array([*curve[-1], np.arctan2(ahead[1], ahead[0])])
+    return task.plug.placed(pose, task.plug.length)[:-1]
 
 
 def draw_end_shapes(ax: Axes, task: Task, letters: bool = True) -> None:
     """Start and goal of the cable with their grippers (L, R) and the plug."""
-    ends = ((task.start, task.start_poses, style.START), (task.goal, task.goal_poses, style.GOAL))
-    for shape, poses, color in ends:
+    ends: tuple[tuple[Literal["start", "goal"], str], ...] = (("start", style.START), ("goal", style.GOAL))
+    for end, color in ends:
+        shape = getattr(task, end)
         draw_cable(ax, smooth(shape), task.cable.radius, color, zorder=6)
         if task.plug is not None:
-            corners = plug_corners(task, end_pose(shape) if poses is None else poses[1])
+            corners = plug_corners(task, task.plug_pose(end))
             ax.add_patch(Polygon(corners, facecolor=color, edgecolor="white", linewidth=0.6, alpha=0.65, zorder=6))
         draw_grippers(ax, shape[[0, -1]], task.grippers.radius)
         if letters:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
+import numpy as np
+from jaxtyping import Float
+
+from cableway.geometry import se2
 from cableway.scene import checks
 
 
@@ -35,7 +40,7 @@ class Grippers:
 
 @dataclass(frozen=True, kw_only=True)
 class Plug:
-    """A rigid plug ahead of the right gripper, along its tangent.
+    """A rigid plug that ends the cable: the right gripper holds both, and the plug is ahead, along the tangent there.
 
     Attributes:
         length: How far it reaches ahead [m].
@@ -51,6 +56,41 @@ class Plug:
     def __post_init__(self) -> None:
         for name in ("length", "width"):
             object.__setattr__(self, name, checks.real(getattr(self, name), ("plug", name), positive=True))
+
+    def outline(self, spacing: float) -> Float[np.ndarray, "k 2"]:
+        """Points [m] at most `spacing` apart round the plug, the last one the first again, in the frame of its rear.
+
+        >>> Plug(length=0.04, width=0.01).outline(0.04).tolist()
+        [[0.0, -0.005], [0.04, -0.005], [0.04, 0.005], [0.0, 0.005], [0.0, -0.005]]
+        """
+        half = self.width / 2
+        corners = np.array([[0.0, -half], [self.length, -half], [self.length, half], [0.0, half], [0.0, -half]])
+        sides = []
+        for a, b in pairwise(corners):
+            count = int(np.ceil(np.linalg.norm(b - a) / spacing - 1e-9))
+            sides.append(a + np.arange(count)[:, None] / count * (b - a))
+        return np.vstack([*sides, corners[:1]])
+
+    def placed(self, poses: Float[np.ndarray, "... 3"], spacing: float) -> Float[np.ndarray, "... k 2"]:
+        """The outline [m] with the rear at `poses` [m, m, rad]."""
+        poses = np.asarray(poses, float)[..., None, :]
+        x, y = self.outline(spacing).T[..., None]
+        return poses[..., :2] + x * se2.direction(poses[..., 2]) + y * se2.direction(poses[..., 2] + np.pi / 2)
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Where the tip of a plug is, seen along a port.
+
+    Attributes:
+        depth: How far [m] it is in; negative before the mouth.
+        lateral: How far [m] it is to the left of the port's axis.
+        angle: Turn [rad] of the plug from that axis.
+    """
+
+    depth: Float[np.ndarray, "..."]
+    lateral: Float[np.ndarray, "..."]
+    angle: Float[np.ndarray, "..."]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,3 +117,14 @@ class Port:
         object.__setattr__(self, "angle", checks.real(self.angle, ("port", "angle")))
         for name in ("standoff", "depth"):
             object.__setattr__(self, name, checks.real(getattr(self, name), ("port", name), minimum=0.0))
+
+    def pose(self, plug: Plug, depth: float) -> Float[np.ndarray, "3"]:
+        """The rear of an aligned plug [m, m, rad] whose tip is `depth` [m] in; negative before the mouth."""
+        return np.array([*self.position + (depth - plug.length) * se2.direction(self.angle), self.angle])
+
+    def alignment(self, plug: Plug, poses: Float[np.ndarray, "... 3"]) -> Alignment:
+        """Where the tip is with the rear at `poses` [m, m, rad]."""
+        poses = np.asarray(poses, float)
+        offset = poses[..., :2] + plug.length * se2.direction(poses[..., 2]) - self.position
+        along, aside = se2.direction(self.angle), se2.direction(self.angle + np.pi / 2)
+        return Alignment(offset @ along, offset @ aside, se2.wrap_angle(poses[..., 2] - self.angle))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from cableway.errors import TaskError
@@ -19,6 +21,9 @@ from cableway.scene.validity import SPLINE_PIECES as SPLINE_PIECES
 
 CONTROL_STEP = 0.1
 """Time [s] of one control step, to which the gripper limits refer."""
+
+MOUTH = 0.001
+"""Distance [m] before the mouth of a port up to which what the port is in counts as an obstacle for the plug."""
 
 NAME = re.compile(r"\w[\w .+-]*")
 """A task's name; it becomes part of the names of folders."""
@@ -38,12 +43,13 @@ class Task:
         goal: (n, 2) keypoints [m].
         start_poses: (2, 3) gripper poses [m, m, rad] where the task states them; else the rod gives them.
         goal_poses: The same for the goal.
-        plug: Optional plug held by the right gripper.
-        port: Optional place the plug goes to.
+        plug: Optional plug at the cable's right end.
+        port: Optional place the plug goes to; the goal is before it.
 
     Raises:
         TaskError: A shape has the wrong number of keypoints or length, lies outside the workspace, touches an
-            obstacle, crosses itself or bends too sharply, or stated gripper poses are not at its ends.
+            obstacle, crosses itself or bends too sharply, stated gripper poses are not at its ends, the plug has no
+            room, or the goal is not before the port.
     """
 
     name: str
@@ -72,6 +78,16 @@ class Task:
                 poses = checks.array(getattr(self, f"{end}_poses"), (f"{end}_poses",), 3)
                 object.__setattr__(self, f"{end}_poses", poses)
                 validity.check_poses(end, poses, getattr(self, end), self.cable)
+            if self.plug is not None:
+                validity.check_plug(end, self.plug_pose(end), self.plug, self.scene)
+        if self.port is not None:
+            assert self.plug is not None
+            validity.check_port(self.plug_pose("goal"), self.plug, self.port)
+
+    def plug_pose(self, end: Literal["start", "goal"]) -> Float[np.ndarray, "3"]:
+        """Rear of the plug [m, m, rad] at start or goal: where stated, else as the keypoints have it."""
+        poses = self.start_poses if end == "start" else self.goal_poses
+        return validity.end_pose(getattr(self, end), self.cable) if poses is None else poses[1]
 
     def resumed_from(self, keypoints: Float[np.ndarray, "n 2"]) -> Task:
         """The same task from where the cable is now.
@@ -97,6 +113,16 @@ class Task:
         return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a is b or a == b for a, b in pairs)
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
+
+    @cached_property
+    def port_obstacles(self) -> tuple[int, ...]:
+        """Indices of the obstacles that the port is in: those that the plug reaches into when it is in."""
+        if self.plug is None or self.port is None:
+            return ()
+        depth = max(self.port.depth, MOUTH)
+        inside = replace(self.plug, length=depth).placed(self.port.pose(self.plug, self.plug.length), depth)
+        area = shapely.Polygon(inside)
+        return tuple(index for index, solid in enumerate(self.scene.solids) if solid.intersects(area))
 
     @cached_property
     def start_fit(self) -> tuple[Float[np.ndarray, "6"], float]:

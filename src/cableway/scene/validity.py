@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from cableway.errors import TaskError
 from cableway.geometry import polyline, se2
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.cable import Cable
-from cableway.scene.grippers import Grippers
+from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.scene import Scene
 
 LENGTH_TOLERANCE = 0.02
@@ -31,6 +32,13 @@ ROD_TOLERANCE = 0.01
 
 POSE_TOLERANCE = (1e-3, 0.35)
 """How far [m] a stated gripper pose may be from the shape's end, and how far [rad] from its direction there."""
+
+
+PLUG_SPACING = 0.002
+"""Distance [m] of the points round a plug at which the depth of an overlap is measured."""
+
+PORT_TOLERANCE = 5e-3
+"""How far [m] the right end of the goal may be from where the plug is before the port."""
 
 
 def check_shape(end: str, shape: Float[np.ndarray, "n 2"], scene: Scene, cable: Cable, grippers: Grippers) -> None:
@@ -76,6 +84,44 @@ def check_poses(end: str, poses: Float[np.ndarray, "2 3"], shape: Float[np.ndarr
                 f"{np.degrees(turned[i]):.0f} degrees off that end of the cable",
                 place,
             )
+
+
+def check_plug(end: str, pose: Float[np.ndarray, "3"], plug: Plug, scene: Scene) -> None:
+    """Refuse a right end `pose` [m, m, rad] ahead of which the plug has no room.
+
+    Raises:
+        TaskError: The plug overlaps an obstacle or a wall.
+    """
+    line = plug.placed(pose, PLUG_SPACING)
+    depth, index = scene.overlap(line, 0.0)
+    met = np.flatnonzero(shapely.intersects(shapely.Polygon(line), np.array(scene.solids, dtype=object)))
+    if depth > 0 or len(met):
+        index = index if depth > 0 else int(met[0])
+        raise TaskError(f"has its plug in {scene.name_of(index)} by {_millimetres(max(depth, 0.0))}", (end,))
+
+
+def check_port(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> None:
+    """Refuse a right end `pose` [m, m, rad] of the goal that does not bring the plug before the port.
+
+    Raises:
+        TaskError: The plug's tip is not `standoff` before the mouth, or not in line with it.
+    """
+    wanted = port.pose(plug, -port.standoff)
+    away, turned = se2.pose_distance(pose, wanted)
+    if away > PORT_TOLERANCE or turned > POSE_TOLERANCE[1]:
+        x, y, angle = wanted
+        raise TaskError(
+            f"must have its right end at ({x:.4f}, {y:.4f}), {angle:.3f} rad, where the plug is port.standoff before "
+            f"the port; it is {_millimetres(float(away))} and {np.degrees(turned):.0f} degrees off",
+            ("goal",),
+        )
+
+
+def end_pose(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "3"]:
+    """Position and direction [m, m, rad] of the right end of a cable through keypoints."""
+    curve = curve_through(shape, cable)
+    x, y = curve[-1] - curve[-2]
+    return np.array([*curve[-1], np.arctan2(y, x)])
 
 
 def curve_through(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "m 2"]:

@@ -4,7 +4,16 @@ Nothing here shares code with what makes a plan: clearance is measured with Shap
 that must follow a plan is solved in link angles instead of centre coordinates.
 """
 
-from cableway.verification.plan import VerificationLimits, verify_plan
-from cableway.verification.rollout import verify_rollout
+from cableway.verification.plan import VerificationLimits, verify_plan, verify_push
+from cableway.verification.plug import Inserted, measure_insertion
+from cableway.verification.rollout import verify_insertion, verify_rollout
 
-__all__ = ["VerificationLimits", "verify_plan", "verify_rollout"]
+__all__ = [
+    "Inserted",
+    "VerificationLimits",
+    "measure_insertion",
+    "verify_insertion",
+    "verify_plan",
+    "verify_push",
+    "verify_rollout",
+]

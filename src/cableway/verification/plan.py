@@ -1,4 +1,4 @@
-"""Judge a plan: the whole cable and the grippers, swept, and a rod that must take the planned shapes."""
+"""Judge a plan: the whole cable, the grippers and the plug, swept, and a rod that must take the planned shapes."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from cableway.geometry import polyline, se2
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification.follower import Followed, follow
+from cableway.verification.plug import insertion_checks, plug_clearance, require_port
 from cableway.verification.swept import closest_approach
 
 
@@ -21,7 +22,7 @@ class VerificationLimits:
     """What a plan must keep.
 
     Attributes:
-        clearance: Of the cable's surface and of the gripper discs from everything, swept [m].
+        clearance: Of the cable's surface, of the gripper discs and of the plug from everything, swept [m].
         length: Relative error of the cable's length.
         follow: How far a keypoint of the rod may stray from the plan [m].
         end: Stacked distance of the first and last row from start and goal [m].
@@ -48,13 +49,41 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
         InputError: The plan has another number of keypoints than the task.
     """
     limits = limits or VerificationLimits()
+    checks = [
+        *_motion(plan, task, limits),
+        *plug_clearance(plan.poses[:, 1], task, limits.clearance),
+        _end("start", plan.shapes[0], task.start, limits),
+        _end("goal", plan.shapes[-1], task.goal, limits),
+        *_poses("start", plan.poses[0], task.start_poses, limits),
+        *_poses("goal", plan.poses[-1], task.goal_poses, limits),
+    ]
+    return Verdict(tuple(checks))
+
+
+def verify_push(plan: Plan, task: Task, limits: VerificationLimits | None = None) -> Verdict:
+    """Judge a plan that pushes the plug from the task's goal into the port.
+
+    Raises:
+        InputError: The plan has another number of keypoints than the task, or the task has no port.
+    """
+    limits = limits or VerificationLimits()
+    require_port(task)
+    checks = [
+        *_motion(plan, task, limits),
+        *plug_clearance(plan.poses[:, 1], task, limits.clearance, inserting=True),
+        *insertion_checks(plan.poses[:, 1], task),
+        _end("goal before the push", plan.shapes[0], task.goal, limits),
+    ]
+    return Verdict(tuple(checks))
+
+
+def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
+    """What any plan must keep, wherever it begins and ends."""
     if plan.shapes.shape[1] != task.cable.keypoints:
         raise InputError(f"the plan has {plan.shapes.shape[1]} keypoints, the task {task.cable.keypoints}")
     lines = polyline.spline(plan.shapes, 4)
     followed = follow(plan.shapes, plan.poses, task.cable.length)
-    checks = [
-        _end("start", plan.shapes[0], task.start, limits),
-        _end("goal", plan.shapes[-1], task.goal, limits),
+    return [
         cable_clearance(lines, task, limits.clearance),
         gripper_clearance(plan.poses, task, limits.clearance),
         _length(lines, task, limits),
@@ -63,11 +92,8 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
         _grasp(plan, limits),
         *_gripper_motion(plan.poses, task),
         *_following(followed, plan, task, limits),
-        *_poses("start", plan.poses[0], task.start_poses, limits),
-        *_poses("goal", plan.poses[-1], task.goal_poses, limits),
         *_optional(plan, followed, task),
     ]
-    return Verdict(tuple(checks))
 
 
 def at_most(name: str, values: Float[np.ndarray, "t"], unit: str, limit: float) -> Check:

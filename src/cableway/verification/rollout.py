@@ -10,6 +10,7 @@ from cableway.geometry import se2
 from cableway.records import SUCCESS_ERROR, Check, Rollout, Verdict
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.plan import at_most, cable_clearance, gripper_clearance
+from cableway.verification.plug import insertion_checks, plug_clearance, require_port
 
 
 def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:
@@ -23,17 +24,42 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
     Raises:
         InputError: The rollout has another number of keypoints than the task.
     """
-    if rollout.keypoints.shape[1] != task.cable.keypoints:
-        raise InputError(f"the rollout has {rollout.keypoints.shape[1]} keypoints, the task {task.cable.keypoints}")
     error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
     begin = float(np.linalg.norm(rollout.keypoints[0] - task.start))
+    checks = [
+        Check("shape error at the end", error, "m", SUCCESS_ERROR, error < SUCCESS_ERROR),
+        Check("distance to start", begin, "m", 0.02, begin < 0.02),
+        *_physics(rollout, task, length),
+        *plug_clearance(rollout.poses[:, 1], task, 0.0),
+    ]
+    return Verdict(tuple(checks))
+
+
+def verify_insertion(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:
+    """Judge afresh a rollout of the push into the task's port; arguments as for `verify_rollout`.
+
+    Raises:
+        InputError: The rollout has another number of keypoints than the task, or the task has no port.
+    """
+    require_port(task)
+    ends = rollout.poses[:, 1]
+    checks = [
+        *_physics(rollout, task, length),
+        *plug_clearance(ends, task, 0.0, inserting=True),
+        *insertion_checks(ends, task),
+    ]
+    return Verdict(tuple(checks))
+
+
+def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
+    """What any rollout must keep, wherever it begins and ends."""
+    if rollout.keypoints.shape[1] != task.cable.keypoints:
+        raise InputError(f"the rollout has {rollout.keypoints.shape[1]} keypoints, the task {task.cable.keypoints}")
     measured = np.linalg.norm(np.diff(rollout.centreline, axis=1), axis=2).sum(1)
     curves = np.asarray(shapely.linestrings(rollout.centreline))
     off = shapely.distance(curves[:, None], shapely.points(rollout.keypoints)).max(1)
     held = np.linalg.norm(rollout.poses[:, :, :2] - rollout.centreline[:, [0, -1]], axis=2).max(1)
-    checks = [
-        Check("shape error at the end", error, "m", SUCCESS_ERROR, error < SUCCESS_ERROR),
-        Check("distance to start", begin, "m", 0.02, begin < 0.02),
+    return [
         cable_clearance(rollout.centreline, task, 0.0),
         gripper_clearance(rollout.poses, task, 0.0),
         _recorded("recorded cable clearance", rollout.clearance),
@@ -43,7 +69,6 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
         at_most("grasp error", held, "m", 0.003),
         *_motion(rollout, task),
     ]
-    return Verdict(tuple(checks))
 
 
 def _recorded(name: str, values: np.ndarray) -> Check:
