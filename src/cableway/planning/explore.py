@@ -43,7 +43,7 @@ class ExploreConfig:
     Attributes:
         samples: Most samples, over both trees.
         step: Largest move of a point of the rod between two shapes that are checked [m].
-        margin: Clearance of the cable's surface and of the gripper discs [m]; less where start or goal have less.
+        margin: Clearance of cable, gripper discs and plug [m]; less where start or goal have less.
         stability: Least stability margin.
         chord: Greatest distance of the grippers over the cable's length.
         load_spread: Least standard deviation of sampled loads (a_x, a_y, m); more where start or goal have more.
@@ -202,8 +202,17 @@ def _limits(task: Task, ends: np.ndarray, config: ExploreConfig) -> np.ndarray:
             max(bend_limit(task), *turns),
             places,
             min(2 * task.cable.radius + config.self_distance, selves),
+            *_plug_limits(task, poses[:, 1], config),
         ]
     )
+
+
+def _plug_limits(task: Task, ends: Float[np.ndarray, "k 3"], config: ExploreConfig) -> tuple[float, float, float]:
+    """Length and half width of the plug and the distance it keeps; no more than at the right ends of start and goal."""
+    if task.plug is None:
+        return 0.0, 0.0, 0.0
+    room = task.scene.clearance(task.plug.placed(ends, task.plug.length), 0.0).min() - 1e-6
+    return task.plug.length, task.plug.width / 2, min(config.margin, room)
 
 
 def _branch(tree: np.ndarray, parents: np.ndarray, node: int) -> np.ndarray:

@@ -3,7 +3,7 @@
 Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
 
     1/2 sum_t |x_{t+1} - x_t|^2 / v^2 + 1/2 sum_t |x_{t-1} - 2 x_t + x_{t+1}|^2 / u^2      keypoints x, smoothness
-    + 1/2 w sum_t sum_i max(0, margin - clearance_{t,i})^2 / e^2                           stations and gripper discs
+    + 1/2 w sum_t sum_i max(0, margin - clearance_{t,i})^2 / e^2                           stations, gripper discs, plug
     + 1/2 sum_t max(0, mu_0 - mu_t)^2 / d^2                                                stability
     + 1/2 sum_t max(0, chord_t/L - chord_0)^2 / g^2                                        slack, gripper separation
     + 1/2 sum_t sum_j max(0, |sin turn_{t,j}| - turn_0)^2 / b^2                            sharpest bend
@@ -28,6 +28,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from cableway.geometry import convex
 from cableway.geometry.compiled import kernel
+from cableway.planning.plug import plug_shortfall
 from cableway.scene.task import Task
 
 
@@ -36,7 +37,7 @@ class RefinementConfig:
     """Weights and margins of the refinement; a scale is the size of a residual that counts as 1.
 
     Attributes:
-        margin: Clearance of the cable's surface and of the gripper discs that is asked for [m].
+        margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
         clearance_weights: The rising stages of the clearance weight.
         clearance_scale: [m].
         step_scale: Of a keypoint's move from row to row [m].
@@ -126,7 +127,7 @@ class _Problem:
         loads = q[:, 3:] / _LOAD_UNITS
         total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
         total += 0.5 * np.sum(loads**2) / self.config.load_scale**2
-        terms = (self._clearance(stations), self._chord(poses), self._stability(q))
+        terms = (self._clearance(stations), self._plug(poses), self._chord(poses), self._stability(q))
         total += sum(0.5 * np.sum(value**2) for value, _ in terms) + 0.5 * np.sum(self._bends(stations) ** 2)
         return float(total)
 
@@ -156,6 +157,8 @@ class _Problem:
         lack, dlack = self._stability(q)
         chord, dchord = self._chord(poses)
         terms = [(short, rise), (lack[:, None], dlack[:, None]), (chord, np.einsum("tckj,tkji->tci", dchord, dposes))]
+        near, dnear = self._plug(poses)
+        terms.append((near, np.einsum("tkj,tji->tki", dnear, dposes[:, 1])))
         if np.isfinite(self.sharpest):
             terms.append((self._bends(stations), self._bend_slopes(stations, dstations)))
         for value, slopes in terms:
@@ -172,6 +175,12 @@ class _Problem:
         scale = np.sqrt(self.weight) / self.config.clearance_scale
         short = np.maximum(0.0, wanted - distance)
         return scale * short, -scale * slope * (short > 0)[..., None]
+
+    def _plug(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for points round the plug, and its slope (t, k, 3) by the pose of the right end."""
+        short, slope = plug_shortfall(self.task, poses, self.config.margin)
+        scale = np.sqrt(self.weight) / self.config.clearance_scale
+        return scale * short, scale * slope
 
     def _stability(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         mu, dmu = self.rod.stability(q, ceiling=self.config.stability_wanted)

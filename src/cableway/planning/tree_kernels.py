@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from cableway.geometry.compiled import kernel
-from cableway.geometry.convex import box_gap, convex_distance, wall_distance
+from cableway.geometry.convex import box_gap, convex_distance, segment_clearance, wall_distance
 from cableway.rod.kernels import stability, world_shape
 
 FEATURES = 5
@@ -84,6 +84,22 @@ def _keeps_distance(stations, world, limits):
 
 
 @kernel
+def _plug_keeps_distance(pose, length, half, wanted, world):
+    """Whether tip and sides of a plug ahead of `pose` keep their distance from walls and obstacles."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    rear_x, rear_y, tip_x, tip_y = pose[0], pose[1], pose[0] + length * c, pose[1] + length * s
+    right_x, right_y = half * s, -half * c
+    for ax, ay, bx, by in (
+        (tip_x + right_x, tip_y + right_y, tip_x - right_x, tip_y - right_y),
+        (rear_x + right_x, rear_y + right_y, tip_x + right_x, tip_y + right_y),
+        (rear_x - right_x, rear_y - right_y, tip_x - right_x, tip_y - right_y),
+    ):
+        if segment_clearance(ax, ay, bx, by, world, wanted)[0] < wanted:
+            return False
+    return True
+
+
+@kernel
 def self_distance(stations, apart):
     """Least distance [m] between two stations at least `apart` places from each other; infinite if there are none."""
     least = np.inf
@@ -100,7 +116,8 @@ def is_free(q, rod, world, limits):
 
     Args: rod (length, hinges); world (`ConvexWorld.arrays`); limits (distance of the centre line, distance of the
     grippers' centres, stability margin, greatest and least distance between the grippers, greatest sine of the turn at
-    a hinge, places along the rod from which on it could touch itself, distance of stations there).
+    a hinge, places along the rod from which on it could touch itself, distance of stations there, length of the plug
+    or 0, half its width, distance of its outline).
     """
     length, hinges = rod
     stations, poses = np.empty((2 * hinges + 1, 2)), np.empty((2, 3))
@@ -110,6 +127,8 @@ def is_free(q, rod, world, limits):
     if not limits[4] <= chord <= limits[3] or sharpest_turn(stations, length, hinges) > limits[5]:
         return False
     if not _keeps_distance(stations, world, limits):
+        return False
+    if limits[8] > 0.0 and not _plug_keeps_distance(poses[1], limits[8], limits[9], limits[10], world):
         return False
     gradient = np.empty(3)
     if stability(q[3:], length, hinges, limits[2], gradient) < limits[2]:
