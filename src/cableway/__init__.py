@@ -11,12 +11,14 @@ if TYPE_CHECKING:
     from cableway.control.mpc_config import MPCConfig
     from cableway.control.neural_mpc import NeuralMPC
     from cableway.control.open_loop import OpenLoop
+    from cableway.control.plug_push import PlugPush, PlugPushConfig
     from cableway.control.rod_mpc import RodMPC, RodMPCConfig
     from cableway.datasets.reading import load_transitions, shuffled_batches
     from cableway.models.checkpoint import load_model
     from cableway.planning.config import PlannerConfig
     from cableway.planning.passages import find_passages
     from cableway.planning.planner import plan
+    from cableway.planning.push import plan_push
     from cableway.records import Plan, Rollout, Transitions
     from cableway.report import summarize
     from cableway.scene.cable import Cable
@@ -28,8 +30,8 @@ if TYPE_CHECKING:
     from cableway.simulation.grasp import GraspConfig, GraspedCable
     from cableway.simulation.plant import CableSimulator
     from cableway.simulation.sensing import SensedPlant, SensingConfig
-    from cableway.tracking import Recovery, Watchdog, track
-    from cableway.verification import verify_plan, verify_rollout
+    from cableway.tracking import Recovery, Watchdog, push_in, track
+    from cableway.verification import verify_insertion, verify_plan, verify_push, verify_rollout
 
 _HOME = {
     "Box": "scene.obstacles",
@@ -47,6 +49,8 @@ _HOME = {
     "Plan": "records",
     "Recovery": "tracking",
     "PlannerConfig": "planning.config",
+    "PlugPush": "control.plug_push",
+    "PlugPushConfig": "control.plug_push",
     "Polygon": "scene.obstacles",
     "RodMPC": "control.rod_mpc",
     "RodMPCConfig": "control.rod_mpc",
@@ -62,12 +66,16 @@ _HOME = {
     "load_task": "scene.loading",
     "load_transitions": "datasets.reading",
     "plan": "planning.planner",
+    "plan_push": "planning.push",
+    "push_in": "tracking",
     "random_task": "scene.random.tasks",
     "random_task_with_witness": "scene.random.tasks",
     "shuffled_batches": "datasets.reading",
     "summarize": "report",
     "track": "tracking",
+    "verify_insertion": "verification",
     "verify_plan": "verification",
+    "verify_push": "verification",
     "verify_rollout": "verification",
 }
 

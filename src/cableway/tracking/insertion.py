@@ -1,0 +1,86 @@
+"""The push into a port, in closed loop, from where a run along the plan has ended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control.plug_push import PlugPush
+from cableway.records import INSERTION, SUCCESS_ERROR, Measurement, Observation, Plan, Rollout
+from cableway.scene.task import Task
+from cableway.tracking.closed_loop import Progress, track
+from cableway.tracking.plant import Plant
+from cableway.tracking.stopping import TrackConfig
+from cableway.tracking.watchdog import Watchdog
+
+
+class _GoingOn:
+    """A plant whose start is where it is: its reset is one control step of standing still."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+
+    @property
+    def task(self) -> Task:
+        return self._plant.task
+
+    @property
+    def control_step(self) -> float:
+        return self._plant.control_step
+
+    def reset(self) -> Observation:
+        return self._plant.step(np.zeros((2, 3)))
+
+    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
+        return self._plant.step(action)
+
+    def measure(self) -> Measurement:
+        return self._plant.measure()
+
+
+def push_in(
+    plant: Plant,
+    push: Plan,
+    *,
+    controller: PlugPush | None = None,
+    config: TrackConfig | None = None,
+    watchdog: Watchdog | None = None,
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> Rollout:
+    """Push the plug into the port.
+
+    Args:
+        plant: Where `track` left it, the plug before the port.
+        push: From `planning.push.plan_push`.
+        controller: What leads, with the default settings where None.
+        config: When to end, the defaults where None.
+        watchdog: As for `track`.
+        progress: Told how far along the push is.
+        seed: For the record.
+
+    Returns:
+        All that happened from there on, as from `track`; `metadata["part"]` is "insertion".
+
+    Raises:
+        InputError: The push has another number of keypoints than the plant's task.
+        SimulationError: The plant cannot go on.
+    """
+    rollout = track(
+        _GoingOn(plant),
+        controller or PlugPush(),
+        push,
+        config=config,
+        watchdog=watchdog,
+        progress=progress,
+        seed=seed,
+    )
+    return replace(rollout, metadata={**rollout.metadata, "part": INSERTION})
+
+
+def may_push(rollout: Rollout, task: Task) -> bool:
+    """Whether a run along the plan has ended so near to its goal that the plug can be aligned from there."""
+    error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
+    return error < SUCCESS_ERROR and not str(rollout.metadata.get("outcome", "")).startswith("plant failed")
