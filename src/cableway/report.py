@@ -15,7 +15,15 @@ from cableway.records import SUCCESS_ERROR, Attempt, Estimate, Plan, Rollout, Ve
 from cableway.rod.adapted import nearest_shape
 from cableway.scene.cable import Cable
 from cableway.scene.task import Task
-from cableway.verification import VerificationLimits, verify_plan, verify_rollout
+from cableway.verification import (
+    Inserted,
+    VerificationLimits,
+    measure_insertion,
+    verify_insertion,
+    verify_plan,
+    verify_push,
+    verify_rollout,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +48,7 @@ class Report:
     Attributes:
         task: Its name.
         success: For a run: the final stacked error is below 3 cm and nothing was touched, by the simulator and by
-            independent verification. For a plan alone: it verified.
+            independent verification; where the task has a port, the plug is in besides. For a plan alone: it verified.
         failure: Why not, in a sentence.
         seed: Of everything random.
         shape_error: Stacked distance of the final keypoints from the goal [m].
@@ -49,6 +57,7 @@ class Report:
         mean_keypoint_error: Mean distance of a final keypoint from its goal [m].
         min_clearance: Least clearance of the cable's surface [m], whole cable, every simulated substep.
         gripper_clearance: Least clearance of the gripper discs [m].
+        plug_clearance: Least clearance of the plug [m] until it is pushed in, swept between control steps.
         largest_deviation: Largest distance of a keypoint from its reference at the time [m].
         gripper_travel: Length of the ways of the left and the right gripper [m].
         plan_steps: Control steps of the plan.
@@ -58,8 +67,11 @@ class Report:
         stage_times: Wall time of each planning stage [s].
         control_time: Wall time of the controller's steps.
         estimates: What the controller believed of the cable at the end, by name.
+        insertion: How the plug went into its port.
         plan_verdict: Checks of the plan.
         rollout_verdict: Checks of the rollout.
+        push_verdict: Checks of the plan of the push into the port.
+        insertion_verdict: Checks of that push.
         notes: What a reader should know, such as what was not simulated.
         versions: Of cableway and what it builds on.
         configuration: Everything that was chosen, as plain data.
@@ -74,6 +86,7 @@ class Report:
     mean_keypoint_error: float | None = None
     min_clearance: float | None = None
     gripper_clearance: float | None = None
+    plug_clearance: float | None = None
     largest_deviation: float | None = None
     gripper_travel: tuple[float, float] | None = None
     plan_steps: int | None = None
@@ -83,8 +96,11 @@ class Report:
     stage_times: Mapping[str, float] | None = None
     control_time: ControlTime | None = None
     estimates: Mapping[str, Estimate] | None = None
+    insertion: Inserted | None = None
     plan_verdict: Verdict | None = None
     rollout_verdict: Verdict | None = None
+    push_verdict: Verdict | None = None
+    insertion_verdict: Verdict | None = None
     notes: tuple[str, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
     configuration: Mapping[str, Any] = field(default_factory=dict)
@@ -96,7 +112,7 @@ class Report:
             value = getattr(self, entry.name)
             if isinstance(value, Verdict):
                 content[entry.name] = {"passed": value.passed, "checks": value.as_dict()}
-            elif isinstance(value, ControlTime):
+            elif isinstance(value, ControlTime | Inserted):
                 content[entry.name] = asdict(value)
             elif not (value is None or (isinstance(value, float) and not math.isfinite(value))):
                 content[entry.name] = describe(value)
@@ -113,10 +129,13 @@ class Report:
                 ("shape error, mean keypoint", self.mean_keypoint_error),
                 ("least clearance, cable", self.min_clearance),
                 ("least clearance, grippers", self.gripper_clearance),
+                ("least clearance, plug", self.plug_clearance),
                 ("largest deviation from plan", self.largest_deviation),
             )
             if value is not None
         ]
+        if self.insertion is not None:
+            rows.append(("inserted", str(self.insertion)))
         return rows + self._effort()
 
     def _effort(self) -> list[tuple[str, str]]:
@@ -137,7 +156,12 @@ class Report:
             rows.append(("control time, median / p99 / max", each))
         if self.estimates is not None:
             rows += _found(self.estimates)
-        for name, verdict in (("plan checks", self.plan_verdict), ("rollout checks", self.rollout_verdict)):
+        for name, verdict in (
+            ("plan checks", self.plan_verdict),
+            ("rollout checks", self.rollout_verdict),
+            ("push plan checks", self.push_verdict),
+            ("insertion checks", self.insertion_verdict),
+        ):
             if verdict is not None:
                 rows.append((name, f"{len(verdict.checks) - len(verdict.failures())} of {len(verdict.checks)} passed"))
         return rows + [("note", note) for note in self.notes]
@@ -166,6 +190,8 @@ def summarize(
     plan: Plan | None,
     rollout: Rollout | None = None,
     *,
+    push: Plan | None = None,
+    insertion: Rollout | None = None,
     timings: Mapping[str, float] | None = None,
     attempt: Attempt | None = None,
     seed: int | None = None,
@@ -181,6 +207,8 @@ def summarize(
         task: The task.
         plan: Its plan, or None where planning failed.
         rollout: What happened when the plan was tracked, if it was.
+        push: The plan of the push into the task's port.
+        insertion: What happened then, if it came to that.
         timings: Wall time [s] of each planning stage.
         attempt: What planning came closest to, where it failed.
         seed: Of everything random; else what the records say.
@@ -191,28 +219,41 @@ def summarize(
         problem: What stopped planning or tracking, where something did.
     """
     plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
-    rollout_verdict = (
-        None if rollout is None else verify_rollout(rollout, task, length=None if cable is None else cable.length)
-    )
-    recorded = {name: record.metadata for name, record in (("plan", plan), ("rollout", rollout)) if record is not None}
+    length = None if cable is None else cable.length
+    rollout_verdict = None if rollout is None else verify_rollout(rollout, task, length=length)
+    push_verdict = None if push is None else verify_push(push, task, limits)
+    insertion_verdict = None if insertion is None else verify_insertion(insertion, task, length=length)
+    parts = {"plan": plan, "rollout": rollout, "push": push, "insertion": insertion}
+    recorded = {name: record.metadata for name, record in parts.items() if record is not None}
     failure = problem or _failure(task, plan, rollout, attempt, plan_verdict, rollout_verdict)
+    if failure is None and task.port is not None:
+        failure = _port_failure(rollout, push_verdict, insertion_verdict)
     return Report(
         task=task.name,
         success=failure is None,
         failure=failure,
         seed=next((r["seed"] for r in recorded.values() if "seed" in r), None) if seed is None else seed,
+        plug_clearance=_checked(rollout_verdict, "plug clearance"),
         gripper_travel=None if plan is None else _travel(plan.poses if rollout is None else rollout.poses),
         plan_steps=None if plan is None else plan.steps,
         planning_time=None if timings is None else float(sum(timings.values())),
         stage_times=timings,
         plan_verdict=plan_verdict,
         rollout_verdict=rollout_verdict,
+        insertion=None if insertion is None else measure_insertion(insertion.poses[:, 1], task),
+        push_verdict=push_verdict,
+        insertion_verdict=insertion_verdict,
         notes=(*notes, *_missed(rollout)),
         versions=versions(),
         configuration={**describe(recorded), **describe(dict(configuration or {}))},
         shape_error_floor=None if rollout is None else shape_error_floor(cable or task.cable, task.goal),
         **({} if rollout is None else _figures(task, rollout)),
     )
+
+
+def _checked(verdict: Verdict | None, name: str) -> float | None:
+    """What a check found, if there was one of that name."""
+    return None if verdict is None else next((check.value for check in verdict.checks if check.name == name), None)
 
 
 def shape_error_floor(cable: Cable, goal: Float[np.ndarray, "n 2"]) -> float | None:
@@ -290,3 +331,12 @@ def _failure(
     if not reasons and not rollout_verdict.passed:
         reasons.append(f"the rollout does not verify: {rollout_verdict}")
     return "; ".join(reasons) or None
+
+
+def _port_failure(rollout: Rollout | None, push: Verdict | None, insertion: Verdict | None) -> str | None:
+    """Why the plug is not in its port, or cannot come there, or None where it is or can."""
+    if push is not None and not push.passed:
+        return f"the plan of the push does not verify: {push}"
+    if rollout is None or (insertion is not None and insertion.passed):
+        return None
+    return "the plug was not pushed into the port" if insertion is None else f"the plug is not in: {insertion}"

@@ -58,15 +58,19 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
     """
     from cableway.errors import FileFormatError
     from cableway.files import read_arrays
-    from cableway.records import Plan, Rollout
-    from cableway.verification import verify_plan, verify_rollout
+    from cableway.records import INSERTION, Plan, Rollout
+    from cableway.verification import verify_insertion, verify_plan, verify_push, verify_rollout
 
     arrays = read_arrays(file)
     if "centreline" in arrays:
         rollout = Rollout.from_arrays(arrays, str(file))
-        return "rollout", verify_rollout(rollout, task, length=_recorded_length(rollout))
+        inserting = rollout.metadata.get("part") == INSERTION
+        judge = verify_insertion if inserting else verify_rollout
+        return "insertion" if inserting else "rollout", judge(rollout, task, length=_recorded_length(rollout))
     if "shapes" in arrays:
-        return "plan", verify_plan(Plan.from_arrays(arrays, str(file)), task)
+        plan = Plan.from_arrays(arrays, str(file))
+        inserting = plan.metadata.get("part") == INSERTION
+        return ("push", verify_push(plan, task)) if inserting else ("plan", verify_plan(plan, task))
     raise FileFormatError(
         f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
         f"it has {', '.join(sorted(arrays)) or 'nothing'}"

@@ -13,8 +13,12 @@ REPORT, TASK = "report.json", "task.yaml"
 PLAN, PLAN_PICTURE = "plan.npz", "plan.png"
 ALTERNATIVES_PICTURE = "alternatives.png"
 ROLLOUT, ROLLOUT_PICTURE, VIDEO = "rollout.npz", "rollout.png", "rollout.mp4"
+PUSH, INSERTION, INSERTION_PICTURE = "push.npz", "insertion.npz", "insertion.png"
 
-ALL = (REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, ROLLOUT, ROLLOUT_PICTURE, VIDEO)
+ALL = (
+    REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, PUSH, ROLLOUT, ROLLOUT_PICTURE, VIDEO, INSERTION,
+    INSERTION_PICTURE,
+)  # fmt: skip
 
 
 def alternative(place: int) -> str:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cableway.records import Plan
     from cableway.report import Report
     from cableway.scene.task import Task
+    from cableway.verification import VerificationLimits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +70,7 @@ class Planned:
         timings: Wall time of each stage [s].
         config: The planner's configuration.
         notes: Sentences for the reader of the report.
+        push: Where the task has a port, the plan of the push into it.
     """
 
     plan: Plan | None
@@ -76,6 +78,7 @@ class Planned:
     timings: Mapping[str, float]
     config: PlannerConfig
     notes: tuple[str, ...]
+    push: Plan | None = None
 
 
 def plan_into(
@@ -100,6 +103,7 @@ def plan_into(
         deadline = time.monotonic() + options.time_limit
         search: dict[str, Any] = {"seed": seed, "config": config, "progress": timer}
         search["expired"] = lambda: time.monotonic() > deadline
+        push = _plan_push(task, config.limits, timer)
         plans = (
             find_plan(task, alternatives=alternatives, **search) if alternatives > 1 else [find_plan(task, **search)]
         )
@@ -113,9 +117,27 @@ def plan_into(
         return Planned(plan=None, report=report, timings=timer.seconds, config=config, notes=notes)
     if len(plans) < alternatives:
         common["notes"] = notes = (*notes, f"Of {alternatives} alternatives {len(plans)} were found.")
-    report = summarize(task, plans[0], **common)
+    report = summarize(task, plans[0], push=push, **common)
     _write_plans(folder, task, report, plans)
-    return Planned(plan=plans[0], report=report, timings=timer.seconds, config=config, notes=notes)
+    if push is not None:
+        push.save(folder / outputs.PUSH)
+    return Planned(plan=plans[0], report=report, timings=timer.seconds, config=config, notes=notes, push=push)
+
+
+def _plan_push(task: Task, limits: VerificationLimits, tell: Tell) -> Plan | None:
+    """The push into the task's port, if it has one.
+
+    Raises:
+        PlanningError: None verifies.
+    """
+    if task.port is None:
+        return None
+    from cableway.planning.push import plan_push
+
+    tell("push", 0.0)
+    push = plan_push(task, limits)
+    tell("push", 1.0)
+    return push
 
 
 def _compile(terminal: Terminal, tell: Tell) -> tuple[str, ...]:

@@ -25,6 +25,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Tracked:
+    """What became of the plan: along it, and into the port; what was not simulated; what stopped it early, if so."""
+
+    rollout: Rollout | None = None
+    insertion: Rollout | None = None
+    notes: tuple[str, ...] = ()
+    problem: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Run(PlanOptions):
     """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
 
@@ -77,20 +87,25 @@ class Run(PlanOptions):
         tell: Tell,
     ) -> Report:
         """Track the plan, leave rollout, pictures and report in the folder, and return the report."""
+        from cableway.figures.insertion import insertion_figure
         from cableway.figures.rollout import rollout_figure
         from cableway.figures.style import save_figure
         from cableway.figures.video import write_video
         from cableway.report import summarize
 
-        rollout, notes, problem = self._track(task, planned, setup, controller, watchdog, tell)
+        tracked = self._track(task, planned, setup, controller, watchdog, tell)
+        rollout, insertion = tracked.rollout, tracked.insertion
         report = summarize(
-            task, planned.plan, rollout, timings=planned.timings, seed=self.seed or 0,
-            notes=[*planned.notes, *setup.notes, *notes], limits=planned.config.limits, cable=setup.cable,
-            problem=problem,
+            task, planned.plan, rollout, push=planned.push, insertion=insertion, timings=planned.timings,
+            seed=self.seed or 0, notes=[*planned.notes, *setup.notes, *tracked.notes], limits=planned.config.limits,
+            cable=setup.cable, problem=tracked.problem,
         )  # fmt: skip
         if rollout is not None:
             rollout.save(folder / outputs.ROLLOUT)
             save_figure(rollout_figure(task, rollout), folder / outputs.ROLLOUT_PICTURE)
+        if insertion is not None:
+            insertion.save(folder / outputs.INSERTION)
+            save_figure(insertion_figure(task, insertion), folder / outputs.INSERTION_PICTURE)
         outputs.write_report(folder, report)
         if rollout is not None and not self.no_video:
             write_video(folder / outputs.VIDEO, task, rollout, progress=tell)
@@ -104,37 +119,45 @@ class Run(PlanOptions):
         controller: Controller[Any],
         watchdog: Watchdog,
         tell: Tell,
-    ) -> tuple[Rollout | None, tuple[str, ...], str | None]:
-        """The rollout, what was not simulated, and what stopped it before it began, if something did."""
+    ) -> _Tracked:
+        """Track the plan and, where the task has a port and the goal was reached, push the plug in."""
         from cableway.geometry.compiled import mark_compiled
         from cableway.provenance import versions
-        from cableway.tracking import Recovery, track
+        from cableway.tracking import Recovery, may_push, push_in, track
 
         assert planned.plan is not None
         tell("track", 0.0)
         notes: tuple[str, ...] = ()
+        rollout, insertion = None, None
         try:
             plant = setup.build(task, self.seed or 0)
             notes = plant.plant.unmodelled
             # what does not look at the cable does not notice that it has left the plan
             recovery = None if self._name == "open-loop" else Recovery(replan=self._replan)
+            seed = self.seed or 0
             rollout = track(
-                plant,
-                controller,
-                planned.plan,
-                recovery=recovery,
-                watchdog=watchdog,
-                progress=tell,
-                seed=self.seed or 0,
+                plant, controller, planned.plan, recovery=recovery, watchdog=watchdog, progress=tell, seed=seed
             )
+            if planned.push is not None and may_push(rollout, task):
+                insertion = push_in(
+                    plant,
+                    planned.push,
+                    watchdog=watchdog,
+                    progress=lambda _, share: tell("insertion", share),
+                    seed=seed,
+                )
         except (SimulationError, ControlError) as error:
-            return None, notes, f"tracking failed: {error}"
+            return _Tracked(rollout=rollout, notes=notes, problem=f"tracking failed: {error}")
         if self._name in ROD_BASED:
             mark_compiled("control")
         made_by: dict[str, Any] = {"versions": versions(), "plant": setup.as_dict()}
         if self._name in MODELS:
             made_by["model"] = self.model or MODELS[self._name]
-        return replace(rollout, metadata={**made_by, **rollout.metadata}), notes, None
+        rollout, insertion = (
+            None if part is None else replace(part, metadata={**made_by, **part.metadata})
+            for part in (rollout, insertion)
+        )
+        return _Tracked(rollout=rollout, insertion=insertion, notes=notes)
 
     def _replan(self, task: Task, left: Plan) -> Plan:
         """A plan from where the cable is, sought first along the one that it left."""

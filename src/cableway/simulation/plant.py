@@ -146,7 +146,7 @@ class CableSimulator:
         if self.cable.friction > 0:
             notes.append("The cable lies flat on the table, ends included, for friction with it.")
         if self.task.plug is not None:
-            notes.append("The plug is not simulated.")
+            notes.append("The plug does not collide; the clearance of its outline is measured afterwards.")
         return tuple(notes)
 
     def reset(self) -> Observation:

@@ -1,0 +1,65 @@
+"""The picture of a push: the plug on its way into the port, and how well it is aligned; dashed what is allowed."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+
+from cableway.figures import scene, style
+from cableway.records import PORT_ANGLE, PORT_LATERAL, Rollout
+from cableway.scene.task import Task
+
+SIDE = 4.6
+"""Side [inch] of the view of the port."""
+
+AROUND = 1.6
+"""Half the side of that view in lengths of the plug."""
+
+SHOWN = 4
+"""Places of the plug that are drawn."""
+
+
+def insertion_figure(task: Task, rollout: Rollout) -> Figure:
+    """The plug before and in the port on the left; on the right how far the tip is off the axis, and turned from it."""
+    assert task.plug is not None
+    assert task.port is not None
+    figure = style.new_figure(SIDE + 5.9, SIDE + 1.5)
+    ax = style.add_axes(figure, 0.7, 0.8, SIDE, SIDE)
+    _draw_port_view(ax, task, rollout)
+    style.title(ax, f"{task.name}: into the port")
+    seen = task.port.alignment(task.plug, rollout.poses[:, 1])
+    half = (SIDE - 0.9) / 2
+    curves = (
+        (0.8 + half + 0.9, "off the axis", "distance [mm]", 1000 * np.abs(seen.lateral), 1000 * PORT_LATERAL),
+        (0.8, "turned from the axis", "angle [degrees]", np.degrees(np.abs(seen.angle)), np.degrees(PORT_ANGLE)),
+    )
+    for bottom, name, unit, values, limit in curves:
+        below = style.add_axes(figure, SIDE + 1.6, bottom, 4.0, half)
+        below.plot(1000 * seen.depth, values, color=style.LEFT, linewidth=1.5)
+        below.plot([0.0, 1000 * task.port.depth], [limit, limit], color=style.BAD, linewidth=1.0, linestyle="--")
+        below.axvline(0.0, color=style.INK, linewidth=1.0, linestyle=":")
+        style.title(below, f"tip {name}, {values[-1]:.2f} at the end")
+        style.curve_axes(below, "depth of the tip in the port [mm], negative before it", unit)
+        below.set_ylim(0, 1.1 * max(float(values.max()), limit))
+    return figure
+
+
+def _draw_port_view(ax: Axes, task: Task, rollout: Rollout) -> None:
+    """The scene about the port, with cable and plug at the beginning, in between and at the end."""
+    assert task.plug is not None
+    assert task.port is not None
+    scene.draw_scene(ax, task)
+    for patch in ax.patches:
+        patch.set_clip_on(True)  # the walls are drawn beyond their axes
+    rows = np.linspace(0, rollout.steps, SHOWN).round().astype(int)
+    for row, share in zip(rows, np.linspace(0, 1, SHOWN), strict=True):
+        color = style.TIME(share)
+        scene.draw_cable(ax, rollout.centreline[row], task.cable.radius, color)
+        corners = scene.plug_corners(task, rollout.poses[row, 1])
+        ax.add_patch(Polygon(corners, facecolor=color, edgecolor="white", linewidth=0.6, alpha=0.7, zorder=6))
+    scene.draw_grippers(ax, rollout.poses[rows, 1, :2], task.grippers.radius)
+    (x, y), half = task.port.position, AROUND * task.plug.length
+    ax.set_xlim(x - 1.5 * half, x + 0.5 * half)
+    ax.set_ylim(y - half, y + half)
