@@ -24,12 +24,13 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
     Raises:
         InputError: The rollout has another number of keypoints than the task.
     """
+    physics = _physics(rollout, task, length)
     error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
     begin = float(np.linalg.norm(rollout.keypoints[0] - task.start))
     checks = [
         Check("shape error at the end", error, "m", SUCCESS_ERROR, error < SUCCESS_ERROR),
         Check("distance to start", begin, "m", 0.02, begin < 0.02),
-        *_physics(rollout, task, length),
+        *physics,
         *plug_clearance(rollout.poses[:, 1], task, 0.0),
     ]
     return Verdict(tuple(checks))
