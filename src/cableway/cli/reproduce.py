@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
 
-SIZES = {"quick": ("quick", 2000, 3), "full": ("standard", 10000, 7)}
-"""For each size: that of the suites, transitions for each cable, and repetitions of what is timed."""
+SIZES = {"quick": ("quick", 2000, 3, 3), "full": ("standard", 10000, 7, 16)}
+"""For each size: that of the suites, transitions for each cable, repetitions of what is timed, and trials of the
+insertion."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +77,7 @@ class Reproduce(EpisodeOptions):
     def _sections(self, jobs: list[Job], folder: Path, tell: Tell) -> list[Section]:
         from cableway.benchmark import reproduction
 
-        _, transitions, repeats = SIZES[self.size]
+        _, transitions, repeats, trials = SIZES[self.size]
         results = collect(jobs, folder)
         tell("figures", 0.0)
         return [
@@ -87,5 +88,6 @@ class Reproduce(EpisodeOptions):
             reproduction.unconstrained(results),
             reproduction.summary(results),
             reproduction.one_plan(folder),
+            reproduction.insertion(trials, tell),
             reproduction.cost(repeats, tell),
         ]
