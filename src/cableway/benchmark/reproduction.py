@@ -59,6 +59,7 @@ TRIALS = 16
 
 LABORATORY = "2 mm of noise on the keypoints, seen 0.1 s late, a frame in ten lost"
 
+Row = tuple[str, ...]
 Results = Mapping[str, Mapping[str, Sequence[Result]]]
 Tell = Callable[[str, float], None]
 
@@ -87,7 +88,7 @@ def hyperparameters() -> Section:
 
     paper_values = describe(PlannerConfig.paper()) | {"control": describe(MPCConfig.paper())}
     ours = describe(PlannerConfig()) | {"control": describe(RodMPCConfig())}
-    rows = [("", "paper", "our configuration of the paper", "our default")]
+    rows: list[Row] = [("", "paper", "our configuration of the paper", "our default")]
     rows += [
         (what, value, _at(paper_values, places), _at(ours, places)) for what, value, places in paper.HYPERPARAMETERS
     ]
@@ -110,7 +111,8 @@ def _at(values: Any, places: Sequence[str]) -> str:
 
 def planning(folder: Path) -> Section:
     """The figures of the planner's stages."""
-    rows, pictures = [("task", "largest lead of an end", "at step", "ends when both are at 0.99: first, last")], []
+    rows: list[Row] = [("task", "largest lead of an end", "at step", "ends when both are at 0.99: first, last")]
+    pictures = []
     for name in STAGED:
         task = load_task(name)
         pivots = {f"k_c = {weight:g} m": _guides(task, weight).pivot for weight in WEIGHTS}
@@ -135,7 +137,7 @@ def _guides(task: Task, weight: float = 1.0) -> Guides:
 
 def simulated(results: Results) -> Section:
     """The simulated tasks."""
-    rows = [("task", "paper, error [cm]", "ours: success", "error, median / worst [cm]", "least clearance [cm]",
+    rows: list[Row] = [("task", "paper, error [cm]", "ours: success", "error, median / worst [cm]", "least clearance [cm]",
              "the paper's configuration: success", "error, median / worst [cm]")]  # fmt: skip
     for task in dict.fromkeys(result.task for result in results["paper"]["cableway"]):
         bound = paper.SIMULATED.get(task)
@@ -166,7 +168,8 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
     from cableway.datasets.reading import load_transitions  # isort: skip
 
     shown = (1, 10, 20, 30)
-    rows, pictures = [("cable", "model", *(f"{h} steps [mm]" for h in shown), "T-DM less by", "in the paper")], []
+    rows: list[Row] = [("cable", "model", *(f"{h} steps [mm]" for h in shown), "T-DM less by", "in the paper")]
+    pictures = []
     models = {name: [load_model(model)] for name, model in MODELS.items()}
     for place, cable in enumerate(paper.CONTROL_BY_CABLE):
         tell(f"models: {cable}", place / len(paper.CONTROL_BY_CABLE))
@@ -204,11 +207,13 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
 def unconstrained(results: Results) -> Section:
     """Unconstrained control, by cable and by method."""
     found = results["lab-unconstrained"]
-    by_cable = [("cable", "n", "paper, T-DM MPC [cm]", "ours, mean (95%) [cm]", "median / worst [cm]", "below 3 cm")]
+    by_cable: list[Row] = [
+        ("cable", "n", "paper, T-DM MPC [cm]", "ours, mean (95%) [cm]", "median / worst [cm]", "below 3 cm")
+    ]
     for cable, spread in paper.CONTROL_BY_CABLE.items():
         rows = [result for result in found["cableway"] if cable_of(result.task) == cable]
         by_cable.append((cable, str(len(rows)), _spread(spread), *_errors(rows), _successes(rows)))
-    by_method = [("method", "n", "paper [cm]", "here, mean (95%) [cm]", "median / worst [cm]", "below 3 cm")]
+    by_method: list[Row] = [("method", "n", "paper [cm]", "here, mean (95%) [cm]", "median / worst [cm]", "below 3 cm")]
     for name, rows in found.items():
         known = paper.CONTROL_BY_METHOD.get(name)
         by_method.append((name, str(len(rows)), _spread(known) if known else "-", *_errors(rows), _successes(rows)))
@@ -224,7 +229,7 @@ def unconstrained(results: Results) -> Section:
 
 def summary(results: Results) -> Section:
     """Table "Real-world Experiment Summary", and the cables that it has not."""
-    rows = [("task", "cables", "paper: success", "error [cm]", "clearance [cm]",
+    rows: list[Row] = [("task", "cables", "paper: success", "error [cm]", "clearance [cm]",
              "ours: success", "error [cm]", "largest error [cm]", "least clearance [cm]")]  # fmt: skip
     for task, (error, clearance, rate) in paper.SUMMARY.items():
         found = [result for result in results["lab-constrained"]["cableway"] if kind_of(result.task) == task]
@@ -244,7 +249,7 @@ def summary(results: Results) -> Section:
 
 def cost(repeats: int, tell: Tell) -> Section:
     """Planning cost against the number of keypoints and of time steps."""
-    rows = [("keypoints n", *(f"T = {steps} [s]" for steps in STEPS), "exponent in T")]
+    rows: list[Row] = [("keypoints n", *(f"T = {steps} [s]" for steps in STEPS), "exponent in T")]
     table: list[list[float]] = []
     for place, count in enumerate(COUNTS):
         tell("planning cost", place / len(COUNTS))
@@ -286,7 +291,7 @@ def one_plan(folder: Path) -> Section:
     thickest = make_task("real-single~rubber-0.34")
     plan, controller = method.planner(thickest, 0), method.controller()
     rollouts: dict[str, Rollout] = {}
-    rows = [("cable", "error [cm]", "largest deviation [cm]", "least clearance [cm]")]
+    rows: list[Row] = [("cable", "error [cm]", "largest deviation [cm]", "least clearance [cm]")]
     for seed, cable in enumerate(paper.CONTROL_BY_CABLE):
         task = make_task(f"real-single~{cable}-0.34")
         rollout = track(plant_variant("laid", task, seed).build(task, seed), controller, plan, seed=seed)
@@ -309,7 +314,9 @@ def insertion(trials: int, tell: Tell) -> Section:
 
     task, method = load_task("insertion"), load_method("cableway")
     plan, push, controller, pusher = method.planner(task, 0), plan_push(task), method.controller(), PlugPush()
-    rows = [("trial", "plugged in", "off the axis [mm]", "turned [deg]", "depth [mm]", "least clearance [mm]")]
+    rows: list[Row] = [
+        ("trial", "plugged in", "off the axis [mm]", "turned [deg]", "depth [mm]", "least clearance [mm]")
+    ]
     for seed in range(trials):
         tell("insertion", seed / trials)
         plant = plant_variant("hdmi", task, seed).build(task, seed)
@@ -325,9 +332,9 @@ def insertion(trials: int, tell: Tell) -> Section:
         least = "-" if clearance is None else number(1000 * clearance)
         rows.append((str(seed), "yes" if report.success else f"no: {report.failure}", *cells, least))
     text = (
-        f"The catalogue's task `insertion`: routed through clutter, aligned with the port and pushed in along its axis. "
-        f"The simulated HDMI cable with friction on the table, {LABORATORY}. Plugged in means within 2 mm and 3 degrees "
-        "at the mouth, to full depth, without contact. The paper shows one run on hardware and gives no numbers."
+        "The catalogue's task `insertion`: routed through clutter, aligned with the port and pushed in along its axis. "
+        f"The simulated HDMI cable with friction on the table, {LABORATORY}. Plugged in means within 2 mm and 3 "
+        "degrees at the mouth, to full depth, without contact. The paper shows one run on hardware and gives no numbers."
     )
     return Section("Case study: insertion", text, (Table("insertion", tuple(rows)),))
 
@@ -341,7 +348,7 @@ def _constrained(results: Sequence[Result]) -> tuple[str, ...]:
 
 
 def _errors(results: Sequence[Result]) -> tuple[str, str]:
-    rows = [(100 * result.shape_error, result.task) for result in results if result.shape_error is not None]
+    rows: list[Row] = [(100 * result.shape_error, result.task) for result in results if result.shape_error is not None]
     estimate = mean([error for error, _ in rows], [task for _, task in rows])
     if estimate is None:
         return "-", "-"
