@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 from neural import plants
+from pictures import save
 
 from cableway.cli.controllers import CONTROLLERS, make_controller
 from cableway.cli.options import Options
@@ -83,7 +84,7 @@ def main() -> None:
         ax.set_title(text, loc="left", fontsize=7.5, color=style.INK, pad=4)
         print(f"{text}, clearance {1000 * run.clearance.min():.1f} mm, {run.metadata['outcome']}")
     draw_deviations(style.add_axes(figure, 0.75, 0.6, wide - 1.0, CURVES), runs)
-    style.save_figure(figure, given.out)
+    save(figure, given.out)
 
 
 if __name__ == "__main__":
