@@ -137,8 +137,10 @@ def _guides(task: Task, weight: float = 1.0) -> Guides:
 
 def simulated(results: Results) -> Section:
     """The simulated tasks."""
-    rows: list[Row] = [("task", "paper, error [cm]", "ours: success", "error, median / worst [cm]", "least clearance [cm]",
-             "the paper's configuration: success", "error, median / worst [cm]")]  # fmt: skip
+    rows: list[Row] = [
+        ("task", "paper, error [cm]", "ours: success", "error, median / worst [cm]", "least clearance [cm]",
+         "the paper's configuration: success", "error, median / worst [cm]"),
+    ]  # fmt: skip
     for task in dict.fromkeys(result.task for result in results["paper"]["cableway"]):
         bound = paper.SIMULATED.get(task)
         cells = [task, f"< {bound:g}" if bound else "-"]
@@ -334,7 +336,8 @@ def insertion(trials: int, tell: Tell) -> Section:
     text = (
         "The catalogue's task `insertion`: routed through clutter, aligned with the port and pushed in along its axis. "
         f"The simulated HDMI cable with friction on the table, {LABORATORY}. Plugged in means within 2 mm and 3 "
-        "degrees at the mouth, to full depth, without contact. The paper shows one run on hardware and gives no numbers."
+        "degrees at the mouth, to full depth, without contact. The paper shows one run on hardware, without "
+        "numbers."
     )
     return Section("Case study: insertion", text, (Table("insertion", tuple(rows)),))
 
@@ -348,7 +351,7 @@ def _constrained(results: Sequence[Result]) -> tuple[str, ...]:
 
 
 def _errors(results: Sequence[Result]) -> tuple[str, str]:
-    rows: list[Row] = [(100 * result.shape_error, result.task) for result in results if result.shape_error is not None]
+    rows = [(100 * result.shape_error, result.task) for result in results if result.shape_error is not None]
     estimate = mean([error for error, _ in rows], [task for _, task in rows])
     if estimate is None:
         return "-", "-"
