@@ -20,7 +20,7 @@ from cableway.errors import FileFormatError, InputError, UnknownNameError
 
 FILE = Path(__file__).with_name("methods_for_tests.py")
 EPISODE = frozen_episodes("unconstrained")[0]
-TIMES = {"planning_time", "control_median", "control_p99", "control_max"}
+TIMES = {"reference_time", "planning_time", "control_median", "control_p99", "control_max"}
 
 
 def job(name: str, episode=EPISODE) -> Job:
@@ -137,18 +137,19 @@ def test_worse_than_the_baseline_is_told(folder: Path):
     known = read_result(job("sound"), folder)
     assert known is not None
     results = [Result(**{**asdict(known), "episode": f"e{k}"}) for k in range(5)]
-    before = baseline(results, reference=1.0)
-    assert regressions(results, before, reference=1.0) == []
+    before = baseline(results)
+    assert regressions(results, before) == []
     lost = [Result(**{**asdict(r), "success": k > 1, "strict": k > 1}) for k, r in enumerate(results)]
-    assert [sentence.split(":")[0] for sentence in regressions(lost, before, 1.0)] == ["success", "strict"]
+    assert [sentence.split(":")[0] for sentence in regressions(lost, before)] == ["success", "strict"]
     one = [Result(**{**asdict(r), "strict": k > 0}) for k, r in enumerate(results)]
-    assert regressions(one, before, 1.0) == []
+    assert regressions(one, before) == []
     off = [Result(**{**asdict(r), "shape_error": 2 * (r.shape_error or 0) + 2e-4}) for r in results]
-    assert "errors are" in regressions(off, before, 1.0)[0]
+    assert "errors are" in regressions(off, before)[0]
     slow = [Result(**{**asdict(r), "planning_time": 3 * (r.planning_time or 0)}) for r in results]
-    assert "planning_time" in regressions(slow, before, 1.0)[0]
-    assert regressions(slow, before, 3.0) == []
-    assert "2 of 5 episodes" in regressions(results[2:], before, 1.0)[0]
+    assert "planning_time" in regressions(slow, before)[0]
+    slower_machine = [Result(**{**asdict(r), "reference_time": 3 * (r.reference_time or 0)}) for r in slow]
+    assert regressions(slower_machine, before) == []
+    assert "2 of 5 episodes" in regressions(results[2:], before)[0]
 
 
 @pytest.mark.parametrize(

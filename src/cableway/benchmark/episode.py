@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -62,6 +62,7 @@ class Result:
         control_median: Of the wall times of control steps.
         control_p99: Of the same.
         control_max: Of the same.
+        reference_time: Wall time of a million additions in a plain Python loop, just before.
     """
 
     suite: str
@@ -89,6 +90,7 @@ class Result:
     control_median: float | None = None
     control_p99: float | None = None
     control_max: float | None = None
+    reference_time: float | None = None
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,12 @@ def run_episode(episode: Episode, source: str) -> Outcome:
         CablewayError: The method or the task cannot be loaded. What a method raises comes through.
     """
     warm_up(source)
+    reference = reference_time()
+    outcome = _run(episode, source)
+    return replace(outcome, result=replace(outcome.result, reference_time=reference))
+
+
+def _run(episode: Episode, source: str) -> Outcome:
     method, task = load_method(source), episode.load()
     start = time.perf_counter()
     try:
@@ -134,6 +142,14 @@ def run_episode(episode: Episode, source: str) -> Outcome:
     from cableway.figures.style import figure_png
 
     return Outcome(result, figure_png(rollout_figure(variant.true_task(task), rollout)))
+
+
+def reference_time() -> float:
+    """Seconds that a million additions take in a plain Python loop, here and now, to compare machines by."""
+    before, total = time.perf_counter(), 0
+    for number in range(1_000_000):
+        total += number
+    return time.perf_counter() - before
 
 
 @cache

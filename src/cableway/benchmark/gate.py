@@ -1,7 +1,7 @@
 """Whether a run is worse than an earlier one of the same episodes, beyond noise.
 
 Episodes are the same bit for bit on one machine; on another, rounding differs, so that one episode may come out
-otherwise and errors by a little. Times are compared as multiples of a reference computation in the same run.
+otherwise and errors by a little. Times are compared as multiples of a reference computation in the same episode.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from cableway.benchmark.episode import Result
 from cableway.errors import FileFormatError
+from cableway.provenance import versions
 
 LOST = 1
 """Successes that may be lost on balance, by either rule."""
@@ -26,21 +27,16 @@ LEAST_ERROR = 1e-4
 """Errors [m] below this are counted as this."""
 
 TIME_RATIO = 2.0
-"""Largest ratio of times (median over episodes), each over the reference time of its run, that passes."""
+"""Largest ratio of times (median over episodes), each over the reference time of its episode, that passes."""
 
 TIMES = ("planning_time", "control_median")
 
 
-def baseline(results: Sequence[Result], reference: float) -> dict[str, Any]:
-    """What a later run is compared with.
-
-    Args:
-        results: Of this run.
-        reference: `tables.reference_time()` in this run.
-    """
-    names = ("digest", "success", "strict", "shape_error", *TIMES)
+def baseline(results: Sequence[Result]) -> dict[str, Any]:
+    """What a later run is compared with."""
+    names = ("digest", "success", "strict", "shape_error", *TIMES, "reference_time")
     rows = {_key(result): {name: _short(getattr(result, name)) for name in names} for result in results}
-    return {"reference_time": reference, "episodes": rows}
+    return {"versions": versions(), "episodes": rows}
 
 
 def read_baseline(path: Path) -> dict[str, Any]:
@@ -51,8 +47,8 @@ def read_baseline(path: Path) -> dict[str, Any]:
     """
     try:
         content = json.loads(path.read_text())
-        if not (content["reference_time"] > 0 and isinstance(content["episodes"], dict)):
-            raise KeyError
+        if not isinstance(content["episodes"], dict):
+            raise TypeError
     except OSError as error:
         raise FileFormatError(f"{path}: {error.strerror}") from None
     except (KeyError, TypeError, ValueError):
@@ -60,13 +56,12 @@ def read_baseline(path: Path) -> dict[str, Any]:
     return content
 
 
-def regressions(results: Sequence[Result], before: dict[str, Any], reference: float) -> list[str]:
+def regressions(results: Sequence[Result], before: dict[str, Any]) -> list[str]:
     """A sentence for each way in which a run is worse than its baseline; none where it is not.
 
     Args:
         results: Of this run.
         before: The baseline.
-        reference: `tables.reference_time()` in this run.
     """
     known = before["episodes"]
     pairs = [(result, known[_key(result)]) for result in results if _key(result) in known]

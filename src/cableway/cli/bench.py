@@ -53,7 +53,6 @@ class Bench(EpisodeOptions):
         """Carry the command out and return its exit status."""
         from cableway.benchmark.gate import read_baseline, regressions
         from cableway.benchmark.methods import load_method
-        from cableway.benchmark.summary import reference_time
 
         terminal, folder = Terminal(self), self.folder("bench")
         before = None if self.against is None else read_baseline(self.against)
@@ -67,7 +66,7 @@ class Bench(EpisodeOptions):
         worse = []
         if before is not None:
             found = [result for rows in results.values() for each in rows.values() for result in each]
-            worse = regressions(found, before, reference_time())
+            worse = regressions(found, before)
         terminal.result(about | {"regressions": worse}, _shown(results))
         for sentence in worse:
             terminal.note(f"worse than {self.against}: {sentence}")
@@ -119,7 +118,7 @@ class Bench(EpisodeOptions):
         for name, text in ((CSV, csv_text(found)), (TABLES, markdown(results, self.size)), (PAGE, page)):
             write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))
         write_json(folder / SUMMARY, about)
-        write_json(folder / BASELINE, baseline(found, about["machine"]["ten_million_additions"]))
+        write_json(folder / BASELINE, baseline(found))
         return about
 
 
