@@ -83,14 +83,18 @@ def regressions(results: Sequence[Result], before: dict[str, Any]) -> list[str]:
     ]
     if errors and (ratio := float(np.exp(np.mean(np.log(errors))))) > ERROR_RATIO:
         found.append(f"errors are {ratio:.2f} times those of the baseline, more than {ERROR_RATIO:g}")
-    return found + _slower(pairs, before["reference_time"] / reference)
+    return found + _slower(pairs)
 
 
-def _slower(pairs: Sequence[tuple[Result, dict[str, Any]]], faster: float) -> list[str]:
-    """Times that have grown; `faster`: how much faster this machine is than the baseline's."""
+def _slower(pairs: Sequence[tuple[Result, dict[str, Any]]]) -> list[str]:
+    """Times that have grown, as multiples of the reference time."""
     found = []
     for name in TIMES:
-        ratios = [getattr(new, name) * faster / old[name] for new, old in pairs if getattr(new, name) and old.get(name)]
+        ratios = [
+            getattr(new, name) / new.reference_time * old["reference_time"] / old[name]
+            for new, old in pairs
+            if new.reference_time and getattr(new, name) and old["reference_time"] and old[name]
+        ]
         if ratios and (ratio := float(np.median(ratios))) > TIME_RATIO:
             found.append(f"{name}: {ratio:.2f} times that of the baseline, more than {TIME_RATIO:g}")
     return found

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
 
-SIZES = {"quick": ("quick", 2000, 3, 3), "full": ("standard", 10000, 7, 16)}
+SIZES = {"quick": ("quick", 2000, 1, 3), "full": ("standard", 10000, 7, 16)}
 """For each size: that of the suites, transitions for each cable, repetitions of what is timed, and trials of the
 insertion."""
 
