@@ -14,14 +14,20 @@ import csv
 import itertools
 from pathlib import Path
 
+import numpy as np
+
 from cableway.benchmark.plants import DIFFERING, PLANTS, SENSED, plant_variant
 from cableway.benchmark.suites import SUITES, make_task, task_digest
 from cableway.errors import InputError, SimulationError
+from cableway.geometry.convex import polyline_distance
 from cableway.scene.loading import task_names
 
 FOLDER = Path(__file__).parents[1] / "src/cableway/benchmark/frozen"
 FIRST, NEXT = 20000, 10000
 """Seed of the first random task, and from a task to the one in its place: nothing was ever chosen on these."""
+
+LEAST_ROOM = 0.005
+"""Least clearance [m] of start and goal; a plan must keep 4 mm."""
 
 TASKS = 100 * len(DIFFERING)
 """Tasks of the suite "plants": then come more seeds of the noise, two for every third task of those seen with noise."""
@@ -83,10 +89,14 @@ def described(task: str, plant: str, seed: int) -> list[str]:
     """The line of an episode.
 
     Raises:
-        InputError: There is no such task.
+        InputError: There is no such task, or its ends are too near to something for a plan.
         SimulationError: The plant can't take its start.
     """
     made = make_task(task)
+    shapes = made.cable.rod.shapes(np.array([made.start_fit[0], made.goal_fit[0]]))[0]
+    room = float(polyline_distance(shapes, made.scene.world)[0].min()) - max(made.cable.radius, made.grippers.radius)
+    if room < LEAST_ROOM:
+        raise InputError(f"the ends of {task} have {1000 * room:.1f} mm of clearance")
     if plant != "nominal":
         plant_variant(plant, made, seed).build(made, seed)
     name = (

@@ -170,7 +170,7 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
     from cableway.datasets.reading import load_transitions  # isort: skip
 
     shown = (1, 10, 20, 30)
-    rows: list[Row] = [("cable", "model", *(f"{h} steps [mm]" for h in shown), "T-DM less by", "in the paper")]
+    rows: list[Row] = [("cable", "model", *(f"after {h} [mm]" for h in shown), "T-DM less by", "in the paper")]
     pictures = []
     models = {name: [load_model(model)] for name, model in MODELS.items()}
     for place, cable in enumerate(paper.CONTROL_BY_CABLE):
@@ -197,11 +197,11 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
                            {MODELS[k]: c.quartiles for k, c in curves.items()}), folder / picture)  # fmt: skip
         pictures.append(picture)
     text = (
-        "Mean stacked error of prediction without looking, on simulated cables of these kinds with friction on the "
-        "table. The models are those that are shipped: trained on the nominal simulated cable, not fine-tuned on any "
-        "of these, as the paper's were. The shipped convolutional model and Transformer predict in the frame of the "
-        "grippers, the LSTM in that of the world, as the paper's; docs/models.md compares like with like, with three "
-        "seeds, and does not confirm the paper's ranking."
+        "Mean stacked error of predicting so many steps without looking, on simulated cables of these kinds with "
+        "friction on the table. The models are those that are shipped: trained on the nominal simulated cable, not "
+        "fine-tuned on any of these, as the paper's were. The shipped convolutional model and Transformer predict "
+        "in the frame of the grippers, the LSTM in that of the world, as the paper's; docs/models.md compares like "
+        "with like, with three seeds, and does not confirm the paper's ranking."
     )
     return Section("Deformation models", text, (Table("prediction", tuple(rows)),), tuple(pictures))
 
