@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 
-from cableway.benchmark.methods import Method, default_planner
+from cableway.benchmark.methods import Method, default_planner, planner_of
 from cableway.control.open_loop import OpenLoop
 from cableway.errors import PlanningError
 
@@ -26,9 +26,29 @@ def telling(task, seed):
     raise PlanningError("there is no plan: the gap is too narrow")
 
 
+class Breaks(OpenLoop):
+    def step(self, state, observation):
+        raise ValueError("broken inside")
+
+
+class Stays(OpenLoop):
+    def step(self, state, observation):
+        action, state = super().step(state, observation)
+        return 0.0 * action, state
+
+
 SOUND = Method(name="sound", description="works", controller=OpenLoop, recovers=False)
 HANGS = Method(name="hangs", description="never returns", controller=OpenLoop, planner=hanging)
 DIES = Method(name="dies", description="ends its process", controller=OpenLoop, planner=dying)
 RAISES = Method(name="raises", description="raises", controller=OpenLoop, planner=raising)
 TELLS = Method(name="tells", description="always says that there is no plan", controller=OpenLoop, planner=telling)
 NO_METHOD = default_planner
+BREAKS = Method(name="breaks", description="raises in every step", controller=Breaks, recovers=False)
+STAYS = Method(name="stays", description="never moves", controller=Stays, recovers=False)
+THROUGH = Method(
+    name="through",
+    description="straight to the goal, whatever stands there",
+    controller=OpenLoop,
+    planner=planner_of("straight", unverified=True),
+    recovers=False,
+)

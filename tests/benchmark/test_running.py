@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cableway.benchmark.episode import Result, run_episode
+from cableway.benchmark.episode import Job, Result, jobs_of, run_job
 from cableway.benchmark.gate import baseline, regressions
 from cableway.benchmark.methods import BUILT_IN, load_method, method_names
 from cableway.benchmark.metrics import METRICS
-from cableway.benchmark.runner import Job, read_result, run_jobs
-from cableway.benchmark.suites import frozen_episodes
+from cableway.benchmark.runner import picture_path, read_result, result_path, run_jobs
+from cableway.benchmark.suites import Episode, frozen_episodes
 from cableway.cli import main
 from cableway.errors import FileFormatError, InputError, UnknownNameError
 
@@ -23,9 +23,8 @@ EPISODE = frozen_episodes("unconstrained")[0]
 TIMES = {"reference_time", "planning_time", "control_median", "control_p99", "control_max"}
 
 
-def job(name: str, episode=EPISODE) -> Job:
-    source = f"{FILE}:{name.upper()}"
-    return Job(episode, load_method(source).name, source)
+def job(name: str, episode: Episode = EPISODE) -> Job:
+    return jobs_of(f"{FILE}:{name.upper()}", [episode])[0]
 
 
 def without_times(result: Result) -> dict:
@@ -57,7 +56,7 @@ def test_a_failure_is_named_counted_and_drawn(folder: Path, name: str, outcome: 
     assert detail in result.detail
     task = EPISODE.load()
     assert result.shape_error == pytest.approx(np.linalg.norm(task.start - task.goal))
-    assert job(name).picture(folder).read_bytes().startswith(b"\x89PNG")
+    assert picture_path(job(name), folder).read_bytes().startswith(b"\x89PNG")
 
 
 def test_what_died_cost_the_others_nothing(folder: Path):
@@ -66,27 +65,61 @@ def test_what_died_cost_the_others_nothing(folder: Path):
     assert result.success, result.detail
     assert result.strict
     assert result.verified
-    assert not job("sound").picture(folder).exists()
+    assert not picture_path(job("sound"), folder).exists()
 
 
 def test_an_episode_run_again_is_the_same(folder: Path):
     known = read_result(job("sound"), folder)
     assert known is not None
-    assert without_times(run_episode(EPISODE, job("sound").source).result) == without_times(known)
+    assert without_times(run_job(job("sound")).result) == without_times(known)
 
 
 def test_a_blocked_task_is_solved_by_saying_so():
     blocked = frozen_episodes("blocked")[0]
-    assert run_episode(blocked, job("tells").source).result.success
-    result = run_episode(blocked, "cableway").result
+    assert run_job(job("tells", blocked)).result.success
+    result = run_job(jobs_of("cableway", [blocked])[0]).result
     assert result.outcome == "success", result.detail
     assert METRICS["shape_error"].value(result) is None
 
 
+def test_contact_is_no_success_however_near_the_goal():
+    """The straight way of clutter leads through an obstacle: that is what makes a task one of clutter."""
+    result = run_job(job("through", frozen_episodes("clutter")[0])).result
+    assert result.contact
+    assert (result.clearance or 0.0) <= 0.0
+    assert (result.outcome, result.success, result.strict) == ("contact", False, False)
+
+
+def test_a_cable_that_stays_where_it_is_has_missed_its_goal():
+    result = run_job(job("stays")).result
+    task = EPISODE.load()
+    assert (result.outcome, result.success, result.contact) == ("missed goal", False, False)
+    assert result.shape_error == pytest.approx(np.linalg.norm(task.start - task.goal), rel=1e-3)
+    assert result.gripper_travel == pytest.approx(0.0, abs=1e-6)
+    assert "final error" in result.detail
+
+
+def test_a_controller_that_breaks_is_said_to_have_failed():
+    result = run_job(job("breaks")).result
+    assert (result.outcome, result.success) == ("controller failed", False)
+
+
+def test_a_method_that_was_changed_is_run_again(tmp_path: Path):
+    file = tmp_path / "mine.py"
+    file.write_text(FILE.read_text())
+    before = jobs_of(f"{file}:SOUND", [EPISODE])
+    run_jobs(before, tmp_path, workers=1, time_limit=60.0)
+    assert read_result(before[0], tmp_path) is not None
+    file.write_text(FILE.read_text() + "\n")
+    after = jobs_of(f"{file}:SOUND", [EPISODE])
+    assert read_result(after[0], tmp_path) is None
+    assert read_result(before[0], tmp_path) is not None
+
+
 def test_results_of_another_task_or_version_are_not_taken_for_ours(folder: Path, tmp_path: Path):
-    path = job("sound").path(folder)
+    path = result_path(job("sound"), folder)
     content = json.loads(path.read_text())
-    copy = job("sound").path(tmp_path)
+    copy = result_path(job("sound"), tmp_path)
     copy.parent.mkdir(parents=True)
     copy.write_text(json.dumps(content | {"digest": "0"}))
     with pytest.raises(FileFormatError, match="digest"):
@@ -113,9 +146,9 @@ def test_methods_by_name_by_file_and_by_mistake():
 def test_the_command_runs_resumes_and_leaves_everything(folder: Path, capsys: pytest.CaptureFixture[str]):
     command = ["bench", "unconstrained", "--methods", f"{FILE}:SOUND,{FILE}:RAISES", "--episodes", EPISODE.name,
                "--out", str(folder), "--workers", "1", "--json"]  # fmt: skip
-    before = job("sound").path(folder).stat().st_mtime_ns
+    before = result_path(job("sound"), folder).stat().st_mtime_ns
     assert main(command) == 0
-    assert job("sound").path(folder).stat().st_mtime_ns == before
+    assert result_path(job("sound"), folder).stat().st_mtime_ns == before
     shown = json.loads(capsys.readouterr().out)
     figures = shown["suites"]["unconstrained"]["methods"]
     assert figures["sound"]["metrics"]["success"]["value"] == 1.0
@@ -131,6 +164,15 @@ def test_the_command_runs_resumes_and_leaves_everything(folder: Path, capsys: py
     for name in ("tables.md", "success.png", "errors.png", "summary.json", "baseline.json"):
         assert (folder / name).stat().st_size > 100
     assert main([*command, "--against", str(folder / "baseline.json")]) == 0
+    better = json.loads((folder / "baseline.json").read_text())
+    for name, row in better["episodes"].items():
+        row["shape_error"] /= 100 if "sound" in name else 1
+    (folder / "better.json").write_text(json.dumps(better))
+    assert main([*command, "--against", str(folder / "better.json")]) == 1
+    assert "errors are" in capsys.readouterr().err
+    next(iter(better["episodes"].values())).pop("digest")
+    (folder / "better.json").write_text(json.dumps(better))
+    assert main([*command, "--against", str(folder / "better.json")]) == 2
 
 
 def test_worse_than_the_baseline_is_told(folder: Path):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from cableway.benchmark.methods import DEFAULT, Method, default_planner, load_method
+from cableway.benchmark.methods import DEFAULT, Method, default_planner, load_method, made_by
 from cableway.benchmark.plants import Variant, plant_variant
 from cableway.benchmark.suites import Episode
 from cableway.control.base import Controller
@@ -20,9 +21,14 @@ from cableway.report import Report, summarize
 from cableway.scene.loading import load_task
 from cableway.scene.task import Task
 from cableway.tracking import Recovery, track
+from cableway.tracking.recovery import LEFT
+from cableway.tracking.watchdog import GIVEN_UP
 
 STRICT_ERROR = 0.01
 """Stacked shape error [m] below which an episode is a success by the strict rule."""
+
+GAVE_UP = {"plant failed": "plant failed", GIVEN_UP: "controller failed", LEFT: "left plan"}
+"""Outcomes of runs that ended early, by how the rollout's own outcome begins."""
 
 BLOCKED = "blocked"
 """The suite of tasks without a solution."""
@@ -43,6 +49,7 @@ class Result:
         plant: Name.
         seed: Of planner and noise.
         digest: Of the task.
+        made_by: What else it depends on, see `methods.made_by`.
         outcome: "success", or what went wrong, in two words.
         detail: In a sentence.
         success: The final stacked error is below 3 cm and neither cable nor grippers touched anything; of a blocked
@@ -72,6 +79,7 @@ class Result:
     plant: str
     seed: int
     digest: str
+    made_by: str
     outcome: str
     detail: str = ""
     success: bool = False
@@ -106,36 +114,59 @@ class Outcome:
     picture: bytes | None = None
 
 
-def run_episode(episode: Episode, source: str) -> Outcome:
-    """Run an episode.
+@dataclass(frozen=True)
+class Job:
+    """An episode for a method.
 
-    Args:
+    Attributes:
         episode: Which.
         source: The method, as for `load_method`.
+        method: Its name.
+        made_by: What a result depends on beside the episode, see `methods.made_by`.
+    """
+
+    episode: Episode
+    source: str
+    method: str
+    made_by: str
+
+
+def jobs_of(source: str, episodes: Iterable[Episode]) -> list[Job]:
+    """A method's jobs.
+
+    Raises:
+        InputError: The method cannot be loaded.
+    """
+    method, maker = load_method(source), made_by(source)
+    return [Job(episode, source, method.name, maker) for episode in episodes]
+
+
+def run_job(job: Job) -> Outcome:
+    """Run an episode.
 
     Raises:
         CablewayError: The method or the task cannot be loaded. What a method raises comes through.
     """
-    warm_up(source)
+    warm_up(job.source)
     reference = reference_time()
-    outcome = _run(episode, source)
+    outcome = _run(job)
     return replace(outcome, result=replace(outcome.result, reference_time=reference))
 
 
-def _run(episode: Episode, source: str) -> Outcome:
-    method, task = load_method(source), episode.load()
+def _run(job: Job) -> Outcome:
+    episode, method, task = job.episode, _method(job.source), job.episode.load()
     start = time.perf_counter()
     try:
         plan = method.planner(task, episode.seed)
     except PlanningError as error:
-        return _unplanned(episode, method, task, error, time.perf_counter() - start)
+        return _unplanned(job, task, error, time.perf_counter() - start)
     planning_time = time.perf_counter() - start
     if episode.suite == BLOCKED:
-        return Outcome(Result(**_known(episode, method.name), outcome="not told", detail="a plan was returned"))
+        return Outcome(Result(**_known(job), outcome="not told", detail="a plan was returned"))
     variant = plant_variant(episode.plant, task, episode.seed)
-    rollout = _follow(episode, method, source, task, plan, variant)
+    rollout = _follow(job, method, task, plan, variant)
     report = summarize(variant.true_task(task), None, rollout, cable=variant.cable)
-    result = _tracked(episode, method, report, rollout, planning_time)
+    result = _tracked(job, report, rollout, planning_time)
     if result.success:
         return Outcome(result)
     from cableway.figures.rollout import rollout_figure
@@ -162,13 +193,13 @@ def warm_up(source: str = DEFAULT) -> None:
     _controller(source).init(load_task(EXAMPLE), _example_plan())
 
 
-def died(episode: Episode, method: str, outcome: str, detail: str) -> Outcome:
+def died(job: Job, outcome: str, detail: str) -> Outcome:
     """The outcome of an episode in which the method died: the cable was not moved."""
     from cableway.figures.scene import task_figure
     from cableway.figures.style import figure_png
 
-    task = episode.load()
-    result = Result(**_known(episode, method), outcome=outcome, detail=detail, **_unmoved(task))
+    task = job.episode.load()
+    result = Result(**_known(job), outcome=outcome, detail=detail, **_unmoved(task))
     return Outcome(result, figure_png(task_figure(task)))
 
 
@@ -179,26 +210,30 @@ def _example_plan() -> Plan:
 
 
 @cache
+def _method(source: str) -> Method:
+    return load_method(source)
+
+
+@cache
 def _controller(source: str) -> Controller[Any]:
-    return load_method(source).controller()
+    return _method(source).controller()
 
 
-def _follow(episode: Episode, method: Method, source: str, task: Task, plan: Plan, variant: Variant) -> Rollout:
+def _follow(job: Job, method: Method, task: Task, plan: Plan, variant: Variant) -> Rollout:
     """The rollout.
 
     Raises:
         SimulationError: The plant cannot take the start.
     """
-    recovery = None
+    recovery, seed = None, job.episode.seed
     if method.recovers:
-        recovery = Recovery(replan=lambda changed, _: method.planner(changed, episode.seed))
-    plant = variant.build(task, episode.seed)
-    return track(plant, _controller(source), plan, recovery=recovery, seed=episode.seed)
+        recovery = Recovery(replan=lambda changed, _: method.planner(changed, seed))
+    return track(variant.build(task, seed), _controller(job.source), plan, recovery=recovery, seed=seed)
 
 
-def _known(episode: Episode, method: str) -> dict[str, Any]:
-    given = asdict(episode)
-    return {"episode": given.pop("name"), "method": method, **given}
+def _known(job: Job) -> dict[str, Any]:
+    given = asdict(job.episode)
+    return {"episode": given.pop("name"), "method": job.method, "made_by": job.made_by, **given}
 
 
 def _unmoved(task: Task) -> dict[str, Any]:
@@ -210,11 +245,11 @@ def _unmoved(task: Task) -> dict[str, Any]:
     }
 
 
-def _unplanned(episode: Episode, method: Method, task: Task, error: PlanningError, seconds: float) -> Outcome:
+def _unplanned(job: Job, task: Task, error: PlanningError, seconds: float) -> Outcome:
     """No plan: right where there is none, a failure elsewhere."""
     told = str(error).startswith(IMPOSSIBLE)
-    known = _known(episode, method.name) | {"detail": str(error), "planning_time": seconds}
-    if episode.suite == BLOCKED:
+    known = _known(job) | {"detail": str(error), "planning_time": seconds}
+    if job.episode.suite == BLOCKED:
         outcome = "success" if told else "not told"
         return Outcome(Result(**known, outcome=outcome, success=told, strict=told))
     from cableway.figures.plan import attempt_figure
@@ -224,16 +259,16 @@ def _unplanned(episode: Episode, method: Method, task: Task, error: PlanningErro
     return Outcome(Result(**known, outcome="no plan", **_unmoved(task)), picture)
 
 
-def _tracked(episode: Episode, method: Method, report: Report, rollout: Rollout, planning_time: float) -> Result:
+def _tracked(job: Job, report: Report, rollout: Rollout, planning_time: float) -> Result:
     clearance = min(float(rollout.clearance.min()), float(rollout.gripper_clearance.min()))
     error, contact = float(report.shape_error or 0.0), not clearance > 0
     ended = str(rollout.metadata["outcome"])
-    lost = ended.startswith(("plant failed", "controller failed", "the cable left its plan"))
-    success = error < SUCCESS_ERROR and not contact and not lost
-    outcome = "contact" if contact else "left plan" if lost else "missed goal"
+    gave_up = next((name for begins, name in GAVE_UP.items() if ended.startswith(begins)), None)
+    success = error < SUCCESS_ERROR and not contact and gave_up is None
+    outcome = "contact" if contact else gave_up or "missed goal"
     times = report.control_time
     return Result(
-        **_known(episode, method.name),
+        **_known(job),
         outcome="success" if success else outcome,
         detail="" if success else f"{ended}; final error {1000 * error:.1f} mm, clearance {1000 * clearance:.1f} mm",
         success=success,

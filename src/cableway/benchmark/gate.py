@@ -30,12 +30,15 @@ TIME_RATIO = 2.0
 """Largest ratio of times (median over episodes), each over the reference time of its episode, that passes."""
 
 TIMES = ("planning_time", "control_median")
+"""What is compared of the times."""
+
+KEPT = ("digest", "success", "strict", "shape_error", *TIMES, "reference_time")
+"""Figures of each episode in a baseline."""
 
 
 def baseline(results: Sequence[Result]) -> dict[str, Any]:
     """What a later run is compared with."""
-    names = ("digest", "success", "strict", "shape_error", *TIMES, "reference_time")
-    rows = {_key(result): {name: _short(getattr(result, name)) for name in names} for result in results}
+    rows = {_key(result): {name: _short(getattr(result, name)) for name in KEPT} for result in results}
     return {"versions": versions(), "episodes": rows}
 
 
@@ -47,12 +50,12 @@ def read_baseline(path: Path) -> dict[str, Any]:
     """
     try:
         content = json.loads(path.read_text())
-        if not isinstance(content["episodes"], dict):
-            raise TypeError
+        if not all(set(row) == set(KEPT) for row in content["episodes"].values()):
+            raise KeyError
     except OSError as error:
         raise FileFormatError(f"{path}: {error.strerror}") from None
-    except (KeyError, TypeError, ValueError):
-        raise FileFormatError(f"{path}: not a baseline of a benchmark") from None
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise FileFormatError(f"{path}: not a baseline.json of this version of the benchmark") from None
     return content
 
 

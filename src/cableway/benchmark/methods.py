@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import time
 from collections.abc import Callable
@@ -14,6 +15,7 @@ import numpy as np
 
 from cableway.control.base import Controller
 from cableway.errors import InputError, PlanningError, UnknownNameError
+from cableway.provenance import PACKAGE, versions
 from cableway.records import Plan
 from cableway.scene.task import Task
 
@@ -41,7 +43,7 @@ class Planner(Protocol):
 
 def default_planner(task: Task, seed: int) -> Plan:
     """Our planner."""
-    return _planner("default")(task, seed)
+    return planner_of("default")(task, seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +93,22 @@ def load_method(source: str) -> Method:
     raise UnknownNameError("method", source, method_names())
 
 
+def made_by(source: str) -> str:
+    """What a result of a method depends on beside its episode: versions, and for a file a digest of what stands in it.
+
+    Args:
+        source: The method, as for `load_method`.
+    """
+    file = source.rpartition(":")[0]
+    makers = [f"{PACKAGE} {versions()[PACKAGE]}"]
+    if file:
+        makers.append(f"{Path(file).name} {hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]}")
+    elif source not in BUILT_IN:
+        points = metadata.entry_points(group=GROUP, name=source)
+        makers += [f"{point.dist.name} {point.dist.version}" for point in points if point.dist is not None]
+    return ", ".join(makers)
+
+
 def method_names() -> tuple[str, ...]:
     """Names of the methods that come with cableway and of those that are installed."""
     others = (point.name for point in metadata.entry_points(group=GROUP))
@@ -120,7 +138,7 @@ def _require_method(value: Any, source: str) -> Method:
 
 
 # ------------------------------------------------------------------------------------------------ ours
-def _planner(name: str, unverified: bool = False) -> Planner:
+def planner_of(name: str, unverified: bool = False) -> Planner:
     """One of `planning.config.PLANNERS`; with `unverified`, its closest attempt where there is no verified plan."""
 
     def find(task: Task, seed: int) -> Plan:
@@ -204,12 +222,12 @@ def _all() -> tuple[Method, ...]:
         Method(name="paper-tracking", description=f"{ours}, neural MPC as in the paper",
                controller=_neural("transformer", paper=True)),
         Method(name="paper", description=f"{paper}; neural MPC as in the paper",
-               controller=_neural("transformer", paper=True), planner=_planner("paper", unverified=True),
+               controller=_neural("transformer", paper=True), planner=planner_of("paper", unverified=True),
                recovers=False),
         *(Method(name=f"{name}-plan", description=f"{text}; adaptive rod MPC", controller=_rod_mpc,
-                 planner=_planner(name)) for name, text in simpler.items()),
+                 planner=planner_of(name)) for name, text in simpler.items()),
         Method(name="paper-plan", description=f"{paper}; adaptive rod MPC", controller=_rod_mpc,
-               planner=_planner("paper", unverified=True)),
+               planner=planner_of("paper", unverified=True)),
     )  # fmt: skip
 
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import jinja2
 
-from cableway.benchmark.episode import Result
+from cableway.benchmark.episode import Job, Result
 from cableway.benchmark.metrics import METRICS
 from cableway.benchmark.reproduction import Section
-from cableway.benchmark.runner import Job
+from cableway.benchmark.runner import picture_path
 from cableway.benchmark.summary import Results
 from cableway.benchmark.tables import sentence, suite_tables
 
@@ -90,7 +90,7 @@ def repeat_command(job: Job, size: str) -> str:
 
 
 def _failure(result: Result, job: Job, folder: Path, size: str) -> dict[str, str]:
-    picture = job.picture(folder)
+    picture = picture_path(job, folder)
     return {
         "suite": result.suite,
         "method": result.method,

@@ -7,15 +7,14 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import pebble
 
-from cableway.benchmark.episode import Outcome, Result, died, run_episode, warm_up
-from cableway.benchmark.suites import Episode
+from cableway.benchmark.episode import Job, Outcome, Result, died, run_job, warm_up
 from cableway.errors import FileFormatError, InputError, UnknownNameError
 from cableway.files import write_atomically, write_json
 from cableway.simulation.executors import EXECUTORS, begin_worker, cores, open_executor
@@ -27,36 +26,23 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "XLA_FLAGS": 
 """What keeps a worker to one core, so that times mean the same however many there are."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """An episode for a method.
+def result_path(job: Job, folder: Path) -> Path:
+    """Where a job's result is kept."""
+    return folder / EPISODES / job.episode.suite / job.method / f"{job.episode.name}.json"
 
-    Attributes:
-        episode: Which.
-        method: Name.
-        source: What `load_method` takes.
-    """
 
-    episode: Episode
-    method: str
-    source: str
-
-    def path(self, folder: Path) -> Path:
-        """Where its result is kept."""
-        return folder / EPISODES / self.episode.suite / self.method / f"{self.episode.name}.json"
-
-    def picture(self, folder: Path) -> Path:
-        """Where its picture is kept where it failed."""
-        return folder / FAILURES / self.episode.suite / self.method / f"{self.episode.name}.png"
+def picture_path(job: Job, folder: Path) -> Path:
+    """Where a job's picture is kept where it failed."""
+    return folder / FAILURES / job.episode.suite / job.method / f"{job.episode.name}.png"
 
 
 def read_result(job: Job, folder: Path) -> Result | None:
-    """The result of a job, None where it is yet to be run.
+    """The result of a job, None where it is yet to be run, or was made by another version of the method.
 
     Raises:
         FileFormatError: The file is damaged, or its task is another one than the job's.
     """
-    path = job.path(folder)
+    path = result_path(job, folder)
     if not path.exists():
         return None
     try:
@@ -65,7 +51,7 @@ def read_result(job: Job, folder: Path) -> Result | None:
         raise FileFormatError(f"{path}: not a result of this version ({error}); remove it to run it again") from None
     if result.digest != job.episode.digest:
         raise FileFormatError(f"{path}: of a task with the digest {result.digest}, not {job.episode.digest}")
-    return result
+    return result if result.made_by == job.made_by else None
 
 
 def run_jobs(
@@ -99,10 +85,12 @@ def run_jobs(
         raise UnknownNameError("executor", executor, EXECUTORS)
     run = _on_ray if executor == "ray" else _locally
     for job, outcome in run(jobs, workers, time_limit):
+        picture = picture_path(job, folder)
+        picture.unlink(missing_ok=True)
         if outcome.picture is not None:
-            picture = outcome.picture
-            write_atomically(job.picture(folder), lambda file, content=picture: file.write(content))
-        write_json(job.path(folder), asdict(outcome.result))
+            content = outcome.picture
+            write_atomically(picture, lambda file, content=content: file.write(content))
+        write_json(result_path(job, folder), asdict(outcome.result))
         done(outcome.result)
 
 
@@ -115,7 +103,7 @@ def _locally(jobs: Sequence[Job], workers: int | None, time_limit: float) -> Ite
         yield from _as_they_end(
             jobs,
             2 * count,
-            lambda job: pool.schedule(run_episode, args=[job.episode, job.source], timeout=time_limit),
+            lambda job: pool.schedule(run_job, args=[job], timeout=time_limit),
             time_limit,
         )
         pool.close()
@@ -139,17 +127,17 @@ def _on_ray(jobs: Sequence[Job], workers: int | None, time_limit: float) -> Iter
         yield from _as_they_end(
             jobs,
             2 * cluster.workers,
-            lambda job: waiting.submit(cluster.submit(_limited, job.episode, job.source, time_limit)),
+            lambda job: waiting.submit(cluster.submit(_limited, job, time_limit)),
             time_limit,
         )
 
 
-def _limited(episode: Episode, source: str, time_limit: float) -> Outcome:
+def _limited(job: Job, time_limit: float) -> Outcome:
     import faulthandler
 
     faulthandler.dump_traceback_later(time_limit, exit=True)
     try:
-        return run_episode(episode, source)
+        return run_job(job)
     finally:
         faulthandler.cancel_dump_traceback_later()
 
@@ -175,4 +163,4 @@ def _outcome(job: Job, future: Future[Any], time_limit: float) -> Outcome:
         outcome, detail = "timed out", f"not done within {time_limit:g} s"
     except (Exception, pebble.ProcessExpired) as error:
         outcome, detail = "crashed", f"{type(error).__name__}: {' '.join(str(error).split())[:500]}"
-    return died(job.episode, job.method, outcome, detail)
+    return died(job, outcome, detail)

@@ -122,9 +122,6 @@ SUITES = {
 }  # fmt: skip
 """Suites by name."""
 
-PLANNING_SUITES = ("clutter", "dense", "corridors", "mazes")
-"""Suites whose difficulty is to find a plan."""
-
 
 def get_suite(name: str) -> Suite:
     """The suite of a name.

@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,9 +18,8 @@ from cableway.cli.terminal import Terminal, columns
 from cableway.errors import InputError
 
 if TYPE_CHECKING:
-    from cableway.benchmark.episode import Result
+    from cableway.benchmark.episode import Job, Result
     from cableway.benchmark.methods import Method
-    from cableway.benchmark.runner import Job
     from cableway.benchmark.summary import Results
 
 CSV, SUMMARY, TABLES, PAGE, BASELINE = "results.csv", "summary.json", "tables.md", "report.html", "baseline.json"
@@ -74,26 +74,25 @@ class Bench(EpisodeOptions):
 
     def _jobs(self, methods: Mapping[str, Method]) -> list[Job]:
         """All jobs of the run, suite by suite, the methods of an episode one after the other."""
+        from cableway.benchmark.episode import jobs_of
         from cableway.benchmark.methods import DEFAULT
-        from cableway.benchmark.runner import Job
         from cableway.benchmark.suites import SUITES, get_suite
 
-        names = list(SUITES) if self.suites == "all" else self.suites.split(",")
-        wanted = None if self.episodes is None else self.episodes.split(",")
-        jobs, known = [], []
-        for suite in map(get_suite, names):
-            for episode in suite.episodes(self.size, own=True):
-                known.append(episode.name)
-                for source, method in methods.items():
-                    if episode in suite.episodes(self.size, own=source == DEFAULT):
-                        jobs.append(Job(episode, method.name, source))
-        for name in wanted or []:
-            if name not in known:
-                raise InputError(f"--episodes: no {name!r} in {', '.join(names)} of size {self.size}, "
-                                 f"whose episodes are like {known[0]!r} and {known[-1]!r}")  # fmt: skip
         if len({method.name for method in methods.values()}) < len(methods):
             raise InputError(f"--methods: two methods of {self.methods!r} have the same name")
-        return [job for job in jobs if wanted is None or job.episode.name in wanted]
+        names = list(SUITES) if self.suites == "all" else self.suites.split(",")
+        jobs: list[Job] = []
+        for suite in map(get_suite, names):
+            each = [jobs_of(source, suite.episodes(self.size, own=source == DEFAULT)) for source in methods]
+            jobs += [job for row in zip_longest(*each) for job in row if job is not None]
+        if self.episodes is None:
+            return jobs
+        wanted, known = self.episodes.split(","), {job.episode.name for job in jobs}
+        for name in wanted:
+            if name not in known:
+                raise InputError(f"--episodes: no {name!r} in {', '.join(names)} of size {self.size}, whose episodes "
+                                 f"are like {jobs[0].episode.name!r} and {jobs[-1].episode.name!r}")  # fmt: skip
+        return [job for job in jobs if job.episode.name in wanted]
 
     def _write(self, results: Results, jobs: Sequence[Job], methods: Sequence[Method], folder: Path) -> dict[str, Any]:
         """Leave all files of a finished run."""

@@ -12,8 +12,7 @@ from cableway.cli.terminal import Tell
 from cableway.errors import InputError
 
 if TYPE_CHECKING:
-    from cableway.benchmark.episode import Result
-    from cableway.benchmark.runner import Job
+    from cableway.benchmark.episode import Job, Result
     from cableway.benchmark.summary import Results
 
 

@@ -12,8 +12,8 @@ from cableway.errors import UnknownNameError
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from cableway.benchmark.episode import Job
     from cableway.benchmark.reproduction import Section
-    from cableway.benchmark.runner import Job
 
 PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
 
@@ -62,16 +62,16 @@ class Reproduce(EpisodeOptions):
         return 0
 
     def _jobs(self) -> list[Job]:
+        from cableway.benchmark.episode import jobs_of
         from cableway.benchmark.reproduction import RUNS
-        from cableway.benchmark.runner import Job
         from cableway.benchmark.suites import get_suite
 
         size = SIZES[self.size][0]
         return [
-            Job(episode, method, method)
+            job
             for suite, methods in RUNS.items()
-            for episode in get_suite(suite).episodes(size)
             for method in methods
+            for job in jobs_of(method, get_suite(suite).episodes(size))
         ]
 
     def _sections(self, jobs: list[Job], folder: Path, tell: Tell) -> list[Section]:
