@@ -44,6 +44,11 @@ def test_there_are_examples():
     assert {page for page, _ in CODE} >= {"README.md", "planning.md", "datasets.md"}
 
 
+def test_a_method_of_ones_own_takes_less_than_forty_lines():
+    (path,) = (path for path in EXAMPLES if "method" in path.stem)
+    assert len(path.read_text().splitlines()) < 40
+
+
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs_and_says_something(path: Path, tmp_path: Path):
     assert re.search(SAYS.get(path.stem, r"\S"), run(path, tmp_path))

@@ -2,7 +2,6 @@
 
 Each half of the cable is pushed by its mean error, on top of the plan's own motion. `METHOD` is all that the benchmark
 needs; `cableway bench clutter --methods examples/06_a_method_of_ones_own.py:METHOD,open-loop` runs it on a whole suite.
-A package offers its method under a name of its own with an entry point in the group `cableway.methods`.
 """
 
 import types
@@ -28,8 +27,7 @@ class HalfByHalf(Controller[FollowerState]):
         action = state.plan.actions(state.index, 1)[0].copy()
         error = state.plan.shape(state.index) - state.sight.keypoints
         if np.isfinite(error).all():
-            halves = np.array_split(error, 2)
-            action[:, :2] += self.config["gain"] * np.array([half.mean(axis=0) for half in halves])
+            action[:, :2] += self.config["gain"] * np.array([half.mean(axis=0) for half in np.array_split(error, 2)])
         return state.sending(action, Status.TRACKING, state.task.cable.length)
 
 

@@ -3,7 +3,7 @@
     .venv/bin/python tools/control_pictures.py [--task NAME] [--out FILE]
 
 The cable is 1% short, stiff at one end, held 2 mm and 2 degrees askew, and seen late with 1 mm of noise: the plant
-"hard" of tools/neural.py.
+"hard" of the benchmark.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
-from neural import plants
 from pictures import save
 
+from cableway.benchmark.plants import plant_variant
 from cableway.cli.controllers import CONTROLLERS, make_controller
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal
@@ -36,8 +36,8 @@ BETWEEN, ABOVE, CURVES = 0.35, 0.6, 2.4
 
 def rollouts(task: Task) -> dict[str, Rollout]:
     """Of each controller, by name."""
-    plant, found = dict(plants(task))["hard"], plan(task)
-    floor = shape_error_floor(plant.plant.plant.cable, task.goal) or 0.0
+    variant, found = plant_variant("hard", task), plan(task)
+    plant, floor = variant.build(task, seed=0), shape_error_floor(variant.cable, task.goal) or 0.0
     print(f"least error possible: {1000 * floor:.1f} mm")
     terminal = Terminal(Options(quiet=True))
     return {name: track(plant, make_controller(name, None, terminal), found) for name in CONTROLLERS}

@@ -2,8 +2,7 @@
 
     taskset -c 0 .venv/bin/python tools/neural.py [--models A,B] [--iterations 1,2] [--tasks N] [--first SEED]
 
-Random tasks of the kind clutter, on two plants: nominal, and hard (1% short, graded from half to twice the stiffness,
-grasped 2 mm and 2 degrees askew, damping time 0.5 s, 1 mm of noise, seen 0.1 s late). Steps are timed by the clock of
+Random tasks of the kind clutter, on the plants "nominal" and "hard" of the benchmark. Steps are timed by the clock of
 the processor, which other work on the machine disturbs less than the clock on the wall; on one core both are the same
 on a quiet machine. Plans are kept in runs/neural.
 """
@@ -11,15 +10,14 @@ on a quiet machine. Plans are kept in runs/neural.
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cableway.benchmark.plants import plant_variant
 from cableway.control.base import Controller
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.neural_mpc import NeuralMPC
@@ -31,9 +29,7 @@ from cableway.planning.planner import plan
 from cableway.records import Plan, Rollout
 from cableway.scene.random.tasks import random_task
 from cableway.scene.task import Task
-from cableway.simulation.grasp import GraspConfig, GraspedCable
-from cableway.simulation.plant import CableSimulator
-from cableway.simulation.sensing import SensedPlant, SensingConfig
+from cableway.simulation.sensing import SensedPlant
 from cableway.tracking import Watchdog, track
 
 TASK_CLOCK = Watchdog(clock=time.process_time)
@@ -52,15 +48,11 @@ def planned(first: int, count: int, folder: Path = Path("runs/neural")) -> Itera
             print(f"{task.name} is left out: {error}")
 
 
-def plants(task: Task) -> Iterator[tuple[str, Any]]:
+def plants(task: Task) -> Iterator[tuple[str, SensedPlant]]:
     """The plants that can take the start, by name."""
-    turn = math.radians(2.0)
-    cable = replace(task.cable, length=0.99 * task.cable.length, stiffness_profile=(0.5, 2.0), damping_time=0.5)
-    askew = GraspConfig(left=(0.0, 0.002, turn), right=(0.0014, -0.0014, -turn))
     try:
-        yield "nominal", CableSimulator(task)
-        held = GraspedCable(CableSimulator(task, cable=cable), askew)
-        yield "hard", SensedPlant(held, SensingConfig(keypoint_noise=0.001, measurement_delay=0.1), seed=0)
+        for name in ("nominal", "hard"):
+            yield name, plant_variant(name, task).build(task, seed=0)
     except CablewayError as error:
         print(f"{task.name}: {error}")
 

@@ -68,6 +68,14 @@ class Metric:
         return statistics.mean([value for value, _ in rows], [task for _, task in rows])
 
 
+REACHABLE = 0.008
+"""Floor [m] below which the strict rule can fairly be asked for."""
+
+
+def _reachable(result: Result) -> bool | None:
+    return None if result.floor is not None and result.floor >= REACHABLE else result.strict
+
+
 def _over_floor(result: Result) -> float | None:
     if result.shape_error is None or result.floor is None:
         return None
@@ -83,6 +91,9 @@ METRICS = {
                "paper's rule. Of a blocked task: it was said that there is no plan. No plan, a crash and a time-out "
                "count as failures.", lambda r: r.success),
         Metric("strict", "< 1 cm", "%", 100, True, True, "The same with 1 cm.", lambda r: r.strict),
+        Metric("strict_reachable", f"< 1 cm, floor < {1000 * REACHABLE:.0f} mm", "%", 100, True, True,
+               f"The same over the episodes in which some gripper poses come within {1000 * REACHABLE:.0f} mm with the "
+               "plant's cable, and those that ended before that could be told.", _reachable),
         Metric("contact", "contact", "%", 100, False, True,
                "Share of episodes in which cable or grippers touched an obstacle or a wall.", lambda r: r.contact),
         Metric("shape_error", "error", "mm", 1000, False, False,

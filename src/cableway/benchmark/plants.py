@@ -20,9 +20,9 @@ from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Obstacle, Polygon
 from cableway.scene.presets import preset_names, preset_values
 from cableway.scene.task import Task
-from cableway.simulation.grasp import GraspConfig, GraspedCable
-from cableway.simulation.plant import CableSimulator
+from cableway.simulation.grasp import GraspConfig
 from cableway.simulation.sensing import SensedPlant, SensingConfig
+from cableway.simulation.setup import PlantSetup
 
 MOVED = 0.010
 """Distance [m] by which obstacles are moved after planning, and the start is off."""
@@ -63,8 +63,8 @@ class Variant:
         Raises:
             SimulationError: The cable cannot take the start.
         """
-        simulated = CableSimulator(self.true_task(task), cable=self.cable)
-        return SensedPlant(GraspedCable(simulated, self.grasp, self.scene or task), self.sensing, seed)
+        setup = PlantSetup(cable=self.cable, grasp=self.grasp, sensing=self.sensing)
+        return setup.build(self.true_task(task), seed, believed=self.scene or task)
 
 
 Draw = Callable[[Task, np.random.Generator], Variant]
@@ -218,8 +218,7 @@ class PlantKind:
     noisy: bool = False
 
 
-PLANTS: dict[str, PlantKind] = {
-    "nominal": PlantKind("the cable that is believed", _cable()),
+_DIFFERING = {
     "tau-0.05": PlantKind("damping time 0.05 s", _cable(damping_time=0.05)),
     "tau-0.2": PlantKind("damping time 0.2 s", _cable(damping_time=0.2)),
     "tau-1.5": PlantKind("damping time 1.5 s", _cable(damping_time=1.5)),
@@ -245,6 +244,9 @@ PLANTS: dict[str, PlantKind] = {
         _stiff_middle, noisy=True),
     "slip": PlantKind("after 4 s one end slips by 5 mm and 3 degrees", _slipping),
     "obstacles-moved": PlantKind("every obstacle 10 mm from where it was planned", _obstacles_moved),
+}  # fmt: skip
+
+_SENSED = {
     "noise-1": PlantKind("keypoints with 1 mm of noise", _sensed(keypoint_noise=0.001), noisy=True),
     "noise-2": PlantKind("keypoints with 2 mm of noise", _sensed(keypoint_noise=0.002), noisy=True),
     "seen-late": PlantKind("seen 0.1 s late", _sensed(measurement_delay=0.1)),
@@ -257,6 +259,12 @@ PLANTS: dict[str, PlantKind] = {
         "2 mm of noise, seen and moved 0.1 s late, a frame in five lost, a stretch hidden in every second",
         lambda task, _: Variant(task.cable, sensing=replace(LAB, drop_rate=0.2, occlusion_rate=0.5, action_delay=0.1)),
         noisy=True),
+}  # fmt: skip
+
+PLANTS: dict[str, PlantKind] = {
+    "nominal": PlantKind("the cable that is believed", _cable()),
+    **_DIFFERING,
+    **_SENSED,
     "laid": PlantKind("the start off by 5 mm and 3 degrees, seen as 'lab'", _laid, noisy=True),
     "drawn": PlantKind("a cable drawn from the ranges of the task's preset, seen as 'lab'", _drawn, noisy=True),
     **{name: PlantKind(f"a cable of the preset {name}, as long as believed, seen as 'lab'", _preset(name), noisy=True)
@@ -264,8 +272,8 @@ PLANTS: dict[str, PlantKind] = {
 }  # fmt: skip
 """Plants by name."""
 
-DIFFERING = tuple(PLANTS)[1 : tuple(PLANTS).index("noise-1")]
+DIFFERING = tuple(_DIFFERING)
 """Plants of the suite "plants"."""
 
-SENSED = tuple(PLANTS)[tuple(PLANTS).index("noise-1") : tuple(PLANTS).index("all-faults") + 1]
+SENSED = tuple(_SENSED)
 """Plants of the suite "sensing"."""

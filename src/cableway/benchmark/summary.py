@@ -14,6 +14,7 @@ from typing import Any
 from cableway.benchmark.episode import Result, reference_time
 from cableway.benchmark.methods import Method
 from cableway.benchmark.metrics import METRICS, Metric
+from cableway.benchmark.plants import PLANTS
 from cableway.benchmark.suites import SUITES, cable_of, kind_of
 from cableway.provenance import versions
 
@@ -67,6 +68,7 @@ def summary(results: Results, methods: Sequence[Method], size: str, configuratio
         first = next(iter(rows.values()))
         content["suites"][suite] = {
             "version": SUITES[suite].version,
+            "plants": {name: PLANTS[name].description for name in dict.fromkeys(result.plant for result in first)},
             "methods": {name: _figures(found) | _against(found, first) for name, found in rows.items()},
         }
     return content

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 from cableway.benchmark.episode import Result
 from cableway.benchmark.metrics import METRICS, Metric
+from cableway.benchmark.plants import PLANTS
 from cableway.benchmark.statistics import Estimate
 from cableway.benchmark.suites import SUITES
 from cableway.benchmark.summary import Results, by_group
 
-COLUMNS = ("success", "strict", "contact", "shape_error", "over_floor", "deviation", "clearance", "planning_time",
-           "control_time", "control_p99")  # fmt: skip
+COLUMNS = ("success", "strict", "strict_reachable", "contact", "shape_error", "over_floor", "deviation", "clearance",
+           "planning_time", "control_time", "control_p99")  # fmt: skip
 """Metrics of the tables."""
 
 COMPARED = ("success", "strict", "contact", "shape_error", "deviation", "clearance", "planning_time", "control_time")
@@ -56,6 +57,8 @@ def sentence(suite: str) -> str:
 def suite_tables(suite: str, rows: Mapping[str, Sequence[Result]]) -> list[Table]:
     """Methods against metrics, their differences to the first, and the groups of each."""
     tables = [_figures("methods", "method", rows)]
+    if SUITES[suite].groups == "plant":
+        tables.append(_plants(next(iter(rows.values()))))
     if len(rows) > 1:
         tables.append(_differences(rows))
     groups = {name: by_group(results) for name, results in rows.items()}
@@ -63,9 +66,16 @@ def suite_tables(suite: str, rows: Mapping[str, Sequence[Result]]) -> list[Table
     return tables
 
 
+def _plants(results: Sequence[Result]) -> Table:
+    """What is different in each plant."""
+    return Table(
+        "plants", (("plant", "what differs"), *((name, PLANTS[name].description) for name in by_group(results)))
+    )
+
+
 def _figures(title: str, first: str, rows: Mapping[str, Sequence[Result]]) -> Table:
     shown = [METRICS[name] for name in COLUMNS]
-    shown = [metric for metric in shown if any(metric.estimate(results) for results in rows.values())]
+    shown = [metric for metric in shown if any(_tells(metric, results) for results in rows.values())]
     lines = [(first, "n", *(f"{metric.title} [{metric.unit}]" for metric in shown))]
     for name, results in rows.items():
         lines.append((name, str(len(results)), *(_cell(metric, results) for metric in shown)))
@@ -84,11 +94,19 @@ def _differences(rows: Mapping[str, Sequence[Result]]) -> Table:
     return Table(f"differences to {first} in the same episodes", tuple(lines))
 
 
+def _tells(metric: Metric, results: Sequence[Result]) -> bool:
+    """Whether a column has something in it that the others have not."""
+    estimate = metric.estimate(results)
+    return estimate is not None and (metric.name != "strict_reachable" or estimate.n < len(results))
+
+
 def _cell(metric: Metric, results: Sequence[Result]) -> str:
-    """A share with its interval, or median / 95th percentile / worst."""
+    """A share with its interval, and of how many where not of all; or median / 95th percentile / worst."""
     quantiles = metric.quantiles(results)
     if quantiles is None:
-        return _interval(metric, metric.estimate(results))
+        estimate = metric.estimate(results)
+        of = f" of {estimate.n}" if metric.is_share and estimate is not None and estimate.n < len(results) else ""
+        return _interval(metric, estimate) + of
     return " / ".join(number(metric.scale * value) for value in quantiles.values())
 
 

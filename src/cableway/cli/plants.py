@@ -3,60 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from cableway.errors import InputError
 from cableway.models.configuration import from_mapping
-from cableway.provenance import describe
 from cableway.scene.cable import Cable
 from cableway.scene.document import read_document
 from cableway.scene.presets import preset_names, preset_values
 from cableway.scene.task import CONTROL_STEP, Task
-from cableway.simulation.grasp import GraspConfig, GraspedCable
-from cableway.simulation.plant import CableSimulator, PlantConfig
-from cableway.simulation.sensing import SensedPlant, SensingConfig
+from cableway.simulation.grasp import GraspConfig
+from cableway.simulation.plant import PlantConfig
+from cableway.simulation.sensing import SensingConfig
+from cableway.simulation.setup import PlantSetup
 
 FORMAT_VERSION = 1
 """The value of the key `cableway`."""
 
 SECTIONS = ("cableway", "cable", "grasp", "simulation", "sensing")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlantSetup:
-    """A plant before it is built.
-
-    Attributes:
-        cable: The true cable.
-        simulation: How it is simulated.
-        sensing: How it is seen and led.
-        grasp: How it is held.
-        notes: Sentences for the reader of a report.
-    """
-
-    cable: Cable
-    simulation: PlantConfig = field(default_factory=PlantConfig)
-    sensing: SensingConfig = field(default_factory=SensingConfig)
-    grasp: GraspConfig = field(default_factory=GraspConfig)
-    notes: tuple[str, ...] = ()
-
-    def build(self, task: Task, seed: int) -> SensedPlant:
-        """The plant.
-
-        Raises:
-            InputError: The cable does not fit the task.
-            SimulationError: The start cannot be taken.
-        """
-        cable = CableSimulator(task, self.simulation, self.cable)
-        held = cable if self.grasp == GraspConfig() else GraspedCable(cable, self.grasp)
-        return SensedPlant(held, self.sensing, seed)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The resolved configuration as plain data."""
-        parts = {"cable": self.cable, "grasp": self.grasp, "sensing": self.sensing}
-        return {**describe(self.simulation), **{name: describe(part) for name, part in parts.items()}}
 
 
 def read_plant(path: Path | None, task: Task) -> PlantSetup:

@@ -16,7 +16,6 @@ from cableway.cli.terminal import Tell, Terminal, pairs
 from cableway.errors import ControlError, SimulationError
 
 if TYPE_CHECKING:
-    from cableway.cli.plants import PlantSetup
     from cableway.control.base import Controller
     from cableway.records import Plan, Rollout
     from cableway.report import Report
