@@ -10,7 +10,8 @@ from cableway.benchmark.tables import suite_tables
 def result(number: int, plant: str, error: float, floor: float | None) -> Result:
     return Result(
         suite="plants", episode=f"{number}-{plant}", method="m", task=f"clutter-{number}", plant=plant, seed=0,
-        digest="", made_by="", outcome="success", success=error < 0.03, strict=error < 0.01, shape_error=error, floor=floor,
+        digest="", made_by="", outcome="success", success=error < 0.03, strict=error < 0.01,
+        shape_error=error, floor=floor,
     )  # fmt: skip
 
 
