@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cableway.planning.planner import plan
     from cableway.planning.push import plan_push
     from cableway.records import Plan, Rollout, Transitions
+    from cableway.rehearsal import RehearsalConfig, rehearsed_plan
     from cableway.report import summarize
     from cableway.scene.cable import Cable
     from cableway.scene.loading import load_task
@@ -54,6 +55,7 @@ _HOME = {
     "Polygon": "scene.obstacles",
     "RodMPC": "control.rod_mpc",
     "RodMPCConfig": "control.rod_mpc",
+    "RehearsalConfig": "rehearsal",
     "Rollout": "records",
     "Scene": "scene.scene",
     "SensedPlant": "simulation.sensing",
@@ -70,6 +72,7 @@ _HOME = {
     "push_in": "tracking",
     "random_task": "scene.random.tasks",
     "random_task_with_witness": "scene.random.tasks",
+    "rehearsed_plan": "rehearsal",
     "shuffled_batches": "datasets.reading",
     "summarize": "report",
     "track": "tracking",

@@ -42,8 +42,11 @@ class Planner(Protocol):
 
 
 def default_planner(task: Task, seed: int) -> Plan:
-    """Our planner."""
-    return planner_of("default")(task, seed)
+    """Our planner, its plan rehearsed where the cable asks for it."""
+    from cableway.rehearsal import rehearsed_plan
+
+    find = planner_of("default")
+    return rehearsed_plan(task, lambda seed: find(task, seed), seed=seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,6 +211,8 @@ def _all() -> tuple[Method, ...]:
     }
     return (
         Method(name=DEFAULT, description=f"{ours}, adaptive rod MPC", controller=_rod_mpc),
+        Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", controller=_rod_mpc,
+               planner=planner_of("default")),
         Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative",
                controller=_feedback("rod")),
         Method(name="broyden", description=f"{ours}, feedback by a learned derivative (the paper's Jacob-IK)",

@@ -29,7 +29,7 @@ class Plan(PlanOptions):
         terminal, task = Terminal(self), load_task(self.task)
         folder = self.folder(task.name)
         with terminal.progress() as tell:
-            report = plan_into(folder, task, self, terminal, tell, self.alternatives).report
+            report = plan_into(folder, task, self, terminal, tell, alternatives=self.alternatives).report
         outputs.announce(terminal, folder, report)
         terminal.result(report.as_dict(), pairs(report.rows()))
         return 0 if report.success else 1

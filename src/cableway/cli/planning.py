@@ -82,11 +82,19 @@ class Planned:
 
 
 def plan_into(
-    folder: Path, task: Task, options: PlanOptions, terminal: Terminal, tell: Tell, alternatives: int = 1
+    folder: Path,
+    task: Task,
+    options: PlanOptions,
+    terminal: Terminal,
+    tell: Tell,
+    *,
+    alternatives: int = 1,
+    rehearsal: bool = False,
 ) -> Planned:
     """Plan a task and leave plan, picture, report and task in a folder, in place of what was there.
 
-    With more than one of `alternatives` there are also the other plans and a picture of all of them.
+    With more than one of `alternatives` there are also the other plans and a picture of all of them; with `rehearsal`
+    the plan is tried in simulation where the cable asks for it.
 
     A folder is left as it was until there is something to write, so an interrupt costs nothing.
     """
@@ -104,9 +112,10 @@ def plan_into(
         search: dict[str, Any] = {"seed": seed, "config": config, "progress": timer}
         search["expired"] = lambda: time.monotonic() > deadline
         push = _plan_push(task, config.limits, timer)
-        plans = (
-            find_plan(task, alternatives=alternatives, **search) if alternatives > 1 else [find_plan(task, **search)]
-        )
+        if alternatives > 1:
+            plans = find_plan(task, alternatives=alternatives, **search)
+        else:
+            plans = [_plan(task, search, timer, rehearsal)]
     except PlanningError as error:
         timer.stop()
         configuration = {"plan": {"planner": describe(config)}}
@@ -117,11 +126,39 @@ def plan_into(
         return Planned(plan=None, report=report, timings=timer.seconds, config=config, notes=notes)
     if len(plans) < alternatives:
         common["notes"] = notes = (*notes, f"Of {alternatives} alternatives {len(plans)} were found.")
+    common["notes"] = notes = (*notes, *_rehearsal_notes(plans[0]))
     report = summarize(task, plans[0], push=push, **common)
     _write_plans(folder, task, report, plans)
     if push is not None:
         push.save(folder / outputs.PUSH)
     return Planned(plan=plans[0], report=report, timings=timer.seconds, config=config, notes=notes, push=push)
+
+
+def _plan(task: Task, search: Mapping[str, Any], tell: Tell, rehearsal: bool) -> Plan:
+    """One plan, rehearsed where that is wanted and the cable asks for it.
+
+    Raises:
+        PlanningError: There is none.
+    """
+    from cableway.planning.planner import plan
+
+    if not rehearsal:
+        return plan(task, **search)
+    from cableway.rehearsal import rehearsed_plan
+
+    return rehearsed_plan(task, lambda seed: plan(task, **{**search, "seed": seed}), seed=search["seed"], progress=tell)
+
+
+def _rehearsal_notes(plan: Plan) -> tuple[str, ...]:
+    """What the rehearsal came to, for the reader of the report."""
+    record = plan.metadata.get("rehearsal")
+    if record is None:
+        return ()
+    deviation, clearance = (f"{1000 * record[name]:.1f} mm" for name in ("deviation", "clearance"))
+    went = f"largest deviation {deviation}, clearance {clearance}, final error {1000 * record['shape_error']:.1f} mm"
+    if record["passed"]:
+        return (f"The plan is number {record['plans']} of those rehearsed on the simulated cable: {went}.",)
+    return (f"None of {record['plans']} plans went well in rehearsal on the simulated cable; the best: {went}.",)
 
 
 def _plan_push(task: Task, limits: VerificationLimits, tell: Tell) -> Plan | None:

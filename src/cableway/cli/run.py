@@ -49,6 +49,9 @@ class Run(PlanOptions):
     deadline: float | None = None
     """Wall time [s] after which a control step counts as missed, as on a robot; none unless given."""
 
+    no_rehearsal: bool = False
+    """Take the first plan, also for a cable that friction holds or that is not the same everywhere."""
+
     no_video: bool = False
     """Leave out the video."""
 
@@ -62,7 +65,7 @@ class Run(PlanOptions):
         setup, watchdog = read_plant(self.plant, task), Watchdog(deadline=self.deadline)
         folder, controller = self.folder(task.name), make_controller(self._name, self.model, terminal)
         with terminal.progress() as tell:
-            planned = plan_into(folder, task, self, terminal, tell)
+            planned = plan_into(folder, task, self, terminal, tell, rehearsal=not self.no_rehearsal)
             report = planned.report
             if planned.plan is not None:
                 report = self._track_into(folder, task, planned, setup, controller, watchdog, tell)
