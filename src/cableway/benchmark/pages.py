@@ -11,8 +11,8 @@ import jinja2
 
 from cableway.benchmark.episode import Job, Result
 from cableway.benchmark.metrics import METRICS
-from cableway.benchmark.reproduction import Section
 from cableway.benchmark.runner import picture_path
+from cableway.benchmark.sections import Section
 from cableway.benchmark.summary import Results
 from cableway.benchmark.tables import sentence, suite_tables
 

@@ -6,8 +6,8 @@ Each section says what is ours: where the paper's number is from hardware, ours 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +15,20 @@ import numpy as np
 
 from cableway.benchmark import paper
 from cableway.benchmark.episode import Result
-from cableway.benchmark.methods import load_method
-from cableway.benchmark.plants import plant_variant
+from cableway.benchmark.sections import LABORATORY, Row, Section, Tell, median_worst, spread, successes
 from cableway.benchmark.statistics import mean
-from cableway.benchmark.suites import cable_of, kind_of, make_task
+from cableway.benchmark.suites import cable_of, kind_of
+from cableway.benchmark.summary import Results
 from cableway.benchmark.tables import Table, number
 from cableway.figures.learning import horizon_figure
-from cableway.figures.stages import followers_figure, stages_figure
+from cableway.figures.stages import stages_figure
 from cableway.figures.style import save_figure
 from cableway.planning.config import PlannerConfig
 from cableway.planning.deformation import optimize_deformation
 from cableway.planning.guides import Guides
 from cableway.provenance import describe
-from cableway.records import Rollout
 from cableway.scene.loading import load_task
 from cableway.scene.task import Task
-from cableway.tracking import track
 
 RUNS = {
     "paper": ("cableway", "paper"),
@@ -56,29 +54,6 @@ COUNTS, STEPS = (7, 13, 25, 49), (25, 50, 100, 200)
 
 TRIALS = 16
 """Trials of each task in the paper's summary."""
-
-LABORATORY = "2 mm of noise on the keypoints, seen 0.1 s late, a frame in ten lost"
-
-Row = tuple[str, ...]
-Results = Mapping[str, Mapping[str, Sequence[Result]]]
-Tell = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the reproduction.
-
-    Attributes:
-        title: What of the paper it is about.
-        text: What is ours, in sentences.
-        tables: Numbers side by side.
-        pictures: Names of files beside the page.
-    """
-
-    title: str
-    text: str
-    tables: tuple[Table, ...] = ()
-    pictures: tuple[str, ...] = ()
 
 
 def hyperparameters() -> Section:
@@ -147,7 +122,7 @@ def simulated(results: Results) -> Section:
         for name in RUNS["paper"]:
             found = [result for result in results["paper"].get(name, ()) if result.task == task]
             errors = [100 * result.shape_error for result in found if result.shape_error is not None]
-            cells += [_successes(found), _median_worst(errors)]
+            cells += [successes(found), median_worst(errors)]
             if name == "cableway":
                 least = [100 * result.clearance for result in found if result.clearance is not None]
                 cells.append(number(min(least)) if least else "-")
@@ -212,13 +187,13 @@ def unconstrained(results: Results) -> Section:
     by_cable: list[Row] = [
         ("cable", "n", "paper, T-DM MPC [cm]", "ours, mean (95%) [cm]", "median / worst [cm]", "below 3 cm")
     ]
-    for cable, spread in paper.CONTROL_BY_CABLE.items():
+    for cable, known in paper.CONTROL_BY_CABLE.items():
         rows = [result for result in found["cableway"] if cable_of(result.task) == cable]
-        by_cable.append((cable, str(len(rows)), _spread(spread), *_errors(rows), _successes(rows)))
+        by_cable.append((cable, str(len(rows)), spread(known), *_errors(rows), successes(rows)))
     by_method: list[Row] = [("method", "n", "paper [cm]", "here, mean (95%) [cm]", "median / worst [cm]", "below 3 cm")]
     for name, rows in found.items():
         known = paper.CONTROL_BY_METHOD.get(name)
-        by_method.append((name, str(len(rows)), _spread(known) if known else "-", *_errors(rows), _successes(rows)))
+        by_method.append((name, str(len(rows)), spread(known) if known else "-", *_errors(rows), successes(rows)))
     text = (
         f"Simulated cables of four kinds, 0.34 m, friction on the table, {LABORATORY}; the start is off by 5 mm and 3 "
         "degrees. Half of the goals are near, half across the table. The paper's numbers are from real cables, ten "
@@ -237,7 +212,7 @@ def summary(results: Results) -> Section:
         found = [result for result in results["lab-constrained"]["cableway"] if kind_of(result.task) == task]
         usual = [result for result in found if cable_of(result.task) in paper.CONTROL_BY_CABLE][:TRIALS]
         others = [result for result in found if cable_of(result.task) not in paper.CONTROL_BY_CABLE]
-        rows.append((task, "as in the paper", rate, _spread(error), _spread(clearance), *_constrained(usual)))
+        rows.append((task, "as in the paper", rate, spread(error), spread(clearance), *_constrained(usual)))
         for cable in dict.fromkeys(cable_of(result.task) for result in others):
             rows.append((task, cable, "-", "-", "-", *_constrained([r for r in others if cable_of(r.task) == cable])))
     text = (
@@ -287,67 +262,12 @@ def _slope(sizes: Sequence[int], seconds: Sequence[float]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
 
 
-def one_plan(folder: Path) -> Section:
-    """One plan that all cables follow from starts that differ."""
-    method = load_method("cableway")
-    thickest = make_task("real-single~rubber-0.34")
-    plan, controller = method.planner(thickest, 0), method.controller()
-    rollouts: dict[str, Rollout] = {}
-    rows: list[Row] = [("cable", "error [cm]", "largest deviation [cm]", "least clearance [cm]")]
-    for seed, cable in enumerate(paper.CONTROL_BY_CABLE):
-        task = make_task(f"real-single~{cable}-0.34")
-        rollout = track(plant_variant("laid", task, seed).build(task, seed), controller, plan, seed=seed)
-        rollouts[cable] = rollout
-        error = np.linalg.norm(rollout.keypoints[-1] - task.goal)
-        deviation = np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max()
-        values = (error, deviation, min(rollout.clearance.min(), rollout.gripper_clearance.min()))
-        rows.append((cable, *(number(100 * float(value)) for value in values)))
-    save_figure(followers_figure(thickest, rollouts), folder / "one-plan.png")
-    text = f"The plan of the thickest cable, followed by all four from starts off by 5 mm and 3 degrees; {LABORATORY}."
-    return Section("One plan for all cables", text, (Table("one plan", tuple(rows)),), ("one-plan.png",))
-
-
-def insertion(trials: int, tell: Tell) -> Section:
-    """The case study of an HDMI cable plugged in on a cluttered table."""
-    from cableway.control.plug_push import PlugPush
-    from cableway.planning.push import plan_push
-    from cableway.report import summarize
-    from cableway.tracking import may_push, push_in
-
-    task, method = load_task("insertion"), load_method("cableway")
-    plan, push, controller, pusher = method.planner(task, 0), plan_push(task), method.controller(), PlugPush()
-    rows: list[Row] = [
-        ("trial", "plugged in", "off the axis [mm]", "turned [deg]", "depth [mm]", "least clearance [mm]")
-    ]
-    for seed in range(trials):
-        tell("insertion", seed / trials)
-        plant = plant_variant("hdmi", task, seed).build(task, seed)
-        rollout, inserted = track(plant, controller, plan, seed=seed), None
-        if may_push(rollout, task):
-            inserted = push_in(plant, push, controller=pusher, seed=seed)
-        report = summarize(task, plan, rollout, push=push, insertion=inserted)
-        found, clearance = report.insertion, report.min_clearance
-        figures = (
-            (found.lateral_at_mouth, 1000), (found.angle_at_mouth, 180 / np.pi), (found.depth, 1000)
-        ) if found else ()  # fmt: skip
-        cells = ["-" if value is None else number(scale * float(value)) for value, scale in figures] or ["-"] * 3
-        least = "-" if clearance is None else number(1000 * clearance)
-        rows.append((str(seed), "yes" if report.success else f"no: {report.failure}", *cells, least))
-    text = (
-        "The catalogue's task `insertion`: routed through clutter, aligned with the port and pushed in along its axis. "
-        f"The simulated HDMI cable with friction on the table, {LABORATORY}. Plugged in means within 2 mm and 3 "
-        "degrees at the mouth, to full depth, without contact. The paper shows one run on hardware, without "
-        "numbers."
-    )
-    return Section("Case study: insertion", text, (Table("insertion", tuple(rows)),))
-
-
 def _constrained(results: Sequence[Result]) -> tuple[str, ...]:
     errors = [100 * result.shape_error for result in results if result.shape_error is not None]
     clearance = [100 * result.clearance for result in results if result.clearance is not None]
-    spread = _spread((float(np.mean(errors)), float(np.std(errors)))) if errors else "-"
+    usual = spread((float(np.mean(errors)), float(np.std(errors)))) if errors else "-"
     worst = number(max(errors)) if errors else "-"
-    return _successes(results), spread, worst, number(min(clearance)) if clearance else "-"
+    return successes(results), usual, worst, number(min(clearance)) if clearance else "-"
 
 
 def _errors(results: Sequence[Result]) -> tuple[str, str]:
@@ -356,16 +276,4 @@ def _errors(results: Sequence[Result]) -> tuple[str, str]:
     if estimate is None:
         return "-", "-"
     ends = f"{number(estimate.low)} to {number(estimate.high)}"
-    return f"{number(estimate.value)} ({ends})", _median_worst([error for error, _ in rows])
-
-
-def _median_worst(values: Sequence[float]) -> str:
-    return f"{number(float(np.median(values)))} / {number(max(values))}" if values else "-"
-
-
-def _successes(results: Sequence[Result]) -> str:
-    return f"{sum(result.success for result in results)}/{len(results)}"
-
-
-def _spread(spread: tuple[float, float]) -> str:
-    return f"{number(spread[0])} ± {number(spread[1])}"
+    return f"{number(estimate.value)} ({ends})", median_worst([error for error, _ in rows])

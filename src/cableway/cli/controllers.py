@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cableway.errors import InputError, UnknownNameError
@@ -22,24 +23,33 @@ MODELS = {"neural-mpc": "conv", "neural-mpc-paper": "transformer"}
 AHEAD = "The controller is compiled once before it starts; the next run finds it in your cache folder."
 
 
-def make_controller(name: str, model: str | None, terminal: Terminal) -> Controller[Any]:
+ADAPT_EVERY = 20
+"""Control steps between two adaptations of a model."""
+
+
+def make_controller(name: str, model: str | None, terminal: Terminal, adapt: bool = False) -> Controller[Any]:
     """The controller of a name.
 
     Args:
         name: One of `CONTROLLERS`.
         model: Deformation model, for the neural ones.
         terminal: Told where compilation is ahead.
+        adapt: Adapt the model while it runs.
 
     Raises:
         UnknownNameError: There is no such controller or model; the message lists them.
-        InputError: A model is given for a controller that has none.
+        InputError: A model is given for a controller that has none, or is to be adapted and can't be.
     """
     if name not in CONTROLLERS:
         raise UnknownNameError("controller", name, CONTROLLERS)
     if name in MODELS:
-        return _neural(name, model or MODELS[name], terminal)
+        return _neural(name, model or MODELS[name], terminal, adapt)
     if model is not None:
         raise InputError(f"--model is for neural-mpc and neural-mpc-paper; {name} has no deformation model to choose")
+    if adapt:
+        raise InputError(
+            f"--adapt is for neural-mpc and neural-mpc-paper; {name} has no model to adapt, or adapts anyway"
+        )
     if name == "open-loop":
         from cableway.control.open_loop import OpenLoop
 
@@ -57,7 +67,7 @@ def make_controller(name: str, model: str | None, terminal: Terminal) -> Control
     return JacobianFeedback(JacobianConfig(source="rod" if name == "rod-jacobian" else "broyden"))
 
 
-def _neural(name: str, model: str, terminal: Terminal) -> Controller[Any]:
+def _neural(name: str, model: str, terminal: Terminal, adapt: bool) -> Controller[Any]:
     from cableway.control.mpc_config import MPCConfig
     from cableway.control.neural_mpc import NeuralMPC
     from cableway.models.checkpoint import load_model
@@ -66,4 +76,5 @@ def _neural(name: str, model: str, terminal: Terminal) -> Controller[Any]:
     predicts = load_model(model)
     if not enable_compilation_cache():
         terminal.note(AHEAD)
-    return NeuralMPC(predicts, MPCConfig.paper() if name == "neural-mpc-paper" else MPCConfig())
+    config = MPCConfig.paper() if name == "neural-mpc-paper" else MPCConfig()
+    return NeuralMPC(predicts, replace(config, adapt_every=ADAPT_EVERY if adapt else 0))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cableway.benchmark.episode import Job
-    from cableway.benchmark.reproduction import Section
+    from cableway.benchmark.sections import Section
 
 PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
 
@@ -75,7 +75,7 @@ class Reproduce(EpisodeOptions):
         ]
 
     def _sections(self, jobs: list[Job], folder: Path, tell: Tell) -> list[Section]:
-        from cableway.benchmark import reproduction
+        from cableway.benchmark import case_studies, reproduction
 
         _, transitions, repeats, trials = SIZES[self.size]
         results = collect(jobs, folder)
@@ -87,7 +87,8 @@ class Reproduce(EpisodeOptions):
             reproduction.prediction(folder, transitions, tell),
             reproduction.unconstrained(results),
             reproduction.summary(results),
-            reproduction.one_plan(folder),
-            reproduction.insertion(trials, tell),
+            case_studies.one_plan(folder),
+            case_studies.silicone(folder, transitions, trials, tell),
+            case_studies.insertion(trials, tell),
             reproduction.cost(repeats, tell),
         ]

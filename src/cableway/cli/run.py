@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cableway.records import Plan, Rollout
     from cableway.report import Report
     from cableway.scene.task import Task
+    from cableway.simulation.setup import PlantSetup
     from cableway.tracking import Watchdog
 
 
@@ -43,6 +44,9 @@ class Run(PlanOptions):
     model: str | None = None
     """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; conv unless given."""
 
+    adapt: bool = False
+    """Adapt the model of neural-mpc to the cable while it runs."""
+
     plant: Path | None = None
     """YAML file that says how the simulated cable differs from the task's and how it is seen: noise, delays."""
 
@@ -63,7 +67,7 @@ class Run(PlanOptions):
 
         terminal, task = Terminal(self), load_task(self.task)
         setup, watchdog = read_plant(self.plant, task), Watchdog(deadline=self.deadline)
-        folder, controller = self.folder(task.name), make_controller(self._name, self.model, terminal)
+        folder, controller = self.folder(task.name), make_controller(self._name, self.model, terminal, self.adapt)
         with terminal.progress() as tell:
             planned = plan_into(folder, task, self, terminal, tell, rehearsal=not self.no_rehearsal)
             report = planned.report

@@ -33,6 +33,7 @@ class MPCConfig:
             the cable farther, the plan's distance.
         stretch_weight: w_s [1/m^2]; 0 for no such cost (paper).
         longest: Distance between the grippers over the cable's length that is never exceeded, unless by the plan.
+        adapt_every: Control steps between two adaptations of the model; 0 for none.
         hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
         blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
         unseen_steps: Steps in a row that go on without keypoints before the grippers stop.
@@ -54,6 +55,7 @@ class MPCConfig:
     stretch: float = 0.985
     stretch_weight: float = 1e5
     longest: float = 0.995
+    adapt_every: int = 0
     hold: float = 1.5
     blind_steps: int = 3
     unseen_steps: int = 10
@@ -70,6 +72,7 @@ class MPCConfig:
             "obstacle_weight",
             "pose_weight",
             "stretch_weight",
+            "adapt_every",
             "hold",
             "blind_steps",
             "unseen_steps",

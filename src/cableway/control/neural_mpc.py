@@ -18,6 +18,9 @@ of the frame before and of the gripper motion since, low-pass filtered. Without 
 error balances the pull to the reference. Keypoints that are hidden are taken to be where the model expects them. What
 is seen late is first led on by the motions that the grippers have made since or were sent (`sight`).
 
+With `adapt_every` the model itself is adapted to the cable at hand: its decoder, as in the paper, or its rod
+(`models.adaptation`), from the frames in which the whole cable was seen.
+
 Note:
     The feedforward a_ref, the offset, what is done about delays, the stretch term and the cost of the cable between
     its keypoints are ours; `MPCConfig.paper()` is without feedforward, offset, stretch term and the points between.
@@ -25,6 +28,7 @@ Note:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,12 +38,15 @@ from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.gauss_newton import Residual, Solution, minimize_in_box
 from cableway.control.horizon import ActionBox, HorizonCost, Target
+from cableway.control.learning import Learning
 from cableway.control.limits import longest_gap
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.prediction import Predictor, compile_predictor
-from cableway.errors import ControlError
+from cableway.errors import ControlError, InputError
+from cableway.models.adaptation import AdaptationConfig
 from cableway.models.base import DeformationModel
-from cableway.records import Observation, Plan
+from cableway.models.learned import LearnedModel
+from cableway.records import Estimate, Observation, Plan
 from cableway.scene.task import Task
 
 
@@ -66,6 +73,7 @@ class MPCState(FollowerState):
         seen: Keypoints (n, 2) [m] as last seen, with gripper poses (2, 3) of the same time; None before.
         offset: (n, 2) output offset [m].
         solution: The last solve, for the record; None before the first.
+        learning: The model that is adapted; None where it is not.
     """
 
     problem: Problem
@@ -73,6 +81,11 @@ class MPCState(FollowerState):
     seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
     offset: Float[np.ndarray, "n 2"]
     solution: Solution | None
+    learning: Learning | None = None
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """See `ControllerState.estimates`."""
+        return {} if self.learning is None else self.learning.estimates()
 
 
 class NeuralMPC(Controller[MPCState]):
@@ -81,16 +94,27 @@ class NeuralMPC(Controller[MPCState]):
     Args:
         model: Predicts the cable's motion.
         config: The settings, the defaults where None.
+        adaptation: How the model is adapted where the settings ask for it, the defaults where None.
+
+    Raises:
+        InputError: A model that nothing was learned of is to be adapted.
     """
 
-    def __init__(self, model: DeformationModel, config: MPCConfig | None = None) -> None:
+    def __init__(
+        self, model: DeformationModel, config: MPCConfig | None = None, adaptation: AdaptationConfig | None = None
+    ) -> None:
         self.model = model
         self.config = config or MPCConfig()
+        self._adaptation = adaptation or AdaptationConfig()
+        if self.config.adapt_every and not isinstance(model, LearnedModel):
+            raise InputError(f"adapt_every must be 0 for a {type(model).__name__}, which has nothing to adapt")
         self._predictors: dict[int, Predictor] = {}
 
     def init(self, task: Task, plan: Plan) -> MPCState:
         """See `Controller.init`."""
-        beginning = FollowerState.beginning(task, plan, self.config.hold)
+        beginning, learning = FollowerState.beginning(task, plan, self.config.hold), None
+        if isinstance(self.model, LearnedModel) and self.config.adapt_every:
+            learning = Learning.of(self.model, self._adaptation, self.config.adapt_every, task.cable.keypoints)
         state = MPCState(
             **beginning,
             problem=Problem(self._predictor(task.cable.keypoints), HorizonCost(task, self.config)),
@@ -98,6 +122,7 @@ class NeuralMPC(Controller[MPCState]):
             seen=None,
             offset=np.zeros_like(task.start),
             solution=None,
+            learning=learning,
         )
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # loads and compiles what a step needs
         return state
@@ -120,6 +145,7 @@ class NeuralMPC(Controller[MPCState]):
         return self._predictors[keypoints]
 
     def _track(self, state: MPCState) -> tuple[np.ndarray, MPCState]:
+        state = self._adapted(state)
         sight, offset = state.sight, state.offset
         keypoints = sight.keypoints
         if state.seen is not None:
@@ -134,6 +160,16 @@ class NeuralMPC(Controller[MPCState]):
         actions, solution = self._solve(state, self._rolled(state, keypoints, way[0], way[1:]), offset)
         state = replace(state, actions=actions, solution=solution)
         return self._sent(state, actions[0], Status.UNSEEN if sight.unseen else Status.TRACKING)
+
+    def _adapted(self, state: MPCState) -> MPCState:
+        """With what the newest frame tells of the model."""
+        if state.learning is None:
+            return state
+        learning = state.learning.seeing((state.sight.keypoints, state.sight.then))
+        if learning.state.model is state.learning.state.model:
+            return replace(state, learning=learning)
+        problem = replace(state.problem, predictor=state.problem.predictor.of(learning.state.model))
+        return replace(state, learning=learning, problem=problem, offset=np.zeros_like(state.offset))
 
     def _rolled(
         self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -26,6 +26,10 @@ class Predictor:
     _weights: list[jax.Array]
     _shapes: Callable[..., jax.Array]
     _linearized: Callable[..., tuple[jax.Array, ...]]
+
+    def of(self, model: DeformationModel) -> Predictor:
+        """The same for a model that differs from the compiled one in its weights alone."""
+        return replace(self, _weights=jax.tree.leaves(eqx.filter(model, eqx.is_array)))
 
     def shapes(
         self,

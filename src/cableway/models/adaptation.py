@@ -109,8 +109,35 @@ def start_adaptation(
     old = None
     if replay is not None and model.rod is None:
         starts = np.random.default_rng(seed).permutation(len(replay))[: config.windows]
-        old = _repeated(dataset.windows(replay, starts, 1), config.windows)
+        old = dataset.windows(replay, np.resize(starts, config.windows), 1)
     return AdaptationState(model, config, np.asarray(parameters_of(model), float), old)
+
+
+def compile_adaptation(state: AdaptationState, keypoints: int) -> None:
+    """Compile what `adapt` needs for cables of so many keypoints, so that no update waits for it."""
+    config = state.config
+    horizon = _horizon(state)
+    nothing = [
+        Windows(
+            *(jnp.zeros((count, *shape)) for shape in ((keypoints, 2), (2, 3), (steps, 2, 3), (steps, keypoints, 2)))
+        )
+        for count, steps in ((config.windows, horizon), (config.held_windows, config.block))
+    ]
+    batch = nothing[0]
+    if state.replay is not None:
+        batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
+    fit(state.model, batch, state.first, replace(config.fit, iterations=1))
+    jax.block_until_ready(_errors(state.model, _nothing(config.held_windows, config.block, keypoints)))
+
+
+def _nothing(count: int, steps: int, keypoints: int) -> Windows:
+    shapes = (keypoints, 2), (2, 3), (steps, 2, 3), (steps, keypoints, 2)
+    return Windows(*(jnp.zeros((count, *shape)) for shape in shapes))
+
+
+def _horizon(state: AdaptationState) -> int:
+    """Steps of the windows that the model is fitted to."""
+    return 1 if state.model.rod is None else state.config.window
 
 
 def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
@@ -130,19 +157,20 @@ def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
     recent = _remembered(state.recent, transitions, config.memory)
     state = replace(state, recent=recent)
     training, held = _blocks(recent, config)
-    horizon = 1 if state.model.rod is None else config.window
+    horizon = _horizon(state)
     windows = _informative(recent, _inside(training, config.block, horizon), horizon, config)
     judges = _informative(recent, held, config.block, config)
     if not len(windows) or len(judges) < config.least_held:
         return state
+    # rows repeat, so that compiled code always sees the same shapes
     chosen = judges[-config.held_windows :]
-    test = _repeated(dataset.windows(recent, chosen, config.block), config.held_windows)
+    test = dataset.windows(recent, np.resize(chosen, config.held_windows), config.block)
     before = np.asarray(_errors(state.model, test), float)[: len(chosen)]
     limit = config.fit.outlier * np.median(before)
     error = np.minimum(before, limit).mean()
     if error < config.enough * _length(recent):
         return state
-    batch = _repeated(dataset.windows(recent, _spread(windows, config.windows), horizon), config.windows)
+    batch = dataset.windows(recent, np.resize(_spread(windows, config.windows), config.windows), horizon)
     if state.replay is not None:
         batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
     candidate = fit(state.model, batch, state.first, config.fit)
@@ -197,12 +225,6 @@ def _informative(
 def _spread(rows: Int[np.ndarray, "k"], most: int) -> Int[np.ndarray, "j"]:
     """At most so many of the rows, evenly spread."""
     return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int))]
-
-
-def _repeated(batch: Windows, count: int) -> Windows:
-    """Windows repeated in turn until there are `count`, so that compiled code always sees the same shapes."""
-    rows = np.arange(count) % len(batch.keypoints)
-    return Windows(*(part[rows] for part in batch))
 
 
 @eqx.filter_jit

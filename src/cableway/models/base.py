@@ -53,4 +53,7 @@ def rollout(
         return (shape, grippers + action), shape
 
     start = (jnp.asarray(keypoints, jnp.float32), jnp.asarray(poses, jnp.float32))
-    return jax.lax.scan(step, start, jnp.asarray(actions, jnp.float32))[1]
+    actions = jnp.asarray(actions, jnp.float32)
+    if len(actions) == 1:  # a loop would carry derivatives by the parameters through all of the network
+        return step(start, actions[0])[1][None]
+    return jax.lax.scan(step, start, actions)[1]
