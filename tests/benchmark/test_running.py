@@ -143,6 +143,16 @@ def test_methods_by_name_by_file_and_by_mistake():
         load_method(f"{FILE}:NO_METHOD")
 
 
+def test_ray_gives_what_this_machine_gives(folder: Path, tmp_path: Path):
+    pytest.importorskip("ray")
+    run_jobs([job("sound"), job("raises")], tmp_path, executor="ray", workers=2)
+    for name in ("sound", "raises"):
+        here, there = read_result(job(name), folder), read_result(job(name), tmp_path)
+        assert here is not None
+        assert there is not None
+        assert without_times(there) == without_times(here)
+
+
 def test_the_command_runs_resumes_and_leaves_everything(folder: Path, capsys: pytest.CaptureFixture[str]):
     command = ["bench", "unconstrained", "--methods", f"{FILE}:SOUND,{FILE}:RAISES", "--episodes", EPISODE.name,
                "--out", str(folder), "--workers", "1", "--json"]  # fmt: skip

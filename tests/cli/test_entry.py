@@ -78,6 +78,10 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
             ["run", "maze-1", "--controller", "broyden", "--model", "transformer"],
             "--model is for neural-mpc and neural-mpc-paper; broyden has no deformation model to choose",
         ),
+        (
+            ["run", "maze-1", "--adapt"],
+            "--adapt is for neural-mpc and neural-mpc-paper; rod-mpc has no learned model",
+        ),
         (["run", "maze-1", "--model", "no/such.safetensors"], "no/such.safetensors: no such file"),
         (["check", "maze-1", "plan.npz"], "plan.npz: no such file"),
         (["collect", "--config", "none.yaml"], "none.yaml: no such file"),

@@ -47,9 +47,7 @@ def make_controller(name: str, model: str | None, terminal: Terminal, adapt: boo
     if model is not None:
         raise InputError(f"--model is for neural-mpc and neural-mpc-paper; {name} has no deformation model to choose")
     if adapt:
-        raise InputError(
-            f"--adapt is for neural-mpc and neural-mpc-paper; {name} has no model to adapt, or adapts anyway"
-        )
+        raise InputError(f"--adapt is for neural-mpc and neural-mpc-paper; {name} has no learned model")
     if name == "open-loop":
         from cableway.control.open_loop import OpenLoop
 

@@ -133,7 +133,13 @@ def _call(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def _result_of(ray: Any, reference: Any) -> Callable[[], Any]:
-    return lambda: ray.get(reference)
+    def result() -> Any:
+        try:
+            return ray.get(reference)
+        except ray.exceptions.RayTaskError as error:
+            raise error.cause from None  # what the function raised, without Ray around it
+
+    return result
 
 
 _EXECUTORS = {"local": _local, "ray": _ray}
