@@ -88,6 +88,7 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         (["collect", "--transitions", "0"], "collection.transitions must be at least 1, got 0"),
         (["collect", "--transitions", "9", "--workers", "0"], "workers must be at least 1, got 0"),
         (["collect", "--executor", "cloud"], "unknown executor 'cloud'; known: local, ray"),
+        (["reproduce", "--size", "huge"], "unknown size 'huge'; known: full, quick"),
         (["train"], "runs/collect: not a data set; one is a folder with manifest.json, made by cableway collect"),
         (["models", "none.safetensors"], "none.safetensors: no such file"),
     ],
