@@ -14,16 +14,20 @@ from cableway.control.base import Status
 from cableway.control.mpc_config import MPCConfig
 from cableway.control.neural_mpc import NeuralMPC
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
+from cableway.control.rod_mpc import RodMPC
 from cableway.errors import InputError, PlanningError, SimulationError
+from cableway.geometry import polyline
 from cableway.models.baselines import RigidBlend
 from cableway.planning.planner import plan
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import equilibria_at, shape_between
+from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 from cableway.simulation.plant import CableSimulator, PlantConfig
 from cableway.simulation.sensing import SensedPlant, SensingConfig
-from cableway.tracking import LOST, Recovery, TrackConfig, track
+from cableway.tracking import BLOCKED, LOST, Recovery, TrackConfig, track
+from cableway.tracking.recovery import Watch
 
 ROD = Rod(0.3)
 PLAN = straight_plan(ROD, steps=40)
@@ -251,7 +255,7 @@ def test_a_cable_that_snaps_again_and_again_is_given_up() -> None:
     plant = Snapping(CARRIED_TASK, ARC, ROD)
     plant.snaps = (15, 30)
     rollout = track(plant, EAGER, CARRIED, recovery=Recovery(replan=planned_back, times=1))
-    assert rollout.metadata["outcome"] == "the cable left its plan: already brought back 1 times"
+    assert rollout.metadata["outcome"] == "the cable left its plan: already planned anew 1 times"
     assert len(rollout.metadata["recovered"]) == 1
 
 
@@ -273,3 +277,78 @@ def test_on_its_plan_nothing_is_recovered(mpc: NeuralMPC, shifted: Rollout) -> N
 def test_settings_of_recovery_are_checked() -> None:
     with pytest.raises(InputError, match="deviation must be finite"):
         Recovery(replan=planned_back, deviation=np.nan)
+
+
+BLOCKED_TASK = replace(
+    CARRIED_TASK, scene=replace(CARRIED_TASK.scene, obstacles=(Disc(center=(0.41, 0.37), radius=0.01),))
+)
+"""A disc over which the plan carries the right leg of the arc; there is a way round."""
+
+
+class Uncovered(SensedPlant):
+    """What stands there is known only from some time on."""
+
+    def __init__(self, known_from: float) -> None:
+        super().__init__(CableSimulator(BLOCKED_TASK), SensingConfig(), 0)
+        self.known_from = known_from
+
+    @property
+    def task(self) -> Task:
+        return CARRIED_TASK if self.plant.time < self.known_from else BLOCKED_TASK
+
+
+@pytest.fixture(scope="module")
+def rod_mpc() -> RodMPC:
+    return RodMPC()
+
+
+@pytest.mark.parametrize("known_from", [0.0, 2.0])
+def test_what_appears_in_the_way_is_planned_round(rod_mpc: RodMPC, known_from: float) -> None:
+    rollout = track(Uncovered(known_from), rod_mpc, CARRIED, recovery=Recovery(replan=planned_back, rest=0.5))
+    stood = np.flatnonzero(rollout.status == BLOCKED)
+    assert rollout.times[stood[0]] == pytest.approx(known_from)
+    assert len(stood) == 5
+    assert not rollout.actions[stood].any()
+    assert len(rollout.metadata["recovered"]) == 1
+    assert rollout.metadata["outcome"] == "settled"
+    assert min(rollout.clearance.min(), rollout.gripper_clearance.min()) > 0
+    assert stacked(rollout.keypoints[-1], CARRIED_TASK.goal) < 0.005
+
+
+def test_without_recovery_the_controller_is_told_and_goes_as_far_as_it_can(rod_mpc: RodMPC) -> None:
+    rollout = track(Uncovered(2.0), rod_mpc, CARRIED)
+    assert BLOCKED not in rollout.status
+    assert stacked(rollout.keypoints[-1], CARRIED_TASK.goal) > 0.03
+
+
+def test_where_there_is_no_way_round_the_run_ends_standing(rod_mpc: RodMPC) -> None:
+    def nowhere(task: Task, left: Plan) -> Plan:
+        raise PlanningError("there is no plan: walled in")
+
+    rollout = track(Uncovered(1.0), rod_mpc, CARRIED, recovery=Recovery(replan=nowhere))
+    assert rollout.metadata["outcome"] == "something stands in the way: there is no plan: walled in"
+    assert rollout.clearance.min() > 0
+
+
+def with_disc(center: np.ndarray, radius: float) -> Task:
+    disc = Disc(center=(float(center[0]), float(center[1])), radius=radius)
+    return replace(CARRIED_TASK, scene=replace(CARRIED_TASK.scene, obstacles=(disc,)))
+
+
+@pytest.mark.parametrize(("depth", "blocked"), [(0.004, False), (0.008, True)])
+def test_a_little_in_the_way_is_left_to_the_controller(depth: float, blocked: bool) -> None:
+    """A disc that the arc grazes half way, as deep as that."""
+    across = np.array([-0.05, 0.08]) / np.hypot(0.05, 0.08)
+    curve = polyline.spline(CARRIED.shapes[20], 20)
+    foremost = curve[np.argmax(curve @ across)]
+    task = with_disc(foremost + across * (CARRIED_TASK.cable.radius + 0.02 - depth), 0.02)
+    watch = Watch(Recovery(replan=planned_back), 0.1)
+    assert watch.is_blocked(task, CARRIED, 0.0) == blocked
+    assert not watch.is_blocked(CARRIED_TASK, CARRIED, 0.0)
+
+
+def test_what_the_cable_has_passed_is_not_in_its_way() -> None:
+    task = with_disc(CARRIED.shapes[10][2], 0.003)
+    watch = Watch(Recovery(replan=planned_back, room=0.0), 0.1)
+    assert watch.is_blocked(task, CARRIED, 0.0)
+    assert not watch.is_blocked(task, CARRIED, 0.9)

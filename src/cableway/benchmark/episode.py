@@ -21,13 +21,13 @@ from cableway.report import Report, summarize
 from cableway.scene.loading import load_task
 from cableway.scene.task import Task
 from cableway.tracking import Recovery, track
-from cableway.tracking.recovery import LEFT
+from cableway.tracking.recovery import IN_THE_WAY, LEFT
 from cableway.tracking.watchdog import GIVEN_UP
 
 STRICT_ERROR = 0.01
 """Stacked shape error [m] below which an episode is a success by the strict rule."""
 
-GAVE_UP = {"plant failed": "plant failed", GIVEN_UP: "controller failed", LEFT: "left plan"}
+GAVE_UP = {"plant failed": "plant failed", GIVEN_UP: "controller failed", LEFT: "left plan", IN_THE_WAY: "left plan"}
 """Outcomes of runs that ended early, by how the rollout's own outcome begins."""
 
 BLOCKED = "blocked"

@@ -98,3 +98,12 @@ class Controller(ABC, Generic[S]):
             The gripper motion (dx, dy, dtheta) [m, m, rad], left then right, never beyond the task's limits, and
             the next state.
         """
+
+    def in_scene(self, state: S, task: Task) -> S:
+        """The state once the scene is known to be another one; the same where obstacles mean nothing to a controller.
+
+        Args:
+            state: As it was.
+            task: With the scene as it is known now, and otherwise the same.
+        """
+        return state

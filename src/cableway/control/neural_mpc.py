@@ -127,6 +127,10 @@ class NeuralMPC(Controller[MPCState]):
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # loads and compiles what a step needs
         return state
 
+    def in_scene(self, state: MPCState, task: Task) -> MPCState:
+        """See `Controller.in_scene`."""
+        return replace(state, task=task, problem=replace(state.problem, cost=HorizonCost(task, self.config)))
+
     def step(self, state: MPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], MPCState]:
         """See `Controller.step`."""
         state = state.looking(observation)

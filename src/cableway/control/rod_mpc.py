@@ -182,6 +182,10 @@ class RodMPC(Controller[RodMPCState]):
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
 
+    def in_scene(self, state: RodMPCState, task: Task) -> RodMPCState:
+        """See `Controller.in_scene`."""
+        return replace(state, task=task)
+
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""
         state = state.looking(observation, state.estimate.theta[GRASPS])

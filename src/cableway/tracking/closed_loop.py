@@ -14,7 +14,7 @@ from cableway.provenance import describe
 from cableway.records import Plan, Rollout
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
-from cableway.tracking.recovery import Recovery, Watch
+from cableway.tracking.recovery import IN_THE_WAY, Recovery, Watch
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
@@ -42,17 +42,19 @@ def track(
         controller: What leads.
         plan: Shapes and gripper poses to follow.
         config: When to end, the defaults where None.
-        recovery: What to do when the cable leaves the plan; nothing where None.
+        recovery: What to do when the cable leaves the plan, or the scene of the plant's task has something in its way;
+            nothing where None.
         watchdog: When a controller's step counts as missed, and what then; no deadline where None.
         progress: Told how far along the plan the run is.
         seed: For the record.
 
     Returns:
         All that happened. `metadata["outcome"]` says how it ended, which is "settled", "time ran out", "the cable left
-        its plan: ..." with why it was not brought back, "controller failed: ..." where it missed too many steps in a
-        row, or, where the plant gave up, "plant failed: ..." with its reason, which the last status says too; the
-        rollout then ends with the last state before that. `metadata["recovered"]` has the times [s] from which a new
-        plan was followed, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
+        its plan: ..." or "something stands in the way: ..." with why it was not brought back, "controller failed: ..."
+        where it missed too many steps in a row, or, where the plant gave up, "plant failed: ..." with its reason, which
+        the last status says too; the rollout then ends with the last state before that. `metadata["recovered"]` has the
+        times [s] from which a new plan was followed, `metadata["watchdog"]` how many steps were late, failed, or cut to
+        the limits.
 
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.
@@ -68,6 +70,10 @@ def track(
     watch = Watch(recovery, plant.control_step) if recovery is not None else None
     outcome = None
     while outcome is None:
+        anew = loop.looked_round()
+        if anew and watch is not None and watch.is_blocked(plant.task, loop.plan, loop.state.progress):
+            outcome = watch.recover(loop, IN_THE_WAY)
+            continue
         outcome = loop.step()
         if outcome is None and watch is not None and watch.is_lost(loop.observation, loop.state.reference):
             outcome = watch.recover(loop)

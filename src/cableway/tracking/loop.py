@@ -9,6 +9,7 @@ import numpy as np
 from cableway.control.base import Controller, ControllerState
 from cableway.errors import SimulationError
 from cableway.records import Plan
+from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.log import Log
 from cableway.tracking.plant import Plant
@@ -17,6 +18,9 @@ from cableway.tracking.watchdog import Guard, Watchdog
 
 LOST = "off the plan: stopped"
 """Status of a step in which the grippers stand still because the cable has left its plan."""
+
+BLOCKED = "the way is blocked: stopped"
+"""The same because something stands where the plan leads."""
 
 
 class Loop:
@@ -27,6 +31,7 @@ class Loop:
     ) -> None:
         self.plant, self._controller, self._config, self.log = plant, controller, config, Log()
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
+        self._scene: Scene | None = None
         self.follow(plant.task, plan)
         self.observation = plant.reset()
         self.log.see(0.0, self.observation, plant.measure(), self.state.reference)
@@ -42,6 +47,15 @@ class Loop:
         self.state: ControllerState = self._controller.init(task, plan)
         self._rule = StopRule(self._config, plan, self.plant.control_step)
 
+    def looked_round(self) -> bool:
+        """Whether the scene of the plant's task is another one than last time; controller and watchdog are told."""
+        task = self.plant.task
+        if task.scene is self._scene or task.scene == self._scene:
+            return False
+        self._scene, self.guard.task = task.scene, task
+        self.state = self._controller.in_scene(self.state, task)
+        return True
+
     def step(self) -> str | None:
         """One control step; how the run ended, if it did."""
         before = self.log.actions[-1] if self.log.actions else np.zeros((2, 3))
@@ -50,9 +64,9 @@ class Loop:
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
 
-    def stand(self) -> str | None:
+    def stand(self, status: str = LOST) -> str | None:
         """One control step without motion."""
-        self.log.act(np.zeros((2, 3)), 0.0, LOST, self.state.estimates())
+        self.log.act(np.zeros((2, 3)), 0.0, status, self.state.estimates())
         return self._move(np.zeros((2, 3)))
 
     def _move(self, action: np.ndarray) -> str | None:

@@ -24,7 +24,10 @@ class Plant(Protocol):
 
     @property
     def task(self) -> Task:
-        """What planner and controller believe; the plant itself may differ."""
+        """What planner and controller believe; the plant itself may differ.
+
+        It is asked for at every step: where what is known of the obstacles changes, its scene does.
+        """
         ...
 
     @property

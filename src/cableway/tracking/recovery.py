@@ -1,4 +1,4 @@
-"""What is done about a cable that has left its plan for good."""
+"""What is done about a cable that has left its plan for good, and about a plan that something stands in the way of."""
 
 from __future__ import annotations
 
@@ -10,19 +10,28 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.errors import InputError, PlanningError, TaskError
+from cableway.geometry import polyline
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
-from cableway.tracking.loop import Loop
+from cableway.tracking.loop import BLOCKED, LOST, Loop
 
 LEFT = "the cable left its plan"
 """How the outcome of a run begins that was not brought back."""
+
+IN_THE_WAY = "something stands in the way"
+"""The same of a run that found no way round."""
+
+PIECES = 4
+"""Into how many pieces the cable between two keypoints is taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recovery:
     """What happens when the cable leaves its plan for good: it snapped to another shape, slipped, or is blocked.
 
-    The grippers stop and stand still; a new plan is made from where the cable is, and the run goes on with it.
+    The same happens when the scene of the plant's task turns out to have something where the plan leads; controllers
+    make room by themselves for what reaches into it by no more than `room`. The grippers stop and stand still; a new
+    plan is made from where the cable is, and the run goes on with it.
 
     Attributes:
         replan: Plans a task that starts where the cable is; told the plan that was left. Raises `PlanningError` where
@@ -31,6 +40,8 @@ class Recovery:
         deviation: Mean distance [m] of the keypoints from their reference from which the cable is not on its plan.
         patience: Time [s] for which that must be so.
         rest: Time [s] that the grippers stand still.
+        room: Depth [m] to which cable or gripper discs of the plan may be in an obstacle: 10 mm of a move less the 4 mm
+            that plans keep.
 
     Raises:
         InputError: A value is out of range.
@@ -41,9 +52,10 @@ class Recovery:
     deviation: float = 0.05
     patience: float = 0.3
     rest: float = 1.0
+    room: float = 0.006
 
     def __post_init__(self) -> None:
-        for name in ("times", "deviation", "patience", "rest"):
+        for name in ("times", "deviation", "patience", "rest", "room"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
 
@@ -66,13 +78,20 @@ class Watch:
             self._off = self._off + 1 if seen.mean() > self._recovery.deviation else 0
         return self._off >= self._patience
 
-    def recover(self, loop: Loop) -> str | None:
+    def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
+        """Whether what is left of a plan after a share of it leads into something."""
+        row = int(progress * plan.steps)
+        cable = task.scene.clearance(polyline.spline(plan.shapes[row:], PIECES), task.cable.radius).min()
+        grippers = task.scene.signed_distance(plan.poses[row:, :, :2]).min() - task.grippers.radius
+        return min(float(cable), float(grippers)) < -self._recovery.room
+
+    def recover(self, loop: Loop, why: str = LEFT) -> str | None:
         """Stand still, plan anew from where the cable is and follow that; how the run ended, if it did."""
         if len(self.recovered) >= self._recovery.times:
-            return f"{LEFT}: already brought back {len(self.recovered)} times"
+            return f"{why}: already planned anew {len(self.recovered)} times"
         keypoints = np.full_like(loop.observation.keypoints, np.nan)
         for _ in range(self._rest):
-            outcome = loop.stand()
+            outcome = loop.stand(LOST if why == LEFT else BLOCKED)
             if outcome is not None:
                 return outcome
             seen = loop.observation.keypoints
@@ -81,7 +100,7 @@ class Watch:
             task = loop.plant.task.resumed_from(keypoints)
             loop.follow(task, self._recovery.replan(task, loop.plan))
         except (TaskError, PlanningError) as error:
-            return f"{LEFT}: {error}"
+            return f"{why}: {error}"
         self._off = 0
         self.recovered.append(loop.time)
         return None

@@ -96,12 +96,12 @@ class Guard:
     Args:
         watchdog: When it must.
         controller: Who is asked.
-        task: Scene and limits.
+        task: Scene and limits; another one may be put in its place.
         control_step: Time [s] between two steps.
     """
 
     def __init__(self, watchdog: Watchdog, controller: Controller[Any], task: Task, control_step: float) -> None:
-        self._watchdog, self._controller, self._task = watchdog, controller, task
+        self._watchdog, self._controller, self.task = watchdog, controller, task
         self._most = max(1, math.ceil(watchdog.patience / control_step))
         self._missed = 0
         self._late, self._failed, self._cut = 0, 0, 0
@@ -145,10 +145,10 @@ class Guard:
             self._late += 1
             return self._missing("late", state, observation, before, seconds)
         self._missed = 0
-        if not exceeds_limits(action, self._task.grippers):
+        if not exceeds_limits(action, self.task.grippers):
             return Answer(action, after, str(after.status), seconds)
         self._cut += 1
-        action = within_limits(action, np.zeros((2, 3)), self._task.grippers, math.inf)  # any poses do: no gap is far
+        action = within_limits(action, np.zeros((2, 3)), self.task.grippers, math.inf)  # any poses do: no gap is far
         return Answer(action, after, f"{after.status}{CUT}", seconds)
 
     def _missing(
@@ -158,7 +158,7 @@ class Guard:
         self._missed += 1
         action = np.zeros((2, 3))
         if self._missed <= self._watchdog.coasting and poses_usable(observation):
-            coasted = within_limits(COASTED * before, observation.poses, self._task.grippers, longest=0.0)
+            coasted = within_limits(COASTED * before, observation.poses, self.task.grippers, longest=0.0)
             action = coasted if self._is_safe(coasted, observation) else action
         status = f"{why}: {'coasting' if action.any() else 'stopped'}"
         return Answer(action, state.overruled(action, status), status, seconds)
@@ -166,19 +166,19 @@ class Guard:
     def _is_safe(self, action: Float[np.ndarray, "2 3"], observation: Observation) -> bool:
         """Whether an action leads neither cable nor grippers nearer to anything than they may."""
         poses, keypoints = observation.poses, observation.keypoints
-        if np.shape(keypoints) != self._task.start.shape or not np.isfinite(keypoints).all():
+        if np.shape(keypoints) != self.task.start.shape or not np.isfinite(keypoints).all():
             return False
         moved = keypoints + (blend_jacobian(keypoints, poses) @ action.ravel()).reshape(-1, 2)
         now, then = self._nearest(keypoints, poses[:, :2]), self._nearest(moved, (poses + action)[:, :2])
         gaps = [float(np.linalg.norm(ends[1, :2] - ends[0, :2])) for ends in (poses, poses + action)]
-        apart = gaps[1] >= min(self._task.grippers.separation, gaps[0])
+        apart = gaps[1] >= min(self.task.grippers.separation, gaps[0])
         return apart and bool((then >= np.minimum(self._watchdog.margin, now)).all())
 
     def _nearest(
         self, keypoints: Float[np.ndarray, "n 2"], grippers: Float[np.ndarray, "2 2"]
     ) -> Float[np.ndarray, "2"]:
         """Clearance [m] of the cable and of the gripper discs."""
-        scene, task = self._task.scene, self._task
+        scene, task = self.task.scene, self.task
         cable = scene.clearance(polyline.spline(keypoints, PIECES)[None], task.cable.radius)[0]
         return np.array([cable, scene.signed_distance(grippers).min() - task.grippers.radius])
 
