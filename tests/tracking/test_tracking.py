@@ -352,3 +352,25 @@ def test_what_the_cable_has_passed_is_not_in_its_way() -> None:
     watch = Watch(Recovery(replan=planned_back, room=0.0), 0.1)
     assert watch.is_blocked(task, CARRIED, 0.0)
     assert not watch.is_blocked(task, CARRIED, 0.9)
+
+
+ASIDE = START + np.array([0.02, -0.01, 0.1, 0.0, 0.0, 0.0])
+
+
+def test_a_cable_that_lies_elsewhere_is_planned_for_before_it_moves() -> None:
+    rollout = track(plant(ASIDE), EAGER, PLAN, recovery=Recovery(replan=planned_back, rest=0.5))
+    assert list(rollout.status[:5]) == [LOST] * 5
+    assert rollout.metadata["recovered"] == [pytest.approx(0.5)]
+    assert stacked(rollout.keypoints[-1], TASK.goal) < 0.005
+    near = track(plant(SHIFTED), EAGER, PLAN, recovery=Recovery(replan=planned_back))
+    assert LOST not in near.status
+
+
+def test_the_first_plan_is_followed_where_there_is_none_from_elsewhere(mpc: NeuralMPC) -> None:
+    def nowhere(task: Task, left: Plan) -> Plan:
+        raise PlanningError("nowhere to go")
+
+    rollout = track(plant(ASIDE), mpc, PLAN, recovery=Recovery(replan=nowhere, rest=0.5))
+    assert not rollout.metadata["recovered"]
+    assert rollout.metadata["outcome"] == "settled"
+    assert stacked(rollout.keypoints[-1], TASK.goal) < 0.01

@@ -14,7 +14,7 @@ from cableway.provenance import describe
 from cableway.records import Plan, Rollout
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
-from cableway.tracking.recovery import IN_THE_WAY, Recovery, Watch
+from cableway.tracking.recovery import ELSEWHERE, IN_THE_WAY, Recovery, Watch
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
@@ -42,8 +42,8 @@ def track(
         controller: What leads.
         plan: Shapes and gripper poses to follow.
         config: When to end, the defaults where None.
-        recovery: What to do when the cable leaves the plan, or the scene of the plant's task has something in its way;
-            nothing where None.
+        recovery: What to do when the cable does not lie at the plan's start or leaves the plan, or the scene of the
+            plant's task has something in its way; nothing where None.
         watchdog: When a controller's step counts as missed, and what then; no deadline where None.
         progress: Told how far along the plan the run is.
         seed: For the record.
@@ -69,6 +69,8 @@ def track(
     loop = Loop(plant, controller, plan, config, watchdog or Watchdog())
     watch = Watch(recovery, plant.control_step) if recovery is not None else None
     outcome = None
+    if watch is not None and watch.is_elsewhere(loop.observation, plan.shapes[0]):
+        outcome = watch.recover(loop, ELSEWHERE)
     while outcome is None:
         anew = loop.looked_round()
         if anew and watch is not None and watch.is_blocked(plant.task, loop.plan, loop.state.progress):

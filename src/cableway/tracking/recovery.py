@@ -18,6 +18,9 @@ from cableway.tracking.loop import BLOCKED, LOST, Loop
 LEFT = "the cable left its plan"
 """How the outcome of a run begins that was not brought back."""
 
+ELSEWHERE = "the cable lies elsewhere"
+"""Why a plan was made anew before anything moved."""
+
 IN_THE_WAY = "something stands in the way"
 """The same of a run that found no way round."""
 
@@ -31,12 +34,15 @@ class Recovery:
 
     The same happens when the scene of the plant's task turns out to have something where the plan leads; controllers
     make room by themselves for what reaches into it by no more than `room`. The grippers stop and stand still; a new
-    plan is made from where the cable is, and the run goes on with it.
+    plan is made from where the cable is, and the run goes on with it. So it is, too, where the cable does not lie at
+    the start of the plan; a nearly straight one may then even bend to the other side. Where that plan fails, the first
+    one is followed.
 
     Attributes:
         replan: Plans a task that starts where the cable is; told the plan that was left. Raises `PlanningError` where
             there is no way.
         times: Recoveries in one run, after which it ends.
+        start: Mean distance [m] of the keypoints from the plan's first shape from which the cable lies elsewhere.
         deviation: Mean distance [m] of the keypoints from their reference from which the cable is not on its plan.
         patience: Time [s] for which that must be so.
         rest: Time [s] that the grippers stand still.
@@ -49,13 +55,14 @@ class Recovery:
 
     replan: Callable[[Task, Plan], Plan]
     times: int = 2
+    start: float = 0.015
     deviation: float = 0.05
     patience: float = 0.3
     rest: float = 1.0
     room: float = 0.006
 
     def __post_init__(self) -> None:
-        for name in ("times", "deviation", "patience", "rest", "room"):
+        for name in ("times", "start", "deviation", "patience", "rest", "room"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
 
@@ -70,12 +77,15 @@ class Watch:
         self._off = 0
         self.recovered: list[float] = []
 
+    def is_elsewhere(self, observation: Observation, start: Float[np.ndarray, "n 2"]) -> bool:
+        """Whether the cable does not lie where its plan begins; hidden keypoints tell nothing."""
+        return _mean_distance(observation, start) > self._recovery.start
+
     def is_lost(self, observation: Observation, reference: Float[np.ndarray, "n 2"]) -> bool:
         """Whether the keypoints have been far from their reference for long enough; hidden ones tell nothing."""
-        distance = np.linalg.norm(observation.keypoints - reference, axis=1)
-        seen = distance[np.isfinite(distance)]
-        if len(seen):
-            self._off = self._off + 1 if seen.mean() > self._recovery.deviation else 0
+        distance = _mean_distance(observation, reference)
+        if np.isfinite(distance):
+            self._off = self._off + 1 if distance > self._recovery.deviation else 0
         return self._off >= self._patience
 
     def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
@@ -91,7 +101,7 @@ class Watch:
             return f"{why}: already planned anew {len(self.recovered)} times"
         keypoints = np.full_like(loop.observation.keypoints, np.nan)
         for _ in range(self._rest):
-            outcome = loop.stand(LOST if why == LEFT else BLOCKED)
+            outcome = loop.stand(BLOCKED if why == IN_THE_WAY else LOST)
             if outcome is not None:
                 return outcome
             seen = loop.observation.keypoints
@@ -100,7 +110,14 @@ class Watch:
             task = loop.plant.task.resumed_from(keypoints)
             loop.follow(task, self._recovery.replan(task, loop.plan))
         except (TaskError, PlanningError) as error:
-            return f"{why}: {error}"
+            return None if why == ELSEWHERE else f"{why}: {error}"
         self._off = 0
         self.recovered.append(loop.time)
         return None
+
+
+def _mean_distance(observation: Observation, shape: Float[np.ndarray, "n 2"]) -> float:
+    """Of the keypoints that were seen from those of a shape [m]; NaN where there are none."""
+    distance = np.linalg.norm(observation.keypoints - shape, axis=1)
+    seen = distance[np.isfinite(distance)]
+    return float(seen.mean()) if len(seen) else np.nan
