@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cableway.benchmark.episode import Job, Result, jobs_of, run_job
+from cableway.benchmark.episode import Job, Result, jobs_of, run_job, warm_up
 from cableway.benchmark.gate import baseline, regressions
 from cableway.benchmark.methods import BUILT_IN, load_method, method_names
 from cableway.benchmark.metrics import METRICS
@@ -35,6 +35,7 @@ def without_times(result: Result) -> dict:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of a sound method and of those that fail in every way, side by side."""
     folder = tmp_path_factory.mktemp("bench")
+    warm_up()  # compiles once, for both workers
     names = ("hangs", "sound", "dies", "raises", "tells")
     run_jobs([job(name) for name in names], folder, workers=2, time_limit=12.0)
     return folder
