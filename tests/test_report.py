@@ -12,7 +12,9 @@ from recorded import moved_aside, moved_plan, perfect_rollout
 
 from cableway.records import Attempt, Check, Plan, Rollout, Verdict
 from cableway.report import Report, shape_error_floor, summarize
+from cableway.rod.adapted import nearest_shape
 from cableway.rod.inverse import fit_keypoints
+from cableway.scene.loading import load_task
 from cableway.scene.task import Task
 from cableway.verification import VerificationLimits
 
@@ -179,3 +181,22 @@ def test_the_floor_is_what_no_gripper_poses_go_below(recorded: tuple[Task, Plan,
     graded = replace(task.cable, stiffness_profile=(0.5, 2.0))
     assert 1e-4 < (shape_error_floor(graded, goal) or 0.0) < 0.02
     assert shape_error_floor(replace(task.cable, yield_curvature=5.0), goal) is None
+
+
+def test_the_floor_of_a_cable_curled_at_one_end_is_found():
+    """The shape that it takes nearest to a goal is one that it takes, so its own floor is nothing."""
+    task = load_task("single-obstacle-1")
+    places = (np.arange(task.cable.rod.hinges) + 0.5) / task.cable.rod.hinges
+    curled = replace(task.cable, rest_curvature=(0.0, 0.0, 12.0, 25.0))
+    rest = curled.length * curled.along("rest_curvature", places)
+    shape, floor = nearest_shape(curled.rod, np.ones_like(places), rest, task.goal)
+    assert floor < 2e-3
+    assert shape_error_floor(curled, shape) == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_new_plan_on_the_way_is_told(recorded: tuple[Task, Plan, Rollout]):
+    task, plan, rollout = recorded
+    again = replace(rollout, metadata={**rollout.metadata, "recovered": [1.0, 7.25]})
+    notes = summarize(task, plan, again).notes
+    assert notes[0] == "A new plan, from where the cable was, is followed from 1.0 s on."
+    assert notes[1].endswith("from 7.2 s on.")

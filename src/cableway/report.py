@@ -243,7 +243,7 @@ def summarize(
         insertion=None if insertion is None else measure_insertion(insertion.poses[:, 1], task),
         push_verdict=push_verdict,
         insertion_verdict=insertion_verdict,
-        notes=(*notes, *_missed(rollout)),
+        notes=(*notes, *_planned_anew(rollout), *_missed(rollout)),
         versions=versions(),
         configuration={**describe(recorded), **describe(dict(configuration or {}))},
         shape_error_floor=None if rollout is None else shape_error_floor(cable or task.cable, task.goal),
@@ -288,6 +288,12 @@ def _control_time(seconds: Float[np.ndarray, "K"]) -> ControlTime | None:
     return ControlTime(
         median=float(np.median(seconds)), p99=float(np.percentile(seconds, 99)), max=float(seconds.max())
     )
+
+
+def _planned_anew(rollout: Rollout | None) -> tuple[str, ...]:
+    """When the run went on with a new plan, in sentences."""
+    times = [] if rollout is None else rollout.metadata.get("recovered", [])
+    return tuple(f"A new plan, from where the cable was, is followed from {time:.1f} s on." for time in times)
 
 
 def _missed(rollout: Rollout | None) -> tuple[str, ...]:

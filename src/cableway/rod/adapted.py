@@ -61,6 +61,11 @@ def nominal(rod: Rod) -> Float[np.ndarray, "p"]:
     return theta
 
 
+STAGES = 16
+"""Steps from the uniform rod to another one in `nearest_shape`; with four, one that is curled by a full turn at one end
+is lost."""
+
+
 def nearest_shape(
     rod: Rod, stiffness: Float[np.ndarray, "N"], rest: Float[np.ndarray, "N"], keypoints: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "n 2"], float]:
@@ -80,7 +85,7 @@ def nearest_shape(
     modes = np.ascontiguousarray(np.stack([np.log(stiffness), rest]))
     wanted = np.array(keypoints, float)[None]
     q, found = fit_keypoints(rod, wanted[0])[0][None].copy(), np.empty_like(wanted)
-    for share in np.linspace(0.0, 1.0, 5)[1:]:
+    for share in np.linspace(0.0, 1.0, STAGES + 1)[1:]:
         p = np.array([rod.length, share, 0.0, 0.0, share])
         fit_shapes(q, wanted, p, modes, rod.stride, 0.0, 50, found, np.empty((1, 2, 3)))
     return found[0], float(np.linalg.norm(found - wanted))

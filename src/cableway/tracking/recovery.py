@@ -18,11 +18,11 @@ from cableway.tracking.loop import BLOCKED, LOST, Loop
 LEFT = "the cable left its plan"
 """How the outcome of a run begins that was not brought back."""
 
-ELSEWHERE = "the cable lies elsewhere"
-"""Why a plan was made anew before anything moved."""
-
 IN_THE_WAY = "something stands in the way"
 """The same of a run that found no way round."""
+
+ELSEWHERE = "the cable lies elsewhere"
+"""Why a plan was made anew before anything moved."""
 
 PIECES = 4
 """Into how many pieces the cable between two keypoints is taken."""
