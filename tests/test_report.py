@@ -99,10 +99,14 @@ def test_what_the_simulator_does_not_see_the_verification_does(recorded: tuple[T
     assert "keypoints off the cable" in report.failure
 
 
-def test_a_plant_that_failed_is_said_first(recorded: tuple[Task, Plan, Rollout]):
+@pytest.mark.parametrize("outcome", ["plant failed: the grasp slipped", "something stands in the way: no plan"])
+def test_why_a_run_ended_early_is_said_first(recorded: tuple[Task, Plan, Rollout], outcome: str):
     task, plan, rollout = recorded
-    report = summarize(task, plan, replace(rollout, metadata={"outcome": "plant failed: the grasp slipped"}))
-    assert report.failure == "plant failed: the grasp slipped"
+    report = summarize(task, plan, replace(rollout, metadata={"outcome": outcome}))
+    assert report.failure == outcome
+    ended = replace(rollout, metadata={"outcome": "time ran out"})
+    assert ended.gave_up is None
+    assert summarize(task, plan, ended).success
 
 
 def test_a_plan_alone_leaves_out_what_it_has_no_figure_for(recorded: tuple[Task, Plan, Rollout]):

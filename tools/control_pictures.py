@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 from pictures import save
@@ -43,15 +42,10 @@ def rollouts(task: Task) -> dict[str, Rollout]:
     return {name: track(plant, make_controller(name, None, terminal), found) for name in CONTROLLERS}
 
 
-def deviations(rollout: Rollout) -> np.ndarray:
-    """Largest distance [m] of a keypoint from its reference at each time."""
-    return np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max(axis=1)
-
-
 def draw_deviations(ax: Axes, runs: dict[str, Rollout]) -> None:
     """All of them over time [s], in millimetres."""
     for (name, run), color in zip(runs.items(), style.SERIES, strict=True):
-        ax.plot(run.times, 1000 * deviations(run), color=color, linewidth=1.4, label=name)
+        ax.plot(run.times, 1000 * run.deviations_from_reference, color=color, linewidth=1.4, label=name)
     ax.set_yscale("log")
     for axis_format in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
         axis_format(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "125" else ""))
@@ -79,8 +73,8 @@ def main() -> None:
         )
         draw_motion(ax, task, run)
         ax.set_axis_off()
-        error = 1000 * np.linalg.norm(run.keypoints[-1] - task.goal)
-        text = f"{name}: error {error:.1f} mm, deviation {1000 * deviations(run).max():.0f} mm"
+        error = 1000 * run.shape_error(task.goal)
+        text = f"{name}: error {error:.1f} mm, deviation {1000 * run.deviations_from_reference.max():.0f} mm"
         ax.set_title(text, loc="left", fontsize=7.5, color=style.INK, pad=4)
         print(f"{text}, clearance {1000 * run.clearance.min():.1f} mm, {run.metadata['outcome']}")
     draw_deviations(style.add_axes(figure, 0.75, 0.6, wide - 1.0, CURVES), runs)

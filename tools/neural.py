@@ -70,9 +70,9 @@ def controllers(models: list[str], iterations: list[int]) -> Iterator[tuple[str,
 def line(task_goals: list[np.ndarray], rollouts: list[Rollout]) -> str:
     """One line of the table."""
     pairs = list(zip(task_goals, rollouts, strict=True))
-    error = 1000 * np.array([np.linalg.norm(run.keypoints[-1] - goal) for goal, run in pairs])
-    deviation = 1000 * np.array([np.linalg.norm(run.keypoints - run.reference, axis=2).max() for run in rollouts])
-    clear = np.array([min(run.clearance.min(), run.gripper_clearance.min()) > 0 for run in rollouts])
+    error = 1000 * np.array([run.shape_error(goal) for goal, run in pairs])
+    deviation = 1000 * np.array([run.deviations_from_reference.max() for run in rollouts])
+    clear = np.array([run.least_clearance > 0 for run in rollouts])
     seconds = 1000 * np.concatenate([run.solve_time for run in rollouts])
     cells = [
         f"{np.sum((error < 30) & clear)} of {len(rollouts)}",

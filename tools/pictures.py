@@ -166,7 +166,7 @@ def tracking() -> Figure:
     draw_tracking(left, task, led)
     style.title(left, "tracking")
     for (name, run), colour in zip(runs.items(), (style.INK, style.GOAL), strict=True):
-        deviation = 1000 * np.linalg.norm(run.keypoints - run.reference, axis=2).max(axis=1)
+        deviation = 1000 * run.deviations_from_reference
         right.plot(run.times, deviation, color=colour, linewidth=1.6, label=f"{name}, at last {deviation[-1]:.1f} mm")
     style.title(right, "deviation, worst keypoint")
     style.curve_axes(right, "", "deviation [mm]")

@@ -79,7 +79,7 @@ def open_loop(task: Task) -> Row:
     for tau in DAMPING_TIMES:
         plant = CableSimulator(task, cable=replace(task.cable, damping_time=tau))
         rollout = track(plant, OpenLoop(OpenLoopConfig(hold=0.0)), found)
-        off = np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max()
+        off = rollout.deviations_from_reference.max()
         row |= {
             f"deviation [mm], tau {tau} s": 1000 * float(off),
             f"clearance [mm], tau {tau} s": 1000 * float(rollout.clearance.min()),

@@ -82,8 +82,8 @@ class Loop:
         rollout = track(plant, self.controller, self.plan, seed=seed)
         if rollout.metadata["outcome"].startswith("plant failed"):
             return np.inf, np.inf, False
-        error = float(np.linalg.norm(rollout.keypoints[-1] - self.task.goal))
-        deviation = float(np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max())
+        error = rollout.shape_error(self.task.goal)
+        deviation = float(rollout.deviations_from_reference.max())
         return 1000 * error, 1000 * deviation, error < SUCCESS_ERROR and bool(rollout.clearance.min() > 0)
 
 

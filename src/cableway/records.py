@@ -285,6 +285,8 @@ class Estimate:
 SUCCESS_ERROR = 0.03
 """Stacked error [m] below which the goal counts as reached (Tang et al., Section VI)."""
 
+SETTLED, TIME_OUT = "settled", "time ran out"
+"""How a run ends that was led to its end: `metadata["outcome"]` of a rollout."""
 
 PORT_LATERAL = 0.002
 """Largest distance [m] of a plug's tip from the axis of its port with which it goes in."""
@@ -352,6 +354,26 @@ class Rollout(ArrayRecord):
     def steps(self) -> int:
         """K, the number of control steps."""
         return len(self.times) - 1
+
+    @property
+    def deviations_from_reference(self) -> Float[np.ndarray, "K+1"]:
+        """(K+1,) largest distance of a keypoint from its reference in each row [m]."""
+        return np.linalg.norm(self.keypoints - self.reference, axis=2).max(axis=1)
+
+    @property
+    def least_clearance(self) -> float:
+        """Least clearance of cable and grippers [m]."""
+        return float(min(self.clearance.min(), self.gripper_clearance.min()))
+
+    @property
+    def gave_up(self) -> str | None:
+        """Why the run was not led to its end, in a sentence; None where it was, or where nothing is said of it."""
+        outcome = str(self.metadata.get("outcome", SETTLED))
+        return None if outcome in (SETTLED, TIME_OUT) else outcome
+
+    def shape_error(self, goal: Float[np.ndarray, "n 2"]) -> float:
+        """Stacked distance of the last keypoints from a goal [m]."""
+        return float(np.linalg.norm(self.keypoints[-1] - goal))
 
     def estimated(self) -> dict[str, Estimate]:
         """What the controller believed at the end, by name."""

@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from cableway.checks import number_fields, require_positive
 from cableway.control.base import Controller
 from cableway.control.rod_mpc import RodMPC
-from cableway.errors import InputError, PlanningError, SimulationError
+from cableway.errors import PlanningError, SimulationError
 from cableway.records import Plan
 from cableway.scene.task import Task
 from cableway.simulation.setup import PlantSetup
@@ -45,9 +46,7 @@ class RehearsalConfig:
     shape_error: float = 0.01
 
     def __post_init__(self) -> None:
-        for name in ("plans", "deviation", "clearance", "shape_error"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"rehearsal.{name} must be positive, got {getattr(self, name)!r}")
+        require_positive(self, *number_fields(self))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,9 +92,9 @@ def rehearse(task: Task, plan: Plan, plant: Plant, controller: Controller[Any]) 
     """
     rollout = track(plant, controller, plan)
     return Rehearsed(
-        deviation=float(np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max()),
-        clearance=float(min(rollout.clearance.min(), rollout.gripper_clearance.min())),
-        shape_error=float(np.linalg.norm(rollout.keypoints[-1] - task.goal)),
+        deviation=float(rollout.deviations_from_reference.max()),
+        clearance=rollout.least_clearance,
+        shape_error=rollout.shape_error(task.goal),
     )
 
 

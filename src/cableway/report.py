@@ -267,14 +267,12 @@ def shape_error_floor(cable: Cable, goal: Float[np.ndarray, "n 2"]) -> float | N
 
 def _figures(task: Task, rollout: Rollout) -> dict[str, Any]:
     """What only a rollout can tell."""
-    offset = rollout.keypoints[-1] - task.goal
-    deviation = np.linalg.norm(rollout.keypoints - rollout.reference, axis=2)
     return {
-        "shape_error": float(np.linalg.norm(offset)),
-        "mean_keypoint_error": float(np.linalg.norm(offset, axis=1).mean()),
+        "shape_error": rollout.shape_error(task.goal),
+        "mean_keypoint_error": float(np.linalg.norm(rollout.keypoints[-1] - task.goal, axis=1).mean()),
         "min_clearance": float(rollout.clearance.min()),
         "gripper_clearance": float(rollout.gripper_clearance.min()),
-        "largest_deviation": float(deviation.max()),
+        "largest_deviation": float(rollout.deviations_from_reference.max()),
         "steps": rollout.steps,
         "duration": float(rollout.times[-1] - rollout.times[0]),
         "control_time": _control_time(rollout.solve_time),
@@ -325,10 +323,9 @@ def _failure(
     if rollout is None or rollout_verdict is None:
         return None if plan_verdict is None or plan_verdict.passed else f"the plan does not verify: {plan_verdict}"
     reasons = []
-    outcome = str(rollout.metadata.get("outcome", ""))
-    if outcome.startswith(("plant failed", "controller failed", "the cable left its plan")):
-        reasons.append(outcome)
-    error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
+    if rollout.gave_up is not None:
+        reasons.append(rollout.gave_up)
+    error = rollout.shape_error(task.goal)
     if not error < SUCCESS_ERROR:
         reasons.append(f"the final shape error is {_millimetres(error)}, not below {_millimetres(SUCCESS_ERROR)}")
     for what, clearance in (("cable", rollout.clearance), ("grippers", rollout.gripper_clearance)):

@@ -85,7 +85,7 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         (["run", "maze-1", "--model", "no/such.safetensors"], "no/such.safetensors: no such file"),
         (["check", "maze-1", "plan.npz"], "plan.npz: no such file"),
         (["collect", "--config", "none.yaml"], "none.yaml: no such file"),
-        (["collect", "--transitions", "0"], "collection.transitions must be at least 1, got 0"),
+        (["collect", "--transitions", "0"], "collection.transitions must be whole and positive, got 0"),
         (["collect", "--transitions", "9", "--workers", "0"], "workers must be at least 1, got 0"),
         (["collect", "--executor", "cloud"], "unknown executor 'cloud'; known: local, ray"),
         (["reproduce", "--size", "huge"], "unknown size 'huge'; known: full, quick"),

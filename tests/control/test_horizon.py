@@ -139,11 +139,11 @@ def test_at_full_planned_speed_there_is_room_to_correct() -> None:
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("horizon", 0, "horizon must be at least 1, got 0"),
-        ("tracking_weight", float("nan"), "tracking_weight must be positive and finite, got nan"),
+        ("horizon", 0, "horizon must be whole and positive, got 0"),
+        ("tracking_weight", float("nan"), "tracking_weight must be finite and positive, got nan"),
         ("obstacle_weight", -1.0, "obstacle_weight must be finite and not negative, got -1.0"),
         ("offset_gain", 1.5, "offset_gain must be from 0 to 1, got 1.5"),
-        ("profile", "wall", "profile must be one of hinge, barrier, got 'wall'"),
+        ("profile", "wall", "unknown profile 'wall'; known: barrier, hinge"),
     ],
 )
 def test_settings_out_of_range_are_refused(field: str, value: float | str, message: str) -> None:

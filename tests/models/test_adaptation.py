@@ -118,8 +118,8 @@ def test_another_number_of_keypoints_is_refused(adapted):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"memory": 0}, "memory must be at least 1"),
-        ({"hold_every": 1}, "hold_every must be at least 2"),
+        ({"memory": 0}, "memory must be whole and positive"),
+        ({"hold_every": 1}, "hold_every must be whole and at least 2"),
         ({"window": 11}, "window must be at most the block, 10, got 11"),
         ({"improvement": 1.0}, "improvement must be from 0 to below 1"),
     ],

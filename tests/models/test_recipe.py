@@ -48,7 +48,7 @@ def test_a_recipe_is_read_with_defaults_for_what_it_leaves_out(recipe):
         ("blend: false", "blend: 0", "model.framing.blend must be true or false, got 0"),
         ("blend: false", "frame: sky", "model.framing.frame must be one of cable, world, got 'sky'"),
         ("1.0e-3", ".nan", "training.learning_rate must be a number, got nan"),
-        ("epochs: 2,", "epochs: 0,", "training: training epochs must be at least 1, got 0"),
+        ("epochs: 2,", "epochs: 0,", "training: training.epochs must be whole and at least 1, got 0"),
         ("{transitions: 100, cable: {length: 0.2}}", "[1]", "collection must be a mapping"),
     ],
 )

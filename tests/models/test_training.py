@@ -115,8 +115,8 @@ def test_a_small_set_can_be_learned_and_beats_the_baselines(small, transitions):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"epochs": 0}, "epochs must be at least 1, got 0"),
-        ({"learning_rate": float("nan")}, "learning_rate must be positive and finite, got nan"),
+        ({"epochs": 0}, "epochs must be whole and at least 1, got 0"),
+        ({"learning_rate": float("nan")}, "learning_rate must be finite and positive, got nan"),
         ({"validation_fraction": 1.0}, "validation_fraction must be between 0 and 1"),
         ({"epochs": 2, "rollout_epochs": 3}, "rollout_epochs must be from 0 to 2, got 3"),
         ({"weight_decay": -1.0}, "weight_decay must be finite and not negative"),

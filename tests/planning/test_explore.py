@@ -109,9 +109,9 @@ def test_the_plan_names_the_guide_and_shows_its_paths():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"samples": 0}, r"ExploreConfig\.samples must be from 1 to 1e\+07, got 0"),
-        ({"step": float("nan")}, r"ExploreConfig\.step must be from"),
-        ({"chord": 1.1}, r"ExploreConfig\.chord must be from"),
+        ({"samples": 0}, r"explore\.samples must be from 1 to 1e\+07, got 0"),
+        ({"step": float("nan")}, r"explore\.step must be from"),
+        ({"chord": 1.1}, r"explore\.chord must be from"),
     ],
 )
 def test_a_bad_configuration_is_refused(values, message):

@@ -233,5 +233,5 @@ def test_an_unknown_kind_lists_the_known_ones():
 
 @pytest.mark.parametrize(("name", "value"), [("waypoints", 4), ("margin", -0.1), ("spread", 1.5), ("shrink", 2.0)])
 def test_a_config_value_out_of_range_is_named(name: str, value: float):
-    with pytest.raises(InputError, match=rf"PathSetConfig\.{name} must be from"):
+    with pytest.raises(InputError, match=rf"path_set\.{name} must be "):
         PathSetConfig(**{name: value})

@@ -165,5 +165,5 @@ def test_an_unknown_method_lists_the_known_ones():
     [("length_weight", 0.0), ("clearance_weight", -1.0), ("resolution", float("nan")), ("iterations", 0)],
 )
 def test_a_config_value_out_of_range_is_named(name: str, value: float):
-    with pytest.raises(InputError, match=rf"PivotConfig\.{name} must be from"):
+    with pytest.raises(InputError, match=rf"pivot\.{name} must be from"):
         PivotConfig(**{name: value})

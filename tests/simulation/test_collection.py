@@ -246,12 +246,12 @@ def moved(config: MotionConfig) -> object:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: CollectionConfig(transitions=0), "collection.transitions must be at least 1, got 0"),
+        (lambda: CollectionConfig(transitions=0), "collection.transitions must be whole and positive, got 0"),
         (lambda: CollectionConfig(time_step=0.03), "plant.time_step"),
         (lambda: CollectionConfig(ranges={"colour": (0.0, 1.0)}), "no range can be given for 'colour'; known: length"),
         (lambda: CollectionConfig(ranges={"friction": (1.0, 0.0)}), "ranges.friction must be two ascending numbers"),
         (lambda: CollectionConfig(ranges="preset"), "unknown preset 'None'"),
-        (lambda: MotionConfig(max_step=float("nan")), "motion.max_step must be positive and finite, got nan"),
+        (lambda: MotionConfig(max_step=float("nan")), "motion.max_step must be finite and positive, got nan"),
         (lambda: MotionConfig(speed=(0.5, 2.0)), "motion.speed"),
         (lambda: collect(CONFIG, "nowhere", workers=0), "workers must be at least 1, got 0"),
         (lambda: moved(MotionConfig(least_stability=500.0)), "no stable shape"),

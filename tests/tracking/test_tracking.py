@@ -366,11 +366,12 @@ def test_a_cable_that_lies_elsewhere_is_planned_for_before_it_moves() -> None:
     assert LOST not in near.status
 
 
-def test_the_first_plan_is_followed_where_there_is_none_from_elsewhere(mpc: NeuralMPC) -> None:
+@pytest.mark.parametrize("times", [0, 2])
+def test_the_first_plan_is_followed_where_there_is_none_from_elsewhere(mpc: NeuralMPC, times: int) -> None:
     def nowhere(task: Task, left: Plan) -> Plan:
         raise PlanningError("nowhere to go")
 
-    rollout = track(plant(ASIDE), mpc, PLAN, recovery=Recovery(replan=nowhere, rest=0.5))
+    rollout = track(plant(ASIDE), mpc, PLAN, recovery=Recovery(replan=nowhere, rest=0.5, times=times))
     assert not rollout.metadata["recovered"]
     assert rollout.metadata["outcome"] == "settled"
     assert stacked(rollout.keypoints[-1], TASK.goal) < 0.01

@@ -234,8 +234,8 @@ def test_what_is_not_seen_is_not_moved() -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"deadline": 0.0}, "deadline must be positive and finite, got 0.0"),
-        ({"deadline": np.nan}, "deadline must be positive"),
+        ({"deadline": 0.0}, "deadline must be finite and positive, got 0.0"),
+        ({"deadline": np.nan}, "deadline must be finite and positive"),
         ({"margin": -1.0}, "margin must be finite and not negative"),
     ],
 )

@@ -35,10 +35,9 @@ def one_plan(folder: Path) -> Section:
         task = make_task(f"real-single~{cable}-0.34")
         rollout = track(plant_variant("laid", task, seed).build(task, seed), controller, plan, seed=seed)
         rollouts[cable] = rollout
-        error = np.linalg.norm(rollout.keypoints[-1] - task.goal)
-        deviation = np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max()
-        values = (error, deviation, min(rollout.clearance.min(), rollout.gripper_clearance.min()))
-        rows.append((cable, *(number(100 * float(value)) for value in values)))
+        deviation = float(rollout.deviations_from_reference.max())
+        values = (rollout.shape_error(task.goal), deviation, rollout.least_clearance)
+        rows.append((cable, *(number(100 * value) for value in values)))
     save_figure(followers_figure(thickest, rollouts), folder / "one-plan.png")
     text = f"The plan of the thickest cable, followed by all four from starts off by 5 mm and 3 degrees; {LABORATORY}."
     return Section("One plan for all cables", text, (Table("one plan", tuple(rows)),), ("one-plan.png",))
@@ -61,9 +60,6 @@ LEARNERS = (_Learner("hdmi", True), _Learner("hdmi", False), _Learner("silicone"
 KIND, EPOCHS = "conv", 40
 """Of the models that are identified."""
 
-ADAPT_EVERY = 20
-"""Control steps between two adaptations."""
-
 
 def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section:
     """The case study of a tube driven with a model of another cable.
@@ -74,7 +70,7 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
         trials: For each way and task.
         tell: Told what goes on.
     """
-    from cableway.control.mpc_config import MPCConfig
+    from cableway.control.mpc_config import ADAPT_EVERY, MPCConfig
     from cableway.control.neural_mpc import NeuralMPC
     from cableway.models.compilation import enable_compilation_cache
 
@@ -104,7 +100,7 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
         "with no data of the tube; with a model of the tube itself, identified alike, as the upper bound; and by our "
         f"default, which learns nothing beforehand. All follow the same two plans; {LABORATORY}; the start is off by "
         "5 mm and 3 degrees. The paper shows one run on hardware, without numbers. A change of the model is taken only "
-        "where it predicts held-back frames better, which noise of 2 mm mostly hides."
+        "where it predicts held-back frames better."
     )
     return Section("Case study: silicone tube", text, (Table("silicone tube", tuple(rows)),))
 
@@ -135,9 +131,9 @@ def _identified(cable: str, folder: Path, transitions: int, tell: Tell) -> Defor
 
 def _led(rollouts: Sequence[tuple[np.ndarray, Rollout]]) -> tuple[str, ...]:
     """The cells of some rollouts, each with its goal."""
-    errors = np.array([100 * np.linalg.norm(run.keypoints[-1] - goal) for goal, run in rollouts])
-    deviations = [100 * float(np.linalg.norm(run.keypoints - run.reference, axis=2).max()) for _, run in rollouts]
-    clearances = [100 * float(min(run.clearance.min(), run.gripper_clearance.min())) for _, run in rollouts]
+    errors = np.array([100 * run.shape_error(goal) for goal, run in rollouts])
+    deviations = [100 * float(run.deviations_from_reference.max()) for _, run in rollouts]
+    clearances = [100 * run.least_clearance for _, run in rollouts]
     good = [error < 100 * SUCCESS_ERROR and clear > 0 for error, clear in zip(errors, clearances, strict=True)]
     changes = [[entry.value for entry in run.estimated().values()] for _, run in rollouts]
     taken = "{:.0f} / {:.0f}".format(*np.sum(changes, axis=0)) if len(changes[0]) == 2 else "-"

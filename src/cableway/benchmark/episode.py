@@ -30,6 +30,9 @@ STRICT_ERROR = 0.01
 GAVE_UP = {"plant failed": "plant failed", GIVEN_UP: "controller failed", LEFT: "left plan", IN_THE_WAY: "left plan"}
 """Outcomes of runs that ended early, by how the rollout's own outcome begins."""
 
+MISSED = "missed goal"
+"""Outcome of a run to its end that did not come to the goal."""
+
 BLOCKED = "blocked"
 """The suite of tasks without a solution."""
 
@@ -260,12 +263,11 @@ def _unplanned(job: Job, task: Task, error: PlanningError, seconds: float) -> Ou
 
 
 def _tracked(job: Job, report: Report, rollout: Rollout, planning_time: float) -> Result:
-    clearance = min(float(rollout.clearance.min()), float(rollout.gripper_clearance.min()))
-    error, contact = float(report.shape_error or 0.0), not clearance > 0
+    clearance, error = rollout.least_clearance, float(report.shape_error or 0.0)
+    contact = not clearance > 0
     ended = str(rollout.metadata["outcome"])
-    gave_up = next((name for begins, name in GAVE_UP.items() if ended.startswith(begins)), None)
-    success = error < SUCCESS_ERROR and not contact and gave_up is None
-    outcome = "contact" if contact else gave_up or "missed goal"
+    success = error < SUCCESS_ERROR and not contact and rollout.gave_up is None
+    outcome = "contact" if contact else next((n for begins, n in GAVE_UP.items() if ended.startswith(begins)), MISSED)
     times = report.control_time
     return Result(
         **_known(job),

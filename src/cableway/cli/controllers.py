@@ -23,10 +23,6 @@ MODELS = {"neural-mpc": "conv", "neural-mpc-paper": "transformer"}
 AHEAD = "The controller is compiled once before it starts; the next run finds it in your cache folder."
 
 
-ADAPT_EVERY = 20
-"""Control steps between two adaptations of a model."""
-
-
 def make_controller(name: str, model: str | None, terminal: Terminal, adapt: bool = False) -> Controller[Any]:
     """The controller of a name.
 
@@ -66,7 +62,7 @@ def make_controller(name: str, model: str | None, terminal: Terminal, adapt: boo
 
 
 def _neural(name: str, model: str, terminal: Terminal, adapt: bool) -> Controller[Any]:
-    from cableway.control.mpc_config import MPCConfig
+    from cableway.control.mpc_config import ADAPT_EVERY, MPCConfig
     from cableway.control.neural_mpc import NeuralMPC
     from cableway.models.checkpoint import load_model
     from cableway.models.compilation import enable_compilation_cache

@@ -16,18 +16,17 @@ the rank-one update of Broyden (1965, "A class of methods for solving nonlinear 
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields, replace
-from typing import Literal, get_args
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import number_fields, require_choice, require_not_negative, require_positive
 from cableway.control import rod_kernels
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import longest_gap
-from cableway.errors import InputError
 from cableway.records import Observation, Plan
 from cableway.rod import adapted
 from cableway.rod.inverse import fit_keypoints
@@ -69,15 +68,9 @@ class JacobianConfig:
     unseen_steps: int = 10
 
     def __post_init__(self) -> None:
-        if self.source not in get_args(Source):
-            raise InputError(f"source must be one of {', '.join(get_args(Source))}, got {self.source!r}")
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if entry.name != "source" and not 0 <= value < math.inf:
-                raise InputError(f"{entry.name} must be finite and not negative, got {value!r}")
-        for name in ("damping", "turn_lever"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} must be positive, got {getattr(self, name)!r}")
+        require_choice("source", self.source, Source)
+        require_positive(self, "damping", "turn_lever")
+        require_not_negative(self, *number_fields(self))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import get_args
 
+from cableway.checks import number_fields, require_choice, require_not_negative, require_positive, require_range
 from cableway.control.terms import Profile
-from cableway.errors import InputError
+
+ADAPT_EVERY = 20
+"""Control steps between two adaptations of a model, where it is adapted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,28 +62,11 @@ class MPCConfig:
     unseen_steps: int = 10
 
     def __post_init__(self) -> None:
-        for name in ("horizon", "iterations", "pieces"):
-            if not getattr(self, name) >= 1:
-                raise InputError(f"{name} must be at least 1, got {getattr(self, name)!r}")
-        for name in ("tracking_weight", "control_weight", "turn_lever", "threshold", "stretch", "longest"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"{name} must be positive and finite, got {getattr(self, name)!r}")
-        for name in (
-            "tolerance",
-            "obstacle_weight",
-            "pose_weight",
-            "stretch_weight",
-            "adapt_every",
-            "hold",
-            "blind_steps",
-            "unseen_steps",
-        ):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
-        if not 0 <= self.offset_gain <= 1:
-            raise InputError(f"offset_gain must be from 0 to 1, got {self.offset_gain!r}")
-        if self.profile not in get_args(Profile):
-            raise InputError(f"profile must be one of {', '.join(get_args(Profile))}, got {self.profile!r}")
+        require_positive(self, "horizon", "iterations", "pieces")
+        require_positive(self, "tracking_weight", "control_weight", "turn_lever", "threshold", "stretch", "longest")
+        require_range(self, 0, 1, "offset_gain")
+        require_choice("profile", self.profile, Profile)
+        require_not_negative(self, *number_fields(self))
 
     @classmethod
     def paper(cls) -> MPCConfig:

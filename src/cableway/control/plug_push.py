@@ -13,15 +13,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import number_fields, require_not_negative, require_range
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.rod_estimate import EstimatorConfig, RodEstimate, RodEstimator, turned_on
-from cableway.errors import InputError
 from cableway.geometry import se2
 from cableway.records import Estimate, Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH
@@ -51,12 +51,8 @@ class PlugPushConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if entry.name != "estimator" and not 0 <= value < math.inf:
-                raise InputError(f"{entry.name} must be finite and not negative, got {value!r}")
-        if self.gain > 1:
-            raise InputError(f"gain must be at most 1, got {self.gain!r}")
+        require_range(self, 0, 1, "gain")
+        require_not_negative(self, *number_fields(self))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import require_not_negative
 from cableway.errors import InputError
 from cableway.records import Plan
 from cableway.scene.task import CONTROL_STEP, Task
@@ -25,8 +26,7 @@ class PlanReference:
     hold: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.hold) and self.hold >= 0):
-            raise InputError(f"hold must be finite and not negative, got {self.hold!r}")
+        require_not_negative(self, "hold")
 
     @property
     def held_steps(self) -> int:

@@ -10,13 +10,13 @@ What remains of the difference, low-pass filtered, is the output offset.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import number_fields, require_at_least, require_not_negative, require_range
 from cableway.control import rod_kernels
-from cableway.errors import InputError
 from cableway.records import Estimate
 from cableway.rod import adapted
 from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, PARAMETERS, STIFFNESS
@@ -65,13 +65,9 @@ class EstimatorConfig:
     offset_gain: float = 0.2
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            least = 1e-9 if entry.name in ("memory", "noise", "outlier") else 0.0
-            if not least <= value < math.inf:
-                raise InputError(f"{entry.name} must be finite and at least {least:g}, got {value!r}")
-        if self.offset_gain > 1:
-            raise InputError(f"offset_gain must be at most 1, got {self.offset_gain!r}")
+        require_at_least(self, 1e-9, "memory", "noise", "outlier")
+        require_range(self, 0, 1, "offset_gain")
+        require_not_negative(self, *number_fields(self))
 
     @classmethod
     def nominal(cls, offset_gain: float = 0.2) -> EstimatorConfig:

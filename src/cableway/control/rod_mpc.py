@@ -27,17 +27,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import number_fields, require_not_negative, require_positive
 from cableway.control import rod_kernels
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import longest_gap, within_limits
 from cableway.control.rod_estimate import EstimatorConfig, RodEstimate, RodEstimator, turned_on
-from cableway.errors import InputError
 from cableway.geometry import se2
 from cableway.records import Estimate, Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH, ROD
@@ -99,13 +99,8 @@ class RodMPCConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if entry.name != "estimator" and not 0 <= value < math.inf:
-                raise InputError(f"{entry.name} must be finite and not negative, got {value!r}")
-        for name in ("horizon", "iterations", "tracking_weight", "turn_lever", "stretch", "longest"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} must be positive, got {getattr(self, name)!r}")
+        require_positive(self, "horizon", "iterations", "tracking_weight", "turn_lever", "stretch", "longest")
+        require_not_negative(self, *number_fields(self))
 
     @property
     def weights(self) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from cableway.checks import number_fields, require_at_least, require_not_negative, require_positive
 from cableway.errors import InputError
 from cableway.models import dataset
 from cableway.models.base import rollout
@@ -60,15 +61,13 @@ class AdaptationConfig:
     fit: Fit = field(default_factory=Fit)
 
     def __post_init__(self) -> None:
-        for name in ("memory", "block", "window", "windows", "held_windows", "least_held"):
-            if getattr(self, name) < 1:
-                raise InputError(f"adaptation {name} must be at least 1, got {getattr(self, name)!r}")
-        if self.hold_every < 2:
-            raise InputError(f"adaptation hold_every must be at least 2, got {self.hold_every!r}")
+        require_positive(self, "memory", "block", "window", "windows", "held_windows", "least_held")
+        require_at_least(self, 2, "hold_every")
+        require_not_negative(self, *number_fields(self))
         if self.window > self.block:
-            raise InputError(f"adaptation window must be at most the block, {self.block}, got {self.window!r}")
+            raise InputError(f"adaptation.window must be at most the block, {self.block}, got {self.window!r}")
         if not 0 <= self.improvement < 1:
-            raise InputError(f"adaptation improvement must be from 0 to below 1, got {self.improvement!r}")
+            raise InputError(f"adaptation.improvement must be from 0 to below 1, got {self.improvement!r}")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from cableway.errors import InputError
+from cableway.checks import require_positive
 from cableway.models.frames import Framing, Inputs
 from cableway.models.learned import LearnedModel, Normalization
 from cableway.models.rod_parameters import RodParameters
@@ -26,8 +26,7 @@ class RodConfig:
     damping_time: float = CONTROL_STEP
 
     def __post_init__(self) -> None:
-        if not 0 < self.damping_time < float("inf"):
-            raise InputError(f"rod damping_time must be positive and finite, got {self.damping_time!r}")
+        require_positive(self, "damping_time")
 
     @property
     def framing(self) -> Framing:

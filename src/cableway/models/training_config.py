@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from cableway.checks import require_at_least, require_not_negative, require_positive
 from cableway.errors import InputError
 
 
@@ -47,24 +48,19 @@ class TrainingConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "rollout_steps", "batch_size", "devices"):
-            if getattr(self, name) < 1:
-                raise InputError(f"training {name} must be at least 1, got {getattr(self, name)!r}")
-        for name in ("learning_rate", "gradient_norm"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"training {name} must be positive and finite, got {getattr(self, name)!r}")
+        require_at_least(self, 1, "epochs", "rollout_steps", "batch_size", "devices")
+        require_positive(self, "learning_rate", "gradient_norm")
         for name in ("warmup", "validation_fraction"):
             if not 0 < getattr(self, name) < 1:
-                raise InputError(f"training {name} must be between 0 and 1, got {getattr(self, name)!r}")
+                raise InputError(f"training.{name} must be between 0 and 1, got {getattr(self, name)!r}")
         if not 0 <= self.rollout_epochs <= self.epochs:
-            raise InputError(f"training rollout_epochs must be from 0 to {self.epochs}, got {self.rollout_epochs!r}")
-        if not 0 <= self.weight_decay < math.inf:
-            raise InputError(f"training weight_decay must be finite and not negative, got {self.weight_decay!r}")
+            raise InputError(f"training.rollout_epochs must be from 0 to {self.epochs}, got {self.rollout_epochs!r}")
+        require_not_negative(self, "weight_decay")
         if self.patience is not None and self.patience < 1:
-            raise InputError(f"training patience must be at least 1, got {self.patience!r}")
+            raise InputError(f"training.patience must be at least 1, got {self.patience!r}")
         if self.batch_size % self.devices:
             raise InputError(
-                f"training batch_size must be a multiple of {self.devices} devices, got {self.batch_size!r}"
+                f"training.batch_size must be a multiple of {self.devices} devices, got {self.batch_size!r}"
             )
 
     def horizon(self, epoch: int) -> int:

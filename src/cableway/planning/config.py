@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
+from cableway.checks import require_choice, require_not_negative, require_range
 from cableway.errors import InputError, UnknownNameError
-from cableway.planning.checks import require_choice, require_range
 from cableway.planning.explore import ExploreConfig
 from cableway.planning.realization import RealizationConfig
 from cableway.verification import VerificationLimits
@@ -74,7 +73,7 @@ class PathSetConfig:
     def __post_init__(self) -> None:
         require_choice("path set", self.kind, PathSetKind)
         require_range(self, 8, 10000, "waypoints")
-        require_range(self, 0, math.inf, "margin")
+        require_not_negative(self, "margin")
         require_range(self, 0, 1, "spread", "shrink")
 
 

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import require_range
 from cableway.errors import PlanningError
 from cableway.planning import tree_kernels
-from cableway.planning.checks import require_range
 from cableway.planning.refinement import bend_limit
 from cableway.records import DeformationSequence
 from cableway.scene.task import Task

@@ -16,9 +16,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import require_choice, require_range
 from cableway.errors import PlanningError
 from cableway.geometry import polyline, se2
-from cableway.planning.checks import require_choice, require_range
 from cableway.planning.refinement import RefinementConfig, refine
 from cableway.records import DeformationSequence
 from cableway.rod import inverse

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from cableway.errors import InputError, SimulationError
+from cableway.checks import require_not_negative, require_positive
+from cableway.errors import SimulationError
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
 from cableway.scene.presets import preset_ranges
@@ -65,12 +65,9 @@ class CollectionConfig:
     motion: MotionConfig = field(default_factory=MotionConfig)
 
     def __post_init__(self) -> None:
-        for name, least in (("transitions", 1), ("seed", 0), ("episode_steps", 1), ("shard_episodes", 1)):
-            if getattr(self, name) < least:
-                raise InputError(f"collection.{name} must be at least {least}, got {getattr(self, name)!r}")
-        for name in ("sharpest_bend", "most_stretch", "largest_jump"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"collection.{name} must be positive and finite, got {getattr(self, name)!r}")
+        require_positive(self, "transitions", "episode_steps", "shard_episodes")
+        require_not_negative(self, "seed")
+        require_positive(self, "sharpest_bend", "most_stretch", "largest_jump")
         PlantConfig(time_step=self.time_step)
         if self.ranges == "preset":
             object.__setattr__(self, "ranges", preset_ranges(str(self.cable.preset)))

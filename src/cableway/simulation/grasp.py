@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import require_positive
 from cableway.errors import InputError
 from cableway.geometry import se2
 from cableway.records import Measurement, Observation
@@ -53,8 +53,8 @@ class GraspConfig:
                 raise InputError(
                     f"grasp.{name} must be within {MOST_SHIFT:g} m and {MOST_TURN:g} rad, got {value.tolist()}"
                 )
-        if self.slip_time is not None and not 0 < self.slip_time < math.inf:
-            raise InputError(f"grasp.slip_time must be positive and finite, got {self.slip_time!r}")
+        if self.slip_time is not None:
+            require_positive(self, "slip_time")
 
     def offsets(self, time: float) -> Float[np.ndarray, "2 3"]:
         """Of both ends at a time [s]."""

@@ -20,6 +20,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import require_not_negative, require_positive
 from cableway.errors import InputError
 from cableway.rod.equilibrium import Rod
 from cableway.scene.grippers import Grippers
@@ -85,10 +86,8 @@ class MotionConfig:
     clearance: tuple[float, float] = (0.005, 0.04)
 
     def __post_init__(self) -> None:
-        for name in ("max_step", "max_turn", "area", "most_stretch"):
-            _require(0 < getattr(self, name) < math.inf, name, "positive and finite", getattr(self, name))
-        for name in ("jitter", "travel", "rotation", "load_scale"):
-            _require(0 <= getattr(self, name) < math.inf, name, "finite and not negative", getattr(self, name))
+        require_positive(self, "max_step", "max_turn", "area", "most_stretch")
+        require_not_negative(self, "jitter", "travel", "rotation", "load_scale")
         _require(0 < self.speed[0] <= self.speed[1] <= 1, "speed", "two ascending shares in (0, 1]", self.speed)
         _require(0 <= self.jitter_memory < 1, "jitter_memory", "in [0, 1)", self.jitter_memory)
         _require(self.longest_rest >= 0, "longest_rest", "not negative", self.longest_rest)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import reprlib
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import require_positive
 from cableway.errors import InputError, SimulationError
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import equilibria_at
@@ -51,9 +51,7 @@ class PlantConfig:
     largest_turn: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("time_step", "control_step", "pressed", "largest_step", "largest_turn"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"plant.{name} must be positive and finite, got {getattr(self, name)!r}")
+        require_positive(self, "time_step", "control_step", "pressed", "largest_step", "largest_turn")
         if self.time_step > 0.02:
             raise InputError(f"plant.time_step must be at most 0.02 s, got {self.time_step!r}")
         if self.control_step > 1.0:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import require_range
 from cableway.errors import InputError
 from cableway.records import Measurement, Observation
 from cableway.scene.task import Task
@@ -58,18 +59,10 @@ class SensingConfig:
     action_delay: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, least, most in (
-            ("keypoint_noise", 0.0, 1.0),
-            ("frame_rate", 0.1, 1000.0),
-            ("drop_rate", 0.0, 1.0),
-            ("occlusion_rate", 0.0, 1.0),
-            ("occluded_share", 0.0, 1.0),
-            ("measurement_delay", 0.0, LONGEST_DELAY),
-            ("action_delay", 0.0, LONGEST_DELAY),
-        ):
-            value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                raise InputError(f"sensing.{name} must be from {least:g} to {most:g}, got {value!r}")
+        require_range(self, 0, 1, "keypoint_noise", "drop_rate", "occlusion_rate", "occluded_share")
+        require_range(self, 0, LONGEST_DELAY, "measurement_delay", "action_delay")
+        if self.frame_rate is not None:
+            require_range(self, 0.1, 1000, "frame_rate")
 
 
 @dataclass(frozen=True)

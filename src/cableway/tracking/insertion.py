@@ -82,5 +82,4 @@ def push_in(
 
 def may_push(rollout: Rollout, task: Task) -> bool:
     """Whether a run along the plan has ended so near to its goal that the plug can be aligned from there."""
-    error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
-    return error < SUCCESS_ERROR and not str(rollout.metadata.get("outcome", "")).startswith("plant failed")
+    return rollout.gave_up is None and rollout.shape_error(task.goal) < SUCCESS_ERROR

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import InputError, PlanningError, TaskError
+from cableway.checks import number_fields, require_not_negative
+from cableway.errors import PlanningError, TaskError
 from cableway.geometry import polyline
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
@@ -62,9 +63,7 @@ class Recovery:
     room: float = 0.006
 
     def __post_init__(self) -> None:
-        for name in ("times", "start", "deviation", "patience", "rest", "room"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
+        require_not_negative(self, *number_fields(self))
 
 
 class Watch:
@@ -98,7 +97,7 @@ class Watch:
     def recover(self, loop: Loop, why: str = LEFT) -> str | None:
         """Stand still, plan anew from where the cable is and follow that; how the run ended, if it did."""
         if len(self.recovered) >= self._recovery.times:
-            return f"{why}: already planned anew {len(self.recovered)} times"
+            return None if why == ELSEWHERE else f"{why}: already planned anew {len(self.recovered)} times"
         keypoints = np.full_like(loop.observation.keypoints, np.nan)
         for _ in range(self._rest):
             outcome = loop.stand(BLOCKED if why == IN_THE_WAY else LOST)

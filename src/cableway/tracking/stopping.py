@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
+from cableway.checks import number_fields, require_not_negative
 from cableway.control.base import ControllerState
-from cableway.errors import InputError
-from cableway.records import Observation, Plan
+from cableway.records import SETTLED, TIME_OUT, Observation, Plan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,9 +33,7 @@ class TrackConfig:
     overtime: float = 30.0
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            if not 0 <= getattr(self, entry.name) < math.inf:
-                raise InputError(f"{entry.name} must be finite and not negative, got {getattr(self, entry.name)!r}")
+        require_not_negative(self, *number_fields(self))
 
 
 class StopRule:
@@ -56,8 +54,8 @@ class StopRule:
             error = float(np.linalg.norm(observation.keypoints - self._goal))
             self._errors.append(error if math.isfinite(error) else math.inf)
             if self._settled():
-                return "settled"
-        return "time ran out" if self._steps >= self._most_steps else None
+                return SETTLED
+        return TIME_OUT if self._steps >= self._most_steps else None
 
     def _settled(self) -> bool:
         errors, patience = self._errors, self._patience_steps

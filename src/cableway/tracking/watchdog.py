@@ -21,11 +21,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from cableway.checks import number_fields, require_not_negative, require_positive
 from cableway.control.base import Controller, ControllerState
 from cableway.control.jacobian import blend_jacobian
 from cableway.control.limits import exceeds_limits, within_limits
 from cableway.control.seen import FAR, poses_usable
-from cableway.errors import ControlError, InputError
+from cableway.errors import ControlError
 from cableway.geometry import polyline
 from cableway.records import Observation
 from cableway.scene.task import Task
@@ -66,11 +67,9 @@ class Watchdog:
     clock: Callable[[], float] = time.perf_counter
 
     def __post_init__(self) -> None:
-        if self.deadline is not None and not 0 < self.deadline < math.inf:
-            raise InputError(f"deadline must be positive and finite, got {self.deadline!r}")
-        for name in ("coasting", "margin", "patience"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"{name} must be finite and not negative, got {getattr(self, name)!r}")
+        if self.deadline is not None:
+            require_positive(self, "deadline")
+        require_not_negative(self, *number_fields(self))
 
 
 @dataclass(frozen=True)

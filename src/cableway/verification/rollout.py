@@ -25,7 +25,7 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
         InputError: The rollout has another number of keypoints than the task.
     """
     physics = _physics(rollout, task, length)
-    error = float(np.linalg.norm(rollout.keypoints[-1] - task.goal))
+    error = rollout.shape_error(task.goal)
     begin = float(np.linalg.norm(rollout.keypoints[0] - task.start))
     checks = [
         Check("shape error at the end", error, "m", SUCCESS_ERROR, error < SUCCESS_ERROR),
