@@ -1,5 +1,5 @@
 # make demo    environment + the main job: single obstacle, report, pictures and video in demo/
-# make test    environment + all tests
+# make test    environment + all tests, on up to four cores
 # make check   everything that CI runs
 # PYTHON=...   the Python that .venv is made with (3.11 to 3.13)
 PYTHON ?= python3
@@ -20,7 +20,7 @@ demo: env
 	@$(BIN)/cableway run single-obstacle-2 --out demo
 
 test: env
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 check: test checks
 

@@ -211,7 +211,7 @@ def test_a_deadline_that_no_step_meets_ends_the_run(cableway: Command, moved_fil
     assert report(Path("o"))["failure"].startswith("controller failed: 30 steps in a row were missed; all of them were")
     assert not Rollout.load("o/rollout.npz").actions.any()
     refused = cableway("run", moved_file, "--deadline", "0")
-    assert (refused.status, refused.err) == (2, "cableway: deadline must be positive and finite, got 0.0\n")
+    assert (refused.status, refused.err) == (2, "cableway: watchdog.deadline must be finite and positive, got 0.0\n")
 
 
 def interrupt(*_: object, **__: object) -> None:

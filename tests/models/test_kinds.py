@@ -90,7 +90,7 @@ def test_every_kind_has_a_test_and_knows_its_name():
         (lambda: RecurrentConfig(width=0), "bilstm width must be at least 1, got 0"),
         (lambda: MLPConfig(hidden=(4, 0)), "mlp hidden widths must be at least 1"),
         (lambda: MLPConfig(keypoints=2), "mlp keypoints must be at least 3, got 2"),
-        (lambda: RodConfig(damping_time=0.0), "rod damping_time must be positive and finite, got 0.0"),
+        (lambda: RodConfig(damping_time=0.0), "rod.damping_time must be finite and positive, got 0.0"),
     ],
 )
 def test_impossible_sizes_are_refused(make, message):
