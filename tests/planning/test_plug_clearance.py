@@ -68,7 +68,7 @@ def test_the_search_refuses_what_the_plug_touches_and_no_more(task: Task):
     rod, ends = task.cable.rod, np.array([task.start_fit[0], task.goal_fit[0]])
     about = np.random.default_rng(2).normal(size=(200, 6)) * [0.05, 0.05, 0.4, 0.0, 0.0, 0.0]
     q = ends[np.arange(200) % 2] + about
-    allowed, also_bare = (free(t, q, _limits(t, ends, ExploreConfig())) for t in (task, bare))
+    allowed, also_bare = (free(t, q, _limits(t, ExploreConfig())) for t in (task, bare))
     assert task.plug is not None
     plug = task.scene.clearance(task.plug.placed(rod.shapes(q)[1][:, 1], 0.04), 0.0)
     assert [a and c >= ExploreConfig().margin for a, c in zip(also_bare, plug, strict=True)] == allowed

@@ -185,7 +185,7 @@ class PlannerConfig:
             case "paper":
                 return cls.paper()
             case "paper-refined":
-                return replace(cls.paper(), realization=RealizationConfig())
+                return replace(cls.paper(), realization=RealizationConfig(kind="refine"))
             case "straight":
                 return cls(guides=("straight",), realization=RealizationConfig(kind="none"))
             case "slide":

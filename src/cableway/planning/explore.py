@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from cableway.checks import require_range
 from cableway.errors import PlanningError
@@ -110,8 +110,9 @@ def explore(
     sampler: Sampler,
     config: ExploreConfig,
     *,
-    seed: int = 0,
+    seed: int | tuple[int, ...] = 0,
     progress: Callable[[float], None] | None = None,
+    ends: tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]] | None = None,
 ) -> Float[np.ndarray, "R+1 6"]:
     """A path among free stable equilibria from start to goal.
 
@@ -121,18 +122,18 @@ def explore(
         config: Configuration.
         seed: Same seed, same path.
         progress: Called with the share of the samples that are used up; it may raise to stop the search.
+        ends: Free equilibria to begin and end at, with angles that run on, in place of the task's start and goal.
 
     Returns:
-        q (R+1, 6), from the start's equilibrium to the goal's, neighbours at most about `config.step` apart.
+        q (R+1, 6), from one end to the other, neighbours at most about `config.step` apart.
 
     Raises:
         PlanningError: The samples are used up.
     """
     rng = np.random.default_rng(seed)
     rod, world = (task.cable.length, task.cable.rod.hinges), task.scene.world.arrays
-    start, goal = task.start_fit[0], task.goal_fit[0].copy()
-    goal[2] = start[2] + (goal[2] - start[2] + np.pi) % (2 * np.pi) - np.pi
-    limits = _limits(task, np.array([start, goal]), config)
+    start, goal = _task_ends(task) if ends is None else ends
+    limits = _limits(task, config)
     trees, shapes = np.empty((2, config.samples + 4, 6)), np.empty((2, config.samples + 4, 2 * tree_kernels.FEATURES))
     parents, counts = np.full((2, config.samples + 4), -1), np.ones(2, dtype=np.int64)
     for side, root in enumerate((start, goal)):
@@ -148,6 +149,12 @@ def explore(
             pairs = rng.uniform(size=(config.shortcuts, 2))
             return _dense(tree_kernels.shortcut(path, pairs, rod, world, limits, config.step), task, config.step)
     raise PlanningError(f"the search found no way with {config.samples} samples")
+
+
+def are_free(q: Float[np.ndarray, "k 6"], task: Task, config: ExploreConfig) -> Bool[np.ndarray, "k"]:
+    """Which equilibria a path of `explore` may go through."""
+    rod, world, limits = (task.cable.length, task.cable.rod.hinges), task.scene.world.arrays, _limits(task, config)
+    return np.array([tree_kernels.is_free(row, rod, world, limits) for row in q])
 
 
 def explored_guide(
@@ -181,9 +188,16 @@ def _loads(task: Task, config: ExploreConfig) -> Sampler:
     return draw
 
 
-def _limits(task: Task, ends: np.ndarray, config: ExploreConfig) -> np.ndarray:
+def _task_ends(task: Task) -> tuple[np.ndarray, np.ndarray]:
+    """Start and goal, the shorter turn apart."""
+    start, goal = task.start_fit[0], task.goal_fit[0].copy()
+    goal[2] = start[2] + (goal[2] - start[2] + np.pi) % (2 * np.pi) - np.pi
+    return start, goal
+
+
+def _limits(task: Task, config: ExploreConfig) -> np.ndarray:
     """What `is_free` asks for; never more than start and goal have."""
-    rod = task.cable.rod
+    rod, ends = task.cable.rod, np.array(_task_ends(task))
     stations, poses = rod.shapes(ends)
     cable = task.scene.signed_distance(stations).min() - 1e-6
     grippers = task.scene.signed_distance(poses[..., :2]).min() - 1e-6

@@ -26,7 +26,7 @@ from cableway.rod.equilibrium import Rod
 from cableway.rod.lag import lag
 from cableway.scene.task import CONTROL_STEP, Task
 
-Kind = Literal["refine", "fit", "none"]
+Kind = Literal["repair", "refine", "fit", "none"]
 
 MOST_LAG = 0.05
 """What counts of the lag of one row, at a step as long as tau [m]: shapes about to snap would ask for any time."""
@@ -37,8 +37,9 @@ class RealizationConfig:
     """How a sequence of shapes is made true.
 
     Attributes:
-        kind: "refine": nearest equilibria, refined; "fit": nearest equilibria; "none": the shapes as they are, the
-            grippers along the tangents at their ends, as in the paper.
+        kind: "repair": nearest equilibria, refined, and where that does not verify, repaired and refined again;
+            "refine": refined; "fit": nearest equilibria; "none": the shapes as they are, the grippers along the
+            tangents at their ends, as in the paper.
         refinement: Weights of the refinement.
         row_step: Largest move of a keypoint between rows during refinement [m].
         limit_share: Share of the gripper limits, and of `lag`, that a plan uses; the rest is left to the controller.
@@ -48,7 +49,7 @@ class RealizationConfig:
         fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
     """
 
-    kind: Kind = "refine"
+    kind: Kind = "repair"
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     row_step: float = 0.012
     limit_share: float = 0.7
@@ -75,11 +76,15 @@ class RealizedSequence:
         shapes: (T+1, n, 2) keypoints [m].
         poses: (T+1, 2, 3) gripper poses [m, m, rad].
         progress: (T+1, n) carried over from the sequence they were made from.
+        q: (R+1, 6) the equilibria that were stepped; None where the shapes are none.
+        rows: (R+1,) their places in the sequence they were made from.
     """
 
     shapes: Float[np.ndarray, "T+1 n 2"]
     poses: Float[np.ndarray, "T+1 2 3"]
     progress: Float[np.ndarray, "T+1 n"]
+    q: Float[np.ndarray, "R+1 6"] | None = None
+    rows: Float[np.ndarray, "R+1"] | None = None
 
 
 def realize(
@@ -103,12 +108,24 @@ def realize(
         return _as_it_is(sequence, task, config)
     rod = task.cable.rod
     q, rows = fit_sequence(rod, sequence.shapes, *end_equilibria(task, config), config.row_step)
-    if config.kind == "refine":
+    if config.kind != "fit":
         q = refine(q, task, config.refinement, progress)
-    q, at = step_evenly(q, task, config)
-    stations, poses = rod.shapes(q)
-    at = np.interp(at, np.arange(len(rows)), rows)
-    return RealizedSequence(np.ascontiguousarray(rod.at_keypoints(stations)), poses, between(sequence.progress, at))
+    return stepped(q, rows, sequence, task, config)
+
+
+def stepped(
+    q: Float[np.ndarray, "R+1 6"],
+    rows: Float[np.ndarray, "R+1"],
+    sequence: DeformationSequence,
+    task: Task,
+    config: RealizationConfig,
+) -> RealizedSequence:
+    """Equilibria that were made of a sequence, stepped; `rows` are their places in it."""
+    rod = task.cable.rod
+    fine, at = step_evenly(q, task, config)
+    stations, poses = rod.shapes(fine)
+    progress = between(sequence.progress, np.interp(at, np.arange(len(rows)), rows))
+    return RealizedSequence(np.ascontiguousarray(rod.at_keypoints(stations)), poses, progress, q, rows)
 
 
 def _as_it_is(sequence: DeformationSequence, task: Task, config: RealizationConfig) -> RealizedSequence:
@@ -161,11 +178,16 @@ def fit_sequence(
     q[:, 2] = np.unwrap(q[:, 2])
     q[:, 3:] = np.clip(q[:, 3:], -60.0, 60.0)
     q[0, 3:], q[-1, 3:] = start[3:], goal[3:]
+    rows = evenly_moved(rod, q, row_step)
+    return between(q, rows), rows
+
+
+def evenly_moved(rod: Rod, q: Float[np.ndarray, "T+1 6"], row_step: float) -> Float[np.ndarray, "R+1"]:
+    """Fractional rows, first and last among them, between which keypoints move at most about `row_step` [m]."""
     moves = np.linalg.norm(np.diff(rod.at_keypoints(rod.shapes(q)[0]), axis=0), axis=2).max(1)
     arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
     count = max(8, int(np.ceil(arc[-1] / row_step)))
-    rows = np.interp(np.linspace(0, arc[-1], count + 1), arc, np.arange(len(q)))
-    return between(q, rows), rows
+    return np.interp(np.linspace(0, arc[-1], count + 1), arc, np.arange(len(q)))
 
 
 def between(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:

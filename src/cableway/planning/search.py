@@ -12,7 +12,8 @@ from cableway.errors import PlanningError
 from cableway.planning.config import Guide, PlannerConfig
 from cableway.planning.guides import Guides, Progress
 from cableway.planning.reachability import find_blockage
-from cableway.planning.realization import realize
+from cableway.planning.realization import RealizedSequence, realize
+from cableway.planning.repair import repaired
 from cableway.provenance import describe, versions
 from cableway.records import Attempt, DeformationSequence, PathSet, Plan, Verdict
 from cableway.scene.task import Task
@@ -100,14 +101,27 @@ class Search:
         task, config = self.task, self.config
         self.report("realisation", 0.0)
         realised = realize(sequence, task, config.realization, lambda share: self.report("realisation", share))
+        found = self._judge(realised, paths)
+        if isinstance(found, Plan) or config.realization.kind != "repair":
+            return found
+        self._fail(found)
+        try:
+            realised = repaired(
+                realised, sequence, task, config.realization, config.explore,
+                seed=self.seed, progress=lambda share: self.report("repair", share),
+            )  # fmt: skip
+        except PlanningError:
+            return found
+        again = self._judge(realised, paths)
+        return again if isinstance(again, Plan) or _faults(again) < _faults(found) else found
+
+    def _judge(self, realised: RealizedSequence, paths: PathSet) -> Plan | Attempt:
         self.report("realisation", 1.0)
         candidate = Plan(realised.shapes, realised.poses, paths.pivot, paths.passages, paths.paths, realised.progress)
         self.report("verification", 0.0)
-        verdict = verify_plan(candidate, task, config.limits)
+        verdict = verify_plan(candidate, self.task, self.config.limits)
         self.report("verification", 1.0)
-        if verdict.passed:
-            return candidate
-        return _attempt(str(verdict), candidate, paths, verdict)
+        return candidate if verdict.passed else _attempt(str(verdict), candidate, paths, verdict)
 
     def _fail(self, attempt: Attempt) -> None:
         if self.best is None or _faults(attempt) < _faults(self.best):
