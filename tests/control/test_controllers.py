@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ MAKERS: dict[str, Callable[[], Controller[Any]]] = {
     "paper": lambda: NeuralMPC(RigidBlend(), MPCConfig.paper()),
     "rod": lambda: RodMPC(RodMPCConfig(hold=0.0)),
     "rod jacobian": lambda: JacobianFeedback(JacobianConfig(hold=0.0)),
-    "broyden": lambda: JacobianFeedback(JacobianConfig(source="broyden", hold=0.0)),
+    "broyden": lambda: JacobianFeedback(replace(JacobianConfig.broyden(), hold=0.0)),
     "open loop": lambda: OpenLoop(OpenLoopConfig(hold=0.0)),
 }
 FEEDBACK = [name for name in MAKERS if name != "open loop"]

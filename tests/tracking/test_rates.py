@@ -36,7 +36,7 @@ MAKERS: dict[str, Callable[[], Controller[Any]]] = {
     "neural": lambda: NeuralMPC(RigidBlend()),
     "paper": lambda: NeuralMPC(RigidBlend(), MPCConfig.paper()),
     "rod jacobian": JacobianFeedback,
-    "broyden": lambda: JacobianFeedback(JacobianConfig(source="broyden")),
+    "broyden": lambda: JacobianFeedback(JacobianConfig.broyden()),
 }
 
 

@@ -173,13 +173,16 @@ def _rod_mpc() -> Controller[Any]:
     return RodMPC()
 
 
-def _feedback(source: Any) -> Callable[[], Controller[Any]]:
-    def make() -> Controller[Any]:
-        from cableway.control.jacobian import JacobianConfig, JacobianFeedback
+def _rod_jacobian() -> Controller[Any]:
+    from cableway.control.jacobian import JacobianFeedback
 
-        return JacobianFeedback(JacobianConfig(source=source))
+    return JacobianFeedback()
 
-    return make
+
+def _broyden() -> Controller[Any]:
+    from cableway.control.jacobian import JacobianConfig, JacobianFeedback
+
+    return JacobianFeedback(JacobianConfig.broyden())
 
 
 def _open_loop() -> Controller[Any]:
@@ -214,9 +217,9 @@ def _all() -> tuple[Method, ...]:
         Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", controller=_rod_mpc,
                planner=planner_of("default")),
         Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative",
-               controller=_feedback("rod")),
+               controller=_rod_jacobian),
         Method(name="broyden", description=f"{ours}, feedback by a learned derivative (the paper's Jacob-IK)",
-               controller=_feedback("broyden")),
+               controller=_broyden),
         Method(name="open-loop", description=f"{ours}, followed blindly", controller=_open_loop, recovers=False),
         Method(name="tdm-mpc", description=f"{ours}, our neural MPC with the Transformer",
                controller=_neural("transformer")),

@@ -58,7 +58,7 @@ def make_controller(name: str, model: str | None, terminal: Terminal, adapt: boo
         return RodMPC()
     from cableway.control.jacobian import JacobianConfig, JacobianFeedback
 
-    return JacobianFeedback(JacobianConfig(source="rod" if name == "rod-jacobian" else "broyden"))
+    return JacobianFeedback(JacobianConfig() if name == "rod-jacobian" else JacobianConfig.broyden())
 
 
 def _neural(name: str, model: str, terminal: Terminal, adapt: bool) -> Controller[Any]:

@@ -34,13 +34,10 @@ from cableway.scene.task import Task
 
 Source = Literal["rod", "broyden"]
 
-REGULARIZATION = 1e-6
-"""e [m^2]: gripper motions below its root teach nothing."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class JacobianConfig:
-    """Settings of `JacobianFeedback`.
+    """Settings of `JacobianFeedback`; the defaults are those for the rod's derivative, `broyden()` has the other ones.
 
     Attributes:
         source: Where J comes from, "rod" or "broyden".
@@ -48,6 +45,7 @@ class JacobianConfig:
         damping: d [1], against motions that move no keypoint.
         turn_lever: Motion [m] that a turn of 1 rad counts as.
         learning_rate: r, share of what was not expected that J takes on.
+        least_motion: Root of e [m]: gripper motions much smaller than that teach nothing.
         longest: Distance between the grippers over the cable's length, never exceeded unless by the plan.
         hold: Time [s] at the plan's first row before it is followed.
         blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
@@ -62,6 +60,7 @@ class JacobianConfig:
     damping: float = 0.3
     turn_lever: float = 0.05
     learning_rate: float = 0.3
+    least_motion: float = 0.001
     longest: float = 0.995
     hold: float = 1.5
     blind_steps: int = 3
@@ -69,8 +68,13 @@ class JacobianConfig:
 
     def __post_init__(self) -> None:
         require_choice("source", self.source, Source)
-        require_positive(self, "damping", "turn_lever")
+        require_positive(self, "damping", "turn_lever", "least_motion")
         require_not_negative(self, *number_fields(self))
+
+    @classmethod
+    def broyden(cls) -> JacobianConfig:
+        """Settings for a learned derivative: the defaults, made for the rod's, unlearn it (`tools/jacobian.py`)."""
+        return cls(source="broyden", gain=0.1, damping=1.0, least_motion=0.005)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +145,7 @@ class JacobianFeedback(Controller[JacobianState]):
             change, motion = (now[0] - state.seen[0]).ravel(), (now[1] - state.seen[1]).ravel()
             weighted = self._units * motion
             surprise = change - jacobian @ motion
-            rate = config.learning_rate / (motion @ weighted + REGULARIZATION)
+            rate = config.learning_rate / (motion @ weighted + config.least_motion**2)
             jacobian = jacobian + rate * np.outer(surprise, weighted)
         return replace(state, jacobian=jacobian, seen=now)
 
