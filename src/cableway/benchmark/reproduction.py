@@ -191,8 +191,9 @@ def unconstrained(results: Results) -> Section:
         rows = [result for result in found["cableway"] if cable_of(result.task) == cable]
         by_cable.append((cable, str(len(rows)), spread(known), *_errors(rows), successes(rows)))
     by_method: list[Row] = [("method", "n", "paper [cm]", "here, mean (95%) [cm]", "median / worst [cm]", "below 3 cm")]
-    for name, rows in found.items():
-        known = paper.CONTROL_BY_METHOD.get(name)
+    common = set.intersection(*({result.episode for result in rows} for rows in found.values()))
+    for name, results_of in found.items():
+        known, rows = paper.CONTROL_BY_METHOD.get(name), [row for row in results_of if row.episode in common]
         by_method.append((name, str(len(rows)), spread(known) if known else "-", *_errors(rows), successes(rows)))
     text = (
         f"Simulated cables of four kinds, 0.34 m, friction on the table, {LABORATORY}; the start is off by 5 mm and 3 "

@@ -114,7 +114,7 @@ SUITES = {
         Suite("lab-constrained", 1, "the paper's three tasks with obstacles, cables of its seven kinds, laid and seen "
               "as in a laboratory", "task", (21, 84, 1008)),
         Suite("lab-unconstrained", 1, "no obstacles, near and far goals, cables of four kinds, laid and seen as in a "
-              "laboratory", "cable", (8, 400, 1000)),
+              "laboratory", "cable", (8, 104, 1000), (8, 400, 1000)),
         Suite("lab-drawn", 1, "as lab-constrained, with cables drawn from the ranges of their kinds", "cable",
               (21, 84, 1008)),
         Suite("blocked", 1, "tasks without a solution, to be told so", "kind", (10, 100, 1000)),

@@ -63,6 +63,7 @@ class Reproduce(EpisodeOptions):
 
     def _jobs(self) -> list[Job]:
         from cableway.benchmark.episode import jobs_of
+        from cableway.benchmark.methods import DEFAULT
         from cableway.benchmark.reproduction import RUNS
         from cableway.benchmark.suites import get_suite
 
@@ -71,7 +72,7 @@ class Reproduce(EpisodeOptions):
             job
             for suite, methods in RUNS.items()
             for method in methods
-            for job in jobs_of(method, get_suite(suite).episodes(size))
+            for job in jobs_of(method, get_suite(suite).episodes(size, own=method == DEFAULT))
         ]
 
     def _sections(self, jobs: list[Job], folder: Path, tell: Tell) -> list[Section]:
