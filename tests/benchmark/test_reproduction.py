@@ -66,7 +66,7 @@ def test_unconstrained_control_is_told_by_cable_and_by_method():
     assert cables["rubber"]["below 3 cm"] == "0/1"
     assert cables["paracord"]["n"] == "0"
     assert methods["broyden"]["paper [cm]"] == spread(paper.CONTROL_BY_METHOD["broyden"])
-    assert methods["cableway"]["n"] == "3"
+    assert methods["cableway"]["n"] == "2"
 
 
 def test_the_summary_takes_the_papers_cables_together_and_the_others_apart():
