@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 
 import numpy as np
 import pytest
@@ -41,6 +41,13 @@ def test_bounds_themselves_are_taken() -> None:
         require_at_least(SomethingConfig(count=2), 3, "count")
     with pytest.raises(InputError, match=r"something\.length must be from 0 to 1, got 1\.5"):
         require_range(SomethingConfig(length=1.5), 0, 1, "length")
+
+
+def test_a_class_without_deferred_annotations_is_checked_too() -> None:
+    made = make_dataclass("PlainConfig", [("count", int, 1), ("length", float, 1.0), ("name", str, "")])
+    assert number_fields(made()) == ("count", "length")
+    with pytest.raises(InputError, match=r"plain\.count must be whole and positive, got 1\.5"):
+        require_positive(made(count=1.5), "count")
 
 
 def test_number_fields_are_those_that_are_always_numbers() -> None:

@@ -72,5 +72,5 @@ def test_a_search_that_ends_keeps_what_was_rehearsed():
 
 
 def test_settings_out_of_range_are_refused():
-    with pytest.raises(InputError, match=r"rehearsal\.plans must be whole and positive"):
+    with pytest.raises(InputError, match=r"rehearsal\.plans must be whole and positive, got 0"):
         RehearsalConfig(plans=0)

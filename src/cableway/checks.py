@@ -23,7 +23,7 @@ def section(kind: type) -> str:
 
 def number_fields(config: Any) -> tuple[str, ...]:
     """Names of the fields of a config that are declared as numbers."""
-    return tuple(entry.name for entry in fields(config) if str(entry.type) in ("float", "int"))
+    return tuple(entry.name for entry in fields(config) if entry.type in ("float", "int", float, int))
 
 
 def require_positive(config: object, *names: str) -> None:
@@ -73,9 +73,9 @@ def require_choice(kind: str, value: str, choices: Any) -> None:
 
 
 def _require(config: Any, names: tuple[str, ...], holds: Callable[[Any], bool], what: str) -> None:
-    declared = {entry.name: str(entry.type) for entry in fields(config)}
+    declared = {entry.name: entry.type for entry in fields(config)}
     for name in names:
-        value, whole = getattr(config, name), declared[name] == "int"
+        value, whole = getattr(config, name), declared[name] in ("int", int)
         if isinstance(value, bool) or not isinstance(value, Integral if whole else Real) or not holds(value):
             wanted = what.format("whole" if whole else "finite")
             raise InputError(f"{section(type(config))}.{name} must be {wanted}, got {value!r}")

@@ -231,7 +231,15 @@ def test_an_unknown_kind_lists_the_known_ones():
         PathSetConfig(kind="linear")  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize(("name", "value"), [("waypoints", 4), ("margin", -0.1), ("spread", 1.5), ("shrink", 2.0)])
-def test_a_config_value_out_of_range_is_named(name: str, value: float):
-    with pytest.raises(InputError, match=rf"path_set\.{name} must be "):
+@pytest.mark.parametrize(
+    ("name", "value", "wanted"),
+    [
+        ("waypoints", 4, "from 8 to 10000, got 4"),
+        ("margin", -0.1, "finite and not negative, got -0.1"),
+        ("spread", 1.5, "from 0 to 1, got 1.5"),
+        ("shrink", 2.0, "from 0 to 1, got 2.0"),
+    ],
+)
+def test_a_config_value_out_of_range_is_named(name: str, value: float, wanted: str):
+    with pytest.raises(InputError, match=rf"path_set\.{name} must be {wanted}"):
         PathSetConfig(**{name: value})

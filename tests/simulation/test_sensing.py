@@ -236,14 +236,14 @@ def test_an_action_that_leads_too_far_is_refused_when_it_arrives():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"keypoint_noise": -0.001}, "keypoint_noise must be from 0 to 1, got -0.001"),
-        ({"keypoint_noise": np.nan}, "keypoint_noise"),
-        ({"frame_rate": 0.0}, "frame_rate must be from 0.1 to 1000"),
-        ({"drop_rate": 1.5}, "drop_rate must be from 0 to 1"),
-        ({"occlusion_rate": -1.0}, "occlusion_rate"),
-        ({"occluded_share": 2.0}, "occluded_share"),
-        ({"measurement_delay": np.inf}, "measurement_delay must be from 0 to 10"),
-        ({"action_delay": 11.0}, "action_delay"),
+        ({"keypoint_noise": -0.001}, "sensing.keypoint_noise must be from 0 to 1, got -0.001"),
+        ({"keypoint_noise": np.nan}, "sensing.keypoint_noise"),
+        ({"frame_rate": 0.0}, "sensing.frame_rate must be from 0.1 to 1000"),
+        ({"drop_rate": 1.5}, "sensing.drop_rate must be from 0 to 1"),
+        ({"occlusion_rate": -1.0}, "sensing.occlusion_rate"),
+        ({"occluded_share": 2.0}, "sensing.occluded_share"),
+        ({"measurement_delay": np.inf}, "sensing.measurement_delay must be from 0 to 10"),
+        ({"action_delay": 11.0}, "sensing.action_delay"),
     ],
 )
 def test_a_bad_configuration_is_refused(values: dict[str, float], message: str):

@@ -172,7 +172,7 @@ class PlannerConfig:
     def named(cls, name: str) -> PlannerConfig:
         """A planner by its name: the default, the paper's, and simpler ones to compare with.
 
-        "paper-refined" is the paper's chain with our realisation; "straight" moves each keypoint straight to its
+        "paper-refined" is the paper's chain with our refinement; "straight" moves each keypoint straight to its
         goal; "slide" only slides the cable along one curve; "rrt-connect" only searches among equilibria, all over
         the workspace, and refines nothing, as sampling-based planners before it.
 

@@ -60,7 +60,6 @@ def repaired(
     at = evenly_moved(task.cable.rod, q, config.row_step)
     rows = np.interp(np.interp(at, np.arange(len(q)), places), np.arange(len(realised.q)), realised.rows)
     q = refine(between(q, at), task, config.refinement, lambda share: progress((1 + share) / 2))
-    progress(1.0)
     return stepped(q, rows, sequence, task, config)
 
 

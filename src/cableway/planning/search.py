@@ -101,10 +101,11 @@ class Search:
         task, config = self.task, self.config
         self.report("realisation", 0.0)
         realised = realize(sequence, task, config.realization, lambda share: self.report("realisation", share))
+        self.report("realisation", 1.0)
         found = self._judge(realised, paths)
         if isinstance(found, Plan) or config.realization.kind != "repair":
             return found
-        self._fail(found)
+        self._fail(found)  # now, because the time may run out within the repair
         try:
             realised = repaired(
                 realised, sequence, task, config.realization, config.explore,
@@ -112,11 +113,11 @@ class Search:
             )  # fmt: skip
         except PlanningError:
             return found
+        self.report("repair", 1.0)
         again = self._judge(realised, paths)
         return again if isinstance(again, Plan) or _faults(again) < _faults(found) else found
 
     def _judge(self, realised: RealizedSequence, paths: PathSet) -> Plan | Attempt:
-        self.report("realisation", 1.0)
         candidate = Plan(realised.shapes, realised.poses, paths.pivot, paths.passages, paths.paths, realised.progress)
         self.report("verification", 0.0)
         verdict = verify_plan(candidate, self.task, self.config.limits)
