@@ -124,6 +124,12 @@ def test_the_record_is_complete(shifted: Rollout, tmp_path: Path) -> None:
     assert Rollout.load(tmp_path / "rollout.npz").metadata == shifted.metadata
 
 
+def test_the_least_clearance_is_of_cable_and_grippers(shifted: Rollout) -> None:
+    for near, far in (("clearance", "gripper_clearance"), ("gripper_clearance", "clearance")):
+        rows = {far: np.full(len(shifted.times), 0.02), near: np.linspace(0.03, 0.01, len(shifted.times))}
+        assert replace(shifted, **rows).least_clearance == pytest.approx(0.01)
+
+
 def test_the_same_run_twice_is_the_same(mpc: NeuralMPC, shifted: Rollout) -> None:
     again = track(plant(SHIFTED), mpc, PLAN)
     np.testing.assert_array_equal(again.actions, shifted.actions)

@@ -118,6 +118,28 @@ def convex_distance(px, py, polygon, count, rounding):
 
 
 @kernel
+def distance_to_convex(px, py, polygon, count, rounding):
+    """The signed distance alone: outside, one square root instead of one for each edge."""
+    if count == 1:
+        dx, dy = px - polygon[0, 0], py - polygon[0, 1]
+        return math.sqrt(dx * dx + dy * dy) - rounding
+    inside, nearest = True, np.inf
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        ax, ay = polygon[i, 0], polygon[i, 1]
+        ex, ey = polygon[j, 0] - ax, polygon[j, 1] - ay
+        ox, oy = px - ax, py - ay
+        if ey * ox - ex * oy > 0.0:
+            inside = False
+        t = min(1.0, max(0.0, (ox * ex + oy * ey) / (ex * ex + ey * ey)))
+        dx, dy = ox - t * ex, oy - t * ey
+        nearest = min(nearest, dx * dx + dy * dy)
+    if inside:
+        return convex_distance(px, py, polygon, count, rounding)[0]
+    return math.sqrt(nearest) - rounding
+
+
+@kernel
 def wall_distance(px, py, size):
     """Signed distance of one point to the walls (positive inside the workspace), its gradient, which wall."""
     d, gx, gy, wall = px, 1.0, 0.0, 0
@@ -150,6 +172,24 @@ def nearest_obstacle(px, py, world, ceiling):
             if dk < d:
                 d, gx, gy, index = dk, ux, uy, k
     return d, gx, gy, index
+
+
+@kernel
+def distance_at(px, py, world):
+    """Signed distance of one point to everything."""
+    vertices, counts, rounding, size, boxes = world
+    d = wall_distance(px, py, size)[0]
+    first, gap = -1, d
+    for k in range(len(counts)):
+        gap_k = box_gap(px, py, px, py, boxes[k])
+        if gap_k < gap:
+            first, gap = k, gap_k
+    if first >= 0:
+        d = min(d, distance_to_convex(px, py, vertices[first], counts[first], rounding[first]))
+    for k in range(len(counts)):
+        if k != first and box_gap(px, py, px, py, boxes[k]) < d:
+            d = min(d, distance_to_convex(px, py, vertices[k], counts[k], rounding[k]))
+    return d
 
 
 @kernel
@@ -206,8 +246,8 @@ def segment_distance(ax, ay, bx, by, polygon, count, rounding):
     """Least signed distance over the points of a segment to one rounded convex polygon."""
     if count == 1:
         return math.sqrt(_segment_point_squared(ax, ay, bx, by, polygon[0, 0], polygon[0, 1])) - rounding
-    da = convex_distance(ax, ay, polygon, count, 0.0)[0]
-    db = convex_distance(bx, by, polygon, count, 0.0)[0]
+    da = distance_to_convex(ax, ay, polygon, count, 0.0)
+    db = distance_to_convex(bx, by, polygon, count, 0.0)
     d = min(da, db)
     if d > 0.0:
         if da + db <= math.hypot(bx - ax, by - ay):  # else too short to reach inside

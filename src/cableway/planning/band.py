@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry.compiled import kernel
-from cableway.geometry.convex import ConvexWorld, nearest_obstacle, segment_clearance
+from cableway.geometry.convex import ConvexWorld, distance_at, segment_clearance
 
 SMALLEST_CLEARANCE = 1e-6
 """Clearance [m] below which 1/clearance in the cost grows no more."""
@@ -22,12 +22,6 @@ def reference_points(world: ConvexWorld) -> Float[np.ndarray, "k 2"]:
     """A point inside each obstacle: a loop that goes round none of them encloses no obstacle."""
     points = [row[:count].mean(axis=0) for row, count in zip(world.vertices, world.counts, strict=True)]
     return np.array(points).reshape(-1, 2)
-
-
-@kernel
-def distance_at(x, y, world):
-    """Signed distance of a point to everything."""
-    return nearest_obstacle(x, y, world, np.inf)[0]
 
 
 @kernel
@@ -198,19 +192,20 @@ def relax(path, world, radius, target, pull, length_weight, clearance_weight, sc
     at, d = _slots(path, around, world, scale, reach)
     best = np.full((m, options), np.inf)
     previous = np.zeros((m, options), np.int64)
-    best[0, reach] = 0.0
+    rate = np.zeros((m, options))  # half the cost of a metre there that comes from what is near
+    best[0, reach], rate[0, reach] = 0.0, 0.5 * clearance_weight / max(d[0, reach], SMALLEST_CLEARANCE)
     for i in range(1, m):
         for j in range(options):
             if d[i, j] == -np.inf:
                 continue
             x, y = at[i, j, 0], at[i, j, 1]
             off = pull * ((x - target[i, 0]) ** 2 + (y - target[i, 1]) ** 2)
-            rate = length_weight + 0.5 * clearance_weight / max(d[i, j], SMALLEST_CLEARANCE)
+            rate[i, j] = 0.5 * clearance_weight / max(d[i, j], SMALLEST_CLEARANCE)
             for k in range(options):
                 bx, by, db = at[i - 1, k, 0], at[i - 1, k, 1], d[i - 1, k]
                 length = math.hypot(x - bx, y - by)
                 cost = best[i - 1, k] + off
-                cost += length * (rate + 0.5 * clearance_weight / max(db, SMALLEST_CLEARANCE))
+                cost += length * (length_weight + rate[i, j] + rate[i - 1, k])
                 if cost < best[i, j] and (
                     (j == reach and k == reach) or is_free(bx, by, db, x, y, d[i, j], world, keep[i - 1])
                 ):

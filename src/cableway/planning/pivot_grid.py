@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from cableway.errors import PlanningError
 from cableway.geometry import polyline
 from cableway.geometry.compiled import kernel
-from cableway.geometry.convex import World
+from cableway.geometry.convex import World, distance_at
 from cableway.planning import band
 from cableway.planning.config import PivotConfig
 from cableway.scene.scene import Scene
@@ -28,6 +28,9 @@ REFINEMENTS = 2
 
 LINK = 3
 """Start and goal are linked to grid nodes at most this many spacings away."""
+
+COARSER = 5
+"""Spacings to a cell of the coarse grid."""
 
 NEIGHBOURS = np.array(
     [(i, j) for i in range(-3, 4) for j in range(-3, 4) if math.gcd(i, j) == 1], dtype=np.int64
@@ -113,7 +116,7 @@ def _widest(world: World, shape: Int[np.ndarray, "2"], start: np.ndarray, goal: 
 def _search(world, shape, start, goal, radius, length_weight, clearance_weight, neighbours, link):
     """A* from start to goal over the nodes of a grid of shape + 1; (0, 2) if there is no path.
 
-    What is left is at least the straight line where the walls are farthest. Node 0 is the start, linked to all nodes
+    What is left is at least the straight line where everything is farthest. Node 0 is the start, linked to all nodes
     about it; node 1 + i ny + j is grid node (i, j).
     """
     nx, ny = shape[0] + 1, shape[1] + 1
@@ -122,11 +125,11 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
     rate = np.empty(1 + nx * ny)  # half the cost per metre at a node: an edge costs its length times both ends' rates
     cost = np.full(1 + nx * ny, np.inf)
     parent = np.full(1 + nx * ny, -1, np.int64)
-    d[0], cost[0] = band.distance_at(start[0], start[1], world), 0.0
+    d[0], cost[0] = distance_at(start[0], start[1], world), 0.0
     rate[0] = 0.5 * length_weight + 0.5 * clearance_weight / max(d[0], band.SMALLEST_CLEARANCE)
-    d_goal = band.distance_at(goal[0], goal[1], world)
+    d_goal = distance_at(goal[0], goal[1], world)
     rate_goal = 0.5 * length_weight + 0.5 * clearance_weight / max(d_goal, band.SMALLEST_CLEARANCE)
-    least_rate = length_weight + clearance_weight / (0.5 * min(world[3][0], world[3][1]))
+    least_rate = length_weight + clearance_weight / _most_distance(world, shape)
     best, last = np.inf, -1
     heap = [(0.0, 0)]
     while len(heap) > 0:
@@ -158,7 +161,7 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
                 continue
             ox, oy = a * hx, b * hy
             if np.isnan(d[other]):
-                d[other] = band.distance_at(ox, oy, world)
+                d[other] = distance_at(ox, oy, world)
                 rate[other] = 0.5 * length_weight + 0.5 * clearance_weight / max(d[other], band.SMALLEST_CLEARANCE)
             if d[other] < radius:
                 continue
@@ -168,6 +171,18 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
                 ahead = least_rate * math.hypot(goal[0] - ox, goal[1] - oy)
                 heapq.heappush(heap, (total + ahead, other))
     return _trace(parent, last, ny, hx, hy, start, goal)
+
+
+@kernel
+def _most_distance(world, shape):
+    """An upper bound of the signed distance anywhere, which changes no faster than position, from a coarse grid."""
+    cells = (shape + COARSER - 1) // COARSER
+    hx, hy = world[3][0] / cells[0], world[3][1] / cells[1]
+    most = 0.0
+    for i in range(cells[0]):
+        for j in range(cells[1]):
+            most = max(most, distance_at((i + 0.5) * hx, (j + 0.5) * hy, world))
+    return most + 0.5 * math.hypot(hx, hy)
 
 
 @kernel

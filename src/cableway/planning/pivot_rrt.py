@@ -108,7 +108,7 @@ class _Validity(base.StateValidityChecker):
 
     def isValid(self, state: Any) -> bool:
         """Whether a point keeps the radius. OMPL takes only a real `bool`."""
-        return bool(band.distance_at(state[0], state[1], self._world) >= self._radius)
+        return bool(convex.distance_at(state[0], state[1], self._world) >= self._radius)
 
 
 class _Motion(base.MotionValidator):
