@@ -30,12 +30,12 @@ class Learning:
     frames: tuple[Frame, ...] = ()
 
     @classmethod
-    def of(cls, model: LearnedModel, config: AdaptationConfig, every: int, keypoints: int) -> Learning:
+    def of(cls, model: LearnedModel, config: AdaptationConfig | None, every: int, keypoints: int) -> Learning:
         """Before anything was seen; what an adaptation needs is compiled.
 
         Args:
             model: As it was trained.
-            config: How it is adapted.
+            config: How it is adapted; as `start_adaptation` has it where None.
             every: Frames between two adaptations.
             keypoints: Of the cable.
         """

@@ -94,7 +94,7 @@ class NeuralMPC(Controller[MPCState]):
     Args:
         model: Predicts the cable's motion.
         config: The settings, the defaults where None.
-        adaptation: How the model is adapted where the settings ask for it, the defaults where None.
+        adaptation: How the model is adapted where the settings ask for it; as `start_adaptation` has it where None.
 
     Raises:
         InputError: A model that nothing was learned of is to be adapted.
@@ -105,7 +105,7 @@ class NeuralMPC(Controller[MPCState]):
     ) -> None:
         self.model = model
         self.config = config or MPCConfig()
-        self._adaptation = adaptation or AdaptationConfig()
+        self._adaptation = adaptation
         if self.config.adapt_every and not isinstance(model, LearnedModel):
             raise InputError(f"adapt_every must be 0 for a {type(model).__name__}, which has nothing to adapt")
         self._predictors: dict[int, Predictor] = {}
