@@ -210,19 +210,21 @@ def draw_of(start: AdaptationState, data: Transitions, draw: int) -> tuple[float
     return (*means, float(np.mean(worse)), float(state.accepted), float(np.median(times)), float(np.max(times)))
 
 
-def compare_yu2d(folder: Path, sets: Path) -> None:
+def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
     """Each length left out in turn: models trained on the others, judged on it."""
     found = {path.name: load_transitions(path) for path in sorted(sets.iterdir()) if path.is_dir()}
     for left_out, data in found.items():
         training = joined([other for name, other in found.items() if name != left_out])
-        models = {}
+        models: dict[str, list[DeformationModel]] = {}
         for name, (model, settings) in YU2D_MODELS.items():
-            path = folder / "yu2d" / f"{name.replace(' ', '-')}-{left_out}.safetensors"
-            if not path.exists():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                made, card = make_model(Recipe(collection={}, model=model, training=settings), training)
-                save_model(path, made, card)
-            models[name] = [load_model(path)]
+            for seed in range(seeds):
+                path = folder / "yu2d" / f"{name.replace(' ', '-')}-{left_out}-{seed}.safetensors"
+                if not path.exists():
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    recipe = Recipe(collection={}, model=model, training=replace(settings, seed=seed))
+                    made, card = make_model(recipe, training)
+                    save_model(path, made, card)
+                models.setdefault(name, []).append(load_model(path))
         models |= {name: [one] for name, one in baselines().items()}
         curves = compare(models, data, 20)
         write_json(folder / f"yu2d-{left_out}.json", {name: asdict(curve) for name, curve in curves.items()})
@@ -278,7 +280,7 @@ def main() -> None:
         "adapt": lambda: adapt_models(options.out),
         "ship": lambda: ship_models(options.out),
         "speed": time_models,
-        "yu2d": lambda: compare_yu2d(options.out, options.yu2d),
+        "yu2d": lambda: compare_yu2d(options.out, options.yu2d, options.seeds),
     }
     for stage in STAGES if options.stage == "all" else (options.stage,):
         work[stage]()
