@@ -12,7 +12,7 @@ import pytest
 from led_cables import quasi_static
 
 from cableway.errors import InputError
-from cableway.models.adaptation import AdaptationConfig, AdaptationState, adapt, start_adaptation
+from cableway.models.adaptation import AdaptationConfig, AdaptationState, _explained, adapt, start_adaptation
 from cableway.models.base import rollout
 from cableway.models.dataset import select
 from cableway.models.evaluation import open_loop_errors
@@ -96,6 +96,31 @@ def test_what_does_not_help_is_refused(seen):
     assert state.accepted == 0
     assert state.refused >= 1
     assert state.model is NOMINAL
+
+
+def test_a_change_that_explains_only_part_is_refused(seen):
+    state = fed(start_adaptation(NOMINAL, config=AdaptationConfig(improvement=0.99)), seen, range(160))
+    assert (state.accepted, state.refused > 0) == (0, True)
+    assert eqx.tree_equal(state.model, NOMINAL)
+
+
+def test_small_errors_are_left_alone(seen):
+    for enough, tried in ((0.0, True), (0.1, False)):
+        state = fed(start_adaptation(NOMINAL, config=AdaptationConfig(enough=enough)), seen, range(100))
+        assert (state.accepted + state.refused > 0) == tried
+
+
+def test_the_share_explained_leaves_out_what_was_measured_wrong():
+    before = np.array([0.004, 0.005, 0.006, 0.5])
+    assert _explained(before, np.array([0.0004, 0.0005, 0.0006, 0.5]), 0.0165) == pytest.approx(0.9)
+    assert _explained(before, np.array([0.002, 0.0025, 0.003, 0.5]), 0.0165) == pytest.approx(0.5)
+    # three windows better, and a fourth that counts so much worse that nothing is gained
+    assert _explained(np.full(4, 0.004), np.array([0.003, 0.003, 0.003, 0.0121]), 0.0121) == 0.0
+
+
+def test_a_network_has_settings_of_its_own(model):
+    assert start_adaptation(NOMINAL).config == AdaptationConfig()
+    assert start_adaptation(model).config == AdaptationConfig.for_network() != AdaptationConfig()
 
 
 def test_the_same_transitions_give_the_same_model(adapted, seen):

@@ -92,51 +92,30 @@ def convex_distance(px, py, polygon, count, rounding):
         if r < 1e-15:
             return -rounding, 1.0, 0.0
         return r - rounding, dx / r, dy / r
-    deepest, nx, ny = -np.inf, 1.0, 0.0
-    nearest, gx, gy = np.inf, 1.0, 0.0
+    inside, nearest, gx, gy = True, np.inf, 1.0, 0.0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0
-        ax, ay = polygon[i, 0], polygon[i, 1]
-        ex, ey = polygon[j, 0] - ax, polygon[j, 1] - ay
-        squared = ex * ex + ey * ey
-        edge = math.sqrt(squared)
-        ox, oy = px - ax, py - ay
-        outward = (ey * ox - ex * oy) / edge
-        if outward > deepest:
-            deepest, nx, ny = outward, ey / edge, -ex / edge
-        t = min(1.0, max(0.0, (ox * ex + oy * ey) / squared))
-        dx, dy = ox - t * ex, oy - t * ey
-        d2 = dx * dx + dy * dy
-        if d2 < nearest:
-            nearest, gx, gy = d2, dx, dy
-    if deepest <= 0.0:
-        return deepest - rounding, nx, ny
-    r = math.sqrt(nearest)
-    if r < 1e-15:
-        return -rounding, nx, ny
-    return r - rounding, gx / r, gy / r
-
-
-@kernel
-def distance_to_convex(px, py, polygon, count, rounding):
-    """The signed distance alone: outside, one square root instead of one for each edge."""
-    if count == 1:
-        dx, dy = px - polygon[0, 0], py - polygon[0, 1]
-        return math.sqrt(dx * dx + dy * dy) - rounding
-    inside, nearest = True, np.inf
-    for i in range(count):
-        j = i + 1 if i + 1 < count else 0
-        ax, ay = polygon[i, 0], polygon[i, 1]
-        ex, ey = polygon[j, 0] - ax, polygon[j, 1] - ay
-        ox, oy = px - ax, py - ay
+        ex, ey = polygon[j, 0] - polygon[i, 0], polygon[j, 1] - polygon[i, 1]
+        ox, oy = px - polygon[i, 0], py - polygon[i, 1]
         if ey * ox - ex * oy > 0.0:
             inside = False
         t = min(1.0, max(0.0, (ox * ex + oy * ey) / (ex * ex + ey * ey)))
         dx, dy = ox - t * ex, oy - t * ey
-        nearest = min(nearest, dx * dx + dy * dy)
-    if inside:
-        return convex_distance(px, py, polygon, count, rounding)[0]
-    return math.sqrt(nearest) - rounding
+        d2 = dx * dx + dy * dy
+        if d2 < nearest:
+            nearest, gx, gy = d2, dx, dy
+    r = math.sqrt(nearest)
+    if not inside and r >= 1e-15:
+        return r - rounding, gx / r, gy / r
+    deepest, nx, ny = -np.inf, 1.0, 0.0
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        ex, ey = polygon[j, 0] - polygon[i, 0], polygon[j, 1] - polygon[i, 1]
+        edge = math.sqrt(ex * ex + ey * ey)
+        outward = (ey * (px - polygon[i, 0]) - ex * (py - polygon[i, 1])) / edge
+        if outward > deepest:
+            deepest, nx, ny = outward, ey / edge, -ex / edge
+    return min(deepest, 0.0) - rounding, nx, ny
 
 
 @kernel
@@ -185,10 +164,10 @@ def distance_at(px, py, world):
         if gap_k < gap:
             first, gap = k, gap_k
     if first >= 0:
-        d = min(d, distance_to_convex(px, py, vertices[first], counts[first], rounding[first]))
+        d = min(d, convex_distance(px, py, vertices[first], counts[first], rounding[first])[0])
     for k in range(len(counts)):
         if k != first and box_gap(px, py, px, py, boxes[k]) < d:
-            d = min(d, distance_to_convex(px, py, vertices[k], counts[k], rounding[k]))
+            d = min(d, convex_distance(px, py, vertices[k], counts[k], rounding[k])[0])
     return d
 
 
@@ -246,8 +225,8 @@ def segment_distance(ax, ay, bx, by, polygon, count, rounding):
     """Least signed distance over the points of a segment to one rounded convex polygon."""
     if count == 1:
         return math.sqrt(_segment_point_squared(ax, ay, bx, by, polygon[0, 0], polygon[0, 1])) - rounding
-    da = distance_to_convex(ax, ay, polygon, count, 0.0)
-    db = distance_to_convex(bx, by, polygon, count, 0.0)
+    da = convex_distance(ax, ay, polygon, count, 0.0)[0]
+    db = convex_distance(bx, by, polygon, count, 0.0)[0]
     d = min(da, db)
     if d > 0.0:
         if da + db <= math.hypot(bx - ax, by - ay):  # else too short to reach inside
