@@ -2,6 +2,7 @@
 
     .venv/bin/python tools/models.py                   # all but yu2d, below runs/comparison; an hour of one core
     .venv/bin/python tools/models.py train --seeds 1   # one stage; what is already there is kept
+    .venv/bin/python tools/models.py plateau           # networks trained longer; hours of one core
     .venv/bin/python tools/models.py speed             # one core: taskset -c 0
     .venv/bin/python tools/models.py yu2d --yu2d sets  # cables of Yu et al., made by tools/convert_yu2d.py
 
@@ -76,6 +77,19 @@ YU2D_MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
     "C": (ConvConfig(), TRAINING),
 }
 
+LONGER = (10, 20, 40)
+"""Epochs of the trainings that show where a model's plateau is; each is one of its own, as the rate falls to 0."""
+
+LONGER_MODELS: dict[str, LearnedConfig] = {
+    "MLP": MLPConfig(),
+    "C": ConvConfig(),
+    "T": TransformerConfig(),
+    "C, plain": ConvConfig(framing=PLAIN),
+    "B, plain": RecurrentConfig(framing=PLAIN),
+    "T, plain": TransformerConfig(framing=PLAIN),
+    "T, plain, of the paper's size": TransformerConfig.paper(),
+}
+
 SHIPPED = {"rod": "rod", "hybrid": "C on rod", "conv": "C", "mlp": "MLP", "linear": "linear", "bilstm": "B, plain"}
 """Names of shipped weights and which model they are; `src/cableway/models/configs` says the same of each."""
 
@@ -133,6 +147,44 @@ def train_models(folder: Path, seeds: int) -> None:
             print(f"{path}: {card['errors']['model']}", flush=True)
 
 
+def train_longer(folder: Path, seeds: int) -> None:
+    """Networks after more and more epochs: error by horizon and time of training; shorter trainings first."""
+    data, judged = (load_transitions(folder / "sets" / name) for name in ("training", "nominal"))
+    for epochs in LONGER:
+        curves: dict[str, Curve] = {}
+        for name, model in LONGER_MODELS.items():
+            trained = []
+            for seed in range(seeds):
+                path = model_path(folder, f"{name}-{epochs}".replace("'", ""), seed)
+                if not path.exists():
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    recipe = Recipe(collection={}, model=model, training=replace(TRAINING, epochs=epochs, seed=seed))
+                    pace = Pace()
+                    made, card = make_model(recipe, data, state_file=path.with_suffix(".state"), progress=pace)
+                    save_model(path, made, card)
+                    print(f"{path}: {pace.whole() / 60:.1f} min of processor time", flush=True)
+                trained.append(load_model(path))
+            curves[name] = compare({name: trained}, judged)[name]
+        write_json(folder / f"plateau-{epochs}.json", {name: asdict(curve) for name, curve in curves.items()})
+        print_curves(f"{epochs} epochs", curves)
+
+
+class Pace:
+    """Told how far a training is, it knows what the whole of it takes, also where it went on from a kept state."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[float, float]] = []
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Processor time now, and the share done."""
+        self.seen.append((time.process_time(), share))
+
+    def whole(self) -> float:
+        """Processor time [s] of the whole training."""
+        (begun, first), (ended, last) = self.seen[0], self.seen[-1]
+        return (ended - begun) / (last - first)
+
+
 def evaluate_models(folder: Path, seeds: int) -> None:
     """Error against horizon of every model on every test set: tables, pictures, JSON."""
     for name in TEST_SETS:
@@ -185,7 +237,7 @@ def adapt_models(folder: Path) -> None:
             reached = int(np.sum((after <= 0.5 * before) | (after <= 4.0)))
             spread = [f"{np.median(values):.2f} / {values.max():.2f}" for values in (before, after)]
             counts = (
-                f"{int(np.sum(after > before + 0.01))} | {100 * worse.mean():.0f}% | {int((changed > 0).sum())}/{DRAWS}"
+                f"{int(np.sum(after > before + 0.01))} | {100 * worse.mean():.1f}% | {int((changed > 0).sum())}/{DRAWS}"
             )
             took = f"{np.median(median):.0f} / {slowest[1:].max():.0f}"
             print(f"| {model} | {name} | {' | '.join(spread)} | {reached}/{DRAWS} | {counts} | {took} |", flush=True)
@@ -267,7 +319,7 @@ STAGES = ("collect", "train", "evaluate", "adapt", "ship")
 def main() -> None:
     """Carry out the stages asked for."""
     parser = argparse.ArgumentParser(description="Compare the deformation models.")
-    parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "yu2d", "speed"), default="all")
+    parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "plateau", "yu2d", "speed"), default="all")
     parser.add_argument("--out", type=Path, default=Path("runs/comparison"))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--yu2d", type=Path, default=Path("runs/yu2d"))
@@ -279,6 +331,7 @@ def main() -> None:
         "evaluate": lambda: evaluate_models(options.out, options.seeds),
         "adapt": lambda: adapt_models(options.out),
         "ship": lambda: ship_models(options.out),
+        "plateau": lambda: train_longer(options.out, options.seeds),
         "speed": time_models,
         "yu2d": lambda: compare_yu2d(options.out, options.yu2d, options.seeds),
     }

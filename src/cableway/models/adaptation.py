@@ -11,7 +11,6 @@ Note:
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
 import equinox as eqx
@@ -29,6 +28,9 @@ from cableway.models.fitting import Fit, fit, parameters_of
 from cableway.models.learned import LearnedModel
 from cableway.records import Transitions
 
+SPOILT = 10.0
+"""Error of a window in that of the median window, both after a change, from which on it was measured wrong."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptationConfig:
@@ -44,8 +46,8 @@ class AdaptationConfig:
         least_held: Fewest of them that a change is judged by.
         enough: Error on held-back blocks, in lengths of the cable, below which nothing is changed: what a hundred
             transitions of one or two motions tell about smaller errors often holds for these motions only.
-        improvement: Share of the error on held-back blocks that a change must take away. One that explains only
-            part of it, say by stiffness in place of friction, often predicts other motions worse.
+        improvement: Share of the error on held-back blocks that a change must take away. One that explains only part
+            of it, say by stiffness in place of friction, often predicts other motions worse.
         least_motion: Travel of the grippers [m] in a window below which it says nothing.
         fit: How parameters are fitted.
     """
@@ -58,7 +60,7 @@ class AdaptationConfig:
     held_windows: int = 8
     least_held: int = 3
     enough: float = 0.01
-    improvement: float = 0.85
+    improvement: float = 0.92
     least_motion: float = 2e-3
     fit: Fit = field(default_factory=Fit)
 
@@ -188,12 +190,12 @@ def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
 def _explained(before: Float[np.ndarray, "k"], after: Float[np.ndarray, "k"], limit: float) -> float:
     """The share of the error that a change takes away; 0 where it adds to it.
 
-    That of the three quarters of the windows that are predicted best afterwards: what was measured wrong no change
-    explains. Errors above `limit` [m] count as that much in what must not grow.
+    Windows that it leaves `SPOILT` times as far off as it leaves the median one were measured wrong: they say nothing
+    of the share. Errors above `limit` [m] count as that much in what must not grow.
     """
     if np.minimum(after, limit).mean() >= np.minimum(before, limit).mean():
         return 0.0
-    kept = np.argsort(after)[: math.ceil(0.75 * len(after))]
+    kept = after <= SPOILT * np.sort(after)[(len(after) - 1) // 2]
     return 1.0 - float(after[kept].sum() / max(before[kept].sum(), 1e-12))
 
 
