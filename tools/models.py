@@ -1,13 +1,13 @@
-"""Compare the deformation models: collect the sets, train every model with three seeds, evaluate, adapt, ship.
+"""Compare the deformation models: collect the sets, train every model with three seeds, evaluate, adapt; ship.
 
-    .venv/bin/python tools/models.py                   # all but yu2d, below runs/comparison; an hour of one core
+    .venv/bin/python tools/models.py                   # the first four, below runs/comparison; half an hour of one core
     .venv/bin/python tools/models.py train --seeds 1   # one stage; what is already there is kept
     .venv/bin/python tools/models.py plateau           # networks trained longer; hours of one core
+    .venv/bin/python tools/models.py ship              # the shipped weights; half an hour of one core
     .venv/bin/python tools/models.py speed             # one core: taskset -c 0
     .venv/bin/python tools/models.py yu2d --yu2d sets  # cables of Yu et al., made by tools/convert_yu2d.py
 
-Interrupted and started again, it goes on where it stopped. `ship` puts the models of the first seed among the shipped
-weights.
+Interrupted and started again, it goes on where it stopped. `ship` makes all shipped weights from their configurations.
 """
 
 from __future__ import annotations
@@ -33,13 +33,14 @@ from cableway.models.card import write_card
 from cableway.models.checkpoint import WEIGHTS, load_model, model_names, save_model
 from cableway.models.comparison import LONGEST, Curve, compare
 from cableway.models.compilation import enable_compilation_cache
+from cableway.models.configuration import from_mapping
 from cableway.models.conv import ConvConfig
 from cableway.models.dataset import joined, select
 from cableway.models.evaluation import baselines, window_errors
 from cableway.models.frames import Framing
 from cableway.models.learned import LearnedConfig, LearnedModel
 from cableway.models.mlp import MLPConfig
-from cableway.models.recipe import Recipe, make_model
+from cableway.models.recipe import CONFIGS, Recipe, make_model, read_training_config
 from cableway.models.recurrent import RecurrentConfig
 from cableway.models.rod import RodConfig
 from cableway.models.training_config import TrainingConfig
@@ -77,8 +78,8 @@ YU2D_MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
     "C": (ConvConfig(), TRAINING),
 }
 
-LONGER = (10, 20, 40)
-"""Epochs of the trainings that show where a model's plateau is; each is one of its own, as the rate falls to 0."""
+LONGER = (10, 40)
+"""Epochs of the trainings that show where a network's plateau is; each is one of its own, as the rate falls to 0."""
 
 LONGER_MODELS: dict[str, LearnedConfig] = {
     "MLP": MLPConfig(),
@@ -87,11 +88,14 @@ LONGER_MODELS: dict[str, LearnedConfig] = {
     "C, plain": ConvConfig(framing=PLAIN),
     "B, plain": RecurrentConfig(framing=PLAIN),
     "T, plain": TransformerConfig(framing=PLAIN),
-    "T, plain, of the paper's size": TransformerConfig.paper(),
 }
 
-SHIPPED = {"rod": "rod", "hybrid": "C on rod", "conv": "C", "mlp": "MLP", "linear": "linear", "bilstm": "B, plain"}
-"""Names of shipped weights and which model they are; `src/cableway/models/configs` says the same of each."""
+WIDE_MODELS: dict[str, LearnedConfig] = {
+    "C, plain, wide": ConvConfig(width=128, framing=PLAIN),
+    "B, plain, wide": RecurrentConfig(width=128, framing=PLAIN),
+    "T, plain, wide": TransformerConfig.paper(),
+}
+"""Of the width that the paper's public code has; trained with the first seed only."""
 
 ON_PLANTS = ("rod", "C on rod", "C", "T", "MLP", "linear")
 """What is judged on cables that differ from those it was trained on."""
@@ -152,10 +156,10 @@ def train_longer(folder: Path, seeds: int) -> None:
     data, judged = (load_transitions(folder / "sets" / name) for name in ("training", "nominal"))
     for epochs in LONGER:
         curves: dict[str, Curve] = {}
-        for name, model in LONGER_MODELS.items():
+        for name, model in (LONGER_MODELS | WIDE_MODELS).items():
             trained = []
-            for seed in range(seeds):
-                path = model_path(folder, f"{name}-{epochs}".replace("'", ""), seed)
+            for seed in range(1 if name in WIDE_MODELS else seeds):
+                path = model_path(folder, f"{name}-{epochs}", seed)
                 if not path.exists():
                     path.parent.mkdir(parents=True, exist_ok=True)
                     recipe = Recipe(collection={}, model=model, training=replace(TRAINING, epochs=epochs, seed=seed))
@@ -284,10 +288,17 @@ def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
 
 
 def ship_models(folder: Path) -> None:
-    """The models of the first seed as shipped weights, with their cards."""
-    for shipped, name in SHIPPED.items():
-        path = WEIGHTS / f"{shipped}.safetensors"
-        content = model_path(folder, name, 0).read_bytes()
+    """The shipped weights and their cards, each from its configuration in `cableway.models.recipe.CONFIGS`."""
+    for config in sorted(CONFIGS.glob("*.yaml")):
+        recipe = read_training_config(config)
+        collection = from_mapping(CollectionConfig, recipe.collection, f"{config}: collection")
+        data, made = folder / "sets" / f"{collection.transitions}", folder / "shipped" / f"{config.stem}.safetensors"
+        if not made.exists():
+            made.parent.mkdir(parents=True, exist_ok=True)
+            collect(collection, data, workers=1)
+            model, card = make_model(recipe, load_transitions(data), state_file=made.with_suffix(".state"))
+            save_model(made, model, card)
+        path, content = WEIGHTS / made.name, made.read_bytes()
         write_atomically(path, lambda file, content=content: file.write(content))
         print(write_card(path), flush=True)
 
@@ -313,13 +324,13 @@ def time_models() -> None:
         print(f"| {name} | {np.median(times[10:]):.2f} / {np.percentile(times[10:], 95):.2f} |", flush=True)
 
 
-STAGES = ("collect", "train", "evaluate", "adapt", "ship")
+STAGES = ("collect", "train", "evaluate", "adapt")
 
 
 def main() -> None:
     """Carry out the stages asked for."""
     parser = argparse.ArgumentParser(description="Compare the deformation models.")
-    parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "plateau", "yu2d", "speed"), default="all")
+    parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "plateau", "ship", "yu2d", "speed"), default="all")
     parser.add_argument("--out", type=Path, default=Path("runs/comparison"))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--yu2d", type=Path, default=Path("runs/yu2d"))

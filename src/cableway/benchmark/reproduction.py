@@ -173,10 +173,9 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
         pictures.append(picture)
     text = (
         "Mean stacked error of predicting so many steps without looking, on simulated cables of these kinds with "
-        "friction on the table. The models are those that are shipped: trained on the nominal simulated cable, not "
-        "fine-tuned on any of these, as the paper's were. The shipped convolutional model and Transformer predict "
-        "in the frame of the grippers, the LSTM in that of the world, as the paper's; docs/models.md compares like "
-        "with like, with three seeds, and does not confirm the paper's ranking."
+        "friction on the table. The models are those that are shipped: trained alike on the nominal simulated cable, "
+        "in its own frame, not fine-tuned on any of these, as the paper's were. docs/models.md compares plain models "
+        "too, with three seeds, and does not confirm the paper's ranking."
     )
     return Section("Deformation models", text, (Table("prediction", tuple(rows)),), tuple(pictures))
 
