@@ -78,7 +78,7 @@ YU2D_MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
     "C": (ConvConfig(), TRAINING),
 }
 
-LONGER = (10, 40)
+LONGER = (10, 40, 160)
 """Epochs of the trainings that show where a network's plateau is; each is one of its own, as the rate falls to 0."""
 
 LONGER_MODELS: dict[str, LearnedConfig] = {
