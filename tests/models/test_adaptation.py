@@ -67,7 +67,9 @@ def fed_spoilt(data: Transitions, count: int, seed: int) -> AdaptationState:
     after[bad - 1] = keypoints[bad]
     spoilt = replace(select(data, rows), keypoints=keypoints, next_keypoints=after)
     kept = select(spoilt, np.setdiff1d(rows, [57, 58, 121]))
-    return fed(start_adaptation(NOMINAL), kept, range(0, len(kept) - 20))
+    state = fed(start_adaptation(NOMINAL), kept, range(0, len(kept) - 20))
+    assert np.isfinite(np.asarray(state.model.rod.stiffness)).all()
+    return state
 
 
 @pytest.mark.parametrize("seed", [0, 1])

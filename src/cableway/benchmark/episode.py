@@ -15,7 +15,7 @@ from cableway.benchmark.plants import Variant, plant_variant
 from cableway.benchmark.suites import Episode
 from cableway.control.base import Controller
 from cableway.errors import PlanningError
-from cableway.planning.compilation import EXAMPLE, compile_kernels
+from cableway.planning.compilation import EXAMPLE
 from cableway.records import SUCCESS_ERROR, Attempt, Plan, Rollout
 from cableway.report import Report, summarize
 from cableway.scene.loading import load_task
@@ -208,7 +208,6 @@ def died(job: Job, outcome: str, detail: str) -> Outcome:
 
 @cache
 def _example_plan() -> Plan:
-    compile_kernels()
     return default_planner(load_task(EXAMPLE), 0)
 
 

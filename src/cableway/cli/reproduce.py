@@ -77,12 +77,9 @@ class Reproduce(EpisodeOptions):
 
     def _sections(self, jobs: list[Job], folder: Path, tell: Tell) -> list[Section]:
         from cableway.benchmark import case_studies, reproduction
-        from cableway.benchmark.episode import warm_up
 
         _, transitions, repeats, trials = SIZES[self.size]
         results = collect(jobs, folder)
-        tell("compilation", 0.0)
-        warm_up()
         tell("figures", 0.0)
         return [
             reproduction.hyperparameters(),
