@@ -77,8 +77,8 @@ def test_it_learns_in_spite_of_outliers_and_lost_frames(seen, seed):
     assert error(fed_spoilt(seen, 4, seed), seen) < error(start_adaptation(NOMINAL), seen)
 
 
-def test_many_outliers_do_not_lead_astray(seen):
-    assert error(fed_spoilt(seen, 16, 2), seen) <= error(start_adaptation(NOMINAL), seen)
+def test_a_spoilt_frame_in_two_does_not_lead_astray(seen):
+    assert error(fed_spoilt(seen, 80, 2), seen) <= error(start_adaptation(NOMINAL), seen)
 
 
 def test_a_still_cable_changes_nothing(adapted, seen):
