@@ -78,9 +78,6 @@ YU2D_MODELS: dict[str, tuple[LearnedConfig, TrainingConfig]] = {
     "C": (ConvConfig(), TRAINING),
 }
 
-LONGER = (10, 40, 160)
-"""Epochs of the trainings that show where a network's plateau is; each is one of its own, as the rate falls to 0."""
-
 LONGER_MODELS: dict[str, LearnedConfig] = {
     "MLP": MLPConfig(),
     "C": ConvConfig(),
@@ -88,14 +85,17 @@ LONGER_MODELS: dict[str, LearnedConfig] = {
     "C, plain": ConvConfig(framing=PLAIN),
     "B, plain": RecurrentConfig(framing=PLAIN),
     "T, plain": TransformerConfig(framing=PLAIN),
-}
-
-WIDE_MODELS: dict[str, LearnedConfig] = {
-    "C, plain, wide": ConvConfig(width=128, framing=PLAIN),
-    "B, plain, wide": RecurrentConfig(width=128, framing=PLAIN),
     "T, plain, wide": TransformerConfig.paper(),
 }
-"""Of the width that the paper's public code has; trained with the first seed only."""
+"""Wide is the width that the paper's public code has."""
+
+LONGER: dict[int, dict[str, int]] = {
+    10: dict.fromkeys(LONGER_MODELS, 1),
+    40: {"MLP": 1, "C": 1, "T": 1, "C, plain": 3, "B, plain": 3, "T, plain": 3},
+    160: {"T, plain": 1},
+    640: {"T, plain": 1},
+}
+"""Epochs, models, seeds of the trainings that look for a plateau; each is one of its own, as the rate falls to 0."""
 
 ON_PLANTS = ("rod", "C on rod", "C", "T", "MLP", "linear")
 """What is judged on cables that differ from those it was trained on."""
@@ -151,18 +151,19 @@ def train_models(folder: Path, seeds: int) -> None:
             print(f"{path}: {card['errors']['model']}", flush=True)
 
 
-def train_longer(folder: Path, seeds: int) -> None:
+def train_longer(folder: Path) -> None:
     """Networks after more and more epochs: error by horizon and time of training; shorter trainings first."""
     data, judged = (load_transitions(folder / "sets" / name) for name in ("training", "nominal"))
-    for epochs in LONGER:
+    for epochs, wanted in LONGER.items():
         curves: dict[str, Curve] = {}
-        for name, model in (LONGER_MODELS | WIDE_MODELS).items():
+        for name, seeds in wanted.items():
             trained = []
-            for seed in range(1 if name in WIDE_MODELS else seeds):
+            for seed in range(seeds):
                 path = model_path(folder, f"{name}-{epochs}", seed)
                 if not path.exists():
                     path.parent.mkdir(parents=True, exist_ok=True)
-                    recipe = Recipe(collection={}, model=model, training=replace(TRAINING, epochs=epochs, seed=seed))
+                    training = replace(TRAINING, epochs=epochs, seed=seed)
+                    recipe = Recipe(collection={}, model=LONGER_MODELS[name], training=training)
                     pace = Pace()
                     made, card = make_model(recipe, data, state_file=path.with_suffix(".state"), progress=pace)
                     save_model(path, made, card)
@@ -342,7 +343,7 @@ def main() -> None:
         "evaluate": lambda: evaluate_models(options.out, options.seeds),
         "adapt": lambda: adapt_models(options.out),
         "ship": lambda: ship_models(options.out),
-        "plateau": lambda: train_longer(options.out, options.seeds),
+        "plateau": lambda: train_longer(options.out),
         "speed": time_models,
         "yu2d": lambda: compare_yu2d(options.out, options.yu2d, options.seeds),
     }

@@ -1,6 +1,8 @@
-"""The shipped model, judged on transitions that are simulated afresh."""
+"""The shipped models, judged on transitions that are simulated afresh."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import pytest
 
@@ -33,6 +35,16 @@ def test_it_beats_the_baselines_on_fresh_transitions(cable, better, tmp_path):
     for row, blend, still in zip(table["model"], table["blend"], table["still"], strict=True):
         assert better * row.median < blend.median < still.median
         assert row.p95 < blend.p95
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_it_predicts_as_its_card_says(name, tmp_path):
+    """The medians over other episodes of the kind it was trained on, within a third."""
+    config = from_mapping(CollectionConfig, read_training_config(shipped_config(name)).collection, "collection")
+    collect(replace(config, transitions=3000, seed=OTHER_SEED), tmp_path)
+    table = evaluate({"model": load_model(name)}, load_transitions(tmp_path), horizons=(1, 10), stride=5)
+    said = {row["horizon"]: row["median"] for row in read_card(name)["errors"]["model"]}
+    assert [row.median for row in table["model"]] == pytest.approx([said[1], said[10]], rel=1 / 3)
 
 
 @pytest.mark.parametrize("name", model_names())
