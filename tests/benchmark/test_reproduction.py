@@ -18,7 +18,7 @@ from cableway.control.mpc_config import MPCConfig
 from cableway.figures.stages import followers_figure
 from cableway.planning.config import PlannerConfig
 
-ABOUT = {"versions": {"cableway": "0"}, "machine": machine(), "size": "quick"}
+ABOUT = {"versions": {"cableway": "0"}, "machine": machine(), "size": "quick", "configuration": {"data_seeds": [1, 2]}}
 
 
 def result(suite: str, task: str, error: float, method: str = "cableway", clearance: float | None = 0.008) -> Result:
@@ -83,11 +83,11 @@ def test_the_summary_takes_the_papers_cables_together_and_the_others_apart():
 def test_pages_hold_every_section_and_escape_what_they_show():
     section = reproduction.hyperparameters()
     odd = Section("<b>A & B</b>", "word " * 60, section.tables, ("one.png",))
-    page, text = reproduction_page([section, odd], ABOUT), reproduction_text([section, odd], "quick")
+    page, text = reproduction_page([section, odd], ABOUT), reproduction_text([section, odd], ABOUT)
     assert "&lt;b&gt;A &amp; B&lt;/b&gt;" in page
     assert 'src="one.png"' in page
     assert "http" not in page.split("</style>")[-1]
-    assert text.startswith("# The paper's tables and figures, and ours (quick)")
+    assert "`cableway reproduce --size quick`. Versions: cableway 0." in text
     assert "![one.png](one.png)" in text
     assert max(map(len, (line for line in text.splitlines() if line.startswith("word")))) <= 120
 

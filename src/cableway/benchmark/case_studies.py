@@ -60,6 +60,9 @@ LEARNERS = (_Learner("hdmi", True), _Learner("hdmi", False), _Learner("silicone"
 KIND, EPOCHS = "conv", 40
 """Of the models that are identified."""
 
+DATA_SEED = 302
+"""Of the data sets they are identified on."""
+
 
 def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section:
     """The case study of a tube driven with a model of another cable.
@@ -117,7 +120,7 @@ def _identified(cable: str, folder: Path, transitions: int, tell: Tell) -> Defor
     if not path.exists():
         data = folder / "data" / f"{cable}-{transitions}"
         tell(f"collect: {cable}", 0.0)
-        collect(CollectionConfig(transitions=transitions, seed=302, cable=cable_from_preset(cable)), data)
+        collect(CollectionConfig(transitions=transitions, seed=DATA_SEED, cable=cable_from_preset(cable)), data)
         recipe = read_training_config(shipped_config(KIND))
         recipe = replace(recipe, training=replace(recipe.training, epochs=EPOCHS))
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -62,14 +62,22 @@ def reproduction_page(sections: Sequence[Section], about: Mapping[str, Any]) -> 
 
     Args:
         sections: In order.
-        about: "versions", "machine" and "size".
+        about: "versions", "machine", "size" and "configuration".
     """
     return _render("reproduction.html.jinja", sections=sections, **about)
 
 
-def reproduction_text(sections: Sequence[Section], size: str) -> str:
+def reproduction_text(sections: Sequence[Section], about: Mapping[str, Any]) -> str:
     """The same as Markdown."""
-    parts = [f"# The paper's tables and figures, and ours ({size})\n"]
+    machine, (first, second) = about["machine"], about["configuration"]["data_seeds"]
+    made = (
+        f"Made by `cableway reproduce --size {about['size']}`. Versions: "
+        f"{', '.join(f'{package} {version}' for package, version in about['versions'].items())}. Machine: "
+        f"{machine['system']}, {machine['processor']}, {machine['cores']} cores, ten million additions in a plain "
+        f"Python loop take {machine['ten_million_additions']} s. Seeds: of episodes, those in their suites' lists; of "
+        f"data sets, {first} and {second}; of other trials, counted from 0."
+    )
+    parts = ["# The paper's tables and figures, and ours\n", "\n".join(textwrap.wrap(made, 120)) + "\n"]
     for section in sections:
         parts += [f"## {section.title}\n", "\n".join(textwrap.wrap(section.text, 120)) + "\n"]
         parts += [table.markdown() for table in section.tables]

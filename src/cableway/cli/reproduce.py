@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cableway.cli.episodes import EpisodeOptions, collect
 from cableway.cli.terminal import Tell, Terminal, pairs
@@ -46,10 +46,15 @@ class Reproduce(EpisodeOptions):
         with terminal.progress() as tell:
             self.run_missing(jobs, folder, tell)
             sections = self._sections(jobs, folder, tell)
-        about = {"versions": versions(), "machine": machine(), "size": self.size}
+        about = {
+            "versions": versions(),
+            "machine": machine(),
+            "size": self.size,
+            "configuration": self._configuration(),
+        }
         for name, text in (
             (PAGE, reproduction_page(sections, about)),
-            (TEXT, reproduction_text(sections, self.size)),
+            (TEXT, reproduction_text(sections, about)),
         ):
             write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))
         content = about | {"sections": [asdict(section) for section in sections]}
@@ -60,6 +65,20 @@ class Reproduce(EpisodeOptions):
         ]
         terminal.result(content, pairs(rows))
         return 0
+
+    def _configuration(self) -> dict[str, Any]:
+        """What was run, with the seeds that no list of a suite has."""
+        from cableway.benchmark import case_studies, reproduction
+
+        suites, transitions, repeats, trials = SIZES[self.size]
+        return {
+            "methods": {suite: list(methods) for suite, methods in reproduction.RUNS.items()},
+            "suites": suites,
+            "transitions": transitions,
+            "repetitions": repeats,
+            "trials": trials,
+            "data_seeds": [reproduction.DATA_SEED, case_studies.DATA_SEED],
+        }
 
     def _jobs(self) -> list[Job]:
         from cableway.benchmark.episode import jobs_of
