@@ -12,7 +12,6 @@ import argparse
 from pathlib import Path
 
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter
 from pictures import save
 
 from cableway.benchmark.plants import plant_variant
@@ -46,9 +45,7 @@ def draw_deviations(ax: Axes, runs: dict[str, Rollout]) -> None:
     """All of them over time [s], in millimetres."""
     for (name, run), color in zip(runs.items(), style.SERIES, strict=True):
         ax.plot(run.times, 1000 * run.deviations_from_reference, color=color, linewidth=1.4, label=name)
-    ax.set_yscale("log")
-    for axis_format in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
-        axis_format(FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "125" else ""))
+    style.log_axis(ax.yaxis)
     style.curve_axes(ax, "time [s]", "largest deviation [mm]")
     ax.legend(fontsize=8, frameon=False, ncols=3, loc="upper left", labelcolor=style.INK)
 

@@ -232,12 +232,14 @@ def adapt_models(folder: Path) -> None:
         "| model | set | before | after | half or 4 mm | draws worse | episodes worse | changed | ms, median / worst |"
     )
     print("|" + "---|" * 9)
+    draws: dict[str, dict[str, list[list[float]]]] = {}
     for model in ADAPTED:
         trained = load_model(model_path(folder, model, 0))
         assert isinstance(trained, LearnedModel)
         start = start_adaptation(trained, replay=replay)
         for name in TEST_SETS:
             rows = np.array([draw_of(start, load_transitions(folder / "sets" / name), k) for k in range(DRAWS)])
+            draws.setdefault(model, {})[name] = rows[:, :2].tolist()
             before, after, worse, changed, median, slowest = rows.T
             reached = int(np.sum((after <= 0.5 * before) | (after <= 4.0)))
             spread = [f"{np.median(values):.2f} / {values.max():.2f}" for values in (before, after)]
@@ -246,6 +248,7 @@ def adapt_models(folder: Path) -> None:
             )
             took = f"{np.median(median):.0f} / {slowest[1:].max():.0f}"
             print(f"| {model} | {name} | {' | '.join(spread)} | {reached}/{DRAWS} | {counts} | {took} |", flush=True)
+    write_json(folder / "adaptation.json", draws)
 
 
 def draw_of(start: AdaptationState, data: Transitions, draw: int) -> tuple[float, ...]:

@@ -26,14 +26,14 @@ def learning_figure(losses: Sequence[float], errors: Sequence[float]) -> Figure:
         ax = style.add_axes(figure, 0.75 + place * (WIDTH + 0.7), 0.6, WIDTH, HEIGHT)
         style.curve_axes(ax, "epoch", name)
         ax.plot(epochs, values, color=style.START, linewidth=1.6, marker="o", markersize=3)
-        ax.set_yscale("log")
+        style.log_axis(ax.yaxis)
     return figure
 
 
 def horizon_figure(
     horizons: Sequence[int], curves: Mapping[str, Sequence[float]], bands: Mapping[str, tuple[Sequence[float], ...]]
 ) -> Figure:
-    """Error [mm] against the number of steps predicted without looking.
+    """Error [mm] against the number of steps predicted without looking; the legend in the order of the curves' ends.
 
     Args:
         horizons: Numbers of steps.
@@ -43,14 +43,15 @@ def horizon_figure(
     figure = style.new_figure(WIDTH + 3.6, HEIGHT + 1.5)
     ax = style.add_axes(figure, 0.75, 0.6, WIDTH, HEIGHT + 0.6)
     style.curve_axes(ax, "steps predicted without looking", "stacked error [mm]")
-    handles = []
+    handles: list[tuple[float, Line2D]] = []
     for place, (name, values) in enumerate(curves.items()):
         color, dash = COLORS[place % len(COLORS)], DASHES[place // len(COLORS) % len(DASHES)]
         ax.plot(horizons[: len(values)], values, color=color, linestyle=dash, linewidth=1.6)
         if name in bands:
             low, high = bands[name]
             ax.fill_between(horizons[: len(low)], low, high, color=color, alpha=0.12, linewidth=0)
-        handles.append(Line2D([], [], color=color, linestyle=dash, label=name))
-    ax.set_yscale("log")
-    ax.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, fontsize=8.5)
+        handles.append((values[-1], Line2D([], [], color=color, linestyle=dash, label=name)))
+    style.log_axis(ax.yaxis)
+    ordered = [handle for _, handle in sorted(handles, key=lambda pair: -pair[0])]
+    ax.legend(handles=ordered, loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, fontsize=8.5)
     return figure

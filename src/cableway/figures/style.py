@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from cableway.files import write_atomically
 
@@ -80,6 +82,15 @@ def legend_below(ax: Axes, handles: Sequence[Any], columns: int) -> None:
 def wrap(text: str, width: int) -> list[str]:
     """Lines of at most `width` characters."""
     return textwrap.wrap(text, width)
+
+
+def log_axis(axis: Axis) -> None:
+    """A logarithmic axis with plain numbers at 1, 2 and 5 times the powers of ten."""
+    ax = axis.axes
+    (ax.set_xscale if axis is ax.xaxis else ax.set_yscale)("log")
+    plain = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "125" else "")
+    axis.set_major_formatter(plain)
+    axis.set_minor_formatter(plain)
 
 
 def curve_axes(ax: Axes, x: str, y: str) -> None:
