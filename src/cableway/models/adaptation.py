@@ -124,14 +124,7 @@ def start_adaptation(
 def compile_adaptation(state: AdaptationState, keypoints: int) -> None:
     """Compile what `adapt` needs for cables of so many keypoints, so that no update waits for it."""
     config = state.config
-    horizon = _horizon(state)
-    nothing = [
-        Windows(
-            *(jnp.zeros((count, *shape)) for shape in ((keypoints, 2), (2, 3), (steps, 2, 3), (steps, keypoints, 2)))
-        )
-        for count, steps in ((config.windows, horizon), (config.held_windows, config.block))
-    ]
-    batch = nothing[0]
+    batch = _nothing(config.windows, _horizon(state), keypoints)
     if state.replay is not None:
         batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
     fit(state.model, batch, state.first, replace(config.fit, iterations=1))
@@ -139,6 +132,7 @@ def compile_adaptation(state: AdaptationState, keypoints: int) -> None:
 
 
 def _nothing(count: int, steps: int, keypoints: int) -> Windows:
+    """Windows full of zeros."""
     shapes = (keypoints, 2), (2, 3), (steps, 2, 3), (steps, keypoints, 2)
     return Windows(*(jnp.zeros((count, *shape)) for shape in shapes))
 
