@@ -25,7 +25,6 @@ Note:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -185,14 +184,16 @@ class RodMPC(Controller[RodMPCState]):
         """See `Controller.step`."""
         state = state.looking(observation, state.estimate.theta[GRASPS])
         sight = state.sight
+        # what the first frames say of length and grasps is too vague to pull a straight cable by
+        longest = float(longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, self.config.longest)[0])
         if sight.blind > self.config.blind_steps or sight.unseen > self.config.unseen_steps:
-            return state.sending(np.zeros((2, 3)), Status.STOPPED, math.inf)
+            return state.sending(np.zeros((2, 3)), Status.STOPPED, longest)
         estimate = state.problem.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed)
         state = replace(state, estimate=estimate)
         action = self._solve(state)
         if not np.isfinite(action).all():
-            return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, math.inf)
-        return state.sending(action, Status.UNSEEN if sight.unseen else Status.TRACKING, math.inf)
+            return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, longest)
+        return state.sending(action, Status.UNSEEN if sight.unseen else Status.TRACKING, longest)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion."""
