@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from quasi_static import outward, straight_plan, task_for
 
+from cableway.benchmark.plants import plant_variant
 from cableway.control import rod_kernels
 from cableway.control.age import Age
 from cableway.control.base import Status
@@ -231,6 +232,23 @@ def test_a_shorter_cable_is_led_as_near_as_it_comes() -> None:
     least = fit_keypoints(Rod(0.291), TASK.goal)[1]
     error = final_error(rollout(cable=Cable(length=0.291)))
     assert least - 1e-5 < error < least + 1e-3
+
+
+@pytest.mark.parametrize("seed", [1, 5, 9])
+def test_an_almost_straight_cable_is_not_pulled_by_what_the_first_frames_make_believe(seed: int) -> None:
+    """Laid and seen as in a laboratory, the grippers stay within the plan's distance, or that of the start."""
+    plan = straight_plan(ROD, np.array([0.3, 0.3, 0.2, 0.0, 2.4, 0.0]), np.array([0.35, 0.35, 0.3, 6.0, 2.0, 0.0]))
+    task, controller = task_for(plan), RodMPC()
+    plant, state = plant_variant("laid", task, seed).build(task, seed), controller.init(task, plan)
+    observation = plant.reset()
+    gaps = [np.linalg.norm(np.diff(observation.poses[:, :2], axis=0))]
+    for _ in range(12):
+        action, state = controller.step(state, observation)
+        observation = plant.step(action)
+        gaps.append(np.linalg.norm(np.diff(observation.poses[:, :2], axis=0)))
+    planned = np.linalg.norm(np.diff(plan.poses[:, :, :2], axis=1), axis=2).max()
+    assert 0.995 * task.cable.length < planned
+    assert max(gaps) <= max(gaps[0], planned) + 1e-9
 
 
 def test_obstacles_push_away() -> None:
