@@ -92,7 +92,7 @@ LONGER_MODELS: dict[str, LearnedConfig] = {
 LONGER: dict[int, dict[str, int]] = {
     10: dict.fromkeys(LONGER_MODELS, 1),
     40: {"MLP": 1, "C": 1, "T": 1, "C, plain": 3, "B, plain": 3, "T, plain": 3},
-    160: {"T, plain": 1},
+    160: {"C, plain": 1, "B, plain": 1, "T, plain": 1},
     640: {"T, plain": 1},
 }
 """Epochs, models, seeds of the trainings that look for a plateau; each is one of its own, as the rate falls to 0."""

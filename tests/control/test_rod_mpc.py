@@ -132,6 +132,22 @@ def test_length_and_grasps_are_found() -> None:
     np.testing.assert_allclose(theta[GRASPS][[0, 1, 3, 4]], true[GRASPS][[0, 1, 3, 4]], atol=3e-4)
 
 
+def test_how_taut_the_cable_is_believed_to_be_and_how_surely() -> None:
+    """Against differences of the ends by every parameter."""
+    theta, poses, step = truth(3), PLAN.poses[7], 1e-7
+    estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
+    estimate = replace(estimator.start(fit_keypoints(ROD, PLAN.shapes[0])[0]), theta=theta)
+
+    def slack(at: np.ndarray) -> float:
+        ends = se2.attached(poses, at[GRASPS].reshape(2, 3))[:, :2]
+        return at[LENGTH] - float(np.linalg.norm(ends[1] - ends[0]))
+
+    found, deviation = estimator.slack(estimate, poses)
+    assert found == pytest.approx(slack(theta))
+    by_theta = np.array([(slack(theta + step * unit) - slack(theta)) / step for unit in np.eye(adapted.PARAMETERS)])
+    assert deviation == pytest.approx(np.linalg.norm(by_theta * EstimatorConfig().prior(ROD.length)), rel=1e-5)
+
+
 def test_what_cannot_be_seen_stays_at_its_prior() -> None:
     """Of a cable that lies still, stiffness and curvature are not told apart; no parameter runs away."""
     estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from cableway.checks import number_fields, require_at_least, require_not_negative, require_range
 from cableway.control import rod_kernels
+from cableway.geometry import se2
 from cableway.records import Estimate
 from cableway.rod import adapted
 from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, PARAMETERS, STIFFNESS
@@ -145,6 +146,23 @@ class RodEstimator:
             name: Estimate(float(theta[k]), float(deviations[k]), float(nominal[k]), float(prior[k]), unit)
             for k, (name, unit) in enumerate(adapted.NAMES.items())
         }
+
+    def slack(self, estimate: RodEstimate, poses: Float[np.ndarray, "2 3"]) -> tuple[float, float]:
+        """How much longer [m] the cable is than the distance between its ends, and the standard deviation of that.
+
+        Args:
+            estimate: What is believed.
+            poses: (2, 3) grippers [m, m, rad].
+        """
+        ends = rod_kernels.held(poses, estimate.theta[GRASPS])
+        apart = ends[1, :2] - ends[0, :2]
+        gap = float(np.linalg.norm(apart))
+        toward = apart / max(gap, 1e-9)
+        left, right = (np.array([*(toward @ se2.rotation(pose[2])), 0.0]) for pose in poses)
+        by_theta = np.zeros(PARAMETERS)
+        by_theta[LENGTH], by_theta[GRASPS] = 1.0, np.concatenate([left, -right])
+        scaled = by_theta * self._prior
+        return float(estimate.theta[LENGTH]) - gap, math.sqrt(float(scaled @ estimate.covariance @ scaled))
 
     def update(
         self,

@@ -50,6 +50,9 @@ FIT_PULL = 1e-8
 
 FIT_ITERATIONS = 8
 
+SURE = 2.0
+"""Standard deviations by which a cable must be believed to be long enough before it is pulled farther than planned."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RodMPCConfig:
@@ -68,7 +71,7 @@ class RodMPCConfig:
         separation_weight: w_g [1/m^2].
         stretch: Distance between the ends over the cable's length from where it costs; where the plan stretches the
             cable farther, the plan's distance.
-        longest: The same, never exceeded.
+        longest: The same, never exceeded; between the grippers never more than is sure, see `_longest`.
         limit_weight: w_b [1/m^2].
         hold: Time [s] at the plan's first row before it is followed, while the estimates settle.
         blind_steps: Steps in a row that go on without gripper poses.
@@ -184,16 +187,26 @@ class RodMPC(Controller[RodMPCState]):
         """See `Controller.step`."""
         state = state.looking(observation, state.estimate.theta[GRASPS])
         sight = state.sight
-        # what the first frames say of length and grasps is too vague to pull a straight cable by
-        longest = float(longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, self.config.longest)[0])
         if sight.blind > self.config.blind_steps or sight.unseen > self.config.unseen_steps:
-            return state.sending(np.zeros((2, 3)), Status.STOPPED, longest)
+            return state.sending(np.zeros((2, 3)), Status.STOPPED, self._longest(state))
         estimate = state.problem.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed)
         state = replace(state, estimate=estimate)
-        action = self._solve(state)
+        action, longest = self._solve(state), self._longest(state)
         if not np.isfinite(action).all():
             return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, longest)
         return state.sending(action, Status.UNSEEN if sight.unseen else Status.TRACKING, longest)
+
+    def _longest(self, state: RodMPCState) -> float:
+        """Largest distance [m] between the grippers: the plan's, `longest` of the nominal length, or what is sure.
+
+        Sure is `longest` of the length as believed, with the grasps as believed, less two standard deviations: what
+        the first frames say of a cable is too vague to pull it taut by.
+        """
+        share, commanded = self.config.longest, state.sight.commanded
+        planned = float(longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, share)[0])
+        slack, deviation = state.problem.estimator.slack(state.estimate, commanded)
+        gap = float(np.linalg.norm(commanded[1, :2] - commanded[0, :2]))
+        return max(planned, gap + slack - (1 - share) * state.estimate.theta[LENGTH] - SURE * deviation)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion."""
