@@ -199,11 +199,14 @@ class RodMPC(Controller[RodMPCState]):
     def _longest(self, state: RodMPCState) -> float:
         """Largest distance [m] between the grippers: the plan's, `longest` of the nominal length, or what is sure.
 
-        Sure is `longest` of the length as believed, with the grasps as believed, less two standard deviations: what
-        the first frames say of a cable is too vague to pull it taut by.
+        Sure is `longest` of the length as believed, with the grasps as believed, less `SURE` standard deviations;
+        nothing is while the estimates settle. A cable that lies almost straight is not pulled taut by what the first
+        frames make believe.
         """
         share, commanded = self.config.longest, state.sight.commanded
         planned = float(longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, share)[0])
+        if state.index < state.plan.held_steps:
+            return planned
         slack, deviation = state.problem.estimator.slack(state.estimate, commanded)
         gap = float(np.linalg.norm(commanded[1, :2] - commanded[0, :2]))
         return max(planned, gap + slack - (1 - share) * state.estimate.theta[LENGTH] - SURE * deviation)
