@@ -240,6 +240,7 @@ def cost(repeats: int, tell: Tell) -> Section:
         paths = _guides(task).path_set
         table.append([_optimisation_time(paths, task, steps, repeats) for steps in STEPS])
         rows.append((str(count), *(number(seconds) for seconds in table[-1]), number(_slope(STEPS, table[-1]))))
+    tell("planning cost", 1.0)
     by_n = [_slope(COUNTS, [row[k] for row in table]) for k in range(len(STEPS))]
     rows.append(("exponent in n", *(number(slope) for slope in by_n), ""))
     text = (
