@@ -18,6 +18,7 @@ from problems import beside_disc
 from recorded import moved_aside, moved_plan, perfect_rollout
 
 from cableway.figures import style
+from cableway.figures.learning import learning_figure
 from cableway.figures.plan import attempt_figure, plan_figure, spread_rows
 from cableway.figures.rollout import rollout_figure, stacked_errors
 from cableway.figures.scene import cable_path, draw_cable, smooth, task_figure
@@ -193,3 +194,15 @@ def test_drawing_leaves_matplotlibs_window_system_alone():
         [sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize("errors", [(0.62, 0.615, 0.611), (0.9, 0.5, 0.3), (7.0, 3.0, 0.8), (500.0, 3.0, 0.1)])
+def test_a_logarithmic_axis_has_plain_numbers_however_short_it_is(errors: tuple[float, ...]):
+    figure = learning_figure(errors, errors)
+    figure.canvas.draw()
+    axis = figure.axes[1].yaxis
+    low, high = axis.get_view_interval()
+    ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+    shown = [tick.label1.get_text() for tick in ticks if low <= tick.get_loc() <= high and tick.label1.get_text()]
+    assert len({float(text) for text in shown}) >= 2
+    assert all("e" not in text for text in shown)

@@ -85,12 +85,16 @@ def wrap(text: str, width: int) -> list[str]:
 
 
 def log_axis(axis: Axis) -> None:
-    """A logarithmic axis with plain numbers at 1, 2 and 5 times the powers of ten."""
+    """A logarithmic axis with plain numbers: at 1, 2 and 5 times the powers of ten, at every tick where it is short."""
     ax = axis.axes
     (ax.set_xscale if axis is ax.xaxis else ax.set_yscale)("log")
-    plain = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "125" else "")
-    axis.set_major_formatter(plain)
-    axis.set_minor_formatter(plain)
+
+    def text(value: float, _: float) -> str:
+        low, high = axis.get_view_interval()
+        return f"{value:g}" if high < 5 * low or f"{value:e}"[0] in "125" else ""
+
+    axis.set_major_formatter(FuncFormatter(text))
+    axis.set_minor_formatter(FuncFormatter(text))
 
 
 def curve_axes(ax: Axes, x: str, y: str) -> None:
