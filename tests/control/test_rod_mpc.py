@@ -267,6 +267,28 @@ def test_an_almost_straight_cable_is_not_pulled_by_what_the_first_frames_make_be
     assert max(gaps) <= max(gaps[0], planned) + 1e-9
 
 
+def test_the_grippers_go_farther_apart_than_planned_only_where_the_cable_is_surely_long_enough() -> None:
+    """A cable believed to be 3% long: not while the estimates settle, not while it is vague, then by two deviations."""
+    controller, length = RodMPC(), TASK.cable.length
+    state = controller.init(TASK, PLAN)
+    theta = state.estimate.theta.copy()
+    theta[LENGTH] = 1.03 * length
+
+    def allowed(index: int, share_of_prior: float) -> tuple[float, float]:
+        covariance = share_of_prior**2 * np.eye(adapted.PARAMETERS)
+        at = replace(state, index=index, estimate=replace(state.estimate, theta=theta, covariance=covariance))
+        return controller._longest(at), state.problem.estimator.slack(at.estimate, at.sight.commanded)[1]
+
+    held = state.plan.held_steps
+    assert held == 15
+    assert allowed(held - 1, 0.0)[0] == pytest.approx(0.995 * length)
+    assert allowed(held, 1.0)[0] == pytest.approx(0.995 * length)
+    assert allowed(held, 0.0)[0] == pytest.approx(0.995 * 1.03 * length)
+    sure, deviation = allowed(held, 0.1)
+    assert deviation > 5e-4
+    assert sure == pytest.approx(0.995 * 1.03 * length - 2 * deviation)
+
+
 def test_obstacles_push_away() -> None:
     """A disc 1 mm from the middle of a resting cable: the next shape is farther from it."""
     line = PLAN.shapes[0]
