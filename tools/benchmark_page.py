@@ -3,7 +3,7 @@
     .venv/bin/python tools/benchmark_page.py FOLDER NAME TITLE [NOTE]
 
 Writes `docs/results/NAME.md` from `tables.md` and `summary.json` in FOLDER; with `--data` also `docs/results/NAME.json`
-with all figures and their intervals.
+with all figures and their intervals, and `docs/images/benchmark-NAME-success.png`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pictures import ROOT
+from pictures import IMAGES, ROOT, save_small
+from PIL import Image
 
 from cableway.files import write_atomically, write_json
 
@@ -48,6 +49,7 @@ def main() -> None:
     write_atomically(results / f"{given.name}.md", lambda file: file.write(page.encode()))
     if given.data:
         write_json(results / f"{given.name}.json", about)
+        save_small(Image.open(given.folder / "success.png"), IMAGES / f"benchmark-{given.name}-success.png")
 
 
 if __name__ == "__main__":

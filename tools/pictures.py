@@ -235,12 +235,19 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure with 256 colours: a third of the size, and no difference to be seen."""
+    """Write a figure to a small file."""
     figure.set_dpi(min(PIXELS / figure.get_size_inches()[0], DOTS_PER_INCH))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(kmeans=1)
-    write_atomically(path, lambda file: image.save(file, format="png", optimize=True))
+    save_small(Image.fromarray(np.asarray(canvas.buffer_rgba())), path)
+
+
+def save_small(picture: Image.Image, path: Path) -> None:
+    """Write a picture with 256 colours, no wider than `PIXELS`: a third of the size, and no difference to be seen."""
+    picture = picture.convert("RGB")
+    picture.thumbnail((PIXELS, picture.height))
+    small = picture.quantize(kmeans=1)
+    write_atomically(path, lambda file: small.save(file, format="png", optimize=True))
 
 
 def main() -> None:
