@@ -6,7 +6,7 @@ Formulas are plain text: a formula renderer would have to be fetched, or weigh m
 import sys
 from pathlib import Path
 
-from cableway.provenance import versions
+from cableway.core.provenance import versions
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 

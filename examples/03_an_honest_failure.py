@@ -6,7 +6,7 @@ who cannot pass and where, instead of handing over a plan that scrapes along the
 """
 
 import cableway as cw
-from cableway.errors import PlanningError
+from cableway.core.errors import PlanningError
 
 
 def task(slit: float) -> cw.Task:

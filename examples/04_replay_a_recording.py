@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import cableway as cw
-from cableway.errors import SimulationError
+from cableway.core.errors import SimulationError
 from cableway.records import Measurement, Observation
 
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 import cableway as cw
-from cableway.errors import SimulationError
+from cableway.core.errors import SimulationError
 from cableway.records import Measurement, Observation
 from cableway.tracking import Plant
 

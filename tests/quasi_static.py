@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cableway.errors import SimulationError
+from cableway.core.errors import SimulationError
 from cableway.geometry import convex
 from cableway.records import Measurement, Observation, Plan
 from cableway.rod.continuation import lead

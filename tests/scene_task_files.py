@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cableway.errors import CablewayError
-from cableway.scene.loading import load_task
+from cableway.core.errors import CablewayError
+from cableway.scene.files.loading import load_task
 
 STEP = 0.025
 

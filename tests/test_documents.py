@@ -17,8 +17,8 @@ import pytest
 
 import cableway
 from cableway.cli.collect import Collect
-from cableway.cli.plants import read_plant
 from cableway.simulation.episodes import CollectionConfig
+from cableway.simulation.perturbations.reading import read_plant
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

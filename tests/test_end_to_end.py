@@ -10,7 +10,7 @@ import pytest
 
 import cableway as cw
 from cableway.cli import main
-from cableway.scene.saving import save_task
+from cableway.scene.files.saving import save_task
 
 
 @pytest.fixture(scope="module")

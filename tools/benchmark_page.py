@@ -16,7 +16,7 @@ from typing import Any
 from pictures import IMAGES, ROOT, save_small
 from PIL import Image
 
-from cableway.files import write_atomically, write_json
+from cableway.core.files import write_atomically, write_json
 
 
 def made_by(about: dict[str, Any], note: str) -> str:

@@ -14,7 +14,6 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from pictures import save
 
-from cableway.benchmark.plants import plant_variant
 from cableway.cli.controllers import CONTROLLERS, make_controller
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal
@@ -23,8 +22,9 @@ from cableway.figures.rollout import draw_motion
 from cableway.planning.planner import plan
 from cableway.records import Rollout
 from cableway.report import shape_error_floor
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.variants import plant_variant
 from cableway.tracking import track
 
 COLUMNS = 3

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
+from cableway.core.errors import InputError
+from cableway.core.provenance import versions
 from cableway.datasets.manifest import columns_for
 from cableway.datasets.writing import Origin, open_writer
-from cableway.errors import InputError
-from cableway.provenance import versions
 from cableway.scene.cable import Cable
 from cableway.scene.task import CONTROL_STEP
 

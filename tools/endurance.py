@@ -25,7 +25,7 @@ from cableway.cli.terminal import Terminal
 from cableway.control.limits import exceeds_limits
 from cableway.planning.planner import plan
 from cableway.records import Observation, Plan
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 
 NOISE = 0.001

@@ -12,8 +12,8 @@ import numba
 import numpy as np
 from jaxtyping import Float
 
-from cableway.planning.band import SMALLEST_CLEARANCE
 from cableway.planning.config import PivotConfig
+from cableway.planning.routes.band import SMALLEST_CLEARANCE
 from cableway.scene.scene import Scene
 
 EXACT = 5

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cableway.benchmark.plants import DIFFERING, PLANTS, SENSED, plant_variant
 from cableway.benchmark.suites import SUITES, make_task, task_digest
-from cableway.errors import InputError, SimulationError
+from cableway.core.errors import InputError, SimulationError
 from cableway.geometry.convex import polyline_distance
-from cableway.scene.loading import task_names
+from cableway.scene.files.loading import task_names
+from cableway.simulation.perturbations.variants import DIFFERING, PLANTS, SENSED, plant_variant
 
 FOLDER = Path(__file__).parents[1] / "src/cableway/benchmark/frozen"
 FIRST, NEXT = 20000, 10000

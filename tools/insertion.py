@@ -13,17 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cableway.benchmark.plants import plant_variant
-from cableway.control.plug_push import PlugPush, PlugPushConfig
-from cableway.control.rod_estimate import EstimatorConfig
+from cableway.control.insertion import PlugPush, PlugPushConfig
 from cableway.control.rod_mpc import RodMPC
-from cableway.errors import SimulationError
+from cableway.core.errors import SimulationError
+from cableway.estimation.rod_filter import EstimatorConfig
+from cableway.planning.insertion import plan_push
 from cableway.planning.planner import plan as find_plan
-from cableway.planning.push import plan_push
 from cableway.records import Plan
 from cableway.report import Report, summarize
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.variants import plant_variant
 from cableway.tracking import may_push, push_in, track
 
 KINDS = ("nominal", "hdmi", "hard", "very-hard", "grasp", "slip", "stiff-middle", "all-faults")

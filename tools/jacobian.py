@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cableway.benchmark.plants import Variant, plant_variant
 from cableway.benchmark.suites import make_task
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
-from cableway.errors import CablewayError
+from cableway.core.errors import CablewayError
 from cableway.planning.planner import plan
 from cableway.records import SUCCESS_ERROR, Plan
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.variants import Variant, plant_variant
 from cableway.tracking import track
 
 PLANTS = ("nominal", "hard", "graded", "long-1", "tau-1.5", "grasp", "very-hard", "stiff-middle", "start-off",

@@ -21,11 +21,11 @@ from pictures import save
 from cableway.datasets.reading import load_transitions
 from cableway.figures import scene, style
 from cableway.figures.learning import HEIGHT, WIDTH, horizon_figure
-from cableway.models.base import DeformationModel, rollout
-from cableway.models.checkpoint import load_model, read_card
-from cableway.models.dataset import window_starts
-from cableway.models.evaluation import window_errors
 from cableway.records import Transitions
+from cableway.tang2025.models.base import DeformationModel, rollout
+from cableway.tang2025.models.checkpoint import load_model, read_card
+from cableway.tang2025.models.dataset import window_starts
+from cableway.tang2025.models.evaluation import window_errors
 
 PREDICTED = ("rod", "bilstm", "transformer", "conv")
 """Shipped models whose predictions are drawn."""

@@ -23,32 +23,32 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from cableway.core.configuration import from_mapping
+from cableway.core.files import write_atomically, write_json
 from cableway.datasets.reading import load_transitions
 from cableway.figures.learning import horizon_figure
 from cableway.figures.style import save_figure
-from cableway.files import write_atomically, write_json
-from cableway.models.adaptation import AdaptationState, adapt, start_adaptation
-from cableway.models.base import DeformationModel
-from cableway.models.card import write_card
-from cableway.models.checkpoint import WEIGHTS, load_model, model_names, save_model
-from cableway.models.comparison import LONGEST, Curve, compare
-from cableway.models.compilation import enable_compilation_cache
-from cableway.models.configuration import from_mapping
-from cableway.models.conv import ConvConfig
-from cableway.models.dataset import joined, select
-from cableway.models.evaluation import baselines, window_errors
-from cableway.models.frames import Framing
-from cableway.models.learned import LearnedConfig, LearnedModel
-from cableway.models.mlp import MLPConfig
-from cableway.models.recipe import CONFIGS, Recipe, make_model, read_training_config
-from cableway.models.recurrent import RecurrentConfig
-from cableway.models.rod import RodConfig
-from cableway.models.training_config import TrainingConfig
-from cableway.models.transformer import TransformerConfig
 from cableway.records import Transitions
 from cableway.scene.cable import Cable
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
+from cableway.tang2025.models.adaptation import AdaptationState, adapt, start_adaptation
+from cableway.tang2025.models.base import DeformationModel
+from cableway.tang2025.models.card import write_card
+from cableway.tang2025.models.checkpoint import WEIGHTS, load_model, model_names, save_model
+from cableway.tang2025.models.comparison import LONGEST, Curve, compare
+from cableway.tang2025.models.compilation import enable_compilation_cache
+from cableway.tang2025.models.conv import ConvConfig
+from cableway.tang2025.models.dataset import joined, select
+from cableway.tang2025.models.evaluation import baselines, window_errors
+from cableway.tang2025.models.frames import Framing
+from cableway.tang2025.models.learned import LearnedConfig, LearnedModel
+from cableway.tang2025.models.mlp import MLPConfig
+from cableway.tang2025.models.recipe import CONFIGS, Recipe, make_model, read_training_config
+from cableway.tang2025.models.recurrent import RecurrentConfig
+from cableway.tang2025.models.rod import RodConfig
+from cableway.tang2025.models.training_config import TrainingConfig
+from cableway.tang2025.models.transformer import TransformerConfig
 
 PLAIN = Framing.plain()
 BLIND = replace(PLAIN, angles=False)
@@ -292,7 +292,7 @@ def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
 
 
 def ship_models(folder: Path) -> None:
-    """The shipped weights and their cards, each from its configuration in `cableway.models.recipe.CONFIGS`."""
+    """The shipped weights and their cards, each from its configuration in `cableway.tang2025.models.recipe.CONFIGS`."""
     for config in sorted(CONFIGS.glob("*.yaml")):
         recipe = read_training_config(config)
         collection = from_mapping(CollectionConfig, recipe.collection, f"{config}: collection")

@@ -17,19 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from cableway.benchmark.plants import plant_variant
 from cableway.control.base import Controller
-from cableway.control.mpc_config import MPCConfig
-from cableway.control.neural_mpc import NeuralMPC
 from cableway.control.rod_mpc import RodMPC
-from cableway.errors import CablewayError
-from cableway.models.checkpoint import load_model
-from cableway.models.compilation import enable_compilation_cache
+from cableway.core.errors import CablewayError
 from cableway.planning.planner import plan
 from cableway.records import Plan, Rollout
-from cableway.scene.random.tasks import random_task
 from cableway.scene.task import Task
-from cableway.simulation.sensing import SensedPlant
+from cableway.simulation.perturbations.sensing import SensedPlant
+from cableway.simulation.perturbations.variants import plant_variant
+from cableway.tang2025.control.mpc_config import MPCConfig
+from cableway.tang2025.control.neural_mpc import NeuralMPC
+from cableway.tang2025.models.checkpoint import load_model
+from cableway.tang2025.models.compilation import enable_compilation_cache
+from cableway.tasks.generation import random_task
 from cableway.tracking import Watchdog, track
 
 TASK_CLOCK = Watchdog(clock=time.process_time)

@@ -22,7 +22,8 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 import cableway as cw
-from cableway.errors import PlanningError
+from cableway.core.errors import PlanningError
+from cableway.core.files import write_atomically
 from cableway.figures import scene, style
 from cableway.figures.plan import (
     alternatives_figure,
@@ -33,13 +34,12 @@ from cableway.figures.plan import (
     plan_figure,
 )
 from cableway.figures.rollout import draw_tracking, rollout_figure
-from cableway.files import write_atomically
 from cableway.planning.config import PathSetConfig, PivotConfig
-from cableway.planning.guides import Guides
-from cableway.planning.passages import find_passages
-from cableway.planning.path_set import generate_path_set
+from cableway.planning.initial_trajectories import Guides
+from cableway.planning.routes.passages import find_passages
 from cableway.records import Rollout
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.tang2025.planning.path_set import generate_path_set
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"

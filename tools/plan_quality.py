@@ -22,12 +22,12 @@ from fast_marching import least_cost
 
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.planning.config import PivotConfig, PlannerConfig
-from cableway.planning.homotopy import different_routes, motion_class
-from cableway.planning.pivot import pivot_cost, pivot_keypoint, plan_pivot_path
 from cableway.planning.planner import plan
-from cableway.scene.random.tasks import KINDS, random_task
+from cableway.planning.routes.homotopy import different_routes, motion_class
+from cableway.planning.routes.pivot import pivot_cost, pivot_keypoint, plan_pivot_path
 from cableway.scene.task import Task
 from cableway.simulation.plant import CableSimulator
+from cableway.tasks.generation import KINDS, random_task
 from cableway.tracking import track
 
 GRID = 0.001

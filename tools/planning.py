@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from cableway.errors import PlanningError
+from cableway.core.errors import PlanningError
 from cableway.figures.plan import attempt_figure
 from cableway.figures.style import save_figure
 from cableway.planning.config import PLANNERS, PivotConfig, PlannerConfig
 from cableway.planning.planner import plan
 from cableway.records import Attempt
-from cableway.scene.random.tasks import random_task_with_witness
 from cableway.scene.task import Task
+from cableway.tasks.generation import random_task_with_witness
 
 FAULTS = {
     "contact": ("cable clearance", "gripper clearance", "rod clearance"),

@@ -16,15 +16,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cableway.control.rod_mpc import RodMPC
-from cableway.errors import SimulationError
+from cableway.core.errors import SimulationError
 from cableway.planning.planner import plan
 from cableway.records import SUCCESS_ERROR, Plan
 from cableway.scene.cable import Cable
-from cableway.scene.loading import cable_from_preset, load_task
-from cableway.scene.presets import preset_names
+from cableway.scene.files.loading import cable_from_preset, load_task
+from cableway.scene.files.presets import preset_names
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator
-from cableway.simulation.sensing import SensedPlant, SensingConfig
 from cableway.simulation.table import GRAVITY
 from cableway.tracking import track
 

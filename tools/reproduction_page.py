@@ -14,7 +14,7 @@ from pathlib import Path
 from pictures import IMAGES, ROOT, save_small
 from PIL import Image
 
-from cableway.files import write_atomically
+from cableway.core.files import write_atomically
 
 
 def main() -> None:

@@ -46,7 +46,7 @@ def row(task: str, reports: list[dict]) -> str:
 def main() -> None:
     """Print the table."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/results")
-    from cableway.scene.loading import task_names
+    from cableway.scene.files.loading import task_names
 
     print("| task | success | error, stacked [mm] | error, mean [mm] | clearance [mm] | deviation [mm] "
           "| planning [s] | control, median / p99 [ms] |")  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any
 
 MODULES = (
     "cableway.cli.commands",
-    "cableway.scene.loading",
+    "cableway.scene.files.loading",
     "cableway.planning.planner",
     "cableway.control.rod_mpc",
     "cableway.simulation.plant",
@@ -37,7 +37,7 @@ def until_first_step(name: str) -> dict[str, float]:
     """Seconds of each part of a run, up to and with the first control step."""
     from cableway.control.rod_mpc import RodMPC
     from cableway.planning.planner import plan
-    from cableway.scene.loading import load_task
+    from cableway.scene.files.loading import load_task
     from cableway.simulation.plant import CableSimulator
 
     found: dict[str, Any] = {}

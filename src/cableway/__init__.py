@@ -7,72 +7,72 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cableway.control.insertion import PlugPush, PlugPushConfig
     from cableway.control.jacobian import JacobianConfig, JacobianFeedback
-    from cableway.control.mpc_config import MPCConfig
-    from cableway.control.neural_mpc import NeuralMPC
     from cableway.control.open_loop import OpenLoop
-    from cableway.control.plug_push import PlugPush, PlugPushConfig
     from cableway.control.rod_mpc import RodMPC, RodMPCConfig
     from cableway.datasets.reading import load_transitions, shuffled_batches
-    from cableway.models.checkpoint import load_model
     from cableway.planning.config import PlannerConfig
-    from cableway.planning.passages import find_passages
+    from cableway.planning.insertion import plan_push
     from cableway.planning.planner import plan
-    from cableway.planning.push import plan_push
+    from cableway.planning.routes.passages import find_passages
     from cableway.records import Plan, Rollout, Transitions
-    from cableway.rehearsal import RehearsalConfig, rehearsed_plan
     from cableway.report import summarize
     from cableway.scene.cable import Cable
-    from cableway.scene.loading import load_task
+    from cableway.scene.files.loading import load_task
     from cableway.scene.obstacles import Box, Disc, Polygon
-    from cableway.scene.random.tasks import random_task, random_task_with_witness
     from cableway.scene.scene import Scene
     from cableway.scene.task import Grippers, Task
-    from cableway.simulation.grasp import GraspConfig, GraspedCable
+    from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
+    from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
     from cableway.simulation.plant import CableSimulator
-    from cableway.simulation.sensing import SensedPlant, SensingConfig
+    from cableway.tang2025.control.mpc_config import MPCConfig
+    from cableway.tang2025.control.neural_mpc import NeuralMPC
+    from cableway.tang2025.models.checkpoint import load_model
+    from cableway.tasks.generation import random_task, random_task_with_witness
     from cableway.tracking import Recovery, Watchdog, push_in, track
     from cableway.verification import verify_insertion, verify_plan, verify_push, verify_rollout
+    from cableway.workflow.rehearsal import RehearsalConfig, rehearsed_plan
 
 _HOME = {
     "Box": "scene.obstacles",
     "Cable": "scene.cable",
     "CableSimulator": "simulation.plant",
     "Disc": "scene.obstacles",
-    "GraspConfig": "simulation.grasp",
-    "GraspedCable": "simulation.grasp",
+    "GraspConfig": "simulation.perturbations.grasp",
+    "GraspedCable": "simulation.perturbations.grasp",
     "Grippers": "scene.task",
     "JacobianConfig": "control.jacobian",
     "JacobianFeedback": "control.jacobian",
-    "MPCConfig": "control.mpc_config",
-    "NeuralMPC": "control.neural_mpc",
+    "MPCConfig": "tang2025.control.mpc_config",
+    "NeuralMPC": "tang2025.control.neural_mpc",
     "OpenLoop": "control.open_loop",
     "Plan": "records",
     "Recovery": "tracking",
     "PlannerConfig": "planning.config",
-    "PlugPush": "control.plug_push",
-    "PlugPushConfig": "control.plug_push",
+    "PlugPush": "control.insertion",
+    "PlugPushConfig": "control.insertion",
     "Polygon": "scene.obstacles",
     "RodMPC": "control.rod_mpc",
     "RodMPCConfig": "control.rod_mpc",
-    "RehearsalConfig": "rehearsal",
+    "RehearsalConfig": "workflow.rehearsal",
     "Rollout": "records",
     "Scene": "scene.scene",
-    "SensedPlant": "simulation.sensing",
-    "SensingConfig": "simulation.sensing",
+    "SensedPlant": "simulation.perturbations.sensing",
+    "SensingConfig": "simulation.perturbations.sensing",
     "Task": "scene.task",
     "Transitions": "records",
     "Watchdog": "tracking",
-    "find_passages": "planning.passages",
-    "load_model": "models.checkpoint",
-    "load_task": "scene.loading",
+    "find_passages": "planning.routes.passages",
+    "load_model": "tang2025.models.checkpoint",
+    "load_task": "scene.files.loading",
     "load_transitions": "datasets.reading",
     "plan": "planning.planner",
-    "plan_push": "planning.push",
+    "plan_push": "planning.insertion",
     "push_in": "tracking",
-    "random_task": "scene.random.tasks",
-    "random_task_with_witness": "scene.random.tasks",
-    "rehearsed_plan": "rehearsal",
+    "random_task": "tasks.generation",
+    "random_task_with_witness": "tasks.generation",
+    "rehearsed_plan": "workflow.rehearsal",
     "shuffled_batches": "datasets.reading",
     "summarize": "report",
     "track": "tracking",

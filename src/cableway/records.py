@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import InputError
-from cableway.files import ArrayRecord, check_shapes
+from cableway.core.errors import InputError
+from cableway.core.files import ArrayRecord, check_shapes
 
 
 # ------------------------------------------------------------------------------------------------ planning

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from cableway.provenance import describe, versions
+from cableway.core.provenance import describe, versions
 from cableway.records import SUCCESS_ERROR, Attempt, Estimate, Plan, Rollout, Verdict
 from cableway.rod.adapted import nearest_shape
 from cableway.scene.cable import Cable

@@ -7,7 +7,7 @@ import time
 
 from cableway.benchmark.methods import Method, default_planner, planner_of
 from cableway.control.open_loop import OpenLoop
-from cableway.errors import PlanningError
+from cableway.core.errors import PlanningError
 
 
 def hanging(task, seed):

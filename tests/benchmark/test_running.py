@@ -18,7 +18,7 @@ from cableway.benchmark.metrics import METRICS
 from cableway.benchmark.runner import picture_path, read_result, result_path, run_jobs
 from cableway.benchmark.suites import Episode, frozen_episodes
 from cableway.cli import main
-from cableway.errors import FileFormatError, InputError, UnknownNameError
+from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.planning import compilation
 
 FILE = Path(__file__).with_name("methods_for_tests.py")

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cableway.benchmark.plants import PLANTS, plant_variant
 from cableway.benchmark.suites import SIZES, SUITES, frozen_episodes, get_suite, make_task
-from cableway.errors import TaskError, UnknownNameError
+from cableway.core.errors import TaskError, UnknownNameError
+from cableway.simulation.perturbations.variants import PLANTS, plant_variant
 
 
 @pytest.mark.parametrize("name", SUITES)

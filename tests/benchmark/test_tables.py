@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cableway.benchmark.episode import Result
-from cableway.benchmark.plants import PLANTS
 from cableway.benchmark.tables import suite_tables
+from cableway.simulation.perturbations.variants import PLANTS
 
 
 def result(number: int, plant: str, error: float, floor: float | None) -> Result:

@@ -9,7 +9,7 @@ import pytest
 from commands import Command, Done
 
 from cableway.cli import main
-from cableway.scene.saving import save_task
+from cableway.scene.files.saving import save_task
 
 
 @pytest.fixture

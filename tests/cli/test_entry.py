@@ -10,10 +10,10 @@ import pytest
 from commands import Command
 
 import cableway as package
-from cableway.errors import ControlError
+from cableway.core.errors import ControlError
+from cableway.core.provenance import versions
 from cableway.planning.config import PLANNERS
-from cableway.provenance import versions
-from cableway.scene.loading import task_names
+from cableway.scene.files.loading import task_names
 
 COMMANDS = ("tasks", "show", "plan", "run", "check", "collect", "train", "evaluate", "models")
 
@@ -125,7 +125,7 @@ def test_a_failure_that_is_nobodys_mistake_is_status_1(cableway: Command, monkey
     def fail(source: str) -> None:
         raise ControlError("the controller gave up")
 
-    monkeypatch.setattr("cableway.scene.loading.load_task", fail)
+    monkeypatch.setattr("cableway.scene.files.loading.load_task", fail)
     assert cableway("show", "maze-1") == (1, "", "cableway: the controller gave up\n")
 
 

@@ -13,7 +13,7 @@ from commands import Command
 from cableway.cli import main
 from cableway.cli.models import HORIZONS
 from cableway.datasets.reading import load_transitions
-from cableway.models.checkpoint import load_model, model_names, read_card
+from cableway.tang2025.models.checkpoint import load_model, model_names, read_card
 
 RECIPE = """
 cableway: 1

@@ -13,13 +13,13 @@ from commands import Command
 
 from cableway.cli import planning
 from cableway.control.open_loop import OpenLoop
-from cableway.errors import SimulationError
+from cableway.core import compiled
+from cableway.core.errors import SimulationError
+from cableway.core.files import read_arrays
 from cableway.figures import video
-from cableway.files import read_arrays
-from cableway.geometry import compiled
-from cableway.planning import compilation, search
+from cableway.planning import candidates, compilation
 from cableway.records import Plan, Rollout
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.verification import VerificationLimits, verify_plan, verify_rollout
 
 PLANNED = {"plan.npz", "plan.png", "report.json", "task.yaml"}
@@ -136,7 +136,7 @@ def test_an_interrupt_while_planning_leaves_what_was_there(
 ):
     Path("o").mkdir()
     (Path("o") / "plan.npz").write_bytes(b"earlier")
-    monkeypatch.setattr(search, "verify_plan", interrupt)
+    monkeypatch.setattr(candidates, "verify_plan", interrupt)
     done = cableway("plan", moved_file, "--out", "o")
     assert (done.status, done.out) == (130, "")
     assert done.err.endswith("cableway: interrupted\n")
@@ -148,10 +148,10 @@ def test_an_interrupt_after_a_failed_attempt_leaves_its_picture(
     cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """The first guide's plan is refused, what comes next is interrupted."""
-    judge = search.verify_plan
+    judge = candidates.verify_plan
     strict = VerificationLimits(clearance=0.5)
     verdicts = iter([lambda plan, task, limits: judge(plan, task, strict), interrupt])
-    monkeypatch.setattr(search, "verify_plan", lambda *given: next(verdicts)(*given))
+    monkeypatch.setattr(candidates, "verify_plan", lambda *given: next(verdicts)(*given))
     done = cableway("plan", moved_file, "--out", "o")
     assert done.status == 130
     assert names(Path("o")) == {"report.json", "plan.png", "task.yaml"}

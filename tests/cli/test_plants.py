@@ -10,14 +10,14 @@ import problems
 import pytest
 from commands import Command
 
-from cableway.cli.plants import read_plant
-from cableway.errors import FileFormatError, InputError
+from cableway.core.errors import FileFormatError, InputError
 from cableway.records import Rollout
 from cableway.scene.cable import Cable
-from cableway.scene.loading import load_task
-from cableway.scene.presets import preset_values
+from cableway.scene.files.loading import load_task
+from cableway.scene.files.presets import preset_values
+from cableway.simulation.perturbations.reading import read_plant
+from cableway.simulation.perturbations.sensing import SensingConfig
 from cableway.simulation.plant import PlantConfig
-from cableway.simulation.sensing import SensingConfig
 
 LAB = """
 cableway: 1

@@ -9,7 +9,7 @@ import matplotlib.image
 import pytest
 from commands import Command
 
-from cableway.scene.loading import catalogue_file, load_task, task_names
+from cableway.scene.files.loading import catalogue_file, load_task, task_names
 
 
 def test_tasks_lists_the_catalogue(cableway: Command):

@@ -12,14 +12,14 @@ from quasi_static import straight_plan, task_for
 
 from cableway.control.base import Controller, Status
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
-from cableway.control.mpc_config import MPCConfig
-from cableway.control.neural_mpc import NeuralMPC
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.control.rod_mpc import RodMPC, RodMPCConfig
-from cableway.errors import InputError
-from cableway.models.baselines import RigidBlend
+from cableway.core.errors import InputError
 from cableway.records import Observation, Plan
 from cableway.rod.equilibrium import Rod
+from cableway.tang2025.control.mpc_config import MPCConfig
+from cableway.tang2025.control.neural_mpc import NeuralMPC
+from cableway.tang2025.models.baselines import RigidBlend
 
 PLAN = straight_plan(Rod(0.3))
 TASK = task_for(PLAN)

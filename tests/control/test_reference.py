@@ -7,7 +7,7 @@ import pytest
 from quasi_static import straight_plan, task_for
 
 from cableway.control.reference import PlanReference, reference_for
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.records import Plan
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable

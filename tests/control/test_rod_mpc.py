@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from quasi_static import outward, straight_plan, task_for
 
-from cableway.benchmark.plants import plant_variant
 from cableway.control import rod_kernels
-from cableway.control.age import Age
 from cableway.control.base import Status
-from cableway.control.rod_estimate import EstimatorConfig, RodEstimator
 from cableway.control.rod_mpc import RodMPC, RodMPCConfig
-from cableway.control.sight import HELD_AS_BELIEVED, Sight
-from cableway.errors import InputError
+from cableway.core.errors import InputError
+from cableway.estimation.delay import Age
+from cableway.estimation.gripper_tracker import HELD_AS_BELIEVED, Sight
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
+from cableway.estimation.rod_kernels import held, predict
 from cableway.geometry import convex, se2
 from cableway.records import Observation, Plan, Rollout
 from cableway.rod import adapted
@@ -25,9 +25,10 @@ from cableway.rod.inverse import fit_keypoints, shape_between
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
-from cableway.simulation.grasp import GraspConfig, GraspedCable
+from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
+from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
+from cableway.simulation.perturbations.variants import plant_variant
 from cableway.simulation.plant import CableSimulator
-from cableway.simulation.sensing import SensedPlant, SensingConfig
 from cableway.tracking import track
 
 ROD = Rod(0.3)
@@ -46,7 +47,7 @@ def seen_along(theta: np.ndarray, plan: Plan = PLAN) -> list[np.ndarray]:
     q, shapes = fit_keypoints(ROD, plan.shapes[0])[0], []
     keypoints, by_theta = np.empty((13, 2)), np.empty((13, 2, adapted.PARAMETERS))
     for poses in plan.poses:
-        assert rod_kernels.predict(q, poses, theta, adapted.modes(ROD), ROD.stride, keypoints, by_theta) < 1e-8
+        assert predict(q, poses, theta, adapted.modes(ROD), ROD.stride, keypoints, by_theta) < 1e-8
         shapes.append(keypoints.copy())
     return shapes
 
@@ -73,7 +74,7 @@ def test_prediction_is_differentiated_exactly() -> None:
 
     def keypoints(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found, by_theta = np.empty((13, 2)), np.empty((13, 2, adapted.PARAMETERS))
-        assert rod_kernels.predict(q.copy(), PLAN.poses[10], theta, modes, ROD.stride, found, by_theta) < 1e-9
+        assert predict(q.copy(), PLAN.poses[10], theta, modes, ROD.stride, found, by_theta) < 1e-9
         return found, by_theta
 
     by_theta = keypoints(theta)[1]
@@ -332,7 +333,7 @@ def test_settings_out_of_range_are_named(config: type, settings: dict[str, float
 def test_the_compiled_grasp_is_that_of_the_plane() -> None:
     rng = np.random.default_rng(0)
     poses, grasps = rng.normal(size=(2, 3)), rng.normal(size=6)
-    np.testing.assert_allclose(rod_kernels.held(poses, grasps), se2.attached(poses, grasps.reshape(2, 3)))
+    np.testing.assert_allclose(held(poses, grasps), se2.attached(poses, grasps.reshape(2, 3)))
 
 
 def test_a_cable_too_short_to_be_held_as_first_believed_is_found_all_the_same() -> None:

@@ -15,10 +15,10 @@ import pytest
 from safetensors.numpy import load_file, save
 from written_sets import CABLE, ORIGIN, SIZES, rows, write_set
 
+from cableway.core.errors import FileFormatError, InputError
 from cableway.datasets.manifest import columns_for, read_manifest
 from cableway.datasets.reading import load_transitions, shuffled_batches
 from cableway.datasets.writing import Origin, open_writer
-from cableway.errors import FileFormatError, InputError
 
 
 def test_it_is_read_as_it_was_written(whole):

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from written_sets import ORIGIN, SIZES, rows, write_set
 
+from cableway.core.errors import InputError, StorageError
 from cableway.datasets.manifest import read_manifest
 from cableway.datasets.reading import read_shard
 from cableway.datasets.writing import open_writer
-from cableway.errors import InputError, StorageError
 
 
 def contents(folder: Path) -> dict[str, bytes]:

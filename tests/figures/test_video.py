@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from recorded import moved_plan, perfect_rollout
 
-from cableway.errors import CablewayError
+from cableway.core.errors import CablewayError
 from cableway.figures import video
 from cableway.figures.video import playback, write_video
 from cableway.records import Rollout

@@ -8,7 +8,7 @@ import numpy as np
 import problems
 import pytest
 
-from cableway.errors import InputError, PlanningError, UnknownNameError
+from cableway.core.errors import InputError, PlanningError, UnknownNameError
 from cableway.planning.config import PlannerConfig
 from cableway.planning.planner import plan
 from cableway.records import Plan

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cableway.planning import tree_kernels
-from cableway.planning.explore import ExploreConfig, _limits
+from cableway.planning import rrt_connect_kernels
 from cableway.planning.planner import plan
 from cableway.planning.plug import plug_shortfall
-from cableway.planning.refinement import RefinementConfig, _Problem
+from cableway.planning.rrt_connect import ExploreConfig, _limits
+from cableway.planning.trajectory_optimization import RefinementConfig, _Problem
 from cableway.records import Plan
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 
@@ -30,7 +30,7 @@ def found(task: Task) -> Plan:
 
 def free(task: Task, q: np.ndarray, limits: np.ndarray) -> list[bool]:
     rod, world = task.cable.rod, task.scene.world.arrays
-    return [tree_kernels.is_free(row, (rod.length, rod.hinges), world, limits) for row in q]
+    return [rrt_connect_kernels.is_free(row, (rod.length, rod.hinges), world, limits) for row in q]
 
 
 def near_obstacles(task: Task) -> np.ndarray:

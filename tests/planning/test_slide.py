@@ -6,7 +6,7 @@ import numpy as np
 import problems
 import pytest
 
-from cableway.errors import PlanningError
+from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
 from cableway.planning.config import PivotConfig
 from cableway.planning.slide import slide

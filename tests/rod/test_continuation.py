@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.geometry import se2
 from cableway.rod.continuation import lead
 from cableway.rod.equilibrium import Rod

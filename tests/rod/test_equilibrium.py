@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
 from cableway.rod.equilibrium import STRAIGHT_STABILITY, Rod, hinge_count
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import equilibria_at, fit_keypoints, shape_between

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cableway.errors import InputError, TaskError
+from cableway.core.errors import InputError, TaskError
 from cableway.scene.cable import PROFILES, Cable
-from cableway.scene.loading import cable_from_preset
-from cableway.scene.presets import preset_names, preset_ranges, preset_values
+from cableway.scene.files.loading import cable_from_preset
+from cableway.scene.files.presets import preset_names, preset_ranges, preset_values
 
 
 def test_values_along_the_length_are_linear_between_those_given():

@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cableway.errors import TaskError
+from cableway.core.errors import TaskError
 from cableway.geometry import se2
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon, describe, to_shapely
 from cableway.scene.scene import Scene

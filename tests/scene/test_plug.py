@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cableway.errors import TaskError
+from cableway.core.errors import TaskError
 from cableway.geometry import polyline
+from cableway.scene.files.loading import load_task
 from cableway.scene.grippers import Plug, Port
-from cableway.scene.loading import load_task
 from cableway.scene.obstacles import Box, Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from scene_task_files import VALID, at, complaint, row, write
 
-from cableway.errors import FileFormatError, InputError, TaskError, UnknownNameError
+from cableway.core.errors import FileFormatError, InputError, TaskError, UnknownNameError
 from cableway.geometry import polyline, se2
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
-from cableway.scene.loading import (
+from cableway.scene.files.loading import (
     cable_from_preset,
     catalogue_file,
     load_task,
     task_names,
 )
+from cableway.scene.files.presets import preset_names
 from cableway.scene.obstacles import Box, Disc, Polygon
-from cableway.scene.presets import preset_names
 from cableway.scene.task import Task
 
 PRESETS = ("cotton", "ethernet", "hdmi", "paracord", "rubber", "silicone", "usb")

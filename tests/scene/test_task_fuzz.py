@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scene_task_files import VALID, at
 
-from cableway.errors import InputError
-from cableway.scene.loading import load_task
+from cableway.core.errors import InputError
+from cableway.scene.files.loading import load_task
 
 FUZZ = settings(
     deadline=None,

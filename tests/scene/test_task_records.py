@@ -11,14 +11,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import cableway
-from cableway.errors import InputError, TaskError
+from cableway.core.errors import InputError, TaskError
 from cableway.geometry import se2
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
+from cableway.scene.files.loading import load_task, task_names
+from cableway.scene.files.saving import save_task
 from cableway.scene.grippers import Grippers, Plug, Port
-from cableway.scene.loading import load_task, task_names
 from cableway.scene.obstacles import Box, Disc, Polygon
-from cableway.scene.saving import save_task
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cableway.errors import CablewayError, InputError, SimulationError
+from cableway.core.errors import CablewayError, InputError, SimulationError
 from cableway.geometry import polyline
 from cableway.records import Measurement
 from cableway.scene.cable import Cable
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.simulation.plant import CableSimulator
 
 SEQUENCES = 1000

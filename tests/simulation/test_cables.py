@@ -14,7 +14,7 @@ from accuracy import on_a_table
 from scipy.integrate import solve_bvp
 
 from cableway.scene.cable import Cable
-from cableway.scene.presets import preset_names
+from cableway.scene.files.presets import preset_names
 from cableway.simulation.chain import Chain
 from cableway.simulation.links import middle_link
 from cableway.simulation.plant import CableSimulator

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from cableway.errors import InputError, SimulationError
+from cableway.core.errors import InputError, SimulationError
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Box, Disc, Polygon

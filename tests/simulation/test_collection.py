@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cableway.core.errors import InputError, SimulationError
 from cableway.datasets.reading import load_transitions
-from cableway.errors import InputError, SimulationError
 from cableway.geometry import polyline
 from cableway.records import Transitions
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
-from cableway.scene.loading import cable_from_preset, load_task
-from cableway.scene.presets import preset_ranges
+from cableway.scene.files.loading import cable_from_preset, load_task
+from cableway.scene.files.presets import preset_ranges
 from cableway.simulation.chain import Chain
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
-from cableway.simulation.motion import MotionConfig, random_motion
+from cableway.simulation.random_motion import MotionConfig, random_motion
 from cableway.simulation.shapes import kinds_of
 
 CONFIG = CollectionConfig(transitions=700, seed=3, episode_steps=40)

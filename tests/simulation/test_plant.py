@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cableway.errors import InputError, SimulationError
+from cableway.core.errors import InputError, SimulationError
 from cableway.geometry import polyline, se2
 from cableway.records import Measurement
 from cableway.scene.cable import Cable

@@ -13,19 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cableway.core.executors import open_executor
+from cableway.core.files import write_atomically
 from cableway.datasets.manifest import MANIFEST, read_manifest
 from cableway.datasets.reading import load_transitions, read_shard
-from cableway.files import write_atomically
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
-from cableway.simulation.executors import open_executor
 
 RANGES = {"damping_time": (0.05, 0.3)}
 CONFIG = CollectionConfig(transitions=1500, seed=11, episode_steps=20, shard_episodes=8, ranges=RANGES)
 
 COLLECT = """
 import sys
-from cableway.files import write_atomically
+from cableway.core.files import write_atomically
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
 if __name__ == "__main__":

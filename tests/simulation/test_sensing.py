@@ -8,9 +8,9 @@ import numpy as np
 import problems
 import pytest
 
-from cableway.errors import InputError, SimulationError
+from cableway.core.errors import InputError, SimulationError
+from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator, PlantConfig
-from cableway.simulation.sensing import SensedPlant, SensingConfig
 
 TASK = problems.free()
 STILL = np.zeros((2, 3))

@@ -6,8 +6,8 @@ import convert_yu2d
 import numpy as np
 import pytest
 
+from cableway.core.errors import InputError
 from cableway.datasets.reading import load_transitions
-from cableway.errors import InputError
 
 
 def recorded(path, dt: float = 0.1) -> dict[str, np.ndarray]:

@@ -11,11 +11,11 @@ import pytest
 from quasi_static import START, QuasiStaticPlant, straight_plan, task_for
 
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
-from cableway.control.rod_estimate import EstimatorConfig
 from cableway.control.rod_mpc import RodMPC, RodMPCConfig
-from cableway.errors import InputError
+from cableway.core.errors import InputError
+from cableway.core.files import read_arrays
+from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.figures.rollout import rollout_figure
-from cableway.files import read_arrays
 from cableway.records import Rollout
 from cableway.report import summarize
 from cableway.rod.adapted import PARAMETERS

@@ -13,14 +13,14 @@ from quasi_static import START, stacked, straight_plan, task_for
 
 from cableway.control.base import Controller, Status
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
-from cableway.control.mpc_config import MPCConfig
-from cableway.control.neural_mpc import NeuralMPC
 from cableway.control.rod_mpc import RodMPC
-from cableway.models.baselines import RigidBlend
 from cableway.records import Rollout
 from cableway.rod.equilibrium import Rod
+from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator
-from cableway.simulation.sensing import SensedPlant, SensingConfig
+from cableway.tang2025.control.mpc_config import MPCConfig
+from cableway.tang2025.control.neural_mpc import NeuralMPC
+from cableway.tang2025.models.baselines import RigidBlend
 from cableway.tracking import track
 
 ROD = Rod(0.3)

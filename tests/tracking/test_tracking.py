@@ -11,21 +11,21 @@ import pytest
 from quasi_static import START, QuasiStaticPlant, stacked, straight_plan, task_for
 
 from cableway.control.base import Status
-from cableway.control.mpc_config import MPCConfig
-from cableway.control.neural_mpc import NeuralMPC
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.control.rod_mpc import RodMPC
-from cableway.errors import InputError, PlanningError, SimulationError
+from cableway.core.errors import InputError, PlanningError, SimulationError
 from cableway.geometry import polyline
-from cableway.models.baselines import RigidBlend
 from cableway.planning.planner import plan
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import equilibria_at, shape_between
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator, PlantConfig
-from cableway.simulation.sensing import SensedPlant, SensingConfig
+from cableway.tang2025.control.mpc_config import MPCConfig
+from cableway.tang2025.control.neural_mpc import NeuralMPC
+from cableway.tang2025.models.baselines import RigidBlend
 from cableway.tracking import BLOCKED, LOST, Recovery, TrackConfig, track
 from cableway.tracking.recovery import Watch
 

@@ -13,7 +13,7 @@ from quasi_static import QuasiStaticPlant, stacked, straight_plan, task_for
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
 from cableway.control.limits import exceeds_limits
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.records import Observation, Rollout
 from cableway.report import summarize
 from cableway.rod.equilibrium import Rod

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import shapely
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.records import Check
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task

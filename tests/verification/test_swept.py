@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import shapely
 
-from cableway.scene.random.tasks import random_task
 from cableway.scene.scene import Scene
+from cableway.tasks.generation import random_task
 from cableway.verification.swept import SWEEP_STEP, closest_approach
 
 PIECES = 64

@@ -8,9 +8,9 @@ import numpy as np
 import problems
 import pytest
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.geometry import se2
-from cableway.planning.realization import RealizationConfig, step_evenly
+from cableway.planning.projection import RealizationConfig, step_evenly
 from cableway.records import Plan
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Box, Disc

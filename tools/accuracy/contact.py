@@ -9,11 +9,11 @@ from jaxtyping import Float
 
 from accuracy.leading import GENTLE_BEND, LEAST_STABILITY, catalogue_plan, plant_at, random_shape
 from cableway.control.open_loop import OpenLoop
-from cableway.errors import SimulationError
+from cableway.core.errors import SimulationError
 from cableway.geometry import polyline, se2
 from cableway.scene.cable import Cable
+from cableway.scene.files.loading import task_names
 from cableway.scene.grippers import Grippers
-from cableway.scene.loading import task_names
 from cableway.scene.obstacles import Box
 from cableway.scene.scene import Scene
 from cableway.simulation.plant import CableSimulator

@@ -14,12 +14,12 @@ from cableway.records import Measurement, Plan
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
+from cableway.scene.files.loading import load_task
 from cableway.scene.grippers import Grippers
-from cableway.scene.loading import load_task
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
-from cableway.simulation.motion import MotionConfig, random_motion
 from cableway.simulation.plant import CableSimulator, PlantConfig
+from cableway.simulation.random_motion import MotionConfig, random_motion
 
 LEAST_STABILITY = 15.0
 """Stability margin under which no shape is asked for: that of `cableway collect`; a verified plan keeps 20."""

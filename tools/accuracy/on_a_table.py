@@ -19,11 +19,11 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.scene.cable import Cable
-from cableway.scene.loading import cable_from_preset
+from cableway.scene.files.loading import cable_from_preset
 from cableway.scene.task import CONTROL_STEP
 from cableway.simulation.chain import Chain
-from cableway.simulation.motion import MotionConfig, random_motion
 from cableway.simulation.plant import PlantConfig
+from cableway.simulation.random_motion import MotionConfig, random_motion
 from cableway.simulation.table import GRAVITY
 
 LENGTH = 0.3

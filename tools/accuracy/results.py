@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from accuracy import contact, motions, on_a_table, shapes
-from cableway.files import write_atomically
-from cableway.provenance import versions
+from cableway.core.files import write_atomically
+from cableway.core.provenance import versions
 
 EXPERIMENTS: dict[str, Callable[[int], dict[str, Any]]] = {
     "after-motions": shapes.after_motions,

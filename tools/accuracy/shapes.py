@@ -22,7 +22,7 @@ from accuracy.leading import (
 )
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
-from cableway.scene.loading import task_names
+from cableway.scene.files.loading import task_names
 from cableway.simulation.plant import CableSimulator
 
 SHORTENINGS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from cableway.benchmark.methods import DEFAULT, Method, default_planner, load_method, made_by
-from cableway.benchmark.plants import Variant, plant_variant
 from cableway.benchmark.suites import Episode
 from cableway.control.base import Controller
-from cableway.errors import PlanningError
+from cableway.core.errors import PlanningError
 from cableway.planning.compilation import EXAMPLE
 from cableway.records import SUCCESS_ERROR, Attempt, Plan, Rollout
 from cableway.report import Report, summarize
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.variants import Variant, plant_variant
 from cableway.tracking import Recovery, track
 from cableway.tracking.recovery import IN_THE_WAY, LEFT
 from cableway.tracking.watchdog import GIVEN_UP

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from cableway.benchmark.episode import Result
-from cableway.errors import FileFormatError
-from cableway.provenance import versions
+from cableway.core.errors import FileFormatError
+from cableway.core.provenance import versions
 
 LOST = 1
 """Successes that may be lost on balance, by either rule."""

@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from cableway.control.base import Controller
-from cableway.errors import InputError, PlanningError, UnknownNameError
-from cableway.provenance import PACKAGE, versions
+from cableway.core.errors import InputError, PlanningError, UnknownNameError
+from cableway.core.provenance import PACKAGE, versions
 from cableway.records import Plan
 from cableway.scene.task import Task
 
@@ -43,7 +43,7 @@ class Planner(Protocol):
 
 def default_planner(task: Task, seed: int) -> Plan:
     """Our planner, its plan rehearsed where the cable asks for it."""
-    from cableway.rehearsal import rehearsed_plan
+    from cableway.workflow.rehearsal import rehearsed_plan
 
     find = planner_of("default")
     return rehearsed_plan(task, lambda seed: find(task, seed), seed=seed)
@@ -198,10 +198,10 @@ def _open_loop() -> Controller[Any]:
 
 def _neural(model: str, paper: bool = False) -> Callable[[], Controller[Any]]:
     def make() -> Controller[Any]:
-        from cableway.control.mpc_config import MPCConfig
-        from cableway.control.neural_mpc import NeuralMPC
-        from cableway.models.checkpoint import load_model
-        from cableway.models.compilation import enable_compilation_cache
+        from cableway.tang2025.control.mpc_config import MPCConfig
+        from cableway.tang2025.control.neural_mpc import NeuralMPC
+        from cableway.tang2025.models.checkpoint import load_model
+        from cableway.tang2025.models.compilation import enable_compilation_cache
 
         enable_compilation_cache()
         return NeuralMPC(load_model(model), MPCConfig.paper() if paper else MPCConfig())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,11 @@ import jinja2
 from cableway.benchmark.episode import Job, Result
 from cableway.benchmark.metrics import METRICS
 from cableway.benchmark.runner import picture_path
-from cableway.benchmark.sections import Section
 from cableway.benchmark.summary import Results
 from cableway.benchmark.tables import sentence, suite_tables
+
+TEMPLATES = ("cableway.benchmark", "cableway.tang2025.reproduction")
+"""Packages that have templates."""
 
 
 def report_page(
@@ -40,7 +41,7 @@ def report_page(
         {"name": name, "description": sentence(name), "tables": suite_tables(name, rows)}
         for name, rows in results.items()
     ]
-    return _render(
+    return render(
         "report.html.jinja",
         suites=suites,
         failures=[
@@ -57,37 +58,14 @@ def report_page(
     )
 
 
-def reproduction_page(sections: Sequence[Section], about: Mapping[str, Any]) -> str:
-    """HTML with the paper's tables and figures beside ours.
-
-    Args:
-        sections: In order.
-        about: "versions", "machine", "size" and "configuration".
-    """
-    return _render("reproduction.html.jinja", sections=sections, **about)
-
-
-def reproduction_text(sections: Sequence[Section], about: Mapping[str, Any]) -> str:
-    """The same as Markdown."""
-    machine, (first, second) = about["machine"], about["configuration"]["data_seeds"]
-    made = (
-        f"Made by `cableway reproduce --size {about['size']}`. Versions: "
-        f"{', '.join(f'{package} {version}' for package, version in about['versions'].items())}. Machine: "
-        f"{machine['system']}, {machine['processor']}, {machine['cores']} cores, ten million additions in a plain "
-        f"Python loop take {machine['ten_million_additions']} s. Seeds: of episodes, those in their suites' lists; of "
-        f"data sets, {first} and {second}; of other trials, counted from 0."
-    )
-    parts = ["# The paper's tables and figures, and ours\n", "\n".join(textwrap.wrap(made, 120)) + "\n"]
-    for section in sections:
-        parts += [f"## {section.title}\n", "\n".join(textwrap.wrap(section.text, 120)) + "\n"]
-        parts += [table.markdown() for table in section.tables]
-        parts += [f"![{picture}]({picture})\n" for picture in section.pictures]
-    return "\n".join(parts)
-
-
-def _render(template: str, **values: Any) -> str:
+def render(template: str, **values: Any) -> str:
+    """A template of this package or of the paper's tables, filled in."""
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cableway.benchmark", ""), autoescape=True, undefined=jinja2.StrictUndefined
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader("cableway.benchmark", ""), jinja2.PackageLoader("cableway.tang2025.reproduction", "")]
+        ),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
     )
     return environment.get_template(template).render(**values)
 

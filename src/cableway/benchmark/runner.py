@@ -15,9 +15,9 @@ from typing import Any
 import pebble
 
 from cableway.benchmark.episode import Job, Outcome, Result, died, run_job, warm_up
-from cableway.errors import FileFormatError, InputError, UnknownNameError
-from cableway.files import write_atomically, write_json
-from cableway.simulation.executors import EXECUTORS, begin_worker, cores, open_executor
+from cableway.core.errors import FileFormatError, InputError, UnknownNameError
+from cableway.core.executors import EXECUTORS, begin_worker, cores, open_executor
+from cableway.core.files import write_atomically, write_json
 
 EPISODES, FAILURES = "episodes", "failures"
 """Folders of results and of pictures of what failed."""

@@ -15,12 +15,12 @@ from importlib import resources
 
 import numpy as np
 
-from cableway.errors import TaskError, UnknownNameError
+from cableway.core.errors import TaskError, UnknownNameError
 from cableway.scene.cable import Cable
-from cableway.scene.loading import cable_from_preset, catalogue_file, load_task, task_names
-from cableway.scene.random.tasks import END_DECIMALS, random_task
-from cableway.scene.saving import task_text
+from cableway.scene.files.loading import cable_from_preset, catalogue_file, load_task, task_names
+from cableway.scene.files.saving import task_text
 from cableway.scene.task import Task
+from cableway.tasks.generation import END_DECIMALS, random_task
 
 SIZES = ("quick", "standard", "full")
 """Names of the sizes."""

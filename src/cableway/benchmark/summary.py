@@ -14,9 +14,9 @@ from typing import Any
 from cableway.benchmark.episode import Result, reference_time
 from cableway.benchmark.methods import Method
 from cableway.benchmark.metrics import METRICS, Metric
-from cableway.benchmark.plants import PLANTS
 from cableway.benchmark.suites import SUITES, cable_of, kind_of
-from cableway.provenance import versions
+from cableway.core.provenance import versions
+from cableway.simulation.perturbations.variants import PLANTS
 
 Results = Mapping[str, Mapping[str, Sequence[Result]]]
 """Results by suite and by method."""

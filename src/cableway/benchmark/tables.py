@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from cableway.benchmark.episode import Result
 from cableway.benchmark.metrics import METRICS, Metric
-from cableway.benchmark.plants import PLANTS
 from cableway.benchmark.statistics import Estimate
 from cableway.benchmark.suites import SUITES
 from cableway.benchmark.summary import Results, by_group
+from cableway.simulation.perturbations.variants import PLANTS
 
 COLUMNS = ("success", "strict", "strict_reachable", "contact", "shape_error", "over_floor", "deviation", "clearance",
            "planning_time", "control_time", "control_p99")  # fmt: skip

@@ -15,7 +15,7 @@ import tyro
 
 from cableway.cli.episodes import EpisodeOptions, collect
 from cableway.cli.terminal import Terminal, columns
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
     from cableway.benchmark.episode import Job, Result
@@ -100,7 +100,7 @@ class Bench(EpisodeOptions):
         from cableway.benchmark.pages import report_page
         from cableway.benchmark.summary import csv_text, summary
         from cableway.benchmark.tables import markdown
-        from cableway.files import write_atomically, write_json
+        from cableway.core.files import write_atomically, write_json
 
         found = [result for rows in results.values() for each in rows.values() for result in each]
         chosen = {"suites": self.suites, "methods": self.methods, "episodes": self.episodes,

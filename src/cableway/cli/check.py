@@ -31,8 +31,8 @@ class Check(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.files import write_json
-        from cableway.scene.loading import load_task
+        from cableway.core.files import write_json
+        from cableway.scene.files.loading import load_task
 
         task = load_task(self.task)
         kind, verdict = _judge(task, self.file)
@@ -56,8 +56,8 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
         FileFormatError: It is neither a plan nor a rollout.
         InputError: It belongs to a task with another number of keypoints.
     """
-    from cableway.errors import FileFormatError
-    from cableway.files import read_arrays
+    from cableway.core.errors import FileFormatError
+    from cableway.core.files import read_arrays
     from cableway.records import INSERTION, Plan, Rollout
     from cableway.verification import verify_insertion, verify_plan, verify_push, verify_rollout
 

@@ -51,10 +51,10 @@ class Collect(Options):
             FileFormatError: The configuration file is missing or not YAML.
             InputError: A section or key is unknown, or a value is not allowed.
         """
-        from cableway.models.configuration import from_mapping
-        from cableway.models.recipe import read_training_config, shipped_config
-        from cableway.scene.presets import preset_values
+        from cableway.core.configuration import from_mapping
+        from cableway.scene.files.presets import preset_values
         from cableway.simulation.episodes import CollectionConfig
+        from cableway.tang2025.models.recipe import read_training_config, shipped_config
 
         path = self.config or shipped_config()
         section = read_training_config(path).collection

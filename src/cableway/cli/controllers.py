@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from cableway.errors import InputError, UnknownNameError
+from cableway.core.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
     from cableway.cli.terminal import Terminal
@@ -48,7 +48,7 @@ def make_controller(name: str, model: str | None, terminal: Terminal, adapt: boo
         from cableway.control.open_loop import OpenLoop
 
         return OpenLoop()
-    from cableway.geometry.compiled import is_compiled
+    from cableway.core.compiled import is_compiled
 
     if not is_compiled("control"):
         terminal.note(AHEAD)
@@ -62,10 +62,10 @@ def make_controller(name: str, model: str | None, terminal: Terminal, adapt: boo
 
 
 def _neural(name: str, model: str, terminal: Terminal, adapt: bool) -> Controller[Any]:
-    from cableway.control.mpc_config import ADAPT_EVERY, MPCConfig
-    from cableway.control.neural_mpc import NeuralMPC
-    from cableway.models.checkpoint import load_model
-    from cableway.models.compilation import enable_compilation_cache
+    from cableway.tang2025.control.mpc_config import ADAPT_EVERY, MPCConfig
+    from cableway.tang2025.control.neural_mpc import NeuralMPC
+    from cableway.tang2025.models.checkpoint import load_model
+    from cableway.tang2025.models.compilation import enable_compilation_cache
 
     predicts = load_model(model)
     if not enable_compilation_cache():

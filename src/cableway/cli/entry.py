@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from cableway.errors import CablewayError, InputError
+from cableway.core.errors import CablewayError, InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses: succeeded; done, but the task did not succeed; the input was wrong; ctrl-c."""
@@ -53,6 +53,6 @@ def _say(sentence: str, status: int) -> int:
 
 
 def _version() -> str:
-    from cableway.provenance import versions
+    from cableway.core.provenance import versions
 
     return versions()["cableway"]

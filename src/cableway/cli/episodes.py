@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cableway.cli.options import Options
 from cableway.cli.terminal import Tell
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
     from cableway.benchmark.episode import Job, Result
@@ -38,7 +38,7 @@ class EpisodeOptions(Options):
         """Run what is missing."""
         from cableway.benchmark.episode import warm_up
         from cableway.benchmark.runner import read_result, run_jobs
-        from cableway.geometry.compiled import is_compiled, mark_compiled
+        from cableway.core.compiled import is_compiled, mark_compiled
 
         missing = [job for job in jobs if read_result(job, folder) is None]
         if not missing:

@@ -11,14 +11,14 @@ import tyro
 
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal, columns, literal
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cableway.models.base import DeformationModel
-    from cableway.models.comparison import Curve
     from cableway.records import Transitions
+    from cableway.tang2025.models.base import DeformationModel
+    from cableway.tang2025.models.comparison import Curve
 
 SHOWN = (1, 5, 10, 20, 30, 50)
 """Horizons [steps] in the table; the JSON file has all."""
@@ -42,12 +42,12 @@ class Evaluate(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.core.files import write_json
+        from cableway.core.provenance import versions
         from cableway.datasets.reading import load_transitions
-        from cableway.files import write_json
-        from cableway.models.comparison import compare
-        from cableway.models.compilation import enable_compilation_cache
-        from cableway.models.dataset import fingerprint
-        from cableway.provenance import versions
+        from cableway.tang2025.models.comparison import compare
+        from cableway.tang2025.models.compilation import enable_compilation_cache
+        from cableway.tang2025.models.dataset import fingerprint
 
         terminal, folder = Terminal(self), self.folder("evaluate")
         sets = {str(path): load_transitions(path) for path in self.data}
@@ -83,9 +83,9 @@ class Evaluate(Options):
         Raises:
             InputError: A model given does not serve as many keypoints as the data have.
         """
-        from cableway.models.checkpoint import load_model, model_names, read_card
-        from cableway.models.comparison import training_groups
-        from cableway.models.evaluation import baselines
+        from cableway.tang2025.models.checkpoint import load_model, model_names, read_card
+        from cableway.tang2025.models.comparison import training_groups
+        from cableway.tang2025.models.evaluation import baselines
 
         counts = {data.keypoints.shape[1] for data in sets.values()}
         wanted = list(dict.fromkeys([*(self.models or model_names()), *BASELINES]))

@@ -26,8 +26,8 @@ class Models(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.files import write_json
-        from cableway.models.checkpoint import model_names, read_card
+        from cableway.core.files import write_json
+        from cableway.tang2025.models.checkpoint import model_names, read_card
 
         local = sorted(Path("runs").rglob("*.safetensors"))
         sources: list[str | Path] = [*model_names(), *self.files, *(path for path in local if path not in self.files)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 
 LARGEST_SEED = 2**31 - 1
 """What the narrowest random generator in use takes: OMPL's and JAX's keys are 32 bits."""

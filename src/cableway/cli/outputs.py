@@ -45,6 +45,6 @@ def announce(terminal: Terminal, folder: Path, report: Report) -> None:
 
 def write_report(folder: Path, report: Report) -> None:
     """Write a report's plain data."""
-    from cableway.files import write_json
+    from cableway.core.files import write_json
 
     write_json(folder / REPORT, report.as_dict())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from cableway.cli import outputs
 from cableway.cli.planning import PlanOptions, plan_into
 from cableway.cli.terminal import Terminal, pairs
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,7 @@ class Plan(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.scene.loading import load_task
+        from cableway.scene.files.loading import load_task
 
         terminal, task = Terminal(self), load_task(self.task)
         folder = self.folder(task.name)

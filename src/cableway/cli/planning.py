@@ -13,7 +13,7 @@ import tyro
 from cableway.cli import outputs
 from cableway.cli.options import Options
 from cableway.cli.terminal import StageTimer, Tell, Terminal
-from cableway.errors import InputError, PlanningError, PlanningInterrupted
+from cableway.core.errors import InputError, PlanningError, PlanningInterrupted
 
 if TYPE_CHECKING:
     from cableway.planning.config import PlannerConfig
@@ -98,8 +98,8 @@ def plan_into(
 
     A folder is left as it was until there is something to write, so an interrupt costs nothing.
     """
+    from cableway.core.provenance import describe
     from cableway.planning.planner import plan as find_plan
-    from cableway.provenance import describe
     from cableway.report import summarize
 
     config, seed = options.planner_config(), options.seed or 0
@@ -144,7 +144,7 @@ def _plan(task: Task, search: Mapping[str, Any], tell: Tell, rehearsal: bool) ->
 
     if not rehearsal:
         return plan(task, **search)
-    from cableway.rehearsal import rehearsed_plan
+    from cableway.workflow.rehearsal import rehearsed_plan
 
     return rehearsed_plan(task, lambda seed: plan(task, **{**search, "seed": seed}), seed=search["seed"], progress=tell)
 
@@ -169,7 +169,7 @@ def _plan_push(task: Task, limits: VerificationLimits, tell: Tell) -> Plan | Non
     """
     if task.port is None:
         return None
-    from cableway.planning.push import plan_push
+    from cableway.planning.insertion import plan_push
 
     tell("push", 0.0)
     push = plan_push(task, limits)
@@ -179,7 +179,7 @@ def _plan_push(task: Task, limits: VerificationLimits, tell: Tell) -> Plan | Non
 
 def _compile(terminal: Terminal, tell: Tell) -> tuple[str, ...]:
     """Compile the kernels where that is yet to be done; what the report is to say about it."""
-    from cableway.geometry.compiled import is_compiled
+    from cableway.core.compiled import is_compiled
 
     if is_compiled("planning"):
         return ()
@@ -196,7 +196,7 @@ def _compile(terminal: Terminal, tell: Tell) -> tuple[str, ...]:
 def _write_plans(folder: Path, task: Task, report: Report, plans: Sequence[Plan]) -> None:
     from cableway.figures.plan import alternatives_figure, plan_figure
     from cableway.figures.style import save_figure
-    from cableway.scene.saving import save_task
+    from cableway.scene.files.saving import save_task
 
     figure = plan_figure(task, plans[0])
     together = alternatives_figure(task, [plan.shapes for plan in plans]) if len(plans) > 1 else None
@@ -214,7 +214,7 @@ def _write_attempt(folder: Path, task: Task, report: Report, error: PlanningErro
     from cableway.figures.plan import attempt_figure
     from cableway.figures.style import save_figure
     from cableway.records import Attempt
-    from cableway.scene.saving import save_task
+    from cableway.scene.files.saving import save_task
 
     figure = attempt_figure(task, error.attempt or Attempt(reason=str(error)))
     outputs.clear(folder)

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from cableway.cli.episodes import EpisodeOptions, collect
 from cableway.cli.terminal import Tell, Terminal, pairs
-from cableway.errors import UnknownNameError
+from cableway.core.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from cableway.benchmark.episode import Job
-    from cableway.benchmark.sections import Section
+    from cableway.tang2025.reproduction.sections import Section
 
 PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
 
@@ -34,10 +34,10 @@ class Reproduce(EpisodeOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.benchmark.pages import reproduction_page, reproduction_text
         from cableway.benchmark.summary import machine
-        from cableway.files import write_atomically, write_json
-        from cableway.provenance import versions
+        from cableway.core.files import write_atomically, write_json
+        from cableway.core.provenance import versions
+        from cableway.tang2025.reproduction.page import reproduction_page, reproduction_text
 
         if self.size not in SIZES:
             raise UnknownNameError("size", self.size, SIZES)
@@ -68,7 +68,7 @@ class Reproduce(EpisodeOptions):
 
     def _configuration(self) -> dict[str, Any]:
         """What was run, with the seeds that no list of a suite has."""
-        from cableway.benchmark import case_studies, reproduction
+        from cableway.tang2025.reproduction import case_studies, reproduction
 
         suites, transitions, repeats, trials = SIZES[self.size]
         return {
@@ -83,8 +83,8 @@ class Reproduce(EpisodeOptions):
     def _jobs(self) -> list[Job]:
         from cableway.benchmark.episode import jobs_of
         from cableway.benchmark.methods import DEFAULT
-        from cableway.benchmark.reproduction import RUNS
         from cableway.benchmark.suites import get_suite
+        from cableway.tang2025.reproduction.reproduction import RUNS
 
         size = SIZES[self.size][0]
         return [
@@ -95,7 +95,7 @@ class Reproduce(EpisodeOptions):
         ]
 
     def _sections(self, jobs: list[Job], folder: Path, tell: Tell) -> list[Section]:
-        from cableway.benchmark import case_studies, reproduction
+        from cableway.tang2025.reproduction import case_studies, reproduction
 
         _, transitions, repeats, trials = SIZES[self.size]
         results = collect(jobs, folder)

@@ -13,14 +13,14 @@ from cableway.cli import outputs
 from cableway.cli.controllers import CONTROLLERS, MODELS, ROD_BASED, make_controller
 from cableway.cli.planning import Planned, PlanOptions, plan_into
 from cableway.cli.terminal import Tell, Terminal, pairs
-from cableway.errors import ControlError, SimulationError
+from cableway.core.errors import ControlError, SimulationError
 
 if TYPE_CHECKING:
     from cableway.control.base import Controller
     from cableway.records import Plan, Rollout
     from cableway.report import Report
     from cableway.scene.task import Task
-    from cableway.simulation.setup import PlantSetup
+    from cableway.simulation.perturbations.setup import PlantSetup
     from cableway.tracking import Watchdog
 
 
@@ -61,8 +61,8 @@ class Run(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.cli.plants import read_plant
-        from cableway.scene.loading import load_task
+        from cableway.scene.files.loading import load_task
+        from cableway.simulation.perturbations.reading import read_plant
         from cableway.tracking import Watchdog
 
         terminal, task = Terminal(self), load_task(self.task)
@@ -127,8 +127,8 @@ class Run(PlanOptions):
         tell: Tell,
     ) -> _Tracked:
         """Track the plan and, where the task has a port and the goal was reached, push the plug in."""
-        from cableway.geometry.compiled import mark_compiled
-        from cableway.provenance import versions
+        from cableway.core.compiled import mark_compiled
+        from cableway.core.provenance import versions
         from cableway.tracking import Recovery, may_push, push_in, track
 
         assert planned.plan is not None

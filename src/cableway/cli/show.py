@@ -22,7 +22,7 @@ class Show(Options):
         """Carry the command out and return its exit status."""
         from cableway.figures.scene import task_figure
         from cableway.figures.style import save_figure
-        from cableway.scene.loading import load_task
+        from cableway.scene.files.loading import load_task
 
         task = load_task(self.task)
         path = self.target(task.name, "task.png")

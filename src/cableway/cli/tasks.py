@@ -11,7 +11,7 @@ import tyro
 from cableway.cli.options import LARGEST_SEED, Options
 from cableway.cli.outputs import REPORT
 from cableway.cli.terminal import Terminal, columns, literal
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
     from cableway.scene.task import Task
@@ -49,8 +49,8 @@ class Tasks(Options):
         return self._catalogue() if self.random is None else self._random(self.random)
 
     def _catalogue(self) -> int:
-        from cableway.files import write_json
-        from cableway.scene.loading import load_task, task_names
+        from cableway.core.files import write_json
+        from cableway.scene.files.loading import load_task, task_names
 
         tasks = [load_task(name) for name in task_names()]
         rows = [_row(task) for task in tasks]
@@ -60,8 +60,8 @@ class Tasks(Options):
         return 0
 
     def _random(self, kind: str) -> int:
-        from cableway.scene.random.tasks import random_task
-        from cableway.scene.saving import save_task
+        from cableway.scene.files.saving import save_task
+        from cableway.tasks.generation import random_task
 
         terminal, folder, tasks, rows = Terminal(self), self.folder(kind), [], []
         with terminal.progress() as tell:

@@ -11,11 +11,11 @@ import tyro
 from cableway.cli.models import HORIZONS, error_at
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal, pairs
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
-    from cableway.models.learned import LearnedModel
-    from cableway.models.recipe import Recipe
+    from cableway.tang2025.models.learned import LearnedModel
+    from cableway.tang2025.models.recipe import Recipe
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +40,11 @@ class Train(Options):
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.datasets.reading import load_transitions
-        from cableway.models.card import write_card
-        from cableway.models.checkpoint import save_model
-        from cableway.models.compilation import enable_compilation_cache
-        from cableway.models.dataset import joined
-        from cableway.models.recipe import make_model
+        from cableway.tang2025.models.card import write_card
+        from cableway.tang2025.models.checkpoint import save_model
+        from cableway.tang2025.models.compilation import enable_compilation_cache
+        from cableway.tang2025.models.dataset import joined
+        from cableway.tang2025.models.recipe import make_model
 
         terminal, path = Terminal(self), self.target("train", "model.safetensors")
         start = self._start()
@@ -72,8 +72,8 @@ class Train(Options):
         return 0
 
     def _start(self) -> LearnedModel | None:
-        from cableway.models.checkpoint import load_model
-        from cableway.models.learned import LearnedModel
+        from cableway.tang2025.models.checkpoint import load_model
+        from cableway.tang2025.models.learned import LearnedModel
 
         if self.start is None:
             return None
@@ -83,7 +83,7 @@ class Train(Options):
         return model
 
     def _recipe(self, start: LearnedModel | None) -> Recipe:
-        from cableway.models.recipe import read_training_config, shipped_config
+        from cableway.tang2025.models.recipe import read_training_config, shipped_config
 
         recipe = read_training_config(self.config or shipped_config(self.model))
         given = {"seed": self.seed, "devices": self.devices}

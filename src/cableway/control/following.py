@@ -11,8 +11,8 @@ from jaxtyping import Float
 from cableway.control.base import ControllerState, Status
 from cableway.control.limits import within_limits
 from cableway.control.reference import PlanReference, reference_for
-from cableway.control.seen import poses_usable
-from cableway.control.sight import HELD_AS_BELIEVED, Sight
+from cableway.estimation.gating import poses_usable
+from cableway.estimation.gripper_tracker import HELD_AS_BELIEVED, Sight
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
 

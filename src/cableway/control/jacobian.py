@@ -22,11 +22,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from cableway.checks import number_fields, require_choice, require_not_negative, require_positive
 from cableway.control import rod_kernels
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import longest_gap
+from cableway.core.checks import number_fields, require_choice, require_not_negative, require_positive
 from cableway.records import Observation, Plan
 from cableway.rod import adapted
 from cableway.rod.inverse import fit_keypoints

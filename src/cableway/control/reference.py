@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.checks import require_not_negative
-from cableway.errors import InputError
+from cableway.core.checks import require_not_negative
+from cableway.core.errors import InputError
 from cableway.records import Plan
 from cableway.scene.task import CONTROL_STEP, Task
 

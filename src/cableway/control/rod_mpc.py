@@ -31,12 +31,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.checks import number_fields, require_not_negative, require_positive
 from cableway.control import rod_kernels
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import longest_gap, within_limits
-from cableway.control.rod_estimate import EstimatorConfig, RodEstimate, RodEstimator, turned_on
+from cableway.core.checks import number_fields, require_not_negative, require_positive
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator, turned_on
+from cableway.estimation.rod_kernels import MEETING, held
 from cableway.geometry import se2
 from cableway.records import Estimate, Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH, ROD
@@ -220,9 +221,9 @@ class RodMPC(Controller[RodMPCState]):
         wanted, fits, ends = state.plan.plan.shapes[rows], problem.shapes[rows], np.empty((count, 2, 3))
         fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_ITERATIONS, np.empty_like(wanted), ends)
         commanded = state.sight.commanded
-        before = rod_kernels.held(commanded, theta[GRASPS])
+        before = held(commanded, theta[GRASPS])
         now = state.estimate.q.copy()
-        meet_ends(now, before, p, modes, rod_kernels.MEETING)
+        meet_ends(now, before, p, modes, MEETING)
         q = now + fits[1:] - fits[0]
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(state.estimate.offset, rod.stride), wanted[1:].copy(),

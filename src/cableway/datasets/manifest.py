@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, ValidationError
 
-from cableway.errors import FileFormatError
-from cableway.files import write_json
+from cableway.core.errors import FileFormatError
+from cableway.core.files import write_json
 from cableway.scene.cable import Cable
 
 FORMAT = "cableway-transitions"

@@ -10,8 +10,8 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load
 
+from cableway.core.errors import FileFormatError, InputError
 from cableway.datasets.manifest import CABLE, COLUMNS, Column, Manifest, Shard, read_manifest
-from cableway.errors import FileFormatError, InputError
 from cableway.records import Transitions
 
 BUFFER = 131_072

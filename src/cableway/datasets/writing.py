@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import save
 
+from cableway.core.errors import FileFormatError, InputError, StorageError
+from cableway.core.files import write_atomically
 from cableway.datasets.manifest import FORMAT, MANIFEST, VERSION, Column, Manifest, Shard, read_manifest, write_manifest
 from cableway.datasets.reading import read_shard
-from cableway.errors import FileFormatError, InputError, StorageError
-from cableway.files import write_atomically
 
 METADATA_KEY = "cableway"
 """The one key of a shard's metadata; with several, their order and so the file's bytes would be random."""

@@ -15,7 +15,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from cableway.files import write_atomically
+from cableway.core.files import write_atomically
 
 INK = "#1d2733"
 MUTED = "#6b7683"

@@ -17,11 +17,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.path import Path as Outline
 
-from cableway.errors import CablewayError
+from cableway.core.errors import CablewayError
+from cableway.core.files import write_atomically
 from cableway.figures import scene, style
 from cableway.figures.plan import draw_clearance
 from cableway.figures.rollout import draw_errors, stacked_errors
-from cableway.files import write_atomically
 from cableway.records import Rollout
 from cableway.scene.task import Task
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from cableway.geometry.compiled import kernel
+from cableway.core.compiled import kernel
 
 WALLS = ("left wall", "bottom wall", "right wall", "top wall")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cableway.geometry import polyline
+from cableway.planning.candidates import OutOfTime, Search
 from cableway.planning.config import Guide
-from cableway.planning.homotopy import different_routes, motion_class
-from cableway.planning.search import OutOfTime, Search
+from cableway.planning.routes.homotopy import different_routes, motion_class
 from cableway.records import Plan
 from cableway.scene.task import Task
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
-from cableway.geometry.compiled import mark_compiled
+from cableway.core.compiled import mark_compiled
 from cableway.planning.planner import plan
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 
 EXAMPLE = "single-obstacle-2"
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
-from cableway.checks import require_choice, require_not_negative, require_range
-from cableway.errors import InputError, UnknownNameError
-from cableway.planning.explore import ExploreConfig
-from cableway.planning.realization import RealizationConfig
+from cableway.core.checks import require_choice, require_not_negative, require_range
+from cableway.core.errors import InputError, UnknownNameError
+from cableway.planning.projection import RealizationConfig
+from cableway.planning.rrt_connect import ExploreConfig
 from cableway.verification import VerificationLimits
 
 PivotMethod = Literal["grid", "rrt_star"]

@@ -10,13 +10,13 @@ from typing import overload
 
 from threadpoolctl import threadpool_limits
 
-from cableway.errors import InputError, PlanningError, PlanningInterrupted
+from cableway.core.errors import InputError, PlanningError, PlanningInterrupted
 from cableway.planning.alternatives import ROUTED, find_alternatives
+from cableway.planning.candidates import OutOfTime, Search
 from cableway.planning.config import Guide, PlannerConfig
-from cableway.planning.guides import Progress
-from cableway.planning.homotopy import requested_route, unmet_request
-from cableway.planning.realization import end_equilibria
-from cableway.planning.search import OutOfTime, Search
+from cableway.planning.initial_trajectories import Progress
+from cableway.planning.projection import end_equilibria
+from cableway.planning.routes.homotopy import requested_route, unmet_request
 from cableway.records import Passage, Plan
 from cableway.scene.task import Task
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from cableway.geometry import polyline
 from cableway.planning.config import PivotConfig
-from cableway.planning.pivot import plan_pivot_path
+from cableway.planning.routes.pivot import plan_pivot_path
 from cableway.records import DeformationSequence
 from cableway.scene.task import Task
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from cableway.geometry.compiled import kernel
+from cableway.core.compiled import kernel
 
 LOAD_SCALE = (10.0, 10.0, 3.0)
 """Units of (a_x, a_y, m) in which steps are measured."""

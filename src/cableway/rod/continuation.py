@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.geometry import se2
 from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import SAME_SHAPE, meet_poses

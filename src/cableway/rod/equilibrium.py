@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.rod import kernels
 
 STRAIGHT_STABILITY = 4 * np.pi**2

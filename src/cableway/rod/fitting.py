@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cableway.geometry.compiled import kernel
+from cableway.core.compiled import kernel
 from cableway.rod.kernels import world_shape, world_shape_jacobian
 
 ITERATIONS = 100

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
 from cableway.rod import fitting
 from cableway.rod.equilibrium import Rod

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from cableway.geometry.compiled import kernel
+from cableway.core.compiled import kernel
 
 
 @kernel

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import InputError, TaskError
+from cableway.core.errors import InputError, TaskError
 from cableway.rod.equilibrium import Rod
 from cableway.scene import checks
-from cableway.scene.presets import preset_names, preset_ranges
+from cableway.scene.files.presets import preset_names, preset_ranges
 
 KEYPOINTS = (3, 200)
 """Least and largest number of keypoints."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import Place, TaskError
+from cableway.core.errors import Place, TaskError
 
 LARGEST = 1e6
 """No number of a task is larger, in its unit; beyond it products of a few of them overflow."""

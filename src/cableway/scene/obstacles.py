@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from cableway.errors import TaskError
+from cableway.core.errors import TaskError
 from cableway.geometry import polyline, se2
 from cableway.scene import checks
 

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from cableway.errors import TaskError
+from cableway.core.errors import TaskError
 from cableway.geometry import convex
 from cableway.scene import checks
 from cableway.scene.obstacles import Disc, Obstacle, describe, to_shapely

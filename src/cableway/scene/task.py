@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from cableway.errors import TaskError
+from cableway.core.errors import TaskError
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene import checks, validity
 from cableway.scene.cable import Cable

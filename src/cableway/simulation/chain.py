@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from mujoco import batch
 
-from cableway.errors import InputError, SimulationError
+from cableway.core.errors import InputError, SimulationError
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene

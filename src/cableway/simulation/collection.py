@@ -20,14 +20,14 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
+from cableway.core.errors import SimulationError
+from cableway.core.executors import open_executor
+from cableway.core.provenance import describe, versions
 from cableway.datasets.manifest import CABLE, Manifest, Shard, columns_for
 from cableway.datasets.writing import DatasetWriter, Origin, open_writer
-from cableway.errors import SimulationError
-from cableway.provenance import describe, versions
-from cableway.scene.loading import load_task
+from cableway.scene.files.loading import load_task
 from cableway.scene.scene import Scene
 from cableway.simulation.episodes import CollectionConfig, Collector, Episode
-from cableway.simulation.executors import open_executor
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""

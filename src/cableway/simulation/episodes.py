@@ -8,15 +8,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from cableway.checks import require_not_negative, require_positive
-from cableway.errors import SimulationError
+from cableway.core.checks import require_not_negative, require_positive
+from cableway.core.errors import SimulationError
 from cableway.rod.equilibrium import Rod
 from cableway.scene.cable import Cable
-from cableway.scene.presets import preset_ranges
+from cableway.scene.files.presets import preset_ranges
 from cableway.scene.scene import Scene
 from cableway.simulation.chain import Chain
-from cableway.simulation.motion import MotionConfig, Surroundings, random_motion
 from cableway.simulation.plant import PlantConfig
+from cableway.simulation.random_motion import MotionConfig, Surroundings, random_motion
 from cableway.simulation.shapes import self_crossings
 
 GRASP_TOLERANCE = 0.002

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from cableway.checks import require_positive
-from cableway.errors import InputError, SimulationError
+from cableway.core.checks import require_positive
+from cableway.core.errors import InputError, SimulationError
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable

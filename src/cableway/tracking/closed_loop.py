@@ -9,8 +9,8 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from cableway.control.base import Controller
-from cableway.errors import InputError
-from cableway.provenance import describe
+from cableway.core.errors import InputError
+from cableway.core.provenance import describe
 from cableway.records import Plan, Rollout
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant

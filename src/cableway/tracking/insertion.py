@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.plug_push import PlugPush
+from cableway.control.insertion import PlugPush
 from cableway.records import INSERTION, SUCCESS_ERROR, Measurement, Observation, Plan, Rollout
 from cableway.scene.task import Task
 from cableway.tracking.closed_loop import Progress, track

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cableway.errors import SimulationError
+from cableway.core.errors import SimulationError
 from cableway.records import Estimate, Measurement, Observation, Rollout
 
 

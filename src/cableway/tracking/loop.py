@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cableway.control.base import Controller, ControllerState
-from cableway.errors import SimulationError
+from cableway.core.errors import SimulationError
 from cableway.records import Plan
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.checks import number_fields, require_not_negative
-from cableway.errors import PlanningError, TaskError
+from cableway.core.checks import number_fields, require_not_negative
+from cableway.core.errors import PlanningError, TaskError
 from cableway.geometry import polyline
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cableway.checks import number_fields, require_not_negative
 from cableway.control.base import ControllerState
+from cableway.core.checks import number_fields, require_not_negative
 from cableway.records import SETTLED, TIME_OUT, Observation, Plan
 
 

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from cableway.checks import number_fields, require_not_negative, require_positive
 from cableway.control.base import Controller, ControllerState
 from cableway.control.jacobian import blend_jacobian
 from cableway.control.limits import exceeds_limits, within_limits
-from cableway.control.seen import FAR, poses_usable
-from cableway.errors import ControlError
+from cableway.core.checks import number_fields, require_not_negative, require_positive
+from cableway.core.errors import ControlError
+from cableway.estimation.gating import FAR, poses_usable
 from cableway.geometry import polyline
 from cableway.records import Observation
 from cableway.scene.task import Task

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.compiled import kernel
 from cableway.geometry import polyline, se2
-from cableway.geometry.compiled import kernel
 
 LINKS_PER_SEGMENT = 4
 """Links between two keypoints: twice as fine as the planner's chain."""

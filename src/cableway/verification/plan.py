@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.task import Task

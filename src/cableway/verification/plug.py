@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.records import PORT_ANGLE, PORT_DEPTH, PORT_LATERAL, Check
 from cableway.scene.task import MOUTH, Task
 from cableway.verification.swept import closest_approach

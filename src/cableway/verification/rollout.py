@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from cableway.errors import InputError
+from cableway.core.errors import InputError
 from cableway.geometry import se2
 from cableway.records import SUCCESS_ERROR, Check, Rollout, Verdict
 from cableway.scene.task import CONTROL_STEP, Task

@@ -1,0 +1,117 @@
+"""Pushing a plug into its port: hold before it until the plug is aligned, then go straight.
+
+The plug is fixed to the cable's end, and both are held askew by an unknown grasp g (`cableway.rod.adapted`), which
+cannot be seen at the plug itself. While the grippers hold, g is estimated from the shape of the whole cable, and the
+right gripper is brought by small steps to the pose bearing(x_0, g) at which the plug is where the plan has it. Then
+both grippers make the plan's motions and nothing else: what is in a port is not corrected.
+
+Note:
+    Not in the paper (Tang et al.).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control.base import Controller, Status
+from cableway.control.following import FollowerState
+from cableway.core.checks import number_fields, require_not_negative, require_range
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator, turned_on
+from cableway.geometry import se2
+from cableway.records import Estimate, Observation, Plan
+from cableway.rod.adapted import GRASPS, LENGTH
+from cableway.rod.inverse import fit_keypoints
+from cableway.scene.task import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlugPushConfig:
+    """Settings of `PlugPush`.
+
+    Attributes:
+        hold: Time [s] before the port in which the grasp is estimated and the plug aligned.
+        gain: Share of the misalignment believed that a step takes away; averages over about 1 / `gain` observations.
+        longest: Largest distance between the grippers, as a share of the cable's length as believed.
+        blind_steps: Control steps without gripper poses after which the grippers stop.
+        estimator: Of the grasp, among other things.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    hold: float = 4.0
+    gain: float = 0.15
+    longest: float = 0.995
+    blind_steps: int = 3
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+
+    def __post_init__(self) -> None:
+        require_range(self, 0, 1, "gain")
+        require_not_negative(self, *number_fields(self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlugPushState(FollowerState):
+    """State of `PlugPush`.
+
+    Attributes:
+        estimator: Of the rod's parameters.
+        estimate: What is believed of the cable.
+    """
+
+    estimator: RodEstimator
+    estimate: RodEstimate
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """See `ControllerState.estimates`."""
+        return self.estimator.told(self.estimate)
+
+
+class PlugPush(Controller[PlugPushState]):
+    """Aligns the plug with the first row of a push, then makes the motions of the rest.
+
+    Args:
+        config: The settings, the defaults where None.
+    """
+
+    def __init__(self, config: PlugPushConfig | None = None) -> None:
+        self.config = config or PlugPushConfig()
+
+    def init(self, task: Task, plan: Plan) -> PlugPushState:
+        """See `Controller.init`."""
+        beginning = FollowerState.beginning(task, plan, self.config.hold)
+        estimator = RodEstimator(task.cable.rod, self.config.estimator, self.control_step)
+        shape = turned_on(fit_keypoints(task.cable.rod, plan.shapes[0])[0], task.cable.rod, plan.poses[0])
+        state = PlugPushState(**beginning, estimator=estimator, estimate=estimator.start(shape))
+        self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
+        return state
+
+    def step(
+        self, state: PlugPushState, observation: Observation | None
+    ) -> tuple[Float[np.ndarray, "2 3"], PlugPushState]:
+        """See `Controller.step`."""
+        state = state.looking(observation, state.estimate.theta[GRASPS])
+        if state.sight.blind > self.config.blind_steps:
+            return state.sending(np.zeros((2, 3)), Status.STOPPED, math.inf)
+        if state.index < state.plan.held_steps:
+            state = self._learning(state)
+            action = np.stack([np.zeros(3), self.config.gain * self._misaligned(state)])
+        else:
+            action = state.plan.actions(state.index, 1)[0]
+        longest = self.config.longest * float(state.estimate.theta[LENGTH])
+        return state.sending(action, Status.UNSEEN if state.sight.unseen else Status.TRACKING, longest)
+
+    def _learning(self, state: PlugPushState) -> PlugPushState:
+        sight = state.sight
+        return replace(state, estimate=state.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed))
+
+    def _misaligned(self, state: PlugPushState) -> Float[np.ndarray, "3"]:
+        """From where the right gripper is to where it has the plug aligned, as the grasp is believed."""
+        grasp = state.estimate.theta[GRASPS].reshape(2, 3)[1]
+        wanted = se2.bearing(state.plan.plan.poses[0, 1], grasp)
+        return se2.pose_step(state.sight.commanded[1], wanted)

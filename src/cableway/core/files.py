@@ -1,0 +1,169 @@
+"""Files: written whole or not at all, read without executing anything in them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tempfile
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from cableway.core.errors import FileFormatError, InputError
+
+
+def write_atomically(path: Path, write: Any) -> None:
+    """Call `write(file)` on a temporary file beside `path`, then move it there: all of it or nothing.
+
+    What it leaves is on disk, not in a cache: it outlasts a crash of the machine.
+
+    Args:
+        path: Where the content goes; its folder is made if missing.
+        write: Called with a binary file object.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, path)
+        _sync_folder(path.parent)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write indented JSON atomically; not-a-number is refused."""
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def read_arrays(path: Path | str) -> dict[str, np.ndarray]:
+    """All arrays of an `.npz` file, without executing anything in it.
+
+    Raises:
+        FileFormatError: The file is missing or is no archive of plain arrays.
+    """
+    try:
+        with open(path, "rb") as file:
+            if not zipfile.is_zipfile(file):
+                raise FileFormatError(f"{path}: not an .npz archive")
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except FileFormatError:
+        raise
+    except FileNotFoundError:
+        raise FileFormatError(f"{path}: no such file") from None
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except Exception as error:  # NumPy, zipfile, zlib and tokenize have a dozen kinds for damaged archives
+        raise FileFormatError(f"{path}: a damaged .npz archive ({' '.join(str(error).split())})") from None
+
+
+class ArrayRecord:
+    """Base of the records that save to `.npz`. Subclasses are frozen dataclasses."""
+
+    kind: ClassVar[str]
+
+    def save(self, path: Path | str) -> None:
+        """Write all fields that are not None to an `.npz` file, atomically."""
+        arrays: dict[str, Any] = {}
+        for entry in fields(self):  # pyright: ignore[reportArgumentType]
+            value = getattr(self, entry.name)
+            if value is not None:
+                arrays[entry.name] = json.dumps(value) if isinstance(value, dict) else value
+        write_atomically(Path(path), lambda file: np.savez_compressed(file, **arrays))
+
+    @classmethod
+    def load(cls, path: Path | str) -> Self:
+        """Read a file that `save` wrote.
+
+        Raises:
+            FileFormatError: The file is missing, damaged or holds another kind of record.
+        """
+        return cls.from_arrays(read_arrays(path), str(path))
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray], source: str) -> Self:
+        """The record from the arrays of a file; `source` names it in errors."""
+        values: dict[str, Any] = {}
+        for entry in fields(cls):  # pyright: ignore[reportArgumentType]
+            if entry.name not in arrays and entry.default is None:
+                continue
+            if entry.name not in arrays:
+                raise FileFormatError(f"{source}: not a {cls.kind} file, it has no array {entry.name!r}")
+            value = arrays[entry.name]
+            values[entry.name] = _metadata(value, source) if entry.name == "metadata" else value
+        try:
+            return cls(**values)
+        except InputError as error:
+            raise FileFormatError(f"{source}: {error}") from None
+        except (TypeError, IndexError, ValueError) as error:
+            raise FileFormatError(f"{source}: its arrays are not those of a {cls.kind} ({error})") from None
+
+
+def _metadata(value: np.ndarray, source: str) -> dict[str, Any]:
+    try:
+        content = json.loads(str(value))
+    except json.JSONDecodeError as error:
+        raise FileFormatError(f"{source}: metadata is not JSON ({error})") from None
+    if not isinstance(content, dict):
+        raise FileFormatError(f"{source}: metadata is not a JSON object")
+    return content
+
+
+def check_shapes(record: Any) -> None:
+    """Check that the arrays of a record are real numbers of the shapes that its annotations state.
+
+    Raises:
+        InputError: One is not; a letter must stand for the same number throughout the record.
+    """
+    sizes: dict[str, int] = {}
+    for entry in fields(record):
+        stated = re.fullmatch(r"Float\[np\.ndarray, '(.*)'\]( \| None)?", str(entry.type))
+        value = getattr(record, entry.name)
+        if stated is None or (value is None and stated[2]):
+            continue
+        axes = stated[1].split()
+        if not (isinstance(value, np.ndarray) and value.dtype.kind in "fiu"):
+            raise InputError(f"{entry.name} is no array of numbers")
+        fits = value.ndim == len(axes) and all(
+            _is_size(axis, size, sizes) for axis, size in zip(axes, value.shape, strict=True)
+        )
+        known = ", ".join(f"{letter} = {size}" for letter, size in sizes.items())
+        if not fits:
+            raise InputError(
+                f"{entry.name} has shape {value.shape}, not ({', '.join(axes)}) with {known or 'any sizes'}"
+            )
+
+
+def _is_size(axis: str, size: int, sizes: dict[str, int]) -> bool:
+    """Whether an axis such as "T+1" or "2" may have this size; a letter met for the first time gets its value."""
+    letter, _, more = axis.partition("+")
+    if letter.isdigit():
+        return size == int(letter)
+    counted = size - int(more or 0)
+    return counted == sizes.setdefault(letter, counted)

@@ -1,0 +1,1 @@
+"""What is known of grippers and cable from late, partial and noisy observations."""

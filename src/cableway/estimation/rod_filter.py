@@ -1,0 +1,249 @@
+"""What is believed of the cable while it is led: a few parameters of the rod, and what they leave unexplained.
+
+An observation is predicted as the equilibrium of the adapted rod (`cableway.rod.adapted`) between the grippers as
+they were when it was taken, h(theta). The parameters drift towards their prior as an Ornstein-Uhlenbeck process, so
+that none runs away that is not seen, and an extended Kalman filter corrects them by what was measured. Keypoints far
+from their prediction count less (Huber 1964, "Robust estimation of a location parameter"), missing ones not at all.
+What remains of the difference, low-pass filtered, is the output offset.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.checks import number_fields, require_at_least, require_not_negative, require_range
+from cableway.estimation import rod_kernels
+from cableway.geometry import se2
+from cableway.records import Estimate
+from cableway.rod import adapted
+from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, PARAMETERS, STIFFNESS
+from cableway.rod.equilibrium import Rod
+from cableway.rod.inverse import fit_keypoints
+
+MET = 1e-3
+"""Residual of the ends, in lengths and radians, up to which the rod is held as it should be."""
+
+HALVINGS = 6
+"""Shorter corrections tried where the corrected rod cannot be held by its grippers."""
+
+JUMP = 0.015
+"""Mean distance [m] of the keypoints from their prediction from which the cable may have jumped to another shape."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorConfig:
+    """Settings of the estimation.
+
+    Attributes:
+        length: Prior standard deviation of the length, in lengths; 0 where it is known, as for all the others.
+        stiffness: Of each mode of the logarithm of the stiffness.
+        curvature: Of each mode of the turn at rest [rad].
+        grasp: Of where the cable is in a gripper [m].
+        grasp_turn: Of its turn there [rad].
+        memory: Time [s] in which the parameters forget.
+        noise: Standard deviation [m] of what an equilibrium cannot explain, at rest.
+        lag: Time [s] by which a moving cable may be behind; that share of its motion adds to the noise.
+        outlier: Distance from the prediction, in standard deviations, from which a keypoint counts less.
+        offset_gain: Share of the newest difference that enters the output offset.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    length: float = 0.02
+    stiffness: float = 0.5
+    curvature: float = 1.0
+    grasp: float = 0.004
+    grasp_turn: float = 0.06
+    memory: float = 30.0
+    noise: float = 0.004
+    lag: float = 0.1
+    outlier: float = 3.0
+    offset_gain: float = 0.2
+
+    def __post_init__(self) -> None:
+        require_at_least(self, 1e-9, "memory", "noise", "outlier")
+        require_range(self, 0, 1, "offset_gain")
+        require_not_negative(self, *number_fields(self))
+
+    @classmethod
+    def nominal(cls, offset_gain: float = 0.2) -> EstimatorConfig:
+        """The parameters are known: only the output offset is estimated."""
+        return cls(length=0.0, stiffness=0.0, curvature=0.0, grasp=0.0, grasp_turn=0.0, offset_gain=offset_gain)
+
+    def prior(self, length: float) -> Float[np.ndarray, "p"]:
+        """Standard deviations of theta for a cable of nominal `length` [m]."""
+        deviation = np.zeros(PARAMETERS)
+        deviation[LENGTH] = self.length * length
+        deviation[STIFFNESS], deviation[CURVATURE] = self.stiffness, self.curvature
+        deviation[GRASPS] = [self.grasp, self.grasp, self.grasp_turn] * 2
+        return deviation
+
+
+@dataclass(frozen=True)
+class RodEstimate:
+    """What is believed.
+
+    Attributes:
+        theta: (p,) parameters, see `cableway.rod.adapted`.
+        covariance: (p, p) of theta, in units of its prior.
+        q: (6,) shape last predicted.
+        offset: (n, 2) [m] what the prediction is short of.
+    """
+
+    theta: Float[np.ndarray, "p"]
+    covariance: Float[np.ndarray, "p p"]
+    q: Float[np.ndarray, "6"]
+    offset: Float[np.ndarray, "n 2"]
+
+
+@dataclass(frozen=True)
+class _Prediction:
+    """Shape q (6,), keypoints (n, 2), their derivative (n, 2, p) by theta, and whether the rod can be held so."""
+
+    q: Float[np.ndarray, "6"]
+    keypoints: Float[np.ndarray, "n 2"]
+    by_theta: Float[np.ndarray, "n 2 p"]
+    possible: bool
+
+    def distances(self, keypoints: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k"]:
+        """From those of the keypoints that were seen [m]; infinite where the rod cannot be held so."""
+        if not self.possible:
+            return np.array([np.inf])
+        distances = np.linalg.norm(keypoints - self.keypoints, axis=1)
+        return distances[np.isfinite(distances)]
+
+
+class RodEstimator:
+    """Estimates theta and the output offset.
+
+    Args:
+        rod: The rod; its length is the first guess.
+        config: The settings.
+        control_step: Time [s] between two updates.
+    """
+
+    def __init__(self, rod: Rod, config: EstimatorConfig, control_step: float) -> None:
+        self.rod, self.modes, self._config = rod, adapted.modes(rod), config
+        self._nominal = adapted.nominal(rod)
+        self._prior = config.prior(rod.length)
+        self._kept = math.exp(-control_step / config.memory)
+        self._lag = config.lag / control_step
+
+    def start(self, q: Float[np.ndarray, "6"]) -> RodEstimate:
+        """Nothing known but the first shape q."""
+        return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros((self.rod.keypoints, 2)))
+
+    def told(self, estimate: RodEstimate) -> dict[str, Estimate]:
+        """The parameters by name."""
+        deviations = self._prior * np.sqrt(np.diag(estimate.covariance))
+        theta, nominal, prior = estimate.theta, self._nominal, self._prior
+        return {
+            name: Estimate(float(theta[k]), float(deviations[k]), float(nominal[k]), float(prior[k]), unit)
+            for k, (name, unit) in enumerate(adapted.NAMES.items())
+        }
+
+    def slack(self, estimate: RodEstimate, poses: Float[np.ndarray, "2 3"]) -> tuple[float, float]:
+        """How much longer [m] the cable is than the distance between its ends, and the standard deviation of that.
+
+        Args:
+            estimate: What is believed.
+            poses: (2, 3) grippers [m, m, rad].
+        """
+        ends = rod_kernels.held(poses, estimate.theta[GRASPS])
+        apart = ends[1, :2] - ends[0, :2]
+        gap = float(np.linalg.norm(apart))
+        toward = apart / max(gap, 1e-9)
+        left, right = (np.array([*(toward @ se2.rotation(pose[2])), 0.0]) for pose in poses)
+        by_theta = np.zeros(PARAMETERS)
+        by_theta[LENGTH], by_theta[GRASPS] = 1.0, np.concatenate([left, -right])
+        scaled = by_theta * self._prior
+        return float(estimate.theta[LENGTH]) - gap, math.sqrt(float(scaled @ estimate.covariance @ scaled))
+
+    def update(
+        self,
+        estimate: RodEstimate,
+        keypoints: Float[np.ndarray, "n 2"],
+        poses: Float[np.ndarray, "2 3"],
+        speed: float,
+    ) -> RodEstimate:
+        """The estimate after an observation; as it was where the rod cannot explain it.
+
+        Args:
+            estimate: Before it.
+            keypoints: (n, 2) [m], NaN where not seen.
+            poses: (2, 3) grippers at the time the keypoints were seen [m, m, rad].
+            speed: Of the faster gripper then [m per control step].
+        """
+        seen = np.isfinite(keypoints[:, 0])
+        if not seen.any():
+            return estimate
+        expected = self._explained(estimate.q, estimate.theta, keypoints, poses)
+        if not expected.possible:
+            return estimate
+        theta, covariance = self._corrected(estimate, expected, keypoints, speed)
+        corrected = self._explained(expected.q, theta, keypoints, poses)
+        for _ in range(HALVINGS):
+            if corrected.possible:
+                break
+            # a rod that is too short for its grippers: part of the way, and no surer than before
+            theta, covariance = (theta + estimate.theta) / 2, estimate.covariance
+            corrected = self._explained(expected.q, theta, keypoints, poses)
+        if not corrected.possible:
+            return estimate
+        rest = np.where(seen[:, None], keypoints - corrected.keypoints, estimate.offset)
+        offset = estimate.offset + self._config.offset_gain * (rest - estimate.offset)
+        return RodEstimate(theta, covariance, corrected.q, offset)
+
+    def _predict(
+        self, q: Float[np.ndarray, "6"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 3"]
+    ) -> _Prediction:
+        q, n = q.copy(), self.rod.keypoints
+        keypoints, by_theta = np.empty((n, 2)), np.empty((n, 2, PARAMETERS))
+        left = rod_kernels.predict(q, poses, theta, self.modes, self.rod.stride, keypoints, by_theta)
+        finite = bool(np.isfinite(keypoints).all() and np.isfinite(by_theta).all())
+        return _Prediction(q, keypoints, by_theta, finite and left < MET)
+
+    def _explained(
+        self,
+        q: Float[np.ndarray, "6"],
+        theta: Float[np.ndarray, "p"],
+        keypoints: Float[np.ndarray, "n 2"],
+        poses: Float[np.ndarray, "2 3"],
+    ) -> _Prediction:
+        """The prediction that goes on from q or, after a jump, from the keypoints, whichever is nearer to them."""
+        going_on = self._predict(q, theta, poses)
+        missed = float(going_on.distances(keypoints).mean())
+        if missed < JUMP:
+            return going_on
+        filled = np.where(np.isfinite(keypoints), keypoints, self.rod.at_keypoints(self.rod.shapes(q[None])[0])[0])
+        q = turned_on(fit_keypoints(self.rod, filled)[0], self.rod, poses)
+        anew = self._predict(q, theta, poses)
+        return anew if float(anew.distances(keypoints).mean()) < 0.5 * missed else going_on
+
+    def _corrected(
+        self, estimate: RodEstimate, expected: _Prediction, keypoints: Float[np.ndarray, "n 2"], speed: float
+    ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+        """One step of the filter: theta and its covariance in units of the prior."""
+        config, kept, nominal, prior = self._config, self._kept, self._nominal, self._prior
+        distance = np.linalg.norm(keypoints - expected.keypoints, axis=1)
+        deviation = math.hypot(config.noise, self._lag * speed)
+        certainty = 1.0 / np.maximum(1.0, distance / (config.outlier * deviation)) / deviation**2
+        weights = np.repeat(np.where(np.isfinite(distance), certainty, 0.0), 2)
+        error = np.nan_to_num(keypoints - expected.keypoints).ravel()
+        rows = (expected.by_theta * prior).reshape(-1, PARAMETERS)
+        theta = nominal + kept * (estimate.theta - nominal)
+        drifted = kept**2 * estimate.covariance + (1 - kept**2) * np.eye(PARAMETERS)
+        weighted = rows.T * weights
+        covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
+        return theta + prior * (covariance @ (weighted @ error)), covariance
+
+
+def turned_on(q: Float[np.ndarray, "6"], rod: Rod, poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "6"]:
+    """The same shape with its angle as many full turns on as the gripper `poses` [m, m, rad] are."""
+    turns = poses[:, 2] - rod.shapes(q[None])[1][0, :, 2]
+    return q + [0.0, 0.0, 2 * np.pi * np.round(turns.mean() / (2 * np.pi)), 0.0, 0.0, 0.0]

@@ -1,0 +1,89 @@
+"""The push: from the goal, before the port, along its axis until the plug is in.
+
+The right end first moves and turns onto the axis, as far as the goal is beside it, and then goes straight. The left
+gripper goes along, so that the cable keeps its shape, or stands still; the first that verifies is taken. In between the
+cable is led as the rod that it is, and must not snap.
+
+Note:
+    The paper (Tang et al.) inserts an HDMI plug as a case study and is silent on how it is aligned and pushed in.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import PlanningError
+from cableway.core.provenance import versions
+from cableway.geometry import se2
+from cableway.records import INSERTION, Attempt, Plan
+from cableway.rod.continuation import lead
+from cableway.scene.task import Task
+from cableway.verification import VerificationLimits, verify_push
+from cableway.verification.plug import require_port
+
+STEP = 0.002
+"""Travel [m] in a control step: 2 cm/s, slow enough for a hand to stop it."""
+
+TURN = 0.02
+"""Turn [rad] in a control step."""
+
+SHARES = {1.0: "goes along", 0.0: "stands still"}
+"""Shares of the right gripper's travel that the left one makes, in the order they are tried."""
+
+
+def plan_push(task: Task, limits: VerificationLimits | None = None) -> Plan:
+    """The verified plan of a push; `metadata["part"]` is "insertion".
+
+    Args:
+        task: A task with a port.
+        limits: What the plan must keep, the defaults where None.
+
+    Raises:
+        InputError: The task has no port.
+        PlanningError: Neither way verifies; `attempt` holds the last one.
+    """
+    require_port(task)
+    reasons, attempt = [], None
+    for share, name in SHARES.items():
+        poses = _poses(task, share)
+        led = lead(task.cable.rod, task.goal_fit[0], poses)
+        if led.snap is not None:
+            reasons.append(f"the cable snaps at row {led.snap:.1f} of {len(poses) - 1} if the left gripper {name}")
+            continue
+        plan = _plan(task, led.q, name)
+        verdict = verify_push(plan, task, limits)
+        if verdict.passed:
+            return plan
+        reasons.append(f"if the left gripper {name}: {verdict}")
+        attempt = Attempt(reasons[-1], plan.pivot, None, plan.shapes, verdict, plan.poses)
+    raise PlanningError(f"the plug cannot be pushed into the port: {'; '.join(reasons)}", attempt)
+
+
+def _poses(task: Task, share: float) -> Float[np.ndarray, "T+1 2 3"]:
+    """Gripper poses: the right one onto the axis and along it, the left one doing `share` of its travel."""
+    assert task.plug is not None
+    assert task.port is not None
+    first = task.cable.rod.shapes(task.goal_fit[0][None])[1][0]
+    before = first[1] + se2.pose_step(first[1], task.port.pose(task.plug, -task.port.standoff))
+    after = before + task.port.pose(task.plug, task.port.depth) - task.port.pose(task.plug, -task.port.standoff)
+    right = np.vstack([_straight(task, first[1], before), _straight(task, before, after)[1:]])
+    left = np.repeat(first[:1], len(right), axis=0)
+    left[:, :2] += share * (right[:, :2] - right[0, :2])
+    return np.stack([left, right], axis=1)
+
+
+def _straight(task: Task, a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 3"]:
+    """Poses from a to b, both included, no farther apart than `STEP` and `TURN` and the limits of the grippers."""
+    steps = np.linalg.norm(b[:2] - a[:2]) / min(STEP, task.grippers.max_step)
+    turns = abs(b[2] - a[2]) / min(TURN, task.grippers.max_turn)
+    return np.linspace(a, b, max(1, int(np.ceil(max(steps, turns) - 1e-9))) + 1)
+
+
+def _plan(task: Task, q: Float[np.ndarray, "T+1 6"], left: str) -> Plan:
+    stations, poses = task.cable.rod.shapes(q)
+    shapes = np.ascontiguousarray(task.cable.rod.at_keypoints(stations))
+    progress = np.repeat(np.linspace(0.0, 1.0, len(q))[:, None], shapes.shape[1], axis=1)
+    made_by = {"part": INSERTION, "left gripper": left, "versions": versions()}
+    paths = np.ascontiguousarray(shapes.swapaxes(0, 1))
+    return Plan(shapes, poses, paths[len(paths) // 2], np.empty((0, 2, 2)), paths, progress, made_by)

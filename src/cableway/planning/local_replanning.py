@@ -1,0 +1,135 @@
+"""Repair: where a refined sequence is still not free, a search finds a way round within that stretch.
+
+A guide through narrow ways is often good but for a corner or two that the refinement, which goes downhill, can't get
+the cable round. From the last free shape before such a stretch to the first one after it, two trees of equilibria meet
+quickly, because the shapes of the stretch show them where to look.
+
+Note:
+    Not in the paper (Tang et al.).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from cableway.core.errors import PlanningError
+from cableway.planning import rrt_connect
+from cableway.planning.projection import RealizationConfig, RealizedSequence, between, evenly_moved, stepped
+from cableway.planning.trajectory_optimization import refine
+from cableway.records import DeformationSequence
+from cableway.scene.task import Task
+
+SAMPLES = 4000
+"""Most samples of one search."""
+
+ROOM = (1, 10, 60)
+"""Rows by which a stretch is widened on both sides, one after the other, until the search succeeds."""
+
+
+def repaired(
+    realised: RealizedSequence,
+    sequence: DeformationSequence,
+    task: Task,
+    config: RealizationConfig,
+    search: rrt_connect.ExploreConfig,
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda _: None,
+) -> RealizedSequence:
+    """A realised sequence with what is not free repaired, refined again and stepped.
+
+    Args:
+        realised: Equilibria made of `sequence`.
+        sequence: Shapes from start to goal.
+        task: The task.
+        config: How it was realised.
+        search: What is free, and how trees grow.
+        seed: Same seed, same sequence.
+        progress: Called with the share that is done; it may raise to stop.
+
+    Raises:
+        PlanningError: A stretch was not got round, or there is none that is not free.
+    """
+    assert realised.q is not None
+    assert realised.rows is not None
+    q, places = repair(realised.q, task, search, seed=seed, progress=lambda share: progress(share / 2))
+    at = evenly_moved(task.cable.rod, q, config.row_step)
+    rows = np.interp(np.interp(at, np.arange(len(q)), places), np.arange(len(realised.q)), realised.rows)
+    q = refine(between(q, at), task, config.refinement, lambda share: progress((1 + share) / 2))
+    return stepped(q, rows, sequence, task, config)
+
+
+def repair(
+    q: Float[np.ndarray, "T+1 6"],
+    task: Task,
+    config: rrt_connect.ExploreConfig,
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[Float[np.ndarray, "R+1 6"], Float[np.ndarray, "R+1"]]:
+    """A sequence of free stable equilibria that leaves the one given only where that is not free.
+
+    Args:
+        q: Rod coordinates with angles that run on; the first and last row are start and goal.
+        task: The task.
+        config: What is free, and how the trees grow.
+        seed: Same seed, same sequence.
+        progress: Called with the share that is done; it may raise to stop.
+
+    Returns:
+        q (R+1, 6), neighbours about `config.step` apart at most, and for each row its place 0..T in the sequence given.
+
+    Raises:
+        PlanningError: A stretch was not got round, or there is none that is not free.
+    """
+    places = evenly_moved(task.cable.rod, q, config.step)
+    q = between(q, places)
+    free = rrt_connect.are_free(q, task, config)
+    if free.all():
+        raise PlanningError("there is nothing to repair")
+    if not (free[0] and free[-1]):
+        raise PlanningError("start or goal is not free")
+    taken, kept, at = [], [], 0
+    while not free[at:].all():
+        progress(at / len(q))
+        begin, end, way = _way_round(q, free, at, task, config, seed)
+        taken += [q[at:begin], way[:-1]]
+        kept += [places[at:begin], np.linspace(places[begin], places[end], len(way))[:-1]]
+        at = end
+    return np.vstack([*taken, q[at:]]), np.concatenate([*kept, places[at:]])
+
+
+def _way_round(
+    q: Float[np.ndarray, "T+1 6"],
+    free: Bool[np.ndarray, "T+1"],
+    at: int,
+    task: Task,
+    config: rrt_connect.ExploreConfig,
+    seed: int,
+) -> tuple[int, int, Float[np.ndarray, "k 6"]]:
+    """Round the first stretch after row `at`, a free one, that is not free: from which row to which, and how.
+
+    Raises:
+        PlanningError: No search succeeded.
+    """
+    first = at + int(np.argmin(free[at:]))
+    after = first + int(np.argmax(free[first:]))
+    rows = np.flatnonzero(free)
+    for room in ROOM:
+        begin = int(rows[rows <= max(at, first - room)][-1])
+        end = int(rows[rows >= min(len(q) - 1, after + room - 1)][0])
+        sampler = rrt_connect.about_shapes(q[begin : end + 1], config)
+        few = replace(config, samples=SAMPLES)
+        try:
+            return (
+                begin,
+                end,
+                rrt_connect.explore(task, sampler, few, seed=(seed, first, room), ends=(q[begin], q[end])),
+            )
+        except PlanningError:
+            continue
+    raise PlanningError(f"no way was found round rows {first} to {after - 1} of {len(q)}")

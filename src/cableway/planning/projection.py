@@ -1,0 +1,241 @@
+"""Realisation: from a sequence of keypoint shapes to one that the cable really takes.
+
+Each shape is replaced by the nearest equilibrium of the rod, the sequence is refined, and then stepped so that no
+row asks more of the grippers than one control step allows.
+
+Note:
+    Not in the paper (Tang et al.), whose planned shapes are tracked as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.checks import require_choice, require_range
+from cableway.core.errors import PlanningError
+from cableway.geometry import polyline, se2
+from cableway.planning.trajectory_optimization import RefinementConfig, refine
+from cableway.records import DeformationSequence
+from cableway.rod import inverse
+from cableway.rod.equilibrium import Rod
+from cableway.rod.lag import lag
+from cableway.scene.task import CONTROL_STEP, Task
+
+Kind = Literal["repair", "refine", "fit", "none"]
+
+MOST_LAG = 0.05
+"""What counts of the lag of one row, at a step as long as tau [m]: shapes about to snap would ask for any time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealizationConfig:
+    """How a sequence of shapes is made true.
+
+    Attributes:
+        kind: "repair": nearest equilibria, refined, and where that does not verify, repaired and refined again;
+            "refine": refined; "fit": nearest equilibria; "none": the shapes as they are, the grippers along the
+            tangents at their ends, as in the paper.
+        refinement: Weights of the refinement.
+        row_step: Largest move of a keypoint between rows during refinement [m].
+        limit_share: Share of the gripper limits, and of `lag`, that a plan uses; the rest is left to the controller.
+        keypoint_step: Largest move of any keypoint in a control step, in units of the grippers' largest step.
+        lag: Largest distance [m] by which a cable of `damping_time` may trail behind its equilibria.
+        damping_time: tau [s] of that cable.
+        fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
+    """
+
+    kind: Kind = "repair"
+    refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    row_step: float = 0.012
+    limit_share: float = 0.7
+    keypoint_step: float = 1.5
+    lag: float = 0.005
+    damping_time: float = 0.2
+    fit_tolerance: float = 0.01
+
+    def __post_init__(self) -> None:
+        require_choice("realisation", self.kind, Kind)
+        require_range(self, 1e-4, 1, "row_step")
+        require_range(self, 1e-3, 1, "limit_share")
+        require_range(self, 1e-3, 1e3, "keypoint_step")
+        require_range(self, 1e-5, 1, "lag")
+        require_range(self, 0, 10, "damping_time")
+        require_range(self, 0, 1, "fit_tolerance")
+
+
+@dataclass(frozen=True)
+class RealizedSequence:
+    """Shapes and the gripper poses that go with them, one row per control step.
+
+    Attributes:
+        shapes: (T+1, n, 2) keypoints [m].
+        poses: (T+1, 2, 3) gripper poses [m, m, rad].
+        progress: (T+1, n) carried over from the sequence they were made from.
+        q: (R+1, 6) the equilibria that were stepped; None where the shapes are none.
+        rows: (R+1,) their places in the sequence they were made from.
+    """
+
+    shapes: Float[np.ndarray, "T+1 n 2"]
+    poses: Float[np.ndarray, "T+1 2 3"]
+    progress: Float[np.ndarray, "T+1 n"]
+    q: Float[np.ndarray, "R+1 6"] | None = None
+    rows: Float[np.ndarray, "R+1"] | None = None
+
+
+def realize(
+    sequence: DeformationSequence,
+    task: Task,
+    config: RealizationConfig,
+    progress: Callable[[float], None] = lambda _: None,
+) -> RealizedSequence:
+    """Make a sequence true: fit, refine, step.
+
+    Args:
+        sequence: Shapes from start to goal, in general not equilibria.
+        task: The task.
+        config: Configuration.
+        progress: Called with the share of the refinement that is done; it may raise to stop.
+
+    Raises:
+        PlanningError: Start or goal is too far from any shape of the cable.
+    """
+    if config.kind == "none":
+        return _as_it_is(sequence, task, config)
+    rod = task.cable.rod
+    q, rows = fit_sequence(rod, sequence.shapes, *end_equilibria(task, config), config.row_step)
+    if config.kind != "fit":
+        q = refine(q, task, config.refinement, progress)
+    return stepped(q, rows, sequence, task, config)
+
+
+def stepped(
+    q: Float[np.ndarray, "R+1 6"],
+    rows: Float[np.ndarray, "R+1"],
+    sequence: DeformationSequence,
+    task: Task,
+    config: RealizationConfig,
+) -> RealizedSequence:
+    """Equilibria that were made of a sequence, stepped; `rows` are their places in it."""
+    rod = task.cable.rod
+    fine, at = step_evenly(q, task, config)
+    stations, poses = rod.shapes(fine)
+    progress = between(sequence.progress, np.interp(at, np.arange(len(rows)), rows))
+    return RealizedSequence(np.ascontiguousarray(rod.at_keypoints(stations)), poses, progress, q, rows)
+
+
+def _as_it_is(sequence: DeformationSequence, task: Task, config: RealizationConfig) -> RealizedSequence:
+    """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
+    at = np.linspace(0, len(sequence.shapes) - 1, 8 * (len(sequence.shapes) - 1) + 1)
+    shapes = between(sequence.shapes, at)
+    at = at_equal_effort(at, shapes, _tangent_poses(shapes), task, config)
+    shapes = between(sequence.shapes, at)
+    return RealizedSequence(shapes, _tangent_poses(shapes), between(sequence.progress, at))
+
+
+def _tangent_poses(shapes: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 2 3"]:
+    """Poses of grippers that hold the ends of keypoint shapes, angles without jumps."""
+    fine = polyline.spline(shapes, 16)
+    first, last = fine[:, 1] - fine[:, 0], fine[:, -1] - fine[:, -2]
+    angles = np.unwrap(np.stack([np.arctan2(step[:, 1], step[:, 0]) for step in (first, last)], axis=1), axis=0)
+    return np.concatenate([shapes[:, [0, -1]], angles[..., None]], axis=2)
+
+
+def end_equilibria(task: Task, config: RealizationConfig) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
+    """The equilibria nearest to start and goal.
+
+    Raises:
+        PlanningError: One of them is farther than `config.fit_tolerance` from its shape.
+    """
+    ends = []
+    for name, (q, distance) in (("start", task.start_fit), ("goal", task.goal_fit)):
+        if distance > config.fit_tolerance:
+            raise PlanningError(
+                f"the {name} is no shape that the cable takes by itself: the nearest one is {1000 * distance:.1f} mm "
+                f"away (stacked), more than {1000 * config.fit_tolerance:.0f} mm"
+            )
+        ends.append(q)
+    return ends[0], ends[1]
+
+
+def fit_sequence(
+    rod: Rod,
+    shapes: Float[np.ndarray, "T+1 n 2"],
+    start: Float[np.ndarray, "6"],
+    goal: Float[np.ndarray, "6"],
+    row_step: float,
+) -> tuple[Float[np.ndarray, "R+1 6"], Float[np.ndarray, "R+1"]]:
+    """The nearest equilibrium of each shape, resampled so that keypoints move at most about `row_step` [m] a row.
+
+    Returns:
+        q (R+1, 6), from `start` to `goal` with angles that run on, and for each row its place 0..T in `shapes`.
+    """
+    q = np.vstack([start, inverse.fit_sequence(rod, shapes[1:-1], start), goal])
+    q[:, 2] = np.unwrap(q[:, 2])
+    q[:, 3:] = np.clip(q[:, 3:], -60.0, 60.0)
+    q[0, 3:], q[-1, 3:] = start[3:], goal[3:]
+    rows = evenly_moved(rod, q, row_step)
+    return between(q, rows), rows
+
+
+def evenly_moved(rod: Rod, q: Float[np.ndarray, "T+1 6"], row_step: float) -> Float[np.ndarray, "R+1"]:
+    """Fractional rows, first and last among them, between which keypoints move at most about `row_step` [m]."""
+    moves = np.linalg.norm(np.diff(rod.at_keypoints(rod.shapes(q)[0]), axis=0), axis=2).max(1)
+    arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
+    count = max(8, int(np.ceil(arc[-1] / row_step)))
+    return np.interp(np.linspace(0, arc[-1], count + 1), arc, np.arange(len(q)))
+
+
+def between(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:
+    """Rows at fractional indices; coordinates q run straight between rows, through equilibria."""
+    index, flat = np.arange(len(rows)), rows.reshape(len(rows), -1)
+    return np.column_stack([np.interp(at, index, column) for column in flat.T]).reshape(len(at), *rows.shape[1:])
+
+
+def step_evenly(
+    q: Float[np.ndarray, "T+1 6"], task: Task, config: RealizationConfig
+) -> tuple[Float[np.ndarray, "K+1 6"], Float[np.ndarray, "K+1"]]:
+    """The same polyline in q with rows at equal effort, none above `limit_share` of the limits.
+
+    Returns:
+        q (K+1, 6) and the fractional index of each row in the q given.
+    """
+    rod, pieces = task.cable.rod, 8
+    fine = np.linspace(0, len(q) - 1, pieces * (len(q) - 1) + 1)
+    stations, poses = rod.shapes(between(q, fine))
+    trailing = np.minimum(lag(rod, q), MOST_LAG) * config.damping_time / CONTROL_STEP / config.lag
+    at = at_equal_effort(fine, rod.at_keypoints(stations), poses, task, config, np.repeat(trailing / pieces, pieces))
+    return between(q, at), at
+
+
+def at_equal_effort(
+    fine: Float[np.ndarray, "f"],
+    shapes: Float[np.ndarray, "f n 2"],
+    poses: Float[np.ndarray, "f 2 3"],
+    task: Task,
+    config: RealizationConfig,
+    trailing: Float[np.ndarray, "f-1"] | float = 0.0,
+) -> Float[np.ndarray, "K+1"]:
+    """Places among `fine`, increasing, at equal effort, none above `limit_share` of the limits.
+
+    The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit,
+    and of `trailing`, the same for the lag of the cable.
+    """
+    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
+    limits = task.grippers
+    effort = np.maximum.reduce(
+        [
+            move.max(1) / limits.max_step,
+            turn.max(1) / limits.max_turn,
+            shift / (config.keypoint_step * limits.max_step),
+            np.broadcast_to(trailing, shift.shape),
+        ]
+    )
+    total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
+    count = max(1, int(np.ceil(total[-1] / config.limit_share)))
+    return np.interp(np.linspace(0, total[-1], count + 1), total, fine)

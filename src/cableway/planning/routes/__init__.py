@@ -1,0 +1,1 @@
+"""Ways through the obstacles: pivot path, passages, homotopy classes, infeasibility."""

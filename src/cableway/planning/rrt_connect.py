@@ -1,0 +1,251 @@
+"""Guides by search: two trees of rod equilibria grow from start and goal until they meet (RRT-Connect in q).
+
+Every straight line in rod coordinates q is a line of equilibria, so an edge is checked at shapes a few millimetres
+apart for clearance, stability, slack and self-crossing. Samples come from three sources, which solve different tasks:
+all over the workspace; about a path of the cable's centre; about the shapes of another guide. Their loads follow the
+task's own start and goal.
+
+Note:
+    Not in the paper (Tang et al.). RRT-Connect is Kuffner & LaValle 2000; in these coordinates it is Bretl &
+    McCarthy 2014.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from cableway.core.checks import require_range
+from cableway.core.errors import PlanningError
+from cableway.planning import rrt_connect_kernels
+from cableway.planning.trajectory_optimization import bend_limit
+from cableway.records import DeformationSequence
+from cableway.scene.task import Task
+
+Sampler = Callable[[np.random.Generator, int], Float[np.ndarray, "k 6"]]
+"""Draws k rod coordinates."""
+
+BATCH = 200
+"""Samples between two reports of progress."""
+
+TUBE_STEP = 0.012
+"""Largest move of a keypoint between the shapes that a tube is laid about [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExploreConfig:
+    """How trees of equilibria grow.
+
+    Attributes:
+        samples: Most samples, over both trees.
+        step: Largest move of a point of the rod between two shapes that are checked [m].
+        margin: Clearance of cable, gripper discs and plug [m]; less where start or goal have less.
+        stability: Least stability margin.
+        chord: Greatest distance of the grippers over the cable's length.
+        load_spread: Least standard deviation of sampled loads (a_x, a_y, m); more where start or goal have more.
+        corridor: Standard deviation [m] of the cable's centre about a path.
+        tube: Standard deviations about the shapes of another guide [m, m, rad, -, -, -].
+        self_distance: Distance that the cable's surface keeps from itself [m]; less where start or goal have less.
+        shortcuts: Attempts to replace a stretch of the path found by a straight one.
+    """
+
+    samples: int = 6000
+    step: float = 0.006
+    margin: float = 0.005
+    stability: float = 15.0
+    chord: float = 0.985
+    load_spread: tuple[float, float, float] = (8.0, 8.0, 2.0)
+    corridor: float = 0.05
+    tube: tuple[float, float, float, float, float, float] = (0.03, 0.03, 0.4, 6.0, 6.0, 1.5)
+    self_distance: float = 0.001
+    shortcuts: int = 100
+
+    def __post_init__(self) -> None:
+        require_range(self, 1, 10**7, "samples")
+        require_range(self, 1e-4, 1, "step")
+        require_range(self, 0, 1, "margin", "corridor", "self_distance")
+        require_range(self, 0, 40, "stability")
+        require_range(self, 1e-3, 1, "chord")
+        require_range(self, 0, 10**6, "shortcuts")
+
+
+def anywhere(task: Task, config: ExploreConfig) -> Sampler:
+    """Samples all over the workspace, at any angle."""
+    loads = _loads(task, config)
+
+    def draw(rng: np.random.Generator, count: int) -> np.ndarray:
+        place = rng.uniform(0, 1, (count, 2)) * task.scene.size
+        return np.column_stack([place, _angles(task, rng, count), loads(rng, count)])
+
+    return draw
+
+
+def about_path(task: Task, path: Float[np.ndarray, "P 2"], config: ExploreConfig) -> Sampler:
+    """Samples whose centre lies about a path, at any angle."""
+    loads = _loads(task, config)
+
+    def draw(rng: np.random.Generator, count: int) -> np.ndarray:
+        place = path[rng.integers(len(path), size=count)] + config.corridor * rng.normal(size=(count, 2))
+        return np.column_stack([place, _angles(task, rng, count), loads(rng, count)])
+
+    return draw
+
+
+def about_shapes(q: Float[np.ndarray, "T+1 6"], config: ExploreConfig) -> Sampler:
+    """Samples about the rows of another sequence, at distances from nothing to twice `config.tube`."""
+
+    def draw(rng: np.random.Generator, count: int) -> np.ndarray:
+        spread = rng.uniform(0, 2, (count, 1)) * np.array(config.tube)
+        return q[rng.integers(len(q), size=count)] + spread * rng.normal(size=(count, 6))
+
+    return draw
+
+
+def explore(
+    task: Task,
+    sampler: Sampler,
+    config: ExploreConfig,
+    *,
+    seed: int | tuple[int, ...] = 0,
+    progress: Callable[[float], None] | None = None,
+    ends: tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]] | None = None,
+) -> Float[np.ndarray, "R+1 6"]:
+    """A path among free stable equilibria from start to goal.
+
+    Args:
+        task: The task.
+        sampler: Where samples come from.
+        config: Configuration.
+        seed: Same seed, same path.
+        progress: Called with the share of the samples that are used up; it may raise to stop the search.
+        ends: Free equilibria to begin and end at, with angles that run on, in place of the task's start and goal.
+
+    Returns:
+        q (R+1, 6), from one end to the other, neighbours at most about `config.step` apart.
+
+    Raises:
+        PlanningError: The samples are used up.
+    """
+    rng = np.random.default_rng(seed)
+    rod, world = (task.cable.length, task.cable.rod.hinges), task.scene.world.arrays
+    start, goal = _task_ends(task) if ends is None else ends
+    limits = _limits(task, config)
+    trees, shapes = (
+        np.empty((2, config.samples + 4, 6)),
+        np.empty((2, config.samples + 4, 2 * rrt_connect_kernels.FEATURES)),
+    )
+    parents, counts = np.full((2, config.samples + 4), -1), np.ones(2, dtype=np.int64)
+    for side, root in enumerate((start, goal)):
+        trees[side, 0] = root
+        rrt_connect_kernels.features(root, *rod, shapes[side, 0])
+    for first in range(0, config.samples, BATCH):
+        if progress is not None:
+            progress(first / config.samples)
+        samples = np.vstack([sampler(rng, BATCH - 1), goal]) if first == 0 else sampler(rng, BATCH)
+        met = rrt_connect_kernels.connect(samples, trees, shapes, parents, counts, rod, world, limits, config.step)
+        if met[0] >= 0:
+            path = np.vstack([_branch(trees[0], parents[0], met[0])[::-1], _branch(trees[1], parents[1], met[1])[1:]])
+            pairs = rng.uniform(size=(config.shortcuts, 2))
+            return _dense(rrt_connect_kernels.shortcut(path, pairs, rod, world, limits, config.step), task, config.step)
+    raise PlanningError(f"the search found no way with {config.samples} samples")
+
+
+def are_free(q: Float[np.ndarray, "k 6"], task: Task, config: ExploreConfig) -> Bool[np.ndarray, "k"]:
+    """Which equilibria a path of `explore` may go through."""
+    rod, world, limits = (task.cable.length, task.cable.rod.hinges), task.scene.world.arrays, _limits(task, config)
+    return np.array([rrt_connect_kernels.is_free(row, rod, world, limits) for row in q])
+
+
+def explored_guide(
+    task: Task,
+    sampler: Sampler,
+    config: ExploreConfig,
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> DeformationSequence:
+    """The same as keypoint shapes."""
+    rod = task.cable.rod
+    q = explore(task, sampler, config, seed=seed, progress=progress)
+    return DeformationSequence.in_step(rod.at_keypoints(rod.shapes(q)[0]))
+
+
+def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Angles of the centre all around, about that of the start."""
+    return task.start_fit[0][2] + rng.uniform(-np.pi, np.pi, count)
+
+
+def _loads(task: Task, config: ExploreConfig) -> Sampler:
+    """Loads about those of start and goal, spread at least by `load_spread`."""
+    ends = np.array([task.start_fit[0][3:], task.goal_fit[0][3:]])
+    spread = np.maximum(config.load_spread, np.abs(ends).max(0))
+
+    def draw(rng: np.random.Generator, count: int) -> np.ndarray:
+        middle = ends[rng.integers(2, size=count)] * rng.uniform(0, 1, (count, 1))
+        return middle + spread * rng.normal(size=(count, 3))
+
+    return draw
+
+
+def _task_ends(task: Task) -> tuple[np.ndarray, np.ndarray]:
+    """Start and goal, the shorter turn apart."""
+    start, goal = task.start_fit[0], task.goal_fit[0].copy()
+    goal[2] = start[2] + (goal[2] - start[2] + np.pi) % (2 * np.pi) - np.pi
+    return start, goal
+
+
+def _limits(task: Task, config: ExploreConfig) -> np.ndarray:
+    """What `is_free` asks for; never more than start and goal have."""
+    rod, ends = task.cable.rod, np.array(_task_ends(task))
+    stations, poses = rod.shapes(ends)
+    cable = task.scene.signed_distance(stations).min() - 1e-6
+    grippers = task.scene.signed_distance(poses[..., :2]).min() - 1e-6
+    chords = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+    gripper_radius = max(task.grippers.radius, task.cable.radius)
+    places = math.ceil(math.pi * task.cable.radius * 2 * rod.hinges / rod.length) + 1
+    selves = min(rrt_connect_kernels.self_distance(shape, places) for shape in stations) - 1e-9
+    turns = [rrt_connect_kernels.sharpest_turn(shape, rod.length, rod.hinges) for shape in stations]
+    return np.array(
+        [
+            min(task.cable.radius + config.margin, cable),
+            min(gripper_radius + config.margin, grippers),
+            min(config.stability, rod.stability(ends)[0].min() - 1e-6),
+            max(config.chord * rod.length, chords.max() + 1e-9),
+            min(task.grippers.separation, chords.min() - 1e-9),
+            max(bend_limit(task), *turns),
+            places,
+            min(2 * task.cable.radius + config.self_distance, selves),
+            *_plug_limits(task, poses[:, 1], config),
+        ]
+    )
+
+
+def _plug_limits(task: Task, ends: Float[np.ndarray, "k 3"], config: ExploreConfig) -> tuple[float, float, float]:
+    """Length and half width of the plug and the distance it keeps; no more than at the right ends of start and goal."""
+    if task.plug is None:
+        return 0.0, 0.0, 0.0
+    room = task.scene.clearance(task.plug.placed(ends, task.plug.length), 0.0).min() - 1e-6
+    return task.plug.length, task.plug.width / 2, min(config.margin, room)
+
+
+def _branch(tree: np.ndarray, parents: np.ndarray, node: int) -> np.ndarray:
+    """Rows from a node back to the root."""
+    rows = []
+    while node >= 0:
+        rows.append(tree[node])
+        node = parents[node]
+    return np.array(rows)
+
+
+def _dense(path: np.ndarray, task: Task, step: float) -> np.ndarray:
+    """The path with rows at most about `step` apart."""
+    rod = task.cable.rod
+    points = rod.at_keypoints(rod.shapes(path)[0])
+    moves = np.linalg.norm(np.diff(points, axis=0), axis=2).max(1)
+    counts = np.maximum(1, np.ceil(np.maximum(moves, np.abs(np.diff(path[:, 2])) * rod.length / 2) / step)).astype(int)
+    at = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(counts))])
+    return np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])

@@ -1,0 +1,303 @@
+"""Refinement: move a sequence of rod equilibria until it is smooth, clear of obstacles and stable.
+
+Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
+
+    1/2 sum_t |x_{t+1} - x_t|^2 / v^2 + 1/2 sum_t |x_{t-1} - 2 x_t + x_{t+1}|^2 / u^2      keypoints x, smoothness
+    + 1/2 w sum_t sum_i max(0, margin - clearance_{t,i})^2 / e^2                           stations, gripper discs, plug
+    + 1/2 sum_t max(0, mu_0 - mu_t)^2 / d^2                                                stability
+    + 1/2 sum_t max(0, chord_t/L - chord_0)^2 / g^2                                        slack, gripper separation
+    + 1/2 sum_t sum_j max(0, |sin turn_{t,j}| - turn_0)^2 / b^2                            sharpest bend
+    + small pulls on the loads and on their differences,
+
+with the clearance weight w rising in stages. Smoothness couples rows at most two apart, so the normal matrix has
+blocks of six on five diagonals, and each step is one banded Cholesky solution.
+
+Note:
+    Not in the paper (Tang et al.), whose planned shapes are never made equilibria.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import LinAlgError, solveh_banded
+
+from cableway.core.compiled import kernel
+from cableway.geometry import convex
+from cableway.planning.plug import plug_shortfall
+from cableway.scene.task import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinementConfig:
+    """Weights and margins of the refinement; a scale is the size of a residual that counts as 1.
+
+    Attributes:
+        margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
+        clearance_weights: The rising stages of the clearance weight.
+        clearance_scale: [m].
+        step_scale: Of a keypoint's move from row to row [m].
+        change_scale: Of the change of that move [m].
+        load_scale: Of a load, in units of (10, 10, 3) for (a_x, a_y, m).
+        load_step_scale: Of its change from row to row.
+        stability_wanted: Margin mu under which a shape is pushed back.
+        stability_scale: Of that shortfall.
+        chord_wanted: Distance between the grippers over L above which the cable is given slack.
+        chord_scale: Of that excess.
+        separation_margin: Distance between the grippers beyond the least one that the task allows [m].
+        bend_share: Of the curvature that the cable allows.
+        bend_scale: Of the sine of the turn at a hinge beyond that.
+        iterations: Cap for each stage.
+        tolerance: Relative fall of the cost that ends a stage.
+    """
+
+    margin: float = 0.010
+    clearance_weights: tuple[float, ...] = (0.3, 1.0, 3.0)
+    clearance_scale: float = 0.001
+    step_scale: float = 0.05
+    change_scale: float = 0.005
+    load_scale: float = 10.0
+    load_step_scale: float = 1.0
+    stability_wanted: float = 34.0
+    stability_scale: float = 2.0
+    chord_wanted: float = 0.97
+    chord_scale: float = 0.005
+    separation_margin: float = 0.002
+    bend_share: float = 0.95
+    bend_scale: float = 0.01
+    iterations: int = 60
+    tolerance: float = 1e-4
+
+
+@dataclass
+class _Normal:
+    """Gradient (T+1, 6) and the blocks (T+1, 6, 6) of the normal matrix on the diagonal and the two above it."""
+
+    cost: float
+    gradient: Float[np.ndarray, "T+1 6"]
+    blocks: tuple[
+        Float[np.ndarray, "T+1 6 6"],
+        Float[np.ndarray, "T 6 6"],
+        Float[np.ndarray, "T-1 6 6"],
+    ]
+
+
+def refine(
+    q: Float[np.ndarray, "T+1 6"],
+    task: Task,
+    config: RefinementConfig,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Float[np.ndarray, "T+1 6"]:
+    """The sequence moved to a local minimum of the cost above; its first and last row stay.
+
+    Args:
+        q: (T+1, 6) rod coordinates with angles that run on, T at least 2.
+        task: The task; its cable, grippers and scene.
+        config: Weights and margins.
+        progress: Called with the share that is done; it may raise to stop.
+    """
+    stages = len(config.clearance_weights)
+    for stage, weight in enumerate(config.clearance_weights):
+
+        def tell(share: float, stage: int = stage) -> None:
+            progress((stage + share) / stages)
+
+        q = _levenberg_marquardt(q, _Problem(task, config, weight, len(q)), config.iterations, tell)
+    return q
+
+
+class _Problem:
+    def __init__(self, task: Task, config: RefinementConfig, weight: float, rows: int) -> None:
+        self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
+        first, second = np.diff(np.eye(rows), axis=0), np.diff(np.eye(rows), n=2, axis=0)
+        smooth = first.T @ first / config.step_scale**2 + second.T @ second / config.change_scale**2
+        self.smooth = tuple(np.diagonal(smooth, d).copy() for d in range(3))
+        loads = first.T @ first / config.load_step_scale**2
+        self.loads = tuple(np.diagonal(loads, d).copy() for d in range(3))
+        self.sharpest = config.bend_share * bend_limit(task)
+
+    def cost(self, q: Float[np.ndarray, "T+1 6"]) -> float:
+        """The cost alone, for trial steps."""
+        stations, poses = self.rod.shapes(q)
+        keypoints = self.rod.at_keypoints(stations).reshape(len(q), -1)
+        loads = q[:, 3:] / _LOAD_UNITS
+        total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
+        total += 0.5 * np.sum(loads**2) / self.config.load_scale**2
+        terms = (self._clearance(stations), self._plug(poses), self._chord(poses), self._stability(q))
+        total += sum(0.5 * np.sum(value**2) for value, _ in terms) + 0.5 * np.sum(self._bends(stations) ** 2)
+        return float(total)
+
+    def linearise(self, q: Float[np.ndarray, "T+1 6"]) -> _Normal:
+        """Cost, gradient and Gauss-Newton blocks at q."""
+        rows = len(q)
+        stations, dstations, poses, dposes = self.rod.jacobians(q)
+        keypoints = self.rod.at_keypoints(stations).reshape(rows, -1)
+        jacobian = np.ascontiguousarray(self.rod.at_keypoints(dstations).reshape(rows, -1, 6))
+        gradient = np.einsum("tki,tk->ti", jacobian, _band_product(self.smooth, keypoints))
+        blocks = [
+            self.smooth[d][:, None, None] * np.matmul(jacobian[: rows - d].transpose(0, 2, 1), jacobian[d:])
+            for d in range(3)
+        ]
+        cost = _band_form(self.smooth, keypoints)
+
+        loads = q[:, 3:] / _LOAD_UNITS
+        pull = _band_product(self.loads, loads) + loads / self.config.load_scale**2
+        gradient[:, 3:] += pull / _LOAD_UNITS
+        for d in range(3):
+            diagonal = self.loads[d] + (1 / self.config.load_scale**2 if d == 0 else 0.0)
+            blocks[d][:, range(3, 6), range(3, 6)] += diagonal[:, None] / _LOAD_UNITS**2
+        cost += _band_form(self.loads, loads) + 0.5 * np.sum(loads**2) / self.config.load_scale**2
+
+        short, slope = self._clearance(stations)
+        rise = np.einsum("tsk,tski->tsi", slope, dstations)
+        lack, dlack = self._stability(q)
+        chord, dchord = self._chord(poses)
+        terms = [(short, rise), (lack[:, None], dlack[:, None]), (chord, np.einsum("tckj,tkji->tci", dchord, dposes))]
+        near, dnear = self._plug(poses)
+        terms.append((near, np.einsum("tkj,tji->tki", dnear, dposes[:, 1])))
+        if np.isfinite(self.sharpest):
+            terms.append((self._bends(stations), self._bend_slopes(stations, dstations)))
+        for value, slopes in terms:
+            cost += 0.5 * np.sum(value**2)
+            gradient += np.einsum("tsi,ts->ti", slopes, value)
+            blocks[0] += np.matmul(slopes.transpose(0, 2, 1), slopes)
+        return _Normal(float(cost), gradient, (blocks[0], blocks[1], blocks[2]))
+
+    def _clearance(self, stations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted shortfall of the clearance at each station, and its slope by the station's position."""
+        wanted = np.full(stations.shape[1], self.config.margin + self.task.cable.radius)
+        wanted[[0, -1]] = self.config.margin + max(self.task.grippers.radius, self.task.cable.radius)
+        distance, slope, _ = convex.signed_distance(stations, self.task.scene.world, float(wanted.max()))
+        scale = np.sqrt(self.weight) / self.config.clearance_scale
+        short = np.maximum(0.0, wanted - distance)
+        return scale * short, -scale * slope * (short > 0)[..., None]
+
+    def _plug(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for points round the plug, and its slope (t, k, 3) by the pose of the right end."""
+        short, slope = plug_shortfall(self.task, poses, self.config.margin)
+        scale = np.sqrt(self.weight) / self.config.clearance_scale
+        return scale * short, scale * slope
+
+    def _stability(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        mu, dmu = self.rod.stability(q, ceiling=self.config.stability_wanted)
+        lack = np.maximum(0.0, self.config.stability_wanted - mu) / self.config.stability_scale
+        return lack, -dmu * (lack > 0)[:, None] / self.config.stability_scale
+
+    def _chord(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Excess and shortfall (t, 2) of the chord between the grippers, and their slopes (t, 2, 2, 3) by the poses."""
+        length, scale = self.rod.length, self.config.chord_scale
+        chord = poses[:, 1, :2] - poses[:, 0, :2]
+        reach = np.linalg.norm(chord, axis=1)
+        least = self.task.grippers.separation
+        least += self.config.separation_margin if least else 0.0
+        over = np.column_stack([reach - self.config.chord_wanted * length, least - reach]) / (length * scale)
+        slope = np.zeros((len(poses), 2, 2, 3))
+        unit = chord / np.maximum(reach, 1e-12)[:, None] / (length * scale)
+        slope[:, 0, 1, :2], slope[:, 1, 1, :2] = unit, -unit
+        slope[:, :, 0] = -slope[:, :, 1]
+        return np.maximum(0.0, over), slope * (over > 0)[..., None, None]
+
+    def _bends(self, stations: np.ndarray) -> np.ndarray:
+        """Excess (t, hinges) of the sine of the turn at each hinge over the greatest wanted."""
+        before, after = _half_links(stations)
+        sines = np.abs(_cross(before, after)) / (self.rod.length / (2 * self.rod.hinges)) ** 2
+        return np.maximum(0.0, sines - self.sharpest) / self.config.bend_scale
+
+    def _bend_slopes(self, stations: np.ndarray, dstations: np.ndarray) -> np.ndarray:
+        """Slopes (t, hinges, 6) of `_bends` by q."""
+        before, after = (part[..., None] for part in _half_links(stations))
+        dbefore, dafter = _half_links(dstations)
+        sine = _cross(before, after)
+        slopes = (_cross(dbefore, after) + _cross(before, dafter)) * np.sign(sine)
+        slopes /= (self.rod.length / (2 * self.rod.hinges)) ** 2 * self.config.bend_scale
+        return slopes * (self._bends(stations) > 0)[..., None]
+
+
+def bend_limit(task: Task) -> float:
+    """Greatest sine of the turn at a hinge that the cable's least bend radius allows; infinite where it has none."""
+    radius, rod = task.cable.min_bend_radius, task.cable.rod
+    return math.sin(min(math.pi / 2, rod.length / rod.hinges / radius)) if radius > 0 else math.inf
+
+
+def _half_links(stations: Float[np.ndarray, "t s 2 ..."]) -> tuple[np.ndarray, np.ndarray]:
+    """The half links before and after each hinge, which are the stations of odd number."""
+    halves = np.diff(stations, axis=1)
+    return halves[:, ::2], halves[:, 1::2]
+
+
+def _cross(a: Float[np.ndarray, "t k 2 ..."], b: Float[np.ndarray, "t k 2 ..."]) -> np.ndarray:
+    return a[:, :, 0] * b[:, :, 1] - a[:, :, 1] * b[:, :, 0]
+
+
+_LOAD_UNITS = np.array([10.0, 10.0, 3.0])
+"""Usual size of (a_x, a_y, m) over the shapes of a cable bent by less than half a turn."""
+
+
+def _band_product(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> Float[np.ndarray, "t k"]:
+    """Product of a symmetric banded matrix, given by its diagonals 0, 1, 2, ..., with x."""
+    out = bands[0][:, None] * x
+    for d, band in enumerate(bands[1:], start=1):
+        out[:-d] += band[:, None] * x[d:]
+        out[d:] += band[:, None] * x[:-d]
+    return out
+
+
+def _band_form(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> float:
+    return 0.5 * float(np.sum(x * _band_product(bands, x)))
+
+
+def _levenberg_marquardt(
+    q: np.ndarray, problem: _Problem, iterations: int, progress: Callable[[float], None]
+) -> np.ndarray:
+    damping, q = 1e-3, q.copy()
+    normal = problem.linearise(q)
+    for iteration in range(iterations):
+        progress(iteration / iterations)
+        step = _solve(normal, damping)
+        if step is None:
+            damping = max(1e-6, damping * 10)
+            continue
+        trial = q.copy()
+        trial[1:-1] += step
+        cost = problem.cost(trial)
+        if not cost < normal.cost:
+            damping *= 6
+            if damping > 1e9:
+                break
+            continue
+        fell = normal.cost - cost
+        q, normal = trial, problem.linearise(trial)
+        damping = max(1e-9, damping / 4)
+        if fell < problem.config.tolerance * normal.cost:
+            break
+    return q
+
+
+def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "T-1 6"] | None:
+    """Solve (H + damping diag H) step = -gradient on the free rows; None where H is not positive definite."""
+    diagonal, above, further = (block[1:-1] for block in normal.blocks)
+    free = len(diagonal)
+    banded = np.zeros((18, 6 * free))
+    _fill_bands(diagonal, above, further, banded)
+    banded[17] += damping * np.maximum(banded[17], 1e-9)
+    try:
+        return -solveh_banded(banded, normal.gradient[1:-1].ravel(), check_finite=False).reshape(free, 6)
+    except LinAlgError:
+        return None
+
+
+@kernel
+def _fill_bands(diagonal, above, further, banded):
+    """Write blocks (t, 6, 6), (t-1, 6, 6), (t-2, 6, 6) into the upper banded form (18, 6 t) of `solveh_banded`."""
+    for i in range(6):
+        for j in range(6):
+            for t in range(len(diagonal) if j >= i else 0):
+                banded[17 + i - j, 6 * t + j] = diagonal[t, i, j]
+            for t in range(len(above)):
+                banded[11 + i - j, 6 * (t + 1) + j] = above[t, i, j]
+            for t in range(len(further)):
+                banded[5 + i - j, 6 * (t + 2) + j] = further[t, i, j]

@@ -1,0 +1,1 @@
+"""Task files: schema, reading, saving, presets and the catalogue."""

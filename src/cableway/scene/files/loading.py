@@ -1,0 +1,183 @@
+"""Tasks from YAML files and from the catalogue; cables from presets."""
+
+from __future__ import annotations
+
+import os
+import re
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import InputError, TaskError, UnknownNameError
+from cableway.rod.inverse import shape_between
+from cableway.scene import checks
+from cableway.scene.cable import Cable
+from cableway.scene.files.document import read_document
+from cableway.scene.files.presets import preset_names, preset_values
+from cableway.scene.files.schema import CableSection, PosesSection, TaskFile, validate
+from cableway.scene.grippers import Grippers, Plug, Port
+from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
+from cableway.scene.scene import Scene
+from cableway.scene.task import Task
+
+SUFFIXES = (".yaml", ".yml")
+"""Endings of task files."""
+
+_OBSTACLES = {"box": Box, "polygon": Polygon, "disc": Disc}
+
+
+def load_task(source: str | os.PathLike[str]) -> Task:
+    """The task of a catalogue name or of a YAML file.
+
+    Args:
+        source: A name of `task_names()`, or a path: a `Path`, or a text with a path separator or ending in .yaml
+            or .yml.
+
+    Raises:
+        UnknownNameError: No such task in the catalogue; the message lists them.
+        FileFormatError: The file is missing, a folder, unreadable, not YAML, empty or no mapping.
+        TaskError: The file says something that no task can be; the message has file, line and place.
+    """
+    document = read_document(_task_path(source))
+    content = validate(document)
+    try:
+        return _task(content, document.path)
+    except TaskError as error:
+        raise document.locate(error) from None
+
+
+def task_names() -> tuple[str, ...]:
+    """Names of the tasks in the catalogue."""
+    return tuple(sorted(path.stem for path in _catalogue().glob("*.yaml")))
+
+
+def catalogue_file(name: str) -> Path:
+    """The YAML file of a task in the catalogue.
+
+    Raises:
+        UnknownNameError: No such task; the message lists them.
+    """
+    if name not in task_names():
+        raise UnknownNameError("task", name, task_names())
+    return _catalogue() / f"{name}.yaml"
+
+
+def cable_from_preset(name: str, **overrides: Any) -> Cable:
+    """The cable of a preset, as long as the first of its lengths, with fields of `Cable` given here instead of its own.
+
+    >>> cable_from_preset("usb", length=0.25).radius
+    0.004
+
+    Raises:
+        UnknownNameError: No such preset; the message lists them.
+        TaskError: A value is out of range.
+    """
+    return Cable(**{**preset_values(name), **overrides, "preset": name})
+
+
+def _catalogue() -> Path:
+    return Path(str(resources.files("cableway.scene.files"))) / "catalogue"
+
+
+def _task_path(source: str | os.PathLike[str]) -> Path:
+    if not isinstance(source, str):
+        return Path(source)
+    separators = {os.sep, os.altsep or os.sep}
+    if source.endswith(SUFFIXES) or any(separator in source for separator in separators):
+        return Path(source)
+    return catalogue_file(source)
+
+
+def _task(content: TaskFile, path: Path) -> Task:
+    """The task that a valid file means; places in errors are those of the file."""
+    cable = _cable(content.cable)
+    shapes: dict[str, Any] = {}
+    for end in ("start", "goal"):
+        shapes[end], shapes[f"{end}_poses"] = _shape(end, getattr(content, end), cable)
+    scene = Scene(
+        checks.pair(content.workspace.size, ("workspace", "size")),
+        tuple(_obstacle(index, section) for index, section in enumerate(content.obstacles)),
+    )
+    try:
+        return Task(
+            name=content.name if "name" in content.model_fields_set else _name_from(path),
+            description=content.description,
+            scene=scene,
+            cable=cable,
+            grippers=Grippers(**content.grippers.given()),
+            plug=None if content.plug is None else Plug(**content.plug.given()),
+            port=None if content.port is None else Port(**content.port.given()),
+            **shapes,
+        )
+    except TaskError as error:
+        raise _as_in_file(error, content) from None
+
+
+def _name_from(path: Path) -> str:
+    return re.sub(r"[^\w .+-]", "-", path.stem).lstrip(" .+-") or "task"
+
+
+def _cable(section: CableSection) -> Cable:
+    given = section.given()
+    if "preset" not in given:
+        return Cable(**given)
+    name = given.pop("preset")
+    try:
+        return cable_from_preset(name, **given)
+    except UnknownNameError:
+        raise TaskError(f"must be one of {', '.join(preset_names())}, got {name!r}", ("cable", "preset")) from None
+
+
+def _obstacle(index: int, section: Any) -> Obstacle:
+    given = section.given()
+    try:
+        return _OBSTACLES[given.pop("type")](**given)
+    except TaskError as error:
+        raise error.within("obstacles", index) from None
+
+
+def _shape(end: str, section: list[list[float]] | PosesSection, cable: Cable) -> tuple[Any, Any]:
+    """Keypoints and, where the file states them, gripper poses of one end."""
+    if not isinstance(section, PosesSection):
+        return section, None
+    poses = checks.array(section.grippers, (end, "grippers"), 3)
+    if (section.keypoints is None) == (section.bend is None):
+        raise TaskError("must have, beside grippers, either bend or keypoints", (end,))
+    if section.keypoints is not None:
+        return section.keypoints, poses
+    gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
+    if gap > cable.length * (1 + 1e-9):
+        raise TaskError(
+            f"are {gap:.4f} m apart, farther than the cable is long ({cable.length:g} m)", (end, "grippers")
+        )
+    return _bent(end, poses, section.bend or "left", cable), poses
+
+
+def _bent(end: str, poses: Float[np.ndarray, "2 3"], bend: Any, cable: Cable) -> Float[np.ndarray, "n 2"]:
+    try:
+        q = shape_between(cable.rod, poses, bend)
+    except InputError:
+        raise TaskError(
+            f"asks for a bend to the {bend}, but no stable shape of the cable between these grippers lies on that "
+            "side: try the other side, other poses, or keypoints",
+            (end, "bend"),
+        ) from None
+    return cable.rod.at_keypoints(cable.rod.shapes(q[None])[0])[0]
+
+
+def _as_in_file(error: TaskError, content: TaskFile) -> TaskError:
+    """An error of a task with the place that its values have in the file."""
+    if not error.place or error.place[0] not in ("start", "goal", "start_poses", "goal_poses"):
+        return error
+    end, *rest = str(error.place[0]).removesuffix("_poses"), *error.place[1:]
+    section = getattr(content, end)
+    if str(error.place[0]).endswith("_poses"):
+        return TaskError(error.problem, (end, "grippers", *rest))
+    if not (rest and isinstance(section, PosesSection)):
+        return error
+    if section.keypoints is not None:
+        return TaskError(error.problem, (end, "keypoints", *rest))
+    return TaskError(f"keypoint {rest[0]} {error.problem}", (end,))

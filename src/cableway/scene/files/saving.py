@@ -1,0 +1,75 @@
+"""Tasks to YAML files that `load_task` reads back."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from jaxtyping import Float
+
+from cableway.core.files import write_atomically
+from cableway.scene.files.document import Dumper
+from cableway.scene.files.presets import preset_names
+from cableway.scene.files.schema import FORMAT_VERSION
+from cableway.scene.obstacles import Box, Disc, Obstacle
+from cableway.scene.task import Task
+
+
+def save_task(task: Task, path: str | os.PathLike[str]) -> None:
+    """Write a task to a YAML file, atomically; `load_task` gives an equal task, to the last digit.
+
+    Shapes are written as keypoints, with the gripper poses where the task states them. The cable's preset is left
+    out where it is none of `preset_names()`; its values stand there in any case.
+    """
+    write_atomically(Path(path), lambda file: file.write(task_text(task).encode()))
+
+
+def task_text(task: Task) -> str:
+    """What `save_task` writes."""
+    return yaml.dump(
+        _content(task), Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
+    )
+
+
+def _content(task: Task) -> dict[str, Any]:
+    cable = task.cable.as_dict()
+    if cable["preset"] not in preset_names():
+        del cable["preset"]
+    content: dict[str, Any] = {
+        "cableway": FORMAT_VERSION,
+        "name": task.name,
+        "description": task.description,
+        "workspace": {"size": list(task.scene.size)},
+        "cable": cable,
+        "grippers": dict(vars(task.grippers)),
+        "obstacles": [_obstacle(obstacle) for obstacle in task.scene.obstacles],
+        "start": _shape(task.start, task.start_poses),
+        "goal": _shape(task.goal, task.goal_poses),
+    }
+    if task.plug is not None:
+        content["plug"] = dict(vars(task.plug))
+    if task.port is not None:
+        content["port"] = {**vars(task.port), "position": list(task.port.position)}
+    return content
+
+
+def _obstacle(obstacle: Obstacle) -> dict[str, Any]:
+    if isinstance(obstacle, Box):
+        return {
+            "type": "box",
+            "center": list(obstacle.center),
+            "size": list(obstacle.size),
+            "angle": obstacle.angle,
+        }
+    if isinstance(obstacle, Disc):
+        return {"type": "disc", "center": list(obstacle.center), "radius": obstacle.radius}
+    return {"type": "polygon", "vertices": obstacle.vertices.tolist()}
+
+
+def _shape(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"] | None) -> Any:
+    if poses is None:
+        return keypoints.tolist()
+    return {"grippers": poses.tolist(), "keypoints": keypoints.tolist()}

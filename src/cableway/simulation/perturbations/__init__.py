@@ -1,0 +1,1 @@
+"""How a simulated plant differs from the task: cable, grasp, sensing."""

@@ -1,0 +1,134 @@
+"""A cable that is not held where planner and controller believe, and that may slip on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.checks import require_positive
+from cableway.core.errors import InputError
+from cableway.geometry import se2
+from cableway.records import Measurement, Observation
+from cableway.scene.task import Task
+from cableway.simulation.plant import CableSimulator, PlantState
+
+MOST_SHIFT = 0.02
+"""Largest distance [m] of a cable's end from where it should be held."""
+
+MOST_TURN = 0.5
+"""Largest turn [rad] of a cable's end from how it should be held."""
+
+Offset = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspConfig:
+    """Where the ends of the cable are in the frames of the grippers: (dx, dy, dtheta) [m, m, rad].
+
+    Attributes:
+        left: At the start.
+        right: At the start.
+        slip_time: Time [s] from which on the cable is held otherwise; never where None.
+        left_after: From then on.
+        right_after: From then on.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    left: Offset = (0.0, 0.0, 0.0)
+    right: Offset = (0.0, 0.0, 0.0)
+    slip_time: float | None = None
+    left_after: Offset = (0.0, 0.0, 0.0)
+    right_after: Offset = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("left", "right", "left_after", "right_after"):
+            value = np.asarray(getattr(self, name), float)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise InputError(f"grasp.{name} must be three numbers, got {getattr(self, name)!r}")
+            if np.hypot(value[0], value[1]) > MOST_SHIFT or abs(value[2]) > MOST_TURN:
+                raise InputError(
+                    f"grasp.{name} must be within {MOST_SHIFT:g} m and {MOST_TURN:g} rad, got {value.tolist()}"
+                )
+        if self.slip_time is not None:
+            require_positive(self, "slip_time")
+
+    def offsets(self, time: float) -> Float[np.ndarray, "2 3"]:
+        """Of both ends at a time [s]."""
+        slipped = self.slip_time is not None and time >= self.slip_time
+        return np.array([self.left_after, self.right_after] if slipped else [self.left, self.right])
+
+
+@dataclass(frozen=True)
+class GraspedState:
+    """State of a `GraspedCable`: that of the plant, and the gripper poses (2, 3) [m, m, rad]."""
+
+    plant: PlantState
+    poses: Float[np.ndarray, "2 3"]
+
+
+class GraspedCable:
+    """A simulated cable whose ends are not where the grippers are.
+
+    The cable lies where the task has it and is grasped askew there. Seen are the poses of the grippers; those measured
+    are the true ones of the cable's ends. A slip takes one control step.
+
+    Args:
+        plant: The cable, led by its ends.
+        config: How it is held.
+        believed: The task that planner and controller believe, the plant's own where None.
+    """
+
+    def __init__(self, plant: CableSimulator, config: GraspConfig, believed: Task | None = None) -> None:
+        self.plant, self.config = plant, config
+        self._believed = believed or plant.task
+        self.reset()
+
+    @property
+    def task(self) -> Task:
+        """What planner and controller believe."""
+        return self._believed
+
+    @property
+    def control_step(self) -> float:
+        """Time [s] that one step takes."""
+        return self.plant.control_step
+
+    @property
+    def unmodelled(self) -> tuple[str, ...]:
+        """What the task holds that this plant leaves out."""
+        return self.plant.unmodelled
+
+    def reset(self) -> Observation:
+        """Go back to the start."""
+        seen = self.plant.reset()
+        self._poses = se2.bearing(seen.poses, self.config.offsets(0.0))
+        return replace(seen, poses=self._poses.copy())
+
+    def check(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+        """See `CableSimulator.check`."""
+        return self.plant.check(action)
+
+    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
+        """Move the grippers; see `CableSimulator.step`."""
+        poses = self._poses + self.check(action)
+        ends = se2.attached(poses, self.config.offsets(self.plant.time + self.control_step / 2))
+        seen = self.plant.step(ends - self.plant.commanded)
+        self._poses = poses
+        return replace(seen, poses=poses.copy())
+
+    def measure(self) -> Measurement:
+        """See `CableSimulator.measure`."""
+        return self.plant.measure()
+
+    def state(self) -> GraspedState:
+        """A copy of the whole state, to branch a run from."""
+        return GraspedState(self.plant.state(), self._poses.copy())
+
+    def restore(self, state: GraspedState) -> None:
+        """Go back to a state of this plant."""
+        self.plant.restore(state.plant)
+        self._poses = state.poses.copy()

@@ -1,0 +1,199 @@
+"""A camera and a robot between plant and controller: noise, lost frames, hidden keypoints, delays.
+
+Frames are taken at a rate of their own, frame j at j periods after the start, and arrive after a delay. At a control
+step the controller sees the newest frame that has arrived since the step before and was not lost; where there is none,
+it sees no keypoints (NaN). Gripper poses come from the robot's encoders, at once and exact.
+
+What happens to frame j depends on the seed and on j alone, so a run can be repeated, branched and restored.
+
+Note:
+    A plant is seen at its control steps only. Between them keypoints are interpolated linearly, and an action that
+    takes effect between two of them is spread over both in proportion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.checks import require_range
+from cableway.core.errors import InputError
+from cableway.records import Measurement, Observation
+from cableway.scene.task import Task
+from cableway.simulation.perturbations.grasp import GraspedCable, GraspedState
+from cableway.simulation.plant import CableSimulator, PlantState
+
+ROUNDING = 1e-6
+"""Share of a frame or a control step up to which two times count as one."""
+
+LONGEST_DELAY = 10.0
+"""[s]; what is delayed by longer than this is not controlled."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensingConfig:
+    """What is lost between plant and controller; nothing by default.
+
+    Attributes:
+        keypoint_noise: Standard deviation of each coordinate of a keypoint [m], independent from frame to frame.
+        frame_rate: Frames per second [Hz]; one frame at every control step where None.
+        drop_rate: Share of frames that are lost.
+        occlusion_rate: Share of frames in which a stretch of the cable is hidden.
+        occluded_share: Share of the keypoints that the longest hidden stretch holds; it is one keypoint at least.
+        measurement_delay: Time [s] from when a frame is taken until it arrives.
+        action_delay: Time [s] from when an action is sent until the grippers begin it.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    keypoint_noise: float = 0.0
+    frame_rate: float | None = None
+    drop_rate: float = 0.0
+    occlusion_rate: float = 0.0
+    occluded_share: float = 0.3
+    measurement_delay: float = 0.0
+    action_delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_range(self, 0, 1, "keypoint_noise", "drop_rate", "occlusion_rate", "occluded_share")
+        require_range(self, 0, LONGEST_DELAY, "measurement_delay", "action_delay")
+        if self.frame_rate is not None:
+            require_range(self, 0.1, 1000, "frame_rate")
+
+
+@dataclass(frozen=True)
+class SensedState:
+    """State of a `SensedPlant`.
+
+    Attributes:
+        plant: State of the plant itself.
+        steps: Control steps since the start.
+        seen: (H, n, 2) keypoints [m] after each of the last control steps, now last.
+        sent: (D, 2, 3) last actions sent, the newest last.
+    """
+
+    plant: PlantState | GraspedState
+    steps: int
+    seen: Float[np.ndarray, "H n 2"]
+    sent: Float[np.ndarray, "D 2 3"]
+
+
+class SensedPlant:
+    """A simulated cable as a camera and a robot show it.
+
+    Before the start the cable lies still and no action is under way. A step that fails leaves all as it was before;
+    where the plant refuses an action that was delayed, it refuses it again until `reset` or `restore`.
+
+    Args:
+        plant: What is seen.
+        config: How it is seen, faultlessly where None.
+        seed: Same seed and same actions, same run.
+
+    Raises:
+        InputError: The seed is negative.
+    """
+
+    def __init__(
+        self, plant: CableSimulator | GraspedCable, config: SensingConfig | None = None, seed: int = 0
+    ) -> None:
+        if seed < 0:
+            raise InputError(f"the seed of a plant must not be negative, got {seed}")
+        self.plant, self.config, self.seed = plant, config or SensingConfig(), seed
+        rate = self.config.frame_rate
+        self._period = self.control_step if rate is None else 1 / rate
+        self.reset()
+
+    @property
+    def task(self) -> Task:
+        """What planner and controller believe."""
+        return self.plant.task
+
+    @property
+    def control_step(self) -> float:
+        """Time [s] that one step takes."""
+        return self.plant.control_step
+
+    def reset(self) -> Observation:
+        """Go to the start and look; the same run after it gives the same observations bit for bit."""
+        truth = self.plant.reset()
+        # a frame that arrives between two steps is older than its delay by less than one step
+        past = math.ceil(self.config.measurement_delay / self.control_step - ROUNDING) + 2
+        self._steps = 0
+        self._seen = np.repeat(truth.keypoints[None], past, axis=0)
+        self._sent = np.zeros((math.ceil(self.config.action_delay / self.control_step - ROUNDING) + 1, 2, 3))
+        return self._shown(truth)
+
+    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
+        """Send an action, let the plant do what has arrived of those sent, and look.
+
+        Raises:
+            SimulationError: The plant refuses the action or cannot go on.
+        """
+        sent = np.concatenate([self._sent[1:], self.plant.check(action)[None]])
+        truth = self.plant.step(_aged(sent, self.config.action_delay / self.control_step))
+        self._sent, self._steps = sent, self._steps + 1
+        self._seen = np.concatenate([self._seen[1:], truth.keypoints[None]])
+        return self._shown(truth)
+
+    def measure(self) -> Measurement:
+        """The truth after the last step."""
+        return self.plant.measure()
+
+    def state(self) -> SensedState:
+        """A copy of the whole state, to branch a run from."""
+        return SensedState(self.plant.state(), self._steps, self._seen.copy(), self._sent.copy())
+
+    def restore(self, state: SensedState) -> None:
+        """Go back to a state of this plant; what follows is the same bit for bit.
+
+        Raises:
+            InputError: The state is that of another model or of other delays.
+        """
+        if state.seen.shape != self._seen.shape or state.sent.shape != self._sent.shape:
+            raise InputError("the state is that of a plant with other delays or another number of keypoints")
+        self.plant.restore(state.plant)  # pyright: ignore[reportArgumentType]
+        self._steps, self._seen, self._sent = state.steps, state.seen.copy(), state.sent.copy()
+
+    def _shown(self, truth: Observation) -> Observation:
+        """What is seen now: of the frames that have arrived since the last step the newest that was not lost."""
+        now = self._steps * self.control_step
+        for frame in range(self._newest(now), self._newest(now - self.control_step), -1):
+            keypoints = self._frame(frame, (now - frame * self._period) / self.control_step)
+            if keypoints is not None:
+                return replace(truth, keypoints=keypoints)
+        return replace(truth, keypoints=np.full_like(truth.keypoints, np.nan))
+
+    def _newest(self, now: float) -> int:
+        """Number of the newest frame that has arrived by a time [s]."""
+        return math.floor((now - self.config.measurement_delay) / self._period + ROUNDING)
+
+    def _frame(self, frame: int, age: float) -> Float[np.ndarray, "n 2"] | None:
+        """The keypoints in a frame taken `age` control steps ago, NaN where hidden; None where it was lost."""
+        config, keypoints = self.config, _aged(self._seen, age).copy()
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(frame % 2**32,)))
+        # everything is drawn in any case, so that what is switched on changes nothing else
+        lost, hidden, share, place = rng.random(4)
+        noise = rng.normal(0.0, 1.0, keypoints.shape)
+        if lost < config.drop_rate:
+            return None
+        if config.keypoint_noise:
+            keypoints += config.keypoint_noise * noise
+        if hidden < config.occlusion_rate:
+            longest = max(1, math.floor(config.occluded_share * len(keypoints)))
+            count = 1 + math.floor(share * longest)
+            first = math.floor(place * (len(keypoints) - count + 1))
+            keypoints[first : first + count] = np.nan
+        return keypoints
+
+
+def _aged(rows: Float[np.ndarray, "k ..."], age: float) -> Float[np.ndarray, "..."]:
+    """The rows at an age, between them in proportion; the last row is of age 0, each before it one older."""
+    whole = max(0, math.floor(age + ROUNDING))
+    share = age - whole
+    if share <= ROUNDING:
+        return rows[-1 - whole]
+    return (1 - share) * rows[-1 - whole] + share * rows[-2 - whole]

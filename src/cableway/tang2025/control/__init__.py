@@ -1,0 +1,1 @@
+"""Neural model predictive control."""

@@ -1,0 +1,86 @@
+"""Settings of the model predictive controllers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cableway.core.checks import number_fields, require_choice, require_not_negative, require_positive, require_range
+from cableway.tang2025.control.terms import Profile
+
+ADAPT_EVERY = 20
+"""Control steps between two adaptations of a model, where it is adapted."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MPCConfig:
+    """Settings of `NeuralMPC`; `paper()` gives those of Tang et al., the defaults are ours.
+
+    Attributes:
+        horizon: H, number of actions looked ahead (paper, hyperparameter table: 5).
+        iterations: Most Gauss-Newton iterations in one step (paper: 15). From the last solution, moved on by a step, a
+            second one changes nothing that can be seen (`tools/neural.py`) and costs as much as the first.
+        tolerance: Relative fall of the cost that is not worth another iteration.
+        tracking_weight: lambda_1 [1/m^2] (paper: 150).
+        obstacle_weight: lambda_2, [1/m^2] for the hinge, [m^2] for the barrier (paper: 0.01).
+        control_weight: lambda_3 [1/m^2] (paper: 1).
+        pose_weight: Pull of the gripper poses to the plan's [1/m^2]; 0 for none (paper).
+        turn_lever: Motion [m] that a turn of 1 rad counts as in the control and pose terms (paper: 1, as R is unit).
+        profile: "hinge" or the paper's "barrier", see `terms.clearance`.
+        threshold: d, clearance [m] below which obstacles cost (paper: 0.005).
+        pieces: Points costed per segment between keypoints; 1 for keypoints alone, as in the paper.
+        feedforward: Regularise towards the plan's gripper steps instead of, as in the paper, towards no motion.
+        offset_gain: Share of the newest prediction error that enters the output offset; 0 for no offset (paper).
+        stretch: Distance between the grippers over the cable's length from where it costs; where the plan stretches
+            the cable farther, the plan's distance.
+        stretch_weight: w_s [1/m^2]; 0 for no such cost (paper).
+        longest: Distance between the grippers over the cable's length that is never exceeded, unless by the plan.
+        adapt_every: Control steps between two adaptations of the model; 0 for none.
+        hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
+        blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
+        unseen_steps: Steps in a row that go on without keypoints before the grippers stop.
+    """
+
+    horizon: int = 5
+    iterations: int = 1
+    tolerance: float = 1e-3
+    tracking_weight: float = 150.0
+    obstacle_weight: float = 1e5
+    control_weight: float = 1e4
+    pose_weight: float = 300.0
+    turn_lever: float = 0.1
+    profile: Profile = "hinge"
+    threshold: float = 0.005
+    pieces: int = 3
+    feedforward: bool = True
+    offset_gain: float = 0.2
+    stretch: float = 0.985
+    stretch_weight: float = 1e5
+    longest: float = 0.995
+    adapt_every: int = 0
+    hold: float = 1.5
+    blind_steps: int = 3
+    unseen_steps: int = 10
+
+    def __post_init__(self) -> None:
+        require_positive(self, "horizon", "iterations", "pieces")
+        require_positive(self, "tracking_weight", "control_weight", "turn_lever", "threshold", "stretch", "longest")
+        require_range(self, 0, 1, "offset_gain")
+        require_choice("profile", self.profile, Profile)
+        require_not_negative(self, *number_fields(self))
+
+    @classmethod
+    def paper(cls) -> MPCConfig:
+        """The controller as in Tang et al.: its table's weights, keypoints only, no feedforward, offset or hold."""
+        return cls(
+            iterations=15,
+            obstacle_weight=0.01,
+            control_weight=1.0,
+            pose_weight=0.0,
+            turn_lever=1.0,
+            profile="barrier",
+            pieces=1,
+            feedforward=False,
+            offset_gain=0.0,
+            stretch_weight=0.0,
+            hold=0.0,
+        )

@@ -1,0 +1,248 @@
+"""Neural model predictive control: the "Neural MPC Design" of Tang et al., with a learned deformation model.
+
+At every control step, with s_0 and y_0 the keypoints and gripper poses just measured, f the model, s_ref and a_ref
+the plan's shapes and gripper steps and b the output offset, find the actions a_0..a_{H-1} that make
+
+    sum_{k=1..H}   lambda_1/2 |s_k + b_k - s_ref,k|^2                                     tracking
+                 + lambda_2   obstacle(clearance of the cable and of the gripper discs)   `terms.clearance`
+                 + w_s/2      max(0, |x_R,k - x_L,k| - max(stretch L, planned))^2         stretch
+                 + lambda_3/2 |a_{k-1} - a_ref,k-1|^2_R                                   control
+
+least, subject to s_{k+1} = s_k + f(s_k, y_k, a_k), y_{k+1} = y_k + a_k and the grippers' limits; then send a_0.
+
+Every term is a square, so a few Gauss-Newton steps in a box suffice (`gauss_newton`), from the solution of the step
+before, moved on by one. JAX computes what the model predicts and its derivative; all else is assembled here.
+
+The output offset is what the model keeps getting wrong: the difference between what was seen and what the model makes
+of the frame before and of the gripper motion since, low-pass filtered. Without it the loop settles where the model's
+error balances the pull to the reference. Keypoints that are hidden are taken to be where the model expects them. What
+is seen late is first led on by the motions that the grippers have made since or were sent (`sight`).
+
+With `adapt_every` the model itself is adapted to the cable at hand: its decoder, as in the paper, or its rod
+(`models.adaptation`), from the frames in which the whole cable was seen.
+
+Note:
+    The feedforward a_ref, the offset, what is done about delays, the stretch term and the cost of the cable between
+    its keypoints are ours; `MPCConfig.paper()` is without feedforward, offset, stretch term and the points between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control.base import Controller, Status
+from cableway.control.following import FollowerState
+from cableway.control.limits import longest_gap
+from cableway.core.errors import ControlError, InputError
+from cableway.records import Estimate, Observation, Plan
+from cableway.scene.task import Task
+from cableway.tang2025.control.gauss_newton import Residual, Solution, minimize_in_box
+from cableway.tang2025.control.horizon import ActionBox, HorizonCost, Target
+from cableway.tang2025.control.learning import Learning
+from cableway.tang2025.control.mpc_config import MPCConfig
+from cableway.tang2025.control.prediction import Predictor, compile_predictor
+from cableway.tang2025.models.adaptation import AdaptationConfig
+from cableway.tang2025.models.base import DeformationModel
+from cableway.tang2025.models.learned import LearnedModel
+
+
+@dataclass(frozen=True)
+class NeuralProblem:
+    """What stays the same during a run.
+
+    Attributes:
+        predictor: The compiled model.
+        cost: The terms.
+    """
+
+    predictor: Predictor
+    cost: HorizonCost
+
+
+@dataclass(frozen=True, kw_only=True)
+class MPCState(FollowerState):
+    """State of `NeuralMPC`.
+
+    Attributes:
+        problem: What stays the same.
+        actions: (H, 2, 3) the last solution.
+        seen: Keypoints (n, 2) [m] as last seen, with gripper poses (2, 3) of the same time; None before.
+        offset: (n, 2) output offset [m].
+        solution: The last solve, for the record; None before the first.
+        learning: The model that is adapted; None where it is not.
+    """
+
+    problem: NeuralProblem
+    actions: Float[np.ndarray, "H 2 3"]
+    seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
+    offset: Float[np.ndarray, "n 2"]
+    solution: Solution | None
+    learning: Learning | None = None
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """See `ControllerState.estimates`."""
+        return {} if self.learning is None else self.learning.estimates()
+
+
+class NeuralMPC(Controller[MPCState]):
+    """Model predictive control with any deformation model.
+
+    Args:
+        model: Predicts the cable's motion.
+        config: The settings, the defaults where None.
+        adaptation: How the model is adapted where the settings ask for it; as `start_adaptation` has it where None.
+
+    Raises:
+        InputError: A model that nothing was learned of is to be adapted.
+    """
+
+    def __init__(
+        self, model: DeformationModel, config: MPCConfig | None = None, adaptation: AdaptationConfig | None = None
+    ) -> None:
+        self.model = model
+        self.config = config or MPCConfig()
+        self._adaptation = adaptation
+        if self.config.adapt_every and not isinstance(model, LearnedModel):
+            raise InputError(f"adapt_every must be 0 for a {type(model).__name__}, which has nothing to adapt")
+        self._predictors: dict[int, Predictor] = {}
+
+    def init(self, task: Task, plan: Plan) -> MPCState:
+        """See `Controller.init`."""
+        beginning, learning = FollowerState.beginning(task, plan, self.config.hold), None
+        if isinstance(self.model, LearnedModel) and self.config.adapt_every:
+            learning = Learning.of(self.model, self._adaptation, self.config.adapt_every, task.cable.keypoints)
+        state = MPCState(
+            **beginning,
+            problem=NeuralProblem(self._predictor(task.cable.keypoints), HorizonCost(task, self.config)),
+            actions=np.zeros((self.config.horizon, 2, 3)),
+            seen=None,
+            offset=np.zeros_like(task.start),
+            solution=None,
+            learning=learning,
+        )
+        self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # loads and compiles what a step needs
+        return state
+
+    def in_scene(self, state: MPCState, task: Task) -> MPCState:
+        """See `Controller.in_scene`."""
+        return replace(state, task=task, problem=replace(state.problem, cost=HorizonCost(task, self.config)))
+
+    def step(self, state: MPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], MPCState]:
+        """See `Controller.step`."""
+        state = state.looking(observation)
+        if state.sight.blind > self.config.blind_steps or state.sight.unseen > self.config.unseen_steps:
+            return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
+        try:
+            return self._track(state)
+        except ControlError:
+            wanted = state.plan.actions(state.index, self.config.horizon)
+            return self._sent(replace(state, actions=wanted, seen=None), wanted[0], Status.FAILED)
+
+    def _predictor(self, keypoints: int) -> Predictor:
+        """Compiled once per number of keypoints, whatever the number of runs."""
+        if keypoints not in self._predictors:
+            self._predictors[keypoints] = compile_predictor(self.model, self.config.horizon, keypoints)
+        return self._predictors[keypoints]
+
+    def _track(self, state: MPCState) -> tuple[np.ndarray, MPCState]:
+        state = self._adapted(state)
+        sight, offset = state.sight, state.offset
+        keypoints = sight.keypoints
+        if state.seen is not None:
+            expected = self._rolled(state, *state.seen, sight.then[None])
+            error = np.where(np.isfinite(keypoints), keypoints - expected, offset)
+            offset = offset + self.config.offset_gain * (error - offset)
+            keypoints = np.where(np.isfinite(keypoints), keypoints, expected + offset)
+        if not np.isfinite(keypoints).all():
+            return self._sent(state, state.plan.actions(state.index, 1)[0], Status.UNSEEN)
+        state = replace(state, seen=(keypoints, sight.then), offset=offset)
+        way = sight.way
+        actions, solution = self._solve(state, self._rolled(state, keypoints, way[0], way[1:]), offset)
+        state = replace(state, actions=actions, solution=solution)
+        return self._sent(state, actions[0], Status.UNSEEN if sight.unseen else Status.TRACKING)
+
+    def _adapted(self, state: MPCState) -> MPCState:
+        """With what the newest frame tells of the model."""
+        if state.learning is None:
+            return state
+        learning = state.learning.seeing((state.sight.keypoints, state.sight.then))
+        if learning.state.model is state.learning.state.model:
+            return replace(state, learning=learning)
+        problem = replace(state.problem, predictor=state.problem.predictor.of(learning.state.model))
+        return replace(state, learning=learning, problem=problem, offset=np.zeros_like(state.offset))
+
+    def _rolled(
+        self,
+        state: MPCState,
+        keypoints: Float[np.ndarray, "n 2"],
+        poses: Float[np.ndarray, "2 3"],
+        way: Float[np.ndarray, "k 2 3"],
+    ) -> Float[np.ndarray, "n 2"]:
+        """Keypoints [m] after the grippers went from `poses` along `way`, as the model has it.
+
+        Raises:
+            ControlError: They are not finite.
+        """
+        horizon = self.config.horizon
+        for first in range(0, len(way), horizon):
+            part = way[first : first + horizon]
+            motions = np.zeros((horizon, 2, 3))
+            motions[: len(part)] = np.diff(np.concatenate([poses[None], part]), axis=0)
+            keypoints = state.problem.predictor.shapes(keypoints, poses, motions)[len(part) - 1]
+            poses = part[-1]
+        if not np.isfinite(keypoints).all():
+            raise ControlError("the model's prediction is not finite")
+        return keypoints
+
+    def _solve(
+        self, state: MPCState, keypoints: np.ndarray, offset: np.ndarray
+    ) -> tuple[Float[np.ndarray, "H 2 3"], Solution]:
+        """Actions over the horizon that make the cost least."""
+        problem, config, poses = state.problem, self.config, state.sight.commanded
+        target = self._target(state)
+        box = ActionBox.around(target.actions, state.task.grippers)
+
+        def evaluate(x: np.ndarray) -> Residual:
+            actions = box.actions(x)
+            predicted = problem.predictor.shapes(keypoints, poses, actions) + offset
+            terms = problem.cost.terms(predicted, poses, actions, target)
+
+            def derivative() -> np.ndarray:
+                by_actions = problem.predictor.linearized(keypoints, poses, actions)[1]
+                return box.by_unknowns(np.concatenate([rows(by_actions) for _, rows in terms]))
+
+            return np.concatenate([residual for residual, _ in terms]), derivative
+
+        start = np.concatenate([state.actions[1:], target.actions[-1:]])
+        solution = minimize_in_box(
+            evaluate,
+            box.unknowns(start),
+            box.bound,
+            iterations=config.iterations,
+            tolerance=config.tolerance,
+        )
+        return box.actions(solution.x), solution
+
+    def _target(self, state: MPCState) -> Target:
+        """What the plan asks of the next H actions."""
+        reference, horizon = state.plan, self.config.horizon
+        actions = reference.actions(state.index, horizon)
+        poses = nearest_turns(reference.poses(state.index, horizon), state.sight.commanded)
+        return Target(
+            reference.shapes(state.index, horizon), poses, actions if self.config.feedforward else 0.0 * actions
+        )
+
+    def _sent(self, state: MPCState, action: np.ndarray, status: Status) -> tuple[np.ndarray, MPCState]:
+        longest = longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, self.config.longest)
+        action, state = state.sending(action, status, float(longest[0]))
+        return action, replace(state, actions=np.concatenate([action[None], state.actions[1:]]))
+
+
+def nearest_turns(wanted: Float[np.ndarray, "H 2 3"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "H 2 3"]:
+    """The same poses with whole turns added, so that the first angles are within half a turn of those of `poses`."""
+    turns = np.round((poses[:, 2] - wanted[0, :, 2]) / (2 * np.pi))
+    return wanted + 2 * np.pi * turns[:, None] * np.array([0.0, 0.0, 1.0])

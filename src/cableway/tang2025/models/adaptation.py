@@ -1,0 +1,247 @@
+"""Adapting a model to the cable it sees, while it works, without getting worse.
+
+Of the transitions seen last, every second block is held back. The others change a few parameters: those of the rod
+where the model has one, else the last layer of its decoder, as Tang et al. freeze the encoders. The change is taken
+only where it predicts the held-back blocks far better than the model in use.
+
+Note:
+    The paper fine-tunes its decoder and keeps whatever comes out. Replay of earlier data, held-back data and the
+    bound on outliers are ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from cableway.core.checks import number_fields, require_at_least, require_not_negative, require_positive
+from cableway.core.errors import InputError
+from cableway.records import Transitions
+from cableway.tang2025.models import dataset
+from cableway.tang2025.models.base import rollout
+from cableway.tang2025.models.dataset import Windows
+from cableway.tang2025.models.fitting import Fit, fit, parameters_of
+from cableway.tang2025.models.learned import LearnedModel
+
+SPOILT = 10.0
+"""Error of a window in that of the median window, both after a change, from which on it was measured wrong."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptationConfig:
+    """How a model is adapted; the defaults are those for a rod, `for_network()` has the other ones.
+
+    Attributes:
+        memory: Transitions remembered, the last ones.
+        block: Successive transitions in a block; held-back blocks are predicted over their whole length.
+        hold_every: Every how manieth block is held back.
+        window: Steps of the rollouts that a rod is fitted to; the last layer of a network is fitted to single steps.
+        windows: Most windows in a fit, and most that are replayed.
+        held_windows: Most held-back blocks.
+        least_held: Fewest of them that a change is judged by.
+        enough: Error on held-back blocks, in lengths of the cable, below which nothing is changed: what a hundred
+            transitions of one or two motions tell about smaller errors often holds for these motions only.
+        improvement: Share of the error on held-back blocks that a change must take away. One that explains only part
+            of it, say by stiffness in place of friction, often predicts other motions worse.
+        least_motion: Travel of the grippers [m] in a window below which it says nothing.
+        fit: How parameters are fitted.
+    """
+
+    memory: int = 200
+    block: int = 10
+    hold_every: int = 2
+    window: int = 5
+    windows: int = 48
+    held_windows: int = 8
+    least_held: int = 3
+    enough: float = 0.01
+    improvement: float = 0.92
+    least_motion: float = 2e-3
+    fit: Fit = field(default_factory=Fit)
+
+    def __post_init__(self) -> None:
+        require_positive(self, "memory", "block", "window", "windows", "held_windows", "least_held")
+        require_at_least(self, 2, "hold_every")
+        require_not_negative(self, *number_fields(self))
+        if self.window > self.block:
+            raise InputError(f"adaptation.window must be at most the block, {self.block}, got {self.window!r}")
+        if not 0 <= self.improvement < 1:
+            raise InputError(f"adaptation.improvement must be from 0 to below 1, got {self.improvement!r}")
+
+    @classmethod
+    def for_network(cls) -> AdaptationConfig:
+        """Settings for a network, whose last layer is drawn to data it has seen: it changes less, and explains less."""
+        return cls(enough=0.005, improvement=0.5)
+
+
+@dataclass(frozen=True)
+class AdaptationState:
+    """A model that adapts.
+
+    Attributes:
+        model: In use.
+        config: How it adapts.
+        first: Parameters it began with; the fit is drawn towards them.
+        replay: Windows of earlier data that a network is to keep predicting.
+        recent: What was seen last.
+        accepted: Updates taken.
+        refused: Updates that predicted the held-back blocks no better.
+    """
+
+    model: LearnedModel
+    config: AdaptationConfig
+    first: Float[np.ndarray, "p"]
+    replay: Windows | None = None
+    recent: Transitions | None = None
+    accepted: int = 0
+    refused: int = 0
+
+
+def start_adaptation(
+    model: LearnedModel, *, replay: Transitions | None = None, config: AdaptationConfig | None = None, seed: int = 0
+) -> AdaptationState:
+    """The state before anything was seen.
+
+    Args:
+        model: The model as trained.
+        replay: Earlier data, say those it was trained on; a rod needs none.
+        config: How to adapt; the settings for a rod or for a network where None.
+        seed: Of the choice among the earlier data.
+    """
+    config = config or (AdaptationConfig.for_network() if model.rod is None else AdaptationConfig())
+    old = None
+    if replay is not None and model.rod is None:
+        starts = np.random.default_rng(seed).permutation(len(replay))[: config.windows]
+        old = dataset.windows(replay, np.resize(starts, config.windows), 1)
+    return AdaptationState(model, config, np.asarray(parameters_of(model), float), old)
+
+
+def compile_adaptation(state: AdaptationState, keypoints: int) -> None:
+    """Compile what `adapt` needs for cables of so many keypoints, so that no update waits for it."""
+    config = state.config
+    batch = _nothing(config.windows, _horizon(state), keypoints)
+    if state.replay is not None:
+        batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
+    fit(state.model, batch, state.first, replace(config.fit, iterations=1))
+    jax.block_until_ready(_errors(state.model, _nothing(config.held_windows, config.block, keypoints)))
+
+
+def _nothing(count: int, steps: int, keypoints: int) -> Windows:
+    """Windows full of zeros."""
+    shapes = (keypoints, 2), (2, 3), (steps, 2, 3), (steps, keypoints, 2)
+    return Windows(*(jnp.zeros((count, *shape)) for shape in shapes))
+
+
+def _horizon(state: AdaptationState) -> int:
+    """Steps of the windows that the model is fitted to."""
+    return 1 if state.model.rod is None else state.config.window
+
+
+def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
+    """Take in new transitions, and a changed model if it predicts better what was held back.
+
+    Frames that were not seen are left out of `transitions`; rows of one episode that do not follow each other are
+    noticed by their poses. Transitions without motion are remembered but change nothing.
+
+    Args:
+        state: As it was.
+        transitions: The newest ones, in order; their episodes are numbered on from those before, or are the same.
+
+    Raises:
+        InputError: They have another number of keypoints than those before.
+    """
+    config = state.config
+    recent = _remembered(state.recent, transitions, config.memory)
+    state = replace(state, recent=recent)
+    training, held = _blocks(recent, config)
+    horizon = _horizon(state)
+    windows = _informative(recent, _inside(training, config.block, horizon), horizon, config)
+    judges = _informative(recent, held, config.block, config)
+    if not len(windows) or len(judges) < config.least_held:
+        return state
+    # rows repeat, so that compiled code always sees the same shapes
+    chosen = judges[-config.held_windows :]
+    test = dataset.windows(recent, np.resize(chosen, config.held_windows), config.block)
+    before = np.asarray(_errors(state.model, test), float)[: len(chosen)]
+    limit = config.fit.outlier * np.median(before)
+    if np.minimum(before, limit).mean() < config.enough * _length(recent):
+        return state
+    batch = dataset.windows(recent, np.resize(_spread(windows, config.windows), config.windows), horizon)
+    if state.replay is not None:
+        batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
+    candidate = fit(state.model, batch, state.first, config.fit)
+    after = np.asarray(_errors(candidate, test), float)[: len(chosen)]
+    if np.isfinite(after).all() and _explained(before, after, limit) > config.improvement:
+        return replace(state, model=candidate, accepted=state.accepted + 1)
+    return replace(state, refused=state.refused + 1)
+
+
+def _explained(before: Float[np.ndarray, "k"], after: Float[np.ndarray, "k"], limit: float) -> float:
+    """The share of the error that a change takes away; 0 where it adds to it.
+
+    Windows that it leaves `SPOILT` times as far off as it leaves the median one were measured wrong: they say nothing
+    of the share. Errors above `limit` [m] count as that much in what must not grow.
+    """
+    if np.minimum(after, limit).mean() >= np.minimum(before, limit).mean():
+        return 0.0
+    kept = after <= SPOILT * np.sort(after)[(len(after) - 1) // 2]
+    return 1.0 - float(after[kept].sum() / max(before[kept].sum(), 1e-12))
+
+
+def _length(data: Transitions) -> float:
+    """Length [m] of the polyline through the keypoints."""
+    return float(np.median(np.linalg.norm(np.diff(data.keypoints, axis=1), axis=2).sum(axis=1)))
+
+
+def _remembered(recent: Transitions | None, new: Transitions, memory: int) -> Transitions:
+    if recent is None:
+        return dataset.select(new, np.arange(len(new))[-memory:])
+    if recent.keypoints.shape[1] != new.keypoints.shape[1]:
+        raise InputError(
+            f"transitions to adapt to have {new.keypoints.shape[1]} keypoints, those before {recent.keypoints.shape[1]}"
+        )
+    keypoints, poses, actions, after, episode = (
+        np.concatenate([getattr(recent, name), getattr(new, name)])[-memory:]
+        for name in ("keypoints", "poses", "actions", "next_keypoints", "episode")
+    )
+    return Transitions(keypoints, poses, actions, after, episode)
+
+
+def _blocks(data: Transitions, config: AdaptationConfig) -> tuple[Int[np.ndarray, "b"], Int[np.ndarray, "h"]]:
+    """First rows of the blocks to learn from, and of those held back; blocks do not overlap."""
+    gap = np.abs(data.poses[1:] - data.poses[:-1] - data.actions[:-1]).max(axis=(1, 2)) > 1e-6
+    runs = np.concatenate([[0], np.cumsum(gap | (np.diff(data.episode) != 0))])
+    starts = dataset.window_starts(runs, config.block, config.block)
+    held = np.arange(len(starts)) % config.hold_every == config.hold_every - 1
+    return starts[~held], starts[held]
+
+
+def _inside(starts: Int[np.ndarray, "b"], block: int, horizon: int) -> Int[np.ndarray, "k"]:
+    """Rows at which windows begin that lie within blocks."""
+    return (starts[:, None] + np.arange(block - horizon + 1)).ravel()
+
+
+def _informative(
+    data: Transitions, starts: Int[np.ndarray, "k"], horizon: int, config: AdaptationConfig
+) -> Int[np.ndarray, "j"]:
+    """Those windows in which the grippers move."""
+    travel = np.abs(data.actions[starts[:, None] + np.arange(horizon), :, :2]).sum(axis=(1, 2, 3))
+    turn = np.abs(data.actions[starts[:, None] + np.arange(horizon), :, 2]).sum(axis=(1, 2))
+    return starts[travel + 0.1 * _length(data) * turn > config.least_motion * horizon / config.window]
+
+
+def _spread(rows: Int[np.ndarray, "k"], most: int) -> Int[np.ndarray, "j"]:
+    """At most so many of the rows, evenly spread."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int))]
+
+
+@eqx.filter_jit
+def _errors(model: LearnedModel, windows: Windows) -> Float[Array, "k"]:
+    """Mean stacked error over the steps of each window [m]."""
+    shapes = jax.vmap(lambda *window: rollout(model, *window))(*windows[:3])
+    return jnp.mean(jnp.sqrt(jnp.sum((shapes - windows.targets) ** 2, axis=(2, 3))), axis=1)

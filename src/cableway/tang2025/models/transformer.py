@@ -1,0 +1,159 @@
+"""The transformer deformation model (T-DM) of Tang et al.: DLO encoder, robot encoder, DLO decoder.
+
+Self-attention lets every keypoint see every other. In the decoder's cross-attention the keypoints are the queries,
+the gripper poses the keys and the gripper motions the values: each keypoint decides, from where it is and how the
+grippers stand, how much of which gripper's motion reaches it.
+
+Note:
+    The paper gives no sizes and no position code; `TransformerConfig.paper()` has those of its public code. Layer
+    norms come before each block, keypoints carry cosines of their arc length, so their number is not baked in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from cableway.core.errors import InputError
+from cableway.tang2025.models.frames import Framing, Inputs
+from cableway.tang2025.models.layers import POSITION_WAVES, Attention, Dense, FeedForward, LayerNorm, position_code
+from cableway.tang2025.models.learned import LearnedModel, Normalization, rod_of
+from cableway.tang2025.models.rod_parameters import RodParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransformerConfig:
+    """Sizes of the transformer and what surrounds it.
+
+    Attributes:
+        width: Numbers a keypoint or gripper is encoded in.
+        heads: Attention heads; divides the width.
+        encoder_blocks: Self-attention blocks of the DLO encoder.
+        decoder_blocks: Cross-attention blocks of the DLO decoder.
+        expansion: Width of the layer inside a feed-forward block over `width`.
+        framing: Frame, blend, hard ends, rod.
+    """
+
+    width: int = 32
+    heads: int = 4
+    encoder_blocks: int = 2
+    decoder_blocks: int = 1
+    expansion: int = 2
+    framing: Framing = field(default_factory=Framing)
+
+    def __post_init__(self) -> None:
+        for name in ("width", "heads", "encoder_blocks", "decoder_blocks", "expansion"):
+            if getattr(self, name) < 1:
+                raise InputError(f"transformer {name} must be at least 1, got {getattr(self, name)!r}")
+        if self.width % self.heads:
+            raise InputError(f"transformer width must be a multiple of its {self.heads} heads, got {self.width!r}")
+
+    @classmethod
+    def paper(cls) -> TransformerConfig:
+        """Sizes of the authors' public code, in plain world coordinates."""
+        return cls(width=128, heads=4, encoder_blocks=2, decoder_blocks=1, expansion=4, framing=Framing.plain())
+
+
+class EncoderBlock(eqx.Module):
+    """Self-attention among the keypoints."""
+
+    attention: Attention
+    forward: FeedForward
+    norms: tuple[LayerNorm, LayerNorm]
+
+    def __init__(self, config: TransformerConfig, *, key: PRNGKeyArray) -> None:
+        keys = jax.random.split(key)
+        self.attention = Attention(config.width, config.heads, key=keys[0])
+        self.forward = FeedForward(config.width, config.expansion, key=keys[1])
+        self.norms = (LayerNorm(config.width), LayerNorm(config.width))
+
+    def __call__(self, tokens: Float[Array, "n w"]) -> Float[Array, "n w"]:
+        """Attention, then the feed-forward layers, each added to what came in."""
+        normed = self.norms[0](tokens)
+        tokens = tokens + self.attention(normed, normed, normed)
+        return tokens + self.forward(self.norms[1](tokens))
+
+
+class DecoderBlock(eqx.Module):
+    """Cross-attention: keypoints ask, gripper poses answer, gripper motions are what they tell."""
+
+    attention: Attention
+    forward: FeedForward
+    norms: tuple[LayerNorm, LayerNorm]
+
+    def __init__(self, config: TransformerConfig, *, key: PRNGKeyArray) -> None:
+        keys = jax.random.split(key)
+        self.attention = Attention(config.width, config.heads, key=keys[0])
+        self.forward = FeedForward(config.width, config.expansion, key=keys[1])
+        self.norms = (LayerNorm(config.width), LayerNorm(config.width))
+
+    def __call__(
+        self, tokens: Float[Array, "n w"], poses: Float[Array, "2 w"], motions: Float[Array, "2 w"]
+    ) -> Float[Array, "n w"]:
+        """Attention, then the feed-forward layers, each added to what came in."""
+        tokens = tokens + self.attention(self.norms[0](tokens), poses, motions)
+        return tokens + self.forward(self.norms[1](tokens))
+
+
+class RobotEncoder(eqx.Module):
+    """Encodes each gripper's pose and motion; the side is told by a one-hot code."""
+
+    pose: tuple[Dense, Dense]
+    motion: Dense
+
+    def __init__(self, width: int, *, key: PRNGKeyArray) -> None:
+        keys = jax.random.split(key, 3)
+        self.pose = (Dense(6, width, key=keys[0]), Dense(width, width, key=keys[1]))
+        self.motion = Dense(5, width, key=keys[2])
+
+    def __call__(
+        self, poses: Float[Array, "2 4"], motions: Float[Array, "2 3"]
+    ) -> tuple[Float[Array, "2 w"], Float[Array, "2 w"]]:
+        """Keys from the poses, values from the motions."""
+        side = jnp.eye(2, dtype=poses.dtype)
+        hidden = jax.nn.silu(self.pose[0](jnp.concatenate([poses, side], axis=1)))
+        return self.pose[1](hidden), self.motion(jnp.concatenate([motions, side], axis=1))
+
+
+class TransformerModel(LearnedModel):
+    """The transformer deformation model."""
+
+    config: TransformerConfig = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
+    normalization: Normalization
+    rod: RodParameters | None
+    embedding: Dense
+    encoder: tuple[EncoderBlock, ...]
+    robot: RobotEncoder
+    decoder: tuple[DecoderBlock, ...]
+    norm: LayerNorm
+    readout: Dense
+
+    def __init__(
+        self, config: TransformerConfig, *, key: PRNGKeyArray, normalization: Normalization | None = None
+    ) -> None:
+        """Random weights, and a normalisation that changes nothing unless one is given."""
+        encoder_key, decoder_key, robot_key, embedding_key, readout_key = jax.random.split(key, 5)
+        self.config = config  # pyright: ignore[reportIncompatibleVariableOverride]
+        self.normalization = Normalization.identity() if normalization is None else normalization
+        self.rod = rod_of(config.framing)
+        self.embedding = Dense(2 + POSITION_WAVES, config.width, key=embedding_key)
+        self.encoder = tuple(EncoderBlock(config, key=k) for k in jax.random.split(encoder_key, config.encoder_blocks))
+        self.robot = RobotEncoder(config.width, key=robot_key)
+        self.decoder = tuple(DecoderBlock(config, key=k) for k in jax.random.split(decoder_key, config.decoder_blocks))
+        self.norm = LayerNorm(config.width)
+        self.readout = Dense(config.width, 2, key=readout_key, scale=0.1)
+
+    def network(self, inputs: Inputs) -> Float[Array, "n 2"]:
+        """See `LearnedModel`."""
+        position = jnp.asarray(position_code(len(inputs.keypoints)))
+        tokens = self.embedding(jnp.concatenate([inputs.keypoints, position], axis=1))
+        for block in self.encoder:
+            tokens = block(tokens)
+        poses, motions = self.robot(inputs.poses, inputs.motions)
+        for block in self.decoder:
+            tokens = block(tokens, poses, motions)
+        return self.readout(self.norm(tokens))

@@ -1,0 +1,136 @@
+"""The pivot path by RRT*, with OMPL: the paper's planner.
+
+OMPL's wheels are for Linux only, and this is the one module that imports it. Edges and their costs are tested and
+integrated exactly as on the grid, by compiled kernels.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import InputError, PlanningError
+from cableway.geometry import convex
+from cableway.geometry.convex import World
+from cableway.planning.config import PivotConfig
+from cableway.planning.routes import band
+from cableway.planning.routes.pivot_grid import subdivide
+from cableway.scene.scene import Scene
+
+try:
+    from ompl import base, geometric, util
+except ImportError as error:
+    raise InputError(
+        "pivot method 'rrt_star' needs OMPL, which is published for Linux only; use method 'grid'"
+    ) from error
+
+
+def rrt_star_path(
+    scene: Scene,
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+    radius: float,
+    config: PivotConfig,
+    seed: int,
+) -> Float[np.ndarray, "P 2"]:
+    """The best path that RRT* finds in `config.iterations` iterations, vertices at most `config.resolution` apart.
+
+    Args:
+        scene: Workspace and obstacles.
+        start: (2,) [m], in free space.
+        goal: (2,) [m], in free space.
+        radius: Distance [m] to keep from everything.
+        config: Weights, iterations and longest edge.
+        seed: The same seed gives the same path.
+
+    Raises:
+        PlanningError: RRT* found no path, or one that does not keep `radius`.
+    """
+    level = util.getLogLevel()
+    util.setLogLevel(util.LogLevel.LOG_NONE)
+    try:
+        util.RNG.setSeed(seed + 1)  # 0 would draw a seed from the clock
+        path = _solve(scene, start, goal, radius, config)
+    finally:
+        util.setLogLevel(level)
+    if path is None:
+        raise PlanningError(
+            f"RRT* found no path for the cable's centre that keeps {1000 * radius:.1f} mm from the obstacles in "
+            f"{config.iterations} iterations"
+        )
+    path[0], path[-1] = start, goal
+    if scene.clearance(path[None], radius)[0] < 0:
+        raise PlanningError(f"RRT* returned a path that does not keep {1000 * radius:.1f} mm from the obstacles")
+    return subdivide(path, config.resolution)
+
+
+def _solve(
+    scene: Scene, start: np.ndarray, goal: np.ndarray, radius: float, config: PivotConfig
+) -> Float[np.ndarray, "k 2"] | None:
+    space = base.RealVectorStateSpace(2)
+    bounds = base.RealVectorBounds(2)
+    for axis in range(2):
+        bounds.setLow(axis, 0.0)
+        bounds.setHigh(axis, float(scene.size[axis]))
+    space.setBounds(bounds)
+    information = base.SpaceInformation(space)
+    world = scene.world.arrays
+    validity, motion = _Validity(information, world, radius), _Motion(information, world, radius)
+    information.setStateValidityChecker(validity)
+    information.setMotionValidator(motion)
+    information.setup()
+    problem = base.ProblemDefinition(information)
+    problem.setStartAndGoalStates(_state(space, start), _state(space, goal), 1e-9)
+    problem.setOptimizationObjective(_Objective(information, world, config))
+    planner = geometric.RRTstar(information)
+    planner.setRange(config.reach)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    planner.solve(base.PlannerTerminationCondition(lambda: bool(planner.numIterations() >= config.iterations)))
+    if not problem.hasExactSolution():
+        return None
+    path: Any = problem.getSolutionPath()
+    return np.array([[state[0], state[1]] for state in path.getStates()])
+
+
+def _state(space: base.RealVectorStateSpace, point: np.ndarray) -> base.State:
+    state: Any = space.allocState()
+    state[0], state[1] = float(point[0]), float(point[1])
+    return state
+
+
+class _Validity(base.StateValidityChecker):
+    def __init__(self, information: base.SpaceInformation, world: World, radius: float) -> None:
+        super().__init__(information)
+        self._world, self._radius = world, radius
+
+    def isValid(self, state: Any) -> bool:
+        """Whether a point keeps the radius. OMPL takes only a real `bool`."""
+        return bool(convex.distance_at(state[0], state[1], self._world) >= self._radius)
+
+
+class _Motion(base.MotionValidator):
+    def __init__(self, information: base.SpaceInformation, world: World, radius: float) -> None:
+        super().__init__(information)
+        self._world, self._radius = world, radius
+
+    def checkMotion(self, s1: Any, s2: Any) -> bool:
+        """Whether a whole edge keeps the radius."""
+        return bool(convex.segment_clearance(s1[0], s1[1], s2[0], s2[1], self._world, self._radius)[1] < 0)
+
+
+class _Objective(base.OptimizationObjective):
+    def __init__(self, information: base.SpaceInformation, world: World, config: PivotConfig) -> None:
+        super().__init__(information)
+        # steps of twice the resolution are enough for edges that are only compared
+        self._arguments = world, config.length_weight, config.clearance_weight, 2 * config.resolution
+
+    def stateCost(self, state: Any) -> base.Cost:
+        """Nothing: the cost lies on the edges."""
+        return base.Cost(0.0)
+
+    def motionCost(self, s1: Any, s2: Any) -> base.Cost:
+        """Integral over one edge."""
+        return base.Cost(float(band.segment_cost(s1[0], s1[1], s2[0], s2[1], *self._arguments)))

@@ -1,0 +1,282 @@
+"""Motions of the rod through its equilibria, drawn at random or led along a curve.
+
+A motion is a polyline in rod coordinates q; every point of it is an equilibrium (`cableway.rod.equilibrium`), so that
+it is a true motion of the cable wherever its stability margin stays positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from cableway.geometry import polyline, se2
+from cableway.geometry.convex import ConvexWorld, polyline_distance, signed_distance
+from cableway.rod.equilibrium import Rod
+from cableway.rod.inverse import fit_keypoints
+from cableway.scene.grippers import Grippers
+from cableway.scene.scene import Scene
+from cableway.tasks.setup import Rejected, Setup
+
+LEAST_STABILITY = 25.0
+"""Stability margin below which a motion is rejected; a verified plan keeps 20."""
+
+HELD_STABILITY = 38.0
+"""Stability margin below which a shape that is led along a curve leaves the curve."""
+
+HELD_CHORD = 0.975
+"""Distance between the grippers, in lengths of the cable, above which it leaves the curve too."""
+
+SLACK_BEND = 0.5
+"""Moment added to the first guess, so that a straight curve does not make a straight cable."""
+
+PUSH, STIFFEN, SLACKEN, PULL = 10.0, 3.0, 100.0, 0.007
+"""Weights of clearance, stability and slack, and of the loads (without it they run away), against the distance from
+the curve."""
+
+LIMIT_SHARE = 0.7
+"""Share of the gripper limits that a row takes."""
+
+SWEEP_STEP = 0.0015
+"""Largest move [m] of a station between two shapes of a sweep."""
+
+MOST_ENERGY = 25.0
+"""Largest bending energy [EI/L]: that of a full circle is 20."""
+
+LONGEST_CHORD = 0.994
+"""Largest distance between the grippers, in lengths of the cable: tauter cables amplify every error of length."""
+
+
+@dataclass(frozen=True)
+class Walls:
+    """What a rod is led between.
+
+    Attributes:
+        world: Obstacles and walls.
+        keep: How far [m] its stations stay from them, as far as they can.
+        least: How far [m] they must.
+    """
+
+    world: ConvexWorld
+    keep: float
+    least: float
+
+
+def interpolate(q: Float[np.ndarray, "t 6"], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 6"]:
+    """Rows of q at fractional indices."""
+    return np.column_stack([np.interp(at, np.arange(len(q)), column) for column in q.T])
+
+
+def in_steps(q: Float[np.ndarray, "t 6"], rod: Rod, grippers: Grippers) -> Float[np.ndarray, "k 6"]:
+    """The same polyline in q with rows that take at most `LIMIT_SHARE` of the gripper limits each."""
+    fine = np.linspace(0, len(q) - 1, 8 * (len(q) - 1) + 1)
+    poses = rod.shapes(interpolate(q, fine))[1]
+    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    effort = np.maximum(move.max(1) / grippers.max_step, turn.max(1) / grippers.max_turn) / LIMIT_SHARE
+    return _at_even(q, fine, effort)
+
+
+def swept_lines(q: Float[np.ndarray, "t 6"], rod: Rod) -> Float[np.ndarray, "k s 2"]:
+    """Stations [m] of shapes along a motion, no station more than `SWEEP_STEP` from one to the next."""
+    fine = np.linspace(0, len(q) - 1, 4 * (len(q) - 1) + 1)
+    lines = rod.shapes(interpolate(q, fine))[0]
+    moves = np.linalg.norm(np.diff(lines, axis=0), axis=2).max(1)
+    return rod.shapes(_at_even(q, fine, moves / SWEEP_STEP))[0]
+
+
+def _at_even(q: np.ndarray, fine: np.ndarray, effort: np.ndarray) -> np.ndarray:
+    """Rows of q at equal shares, none above 1, of an effort stated between the indices `fine`."""
+    total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
+    count = max(1, int(np.ceil(total[-1])))
+    return interpolate(q, np.interp(np.linspace(0, total[-1], count + 1), total, fine))
+
+
+def joined(*motions: Float[np.ndarray, "_ 6"]) -> Float[np.ndarray, "t 6"]:
+    """Motions one after the other; the turn of the centre runs on without jumps."""
+    rows = np.vstack(motions)
+    rows[:, 2] = np.unwrap(rows[:, 2])
+    return rows
+
+
+def require_sound(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float) -> None:
+    """Reject a motion that is unstable, taut or crossing itself somewhere, or nearer than `margin` [m] to a wall."""
+    rod = setup.rod
+    rows = in_steps(q, rod, setup.grippers)
+    if rod.stability(rows, ceiling=LEAST_STABILITY)[0].min() < LEAST_STABILITY:
+        raise Rejected("unstable")
+    if rod.energy(rows).max() > MOST_ENERGY:
+        raise Rejected("wound up")
+    lines, poses = rod.shapes(rows)
+    low, high = lines.min(axis=(0, 1)), lines.max(axis=(0, 1))
+    keep = setup.thickness + margin
+    if (low < keep).any() or (high > np.array(setup.size) - keep).any():
+        raise Rejected("outside")
+    curves = np.asarray(shapely.linestrings(lines))
+    if not shapely.is_simple(curves).all():
+        raise Rejected("crosses itself")
+    apart = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+    if apart.min() < max(2 * setup.thickness + margin, setup.grippers.separation):
+        raise Rejected("grippers meet")
+    if apart[1:-1].max(initial=0.0) > LONGEST_CHORD * rod.length:
+        raise Rejected("taut")
+
+
+def require_free(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin: float) -> None:
+    """Reject a motion on which cable or grippers come nearer than `margin` [m] to an obstacle or wall."""
+    lines = swept_lines(q, setup.rod)
+    slack = margin + SWEEP_STEP / 2
+    cable = polyline_distance(lines, scene.world)[0] - setup.cable.radius
+    tips = signed_distance(lines[:, [0, -1]], scene.world)[0] - setup.grippers.radius
+    if cable.min() < slack or tips.min() < slack:
+        raise Rejected("touches a wall")
+
+
+def longest_stretch(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin: float) -> np.ndarray:
+    """The longest run of rows between which the motion is sound and keeps `margin` [m] from everything.
+
+    Raises:
+        Rejected: There is none.
+    """
+    good = [_is_good(q[i : i + 2], setup, scene, margin) for i in range(len(q) - 1)]
+    edges = np.flatnonzero(np.diff([False, *good, False]))
+    if not len(edges):
+        raise Rejected("nowhere sound")
+    k = 2 * int(np.argmax(edges[1::2] - edges[::2]))
+    return q[edges[k] : edges[k + 1] + 1]
+
+
+def _is_good(q: np.ndarray, setup: Setup, scene: Scene, margin: float) -> bool:
+    try:
+        require_sound(q, setup, margin)
+        require_free(q, setup, scene, margin)
+    except Rejected:
+        return False
+    return True
+
+
+def random_curve(rng: np.random.Generator, length: float, bend: float, wavelength: float) -> Float[np.ndarray, "m 2"]:
+    """A smooth curve from the origin along +x whose curvature is a sum of waves.
+
+    Args:
+        rng: Source of the draw.
+        length: [m].
+        bend: Amplitude of the curvature [1/m].
+        wavelength: Length of the longest wave [m]; the second is half as long.
+    """
+    s = np.linspace(0.0, length, 1 + int(np.ceil(length / 0.004)))
+    first, second = (np.sin(2 * np.pi * (s * k / wavelength + rng.uniform())) for k in (1, 2))
+    curvature = bend * (first + 0.4 * rng.uniform(-1, 1) * second)
+    step = s[1]
+    angle = np.concatenate([[0.0], np.cumsum(curvature[:-1] * step)])
+    return np.vstack([[0.0, 0.0], np.cumsum(step * se2.direction(angle[:-1] + curvature[:-1] * step / 2), axis=0)])
+
+
+def placed(
+    rng: np.random.Generator, curve: Float[np.ndarray, "m 2"], size: tuple[float, float], inset: float
+) -> Float[np.ndarray, "m 2"]:
+    """A curve turned and moved at random so that it keeps `inset` [m] from the walls."""
+    turned = se2.transform(curve, np.zeros(2), rng.uniform(0, 2 * np.pi))
+    low, high = turned.min(axis=0) - inset, turned.max(axis=0) + inset
+    room = np.array(size) - (high - low)
+    if (room < 0).any():
+        raise Rejected("too long for the table")
+    return turned - low + rng.uniform(0, 1, 2) * room
+
+
+def led_along(
+    curve: Float[np.ndarray, "m 2"], rod: Rod, walls: Walls | None = None, whole: bool = True
+) -> Float[np.ndarray, "t 6"]:
+    """The rod led along a curve from one end to the other, each shape the nearest equilibrium to its piece of curve.
+
+    Args:
+        curve: Longer than the rod; the right gripper goes first.
+        rod: The rod.
+        walls: What the rod is also kept away from.
+        whole: Whether it must come to the end; else the longest stretch that it can be led along is enough.
+
+    Raises:
+        Rejected: The curve is too short, or the rod cannot be led along the whole of it.
+    """
+    travel = float(polyline.length(curve)) - rod.length
+    if travel <= 0:
+        raise Rejected("the curve is shorter than the cable")
+    shifts = np.linspace(0.0, travel, 2 + int(travel / (0.04 * rod.length)))
+    ahead = np.linspace(0.0, rod.length, rod.keypoints)
+    targets = [polyline.point_at(curve, shift + ahead) for shift in shifts]
+    best, rows, q = [], [], None
+    for target in targets:
+        q = _fit(rod, _first_guess(rod, target) if q is None else q, target, walls)
+        flaw = _flaw(rod, q, walls)
+        if flaw and whole:
+            raise Rejected(flaw)
+        rows = [] if flaw else [*rows, q]
+        q = None if flaw else q
+        best = max(best, rows, key=len)
+    if len(best) < 2:
+        raise Rejected("nowhere sound")
+    return smoothed(joined(np.array(best)))
+
+
+def smoothed(q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t 6"]:
+    """Rows averaged with their neighbours, the ends kept: equilibria too, without the jitter of fitting one by one."""
+    out = q.copy()
+    for _ in range(2):
+        out[1:-1] = 0.25 * out[:-2] + 0.5 * out[1:-1] + 0.25 * out[2:]
+    return out
+
+
+def _first_guess(rod: Rod, target: np.ndarray) -> np.ndarray:
+    return fit_keypoints(rod, target)[0] + [0, 0, 0, 0, 0, SLACK_BEND]
+
+
+def _flaw(rod: Rod, q: np.ndarray, walls: Walls | None) -> str:
+    """Why a shape will not do, or nothing."""
+    if walls is not None and polyline_distance(rod.shapes(q[None])[0], walls.world)[0][0] < walls.least:
+        return "touches a wall"
+    if rod.energy(q[None])[0] > MOST_ENERGY:
+        return "wound up"
+    ends = rod.shapes(q[None])[1][0, :, :2]
+    if np.linalg.norm(ends[1] - ends[0]) > LONGEST_CHORD * rod.length:
+        return "taut"
+    return "unstable" if rod.stability(q[None], ceiling=LEAST_STABILITY)[0][0] < LEAST_STABILITY else ""
+
+
+def _fit(rod: Rod, q: np.ndarray, target: np.ndarray, walls: Walls | None, iterations: int = 20) -> np.ndarray:
+    """Damped Gauss-Newton steps from q towards keypoints `target`, kept stable and off walls."""
+    scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
+    for _ in range(iterations):
+        stations, dstations, poses, dposes = rod.jacobians(q[None])
+        miss = ((rod.at_keypoints(stations)[0] - target) / rod.length).ravel()
+        rows = rod.at_keypoints(dstations)[0].reshape(-1, 6) * scale / rod.length
+        if walls is not None:
+            d, gradient, _ = signed_distance(stations[0], walls.world)
+            near = d < walls.keep
+            push = PUSH * (d[near] - walls.keep) / rod.length
+            slope = PUSH * np.einsum("sk,skj->sj", gradient[near], dstations[0, near]) * scale / rod.length
+            miss, rows = np.concatenate([miss, push]), np.vstack([rows, slope])
+        margin, dmargin = rod.stability(q[None], ceiling=HELD_STABILITY)
+        miss = np.concatenate([miss, PULL * q[3:] / scale[3:]])
+        rows = np.vstack([rows, PULL * np.eye(6)[3:]])
+        miss = np.append(miss, STIFFEN * (margin[0] - HELD_STABILITY) / HELD_STABILITY)
+        rows = np.vstack([rows, STIFFEN * dmargin[0] * scale / HELD_STABILITY])
+        across = poses[0, 1, :2] - poses[0, 0, :2]
+        chord = np.linalg.norm(across)
+        if chord > HELD_CHORD * rod.length:
+            miss = np.append(miss, SLACKEN * (chord / rod.length - HELD_CHORD))
+            drow = across / chord @ (dposes[0, 1, :2] - dposes[0, 0, :2])
+            rows = np.vstack([rows, SLACKEN * drow * scale / rod.length])
+        normal = rows.T @ rows + 1e-5 * np.eye(6)
+        step = -scale * np.linalg.solve(normal, rows.T @ miss)
+        q = q + step * min(1.0, 0.5 / float(np.abs(step / scale).max() + 1e-12))
+        if np.abs(step / scale).max() < 1e-5:
+            break
+    return q
+
+
+def through(q: Float[np.ndarray, "k 6"], rows: int = 12) -> Float[np.ndarray, "t 6"]:
+    """Straight lines in q from row to row, with `rows` pieces each."""
+    legs = [a + np.linspace(0, 1, rows + 1)[:, None] * (b - a) for a, b in pairwise(q)]
+    return joined(*legs)

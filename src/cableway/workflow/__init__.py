@@ -1,0 +1,1 @@
+"""One run: planning, rehearsal, tracking, recovery, insertion, verification, report."""

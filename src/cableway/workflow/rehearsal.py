@@ -1,0 +1,151 @@
+"""Rehearsal: of several plans, the one that the simulated cable follows best.
+
+A plan's shapes are equilibria of a uniform elastic rod that lies free. A cable that friction holds on the table, or
+that is not as stiff or as straight everywhere, is led through them all the same by its controller, but one plan asks
+more of it than another. Where what is believed of the cable says so, a plan is tried in simulation before it is used.
+
+Note:
+    Not in the paper (Tang et al.), whose plans know nothing of the cable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cableway.control.base import Controller
+from cableway.control.rod_mpc import RodMPC
+from cableway.core.checks import number_fields, require_positive
+from cableway.core.errors import PlanningError, SimulationError
+from cableway.records import Plan
+from cableway.scene.task import Task
+from cableway.simulation.perturbations.setup import PlantSetup
+from cableway.tracking import Plant, track
+
+
+@dataclass(frozen=True, kw_only=True)
+class RehearsalConfig:
+    """When a rehearsal is good enough.
+
+    Attributes:
+        plans: Plans that are tried at most.
+        deviation: Largest distance [m] of a keypoint from its reference.
+        clearance: Least clearance [m] of cable and grippers.
+        shape_error: Largest stacked final shape error [m].
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    plans: int = 8
+    deviation: float = 0.01
+    clearance: float = 0.004
+    shape_error: float = 0.01
+
+    def __post_init__(self) -> None:
+        require_positive(self, *number_fields(self))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rehearsed:
+    """How a rehearsal went.
+
+    Attributes:
+        deviation: Largest distance [m] of a keypoint from its reference.
+        clearance: Least clearance [m] of cable and grippers.
+        shape_error: Stacked final shape error [m].
+    """
+
+    deviation: float
+    clearance: float
+    shape_error: float
+
+    def passes(self, config: RehearsalConfig) -> bool:
+        """Whether it is good enough."""
+        return (
+            self.deviation <= config.deviation
+            and self.clearance >= config.clearance
+            and self.shape_error <= config.shape_error
+        )
+
+    def badness(self) -> tuple[bool, float]:
+        """To choose the least of: whether something was touched, then the deviation."""
+        return (not self.clearance > 0, self.deviation)
+
+
+def needs_rehearsal(task: Task) -> bool:
+    """Whether the cable of a task, as it is believed, has other equilibria than the rod of its plans."""
+    return task.cable.friction > 0 or not task.cable.bends_as_rod
+
+
+def rehearse(task: Task, plan: Plan, plant: Plant, controller: Controller[Any]) -> Rehearsed:
+    """Follow a plan and see how it goes.
+
+    Args:
+        task: What is believed.
+        plan: To follow.
+        plant: The cable of the task, simulated.
+        controller: What leads the grippers.
+    """
+    rollout = track(plant, controller, plan)
+    return Rehearsed(
+        deviation=float(rollout.deviations_from_reference.max()),
+        clearance=rollout.least_clearance,
+        shape_error=rollout.shape_error(task.goal),
+    )
+
+
+def rehearsed_plan(
+    task: Task,
+    find: Callable[[int], Plan],
+    *,
+    seed: int = 0,
+    config: RehearsalConfig | None = None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> Plan:
+    """The first plan that is good enough in rehearsal, or else the best of those tried.
+
+    It is `find(seed)` where the task's cable needs no rehearsal, or cannot be simulated at the task's start.
+
+    Args:
+        task: What is to be planned.
+        find: Finds a plan by seed.
+        seed: Of the first plan; those of the others follow from it.
+        config: When to be content.
+        progress: Told the stage and its share done.
+
+    Returns:
+        The plan; `metadata["rehearsal"]` says how many were tried and how it went.
+
+    Raises:
+        PlanningError: There is no plan with the first seed.
+    """
+    plan = find(seed)
+    if not needs_rehearsal(task):
+        return plan
+    try:
+        plant = PlantSetup(cable=task.cable).build(task, seed=0)
+    except SimulationError:
+        return plan
+    config, controller = config or RehearsalConfig(), RodMPC()
+    tried: list[tuple[Rehearsed, Plan]] = []
+    while True:
+        progress("rehearsal", len(tried) / config.plans)
+        tried.append((rehearse(task, plan, plant, controller), plan))
+        if tried[-1][0].passes(config) or len(tried) == config.plans:
+            break
+        try:
+            plan = find(_seed(seed, len(tried)))
+        except PlanningError:
+            break
+    progress("rehearsal", 1.0)
+    best, plan = min(tried, key=lambda pair: (not pair[0].passes(config), *pair[0].badness()))
+    record = {"plans": len(tried), "passed": best.passes(config), **asdict(best)}
+    return replace(plan, metadata={**plan.metadata, "rehearsal": record})
+
+
+def _seed(seed: int, number: int) -> int:
+    return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])

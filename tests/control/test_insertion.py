@@ -1,0 +1,115 @@
+"""A plug that is held askew finds its port all the same, in the simulator and within the limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cableway.control.base import Status
+from cableway.control.insertion import PlugPush, PlugPushConfig
+from cableway.core.errors import InputError
+from cableway.estimation.rod_filter import EstimatorConfig
+from cableway.planning.insertion import plan_push
+from cableway.records import INSERTION, Plan, Rollout
+from cableway.scene.files.loading import load_task
+from cableway.scene.task import Task
+from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
+from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
+from cableway.simulation.plant import CableSimulator
+from cableway.tracking import may_push, push_in
+from cableway.verification import measure_insertion, verify_insertion
+
+ASKEW = GraspConfig(left=(0.001, 0.001, -0.03), right=(0.0, 0.002, 0.035))
+
+
+@pytest.fixture(scope="module")
+def before() -> Task:
+    """The task of the catalogue, its cable already before the port."""
+    task = load_task("insertion")
+    return replace(task, start=task.goal)
+
+
+@pytest.fixture(scope="module")
+def push(before: Task) -> Plan:
+    return plan_push(before)
+
+
+def pushed(task: Task, push: Plan, grasp: GraspConfig, estimator: EstimatorConfig, **seen: float) -> Rollout:
+    plant = SensedPlant(GraspedCable(CableSimulator(task), grasp), SensingConfig(**seen), seed=1)
+    return push_in(plant, push, controller=PlugPush(PlugPushConfig(estimator=estimator)), seed=1)
+
+
+@pytest.fixture(scope="module")
+def askew(before: Task, push: Plan) -> Rollout:
+    return pushed(before, push, ASKEW, EstimatorConfig(), keypoint_noise=0.001, measurement_delay=0.1)
+
+
+def test_as_believed_it_goes_in_exactly(before: Task, push: Plan):
+    rollout = pushed(before, push, GraspConfig(), EstimatorConfig())
+    found = measure_insertion(rollout.poses[:, 1], before)
+    assert found.inserted
+    assert abs(found.lateral) < 1e-4
+    assert abs(found.angle) < 1e-3
+    assert verify_insertion(rollout, before).passed
+
+
+def test_held_askew_it_goes_in_because_the_grasp_is_estimated(before: Task, push: Plan, askew: Rollout):
+    assert verify_insertion(askew, before).passed
+    blindly = pushed(before, push, ASKEW, EstimatorConfig.nominal(), keypoint_noise=0.001, measurement_delay=0.1)
+    assert not measure_insertion(blindly.poses[:, 1], before).inserted
+
+
+def test_in_the_port_it_goes_straight(before: Task, askew: Rollout):
+    assert before.plug is not None
+    assert before.port is not None
+    seen = before.port.alignment(before.plug, askew.poses[:, 1])
+    inside = seen.depth > 0
+    assert inside.sum() > 5
+    assert np.ptp(seen.lateral[inside]) < 1e-4
+    assert np.ptp(seen.angle[inside]) < 1e-3
+
+
+def test_the_record_says_what_it_is_of(askew: Rollout):
+    assert askew.metadata["part"] == INSERTION
+    assert askew.metadata["controller"]["name"] == "PlugPush"
+
+
+def test_limits_are_kept(before: Task, push: Plan):
+    """Also where the plug would have to turn by half a radian at once."""
+    controller = PlugPush(PlugPushConfig(gain=1.0))
+    state = controller.init(before, push)
+    away = push.poses[0] + [[0.0, 0.0, 0.0], [0.03, -0.02, 0.5]]
+    observation = replace(CableSimulator(before).reset(), poses=away)
+    action, _ = controller.step(state, observation)
+    assert np.linalg.norm(action[1, :2]) <= before.grippers.max_step
+    assert abs(action[1, 2]) <= before.grippers.max_turn
+    np.testing.assert_array_equal(action[0], 0.0)
+
+
+def test_without_gripper_poses_it_stops_and_waits(before: Task, push: Plan):
+    controller = PlugPush(PlugPushConfig(hold=0.0))
+    state = controller.init(before, push)
+    action = np.ones((2, 3))
+    for _ in range(6):
+        action, state = controller.step(state, None)
+    assert state.status == Status.STOPPED
+    np.testing.assert_array_equal(action, 0.0)
+    assert state.progress < 1.0
+
+
+@pytest.mark.parametrize("wrong", [{"gain": 1.5}, {"hold": -1.0}, {"longest": np.nan}])
+def test_settings_out_of_range_are_refused(wrong: dict[str, Any]):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        PlugPushConfig(**wrong)
+
+
+def test_only_a_run_that_came_to_its_goal_goes_on(before: Task, askew: Rollout):
+    there = replace(askew, keypoints=np.repeat(before.goal[None], len(askew.times), axis=0))
+    assert may_push(there, before)
+    for outcome in ("plant failed: it broke", "the cable left its plan"):
+        ended = {**there.metadata, "outcome": outcome}
+        assert not may_push(replace(there, metadata=ended), before)
+    assert not may_push(replace(there, keypoints=there.keypoints + 0.01), before)

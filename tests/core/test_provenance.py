@@ -1,0 +1,64 @@
+"""Laws of provenance: versions of what is installed, and configurations as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from enum import Enum
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cableway.core.provenance import describe, versions
+from cableway.planning.config import PlannerConfig
+
+
+@dataclass(frozen=True)
+class Inner:
+    where: Path
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Outer:
+    inner: Inner
+    pair: tuple[float, None]
+
+
+class Colour(Enum):
+    RED = "red"
+
+
+def test_versions_are_those_installed_and_leave_out_the_extras():
+    found = versions()
+    assert found["cableway"] == metadata.version("cableway")
+    assert found["mujoco"] == metadata.version("mujoco")
+    assert "python" in found
+    assert "pytest" not in found
+    assert "not installed" not in found.values()
+
+
+def test_a_nested_configuration_becomes_plain_json():
+    config = Outer(Inner(Path("a/b"), np.array([1.0, 2.0])), (math.inf, None))
+    plain = describe({"x": config, 3: Colour.RED, "t": True, "n": np.int64(4)})
+    assert plain == {
+        "x": {"inner": {"where": "a/b", "values": [1.0, 2.0]}, "pair": ["inf", None]},
+        "3": "red",
+        "t": True,
+        "n": 4,
+    }
+    assert json.loads(json.dumps(plain, allow_nan=False)) == plain
+
+
+def test_every_field_of_the_planners_configuration_is_described():
+    plain = describe(PlannerConfig.paper())
+    assert plain["pivot"]["method"] == "rrt_star"
+    assert plain["limits"]["clearance"] > 0
+
+
+def test_what_is_no_configuration_is_refused():
+    with pytest.raises(TypeError, match="set is no configuration value"):
+        describe({"a": {1, 2}})

@@ -1,0 +1,106 @@
+"""Realisation: equilibria in, steps within limits out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import problems
+import pytest
+
+from cableway.core.errors import PlanningError
+from cableway.geometry import se2
+from cableway.planning.projection import (
+    RealizationConfig,
+    between,
+    end_equilibria,
+    fit_sequence,
+    realize,
+    step_evenly,
+)
+from cableway.records import DeformationSequence
+from cableway.rod.lag import lag
+from cableway.scene.task import CONTROL_STEP, Grippers
+
+
+@pytest.fixture(scope="module")
+def line():
+    task = problems.free()
+    return task, problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.HIGH_ARC, 30)
+
+
+def test_shapes_of_equilibria_are_fitted_exactly(line):
+    """Keypoints that come from equilibria lead back to them."""
+    task, q = line
+    rod = task.cable.rod
+    shapes = rod.at_keypoints(rod.shapes(q)[0])
+    fitted, rows = fit_sequence(rod, shapes, q[0], q[-1], row_step=0.012)
+    wanted = rod.shapes(between(q, rows))[0]
+    assert np.abs(rod.shapes(fitted)[0] - wanted).max() < 2e-4
+    assert rows[0] == 0
+    assert rows[-1] == len(q) - 1
+    assert (np.diff(rows) > 0).all()
+
+
+def test_only_what_is_to_be_refined_is_refined(line):
+    """ "fit" leaves the nearest equilibria as they are; "refine" moves them, but not the ends."""
+    task, q = line
+    rod = task.cable.rod
+    q = q + np.sin(np.linspace(0, np.pi, len(q)))[:, None] * [0.03, 0, 0, 0, 0, 0]
+    sequence = DeformationSequence.in_step(rod.at_keypoints(rod.shapes(q)[0]))
+    fitted, refined = (realize(sequence, task, RealizationConfig(kind=kind)) for kind in ("fit", "refine"))
+    ends = end_equilibria(task, RealizationConfig())
+    stepped, _ = step_evenly(fit_sequence(rod, sequence.shapes, *ends, 0.012)[0], task, RealizationConfig())
+    assert np.array_equal(fitted.shapes, rod.at_keypoints(rod.shapes(stepped)[0]))
+    assert np.abs(refined.shapes[len(refined.shapes) // 2] - fitted.shapes[len(fitted.shapes) // 2]).max() > 0.005
+    np.testing.assert_allclose(refined.shapes[[0, -1]], fitted.shapes[[0, -1]], atol=1e-9)
+
+
+def test_angles_run_on_through_a_full_turn(line):
+    """A cable that turns once about itself ends a full turn from where it began, not at the same angle."""
+    task, q = line
+    turning = np.repeat(q[:1], 41, axis=0)
+    turning[:, 2] += np.linspace(0, 2 * np.pi, 41)
+    turning[:, :2] = 0.35
+    shapes = task.cable.rod.at_keypoints(task.cable.rod.shapes(turning)[0])
+    goal = turning[-1] - [0, 0, 2 * np.pi, 0, 0, 0]
+    fitted, _ = fit_sequence(task.cable.rod, shapes, turning[0], goal, row_step=0.012)
+    assert fitted[-1, 2] - fitted[0, 2] == pytest.approx(2 * np.pi, abs=1e-6)
+
+
+@pytest.mark.parametrize("limits", [Grippers(), Grippers(max_step=0.004), Grippers(max_turn=0.01)])
+def test_no_step_exceeds_its_share_of_the_limits(line, limits):
+    """Whatever the limits, every row keeps to 70% of them, and the ends are kept."""
+    task, q = line
+    limited = replace(task, grippers=limits)
+    stepped, at = step_evenly(q, limited, RealizationConfig())
+    poses = task.cable.rod.shapes(stepped)[1]
+    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    assert move.max() <= 0.7 * limits.max_step * (1 + 1e-6)
+    assert turn.max() <= 0.7 * limits.max_turn * (1 + 1e-6)
+    assert max(move.max() / limits.max_step, turn.max() / limits.max_turn) > 0.4
+    assert np.allclose(stepped[[0, -1]], q[[0, -1]])
+    assert (np.diff(at) > 0).all()
+
+
+def test_a_sluggish_cable_is_not_left_behind():
+    """With quick grippers the lag sets the pace; a cable that does not lag goes as fast as they do."""
+    task = replace(problems.free(), grippers=Grippers(max_step=0.04, max_turn=0.4))
+    q = np.linspace([0.3, 0.3, 0.2, 3.0, 9.0, -1.5], [0.4, 0.35, -0.4, -24.0, 9.0, 1.5], 31)
+    config = RealizationConfig()
+    stepped, _ = step_evenly(q, task, config)
+    trailing = lag(task.cable.rod, stepped) * config.damping_time / CONTROL_STEP
+    assert trailing.max() == pytest.approx(config.limit_share * config.lag, rel=0.1)
+    brisk, _ = step_evenly(q, task, replace(config, damping_time=0.0))
+    assert len(brisk) < len(stepped)
+
+
+def test_an_end_that_is_no_shape_of_the_cable_is_refused():
+    """Three bends of one side, other side, one side, unevenly spaced: no equilibrium has them."""
+    task = problems.free()
+    fine = np.linspace(0, task.cable.length, 1201)
+    angle = 1.2 * np.sin(2 * np.pi * (fine / fine[-1]) ** 2 * 1.75)
+    curve = np.cumsum(np.column_stack([np.cos(angle), np.sin(angle)]), axis=0) * (fine[1] - fine[0])
+    odd = replace(task, goal=curve[::100] + [0.2, 0.4])
+    with pytest.raises(PlanningError, match="the goal is no shape that the cable takes by itself"):
+        end_equilibria(odd, RealizationConfig())

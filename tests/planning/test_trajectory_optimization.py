@@ -1,0 +1,101 @@
+"""Refinement lowers a cost whose gradient is exact, and leaves the ends alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import problems
+import pytest
+
+from cableway.planning.trajectory_optimization import RefinementConfig, _Problem, refine
+
+
+@pytest.fixture(scope="module")
+def crossing():
+    """A sequence that goes straight through a disc, with loads that vary."""
+    task = problems.beside_disc()
+    q = problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.HIGH_ARC, 40)
+    q[1:-1] += 0.3 * np.random.default_rng(0).normal(size=(38, 6)) * [0.01, 0.01, 0.1, 3, 3, 1]
+    return task, q
+
+
+def test_gradient_is_that_of_the_cost(crossing):
+    """The gradient from the Jacobians equals finite differences of the cost, for every term at once."""
+    task, q = crossing
+    config = RefinementConfig(stability_wanted=60.0, chord_wanted=0.9)
+    problem = _Problem(task, config, 1.0, len(q))
+    normal = problem.linearise(q)
+    assert normal.cost == pytest.approx(problem.cost(q), rel=1e-12)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        direction = rng.normal(size=q.shape) * [0.01, 0.01, 0.1, 1, 1, 0.3]
+        h = 1e-5
+        numeric = (problem.cost(q + h * direction) - problem.cost(q - h * direction)) / (2 * h)
+        assert np.sum(normal.gradient * direction) == pytest.approx(numeric, rel=2e-4)
+
+
+def test_gradient_with_all_limits_of_the_task(crossing):
+    """The same where the grippers must stay apart and the cable must not bend sharply."""
+    task, q = crossing
+    grippers, cable = replace(task.grippers, separation=0.26), replace(task.cable, min_bend_radius=0.11)
+    task = replace(task, grippers=grippers, cable=cable)
+    problem = _Problem(task, RefinementConfig(separation_margin=0.02, bend_share=0.5), 1.0, len(q))
+    assert problem._bends(problem.rod.shapes(q)[0]).any()
+    assert problem._chord(problem.rod.shapes(q)[1])[0][:, 1].any()
+    normal = problem.linearise(q)
+    assert normal.cost == pytest.approx(problem.cost(q), rel=1e-12)
+    direction = np.random.default_rng(1).normal(size=q.shape) * [0.01, 0.01, 0.1, 1, 1, 0.3]
+    h = 1e-5
+    numeric = (problem.cost(q + h * direction) - problem.cost(q - h * direction)) / (2 * h)
+    assert np.sum(normal.gradient * direction) == pytest.approx(numeric, rel=2e-4)
+
+
+def test_moves_the_cable_out_of_the_way_and_keeps_the_ends(crossing):
+    """What went through the disc keeps the margin afterwards; start and goal stay as they were."""
+    task, q = crossing
+    rod, radius = task.cable.rod, task.cable.radius
+    assert task.scene.clearance(rod.shapes(q)[0], radius).min() < -0.05
+    moved = refine(q, task, RefinementConfig())
+    assert task.scene.clearance(rod.shapes(moved)[0], radius).min() > 0.008
+    assert np.array_equal(moved[[0, -1]], q[[0, -1]])
+
+
+def test_cost_never_rises(crossing):
+    """At the last clearance weight the refined sequence costs less than the one given."""
+    task, q = crossing
+    config = RefinementConfig()
+    problem = _Problem(task, config, config.clearance_weights[-1], len(q))
+    assert problem.cost(refine(q, task, config)) < problem.cost(q)
+
+
+def test_raises_the_stability_margin():
+    """Rows strung out over the wanted chord and under the wanted margin are slackened and stabilised."""
+    task = problems.free()
+    q = problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.HIGH_ARC, 30)
+    q[10:20, 3] = -75.0
+    config = RefinementConfig()
+    before = task.cable.rod.stability(q)[0].min()
+    after = task.cable.rod.stability(refine(q, task, config))[0].min()
+    assert before < 30 < after
+
+
+def test_same_input_same_output(crossing):
+    """Two calls give the same numbers, bit for bit."""
+    task, q = crossing
+    assert np.array_equal(refine(q, task, RefinementConfig()), refine(q, task, RefinementConfig()))
+
+
+def test_progress_rises_and_can_end_the_refinement(crossing):
+    task, q = crossing
+    shares: list[float] = []
+    refine(q, task, RefinementConfig(iterations=5), shares.append)
+    assert shares[0] == 0
+    assert shares == sorted(shares)
+    assert 2 / 3 <= shares[-1] < 1
+
+    def enough(share: float) -> None:
+        raise TimeoutError
+
+    with pytest.raises(TimeoutError):
+        refine(q, task, RefinementConfig(), enough)

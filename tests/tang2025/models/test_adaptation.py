@@ -1,0 +1,161 @@
+"""Laws of adaptation: it learns what it can see, never from nothing, and takes no change that does not help."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from led_cables import quasi_static
+
+from cableway.core.errors import InputError
+from cableway.records import Transitions
+from cableway.tang2025.models.adaptation import AdaptationConfig, AdaptationState, _explained, adapt, start_adaptation
+from cableway.tang2025.models.base import rollout
+from cableway.tang2025.models.dataset import select
+from cableway.tang2025.models.evaluation import open_loop_errors
+from cableway.tang2025.models.rod import RodConfig, RodModel
+
+NOMINAL = RodModel(RodConfig(), key=jax.random.key(0))
+GRADED = eqx.tree_at(lambda model: model.rod.stiffness, NOMINAL, jnp.array([0.7, -0.2]))
+run = eqx.filter_jit(jax.vmap(rollout, in_axes=(None, 0, 0, 0)))
+
+
+@pytest.fixture(scope="module")
+def seen() -> Transitions:
+    """A cable with one stiff end, as led in forty-step episodes."""
+    led = quasi_static(10, 40, seed=3)
+    first = slice(None, None, 40)
+    actions = led.actions.reshape(10, 40, 2, 3)
+    settled = run(GRADED, led.keypoints[first], led.poses[first], 0 * actions[:, :20])[:, -1]
+    shapes = np.concatenate([settled[:, None], run(GRADED, settled, led.poses[first], actions)], axis=1)
+    before, after = (shapes[:, part].reshape(-1, 13, 2).astype(float) for part in (slice(-1), slice(1, None)))
+    return replace(led, keypoints=before, next_keypoints=after)
+
+
+def fed(state: AdaptationState, data: Transitions, rows: range) -> AdaptationState:
+    for start in range(rows.start, rows.stop, 20):
+        state = adapt(state, select(data, np.arange(start, start + 20)))
+    return state
+
+
+def error(state: AdaptationState, data: Transitions) -> float:
+    return float(np.mean(open_loop_errors(state.model, select(data, data.episode >= 5), (10,))[10]))
+
+
+@pytest.fixture(scope="module")
+def adapted(seen: Transitions) -> AdaptationState:
+    return fed(start_adaptation(NOMINAL), seen, range(160))
+
+
+def test_a_stiff_end_is_learned_and_other_motions_are_predicted_better(adapted, seen):
+    assert adapted.accepted >= 1
+    assert error(adapted, seen) < 0.4 * error(start_adaptation(NOMINAL), seen)
+    assert adapted.model.rod.stiffness[0] > 0.3
+
+
+def fed_spoilt(data: Transitions, count: int, seed: int) -> AdaptationState:
+    """Adapted to transitions of which `count` are spoilt by noise of 5 cm and three are lost."""
+    rng = np.random.default_rng(seed)
+    rows = np.arange(160)
+    bad = rng.choice(rows, count, replace=False)
+    keypoints, after = data.keypoints[rows].copy(), data.next_keypoints[rows].copy()
+    keypoints[bad] += rng.normal(0, 0.05, (count, 13, 2))
+    after[bad - 1] = keypoints[bad]
+    spoilt = replace(select(data, rows), keypoints=keypoints, next_keypoints=after)
+    kept = select(spoilt, np.setdiff1d(rows, [57, 58, 121]))
+    state = fed(start_adaptation(NOMINAL), kept, range(0, len(kept) - 20))
+    assert np.isfinite(np.asarray(state.model.rod.stiffness)).all()
+    return state
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_it_learns_in_spite_of_outliers_and_lost_frames(seen, seed):
+    assert error(fed_spoilt(seen, 4, seed), seen) < error(start_adaptation(NOMINAL), seen)
+
+
+def test_a_spoilt_frame_in_two_does_not_lead_astray(seen):
+    assert error(fed_spoilt(seen, 80, 2), seen) <= error(start_adaptation(NOMINAL), seen)
+
+
+def test_a_still_cable_changes_nothing(adapted, seen):
+    shape, pose = seen.keypoints[:1], seen.poses[:1]
+    still = Transitions(
+        *(np.repeat(part, 200, axis=0) for part in (shape, pose, 0 * pose, shape)), episode=np.full(200, 77)
+    )
+    after = adapt(adapted, still)
+    assert after.model is adapted.model
+    assert (after.accepted, after.refused) == (adapted.accepted, adapted.refused)
+
+
+def test_a_model_that_is_right_already_is_left_alone(seen):
+    state = fed(start_adaptation(GRADED), seen, range(100))
+    assert state.accepted == 0
+    assert eqx.tree_equal(state.model, GRADED)
+
+
+def test_what_does_not_help_is_refused(seen):
+    demanding = AdaptationConfig(improvement=0.999)
+    state = fed(start_adaptation(NOMINAL, config=demanding), seen, range(100))
+    assert state.accepted == 0
+    assert state.refused >= 1
+    assert state.model is NOMINAL
+
+
+def test_a_change_that_explains_only_part_is_refused(seen):
+    state = fed(start_adaptation(NOMINAL, config=AdaptationConfig(improvement=0.99)), seen, range(160))
+    assert (state.accepted, state.refused > 0) == (0, True)
+    assert eqx.tree_equal(state.model, NOMINAL)
+
+
+def test_small_errors_are_left_alone(seen):
+    for enough, tried in ((0.0, True), (0.1, False)):
+        state = fed(start_adaptation(NOMINAL, config=AdaptationConfig(enough=enough)), seen, range(100))
+        assert (state.accepted + state.refused > 0) == tried
+
+
+def test_the_share_explained_leaves_out_what_was_measured_wrong():
+    before = np.array([0.004, 0.005, 0.006, 0.5])
+    assert _explained(before, np.array([0.0004, 0.0005, 0.0006, 0.5]), 0.0165) == pytest.approx(0.9)
+    assert _explained(before, np.array([0.002, 0.0025, 0.003, 0.5]), 0.0165) == pytest.approx(0.5)
+    # three windows better, and a fourth that counts so much worse that nothing is gained
+    assert _explained(np.full(4, 0.004), np.array([0.003, 0.003, 0.003, 0.0121]), 0.0121) == 0.0
+
+
+def test_a_network_has_settings_of_its_own(model):
+    assert start_adaptation(NOMINAL).config == AdaptationConfig()
+    assert start_adaptation(model).config == AdaptationConfig.for_network() != AdaptationConfig()
+
+
+def test_the_same_transitions_give_the_same_model(adapted, seen):
+    again = fed(start_adaptation(NOMINAL), seen, range(160))
+    assert eqx.tree_equal(again.model, adapted.model)
+
+
+def test_a_network_changes_in_its_last_layer_only(model, seen, transitions):
+    state = fed(start_adaptation(model, replay=transitions), seen, range(100))
+    assert state.accepted + state.refused >= 1
+    same = eqx.tree_at(lambda m: m.readout, state.model, model.readout)
+    assert eqx.tree_equal(same, model)
+
+
+def test_another_number_of_keypoints_is_refused(adapted):
+    with pytest.raises(InputError, match="have 10 keypoints, those before 13"):
+        adapt(adapted, quasi_static(1, 20, seed=0, keypoints=10))
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"memory": 0}, "memory must be whole and positive"),
+        ({"hold_every": 1}, "hold_every must be whole and at least 2"),
+        ({"window": 11}, "window must be at most the block, 10, got 11"),
+        ({"improvement": 1.0}, "improvement must be from 0 to below 1"),
+    ],
+)
+def test_impossible_settings_are_refused(fields, message):
+    with pytest.raises(InputError, match=message):
+        AdaptationConfig(**fields)

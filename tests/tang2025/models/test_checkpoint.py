@@ -1,0 +1,118 @@
+"""Laws of model files: exact both ways, and every other file is refused with one sentence."""
+
+from __future__ import annotations
+
+import json
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+from safetensors.numpy import load_file, save_file
+
+from cableway.core.errors import FileFormatError, InputError, UnknownNameError
+from cableway.tang2025.models.checkpoint import load_model, model_file, model_names, read_card, save_model
+from cableway.tang2025.models.tensors import METADATA_KEY, read_metadata
+
+CARD = {"kind": "transformer", "note": "made by a test"}
+
+
+@pytest.fixture
+def file(model, tmp_path):
+    path = tmp_path / "some.safetensors"
+    save_model(path, model, CARD)
+    return path
+
+
+def rewrite(path, *, arrays=None, **changes):
+    """The same file with other metadata or arrays."""
+    metadata = {**read_metadata(path), **changes}
+    save_file(arrays or load_file(path), path, metadata={METADATA_KEY: json.dumps(metadata)})
+
+
+def test_a_model_comes_back_bit_for_bit(model, file):
+    loaded = load_model(file)
+    assert eqx.tree_equal(loaded, model)
+    assert loaded.config == model.config
+    assert read_card(file) == CARD
+
+
+def test_saving_again_gives_the_same_bytes(model, file, tmp_path):
+    save_model(tmp_path / "again.safetensors", load_model(file), CARD)
+    assert (tmp_path / "again.safetensors").read_bytes() == file.read_bytes()
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(FileFormatError, match=r"none.safetensors: no such file"):
+        load_model(tmp_path / "none.safetensors")
+
+
+@pytest.mark.parametrize("cut", [4, 200, -50])
+def test_a_file_cut_short_is_refused(file, cut):
+    file.write_bytes(file.read_bytes()[:cut])
+    with pytest.raises(FileFormatError, match="not a readable safetensors file"):
+        load_model(file)
+
+
+def test_another_safetensors_file_is_refused(tmp_path):
+    save_file({"w": np.zeros(3)}, tmp_path / "other.safetensors")
+    with pytest.raises(FileFormatError, match="not a cableway model of kind bilstm, conv, mlp, rod, transformer"):
+        load_model(tmp_path / "other.safetensors")
+
+
+def test_another_version_is_refused(file):
+    rewrite(file, version=2)
+    with pytest.raises(FileFormatError, match="of version 2; this cableway reads version 1"):
+        load_model(file)
+
+
+def test_another_kind_is_refused_with_the_known_ones(file):
+    rewrite(file, kind="oracle")
+    with pytest.raises(FileFormatError, match="unknown kind of model 'oracle'; known: bilstm, conv, mlp, rod"):
+        load_model(file)
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"width": 24}, "multiple of its"),
+        ({"width": 16, "heads": 2, "wings": 2}, "unknown key 'wings'; known: decoder_blocks"),
+        ({"width": "wide"}, "width must be a whole number, got 'wide'"),
+        (None, "must be a mapping"),
+        ({"width": 16, "heads": 2, "encoder_blocks": 2}, "array 'encoder.1"),
+        ({"width": 32, "heads": 2, "encoder_blocks": 1}, "is float32"),
+    ],
+)
+def test_a_configuration_that_does_not_fit_is_refused(file, config, message):
+    if config == {"width": 24}:
+        config = {"width": 25}
+    rewrite(file, config=config)
+    with pytest.raises(FileFormatError, match=message):
+        load_model(file)
+
+
+def test_a_weight_that_is_not_finite_is_refused(file):
+    arrays = load_file(file)
+    arrays["readout.bias"] = np.array([np.nan, 0.0], np.float32)
+    rewrite(file, arrays=arrays)
+    with pytest.raises(FileFormatError, match=r"'readout.bias' holds a number that is not finite"):
+        load_model(file)
+
+
+def test_an_unknown_name_lists_the_shipped_ones():
+    with pytest.raises(UnknownNameError, match="unknown model 'transfomer'; known: ") as caught:
+        load_model("transfomer")
+    assert isinstance(caught.value, InputError)
+    assert all(name in str(caught.value) for name in model_names())
+
+
+def test_names_and_paths_are_told_apart(tmp_path):
+    assert model_file("./transformer").parts == ("transformer",)
+    assert model_file("mine.safetensors").name == "mine.safetensors"
+    assert model_file(tmp_path / "transformer") == tmp_path / "transformer"
+
+
+def test_loading_does_not_depend_on_random_numbers(file):
+    first, second = load_model(file), load_model(file)
+    assert eqx.tree_equal(first, second)
+    assert len(jax.tree.leaves(first)) > 20

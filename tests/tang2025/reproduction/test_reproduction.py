@@ -1,0 +1,121 @@
+"""The reproduction puts the right results beside the paper's numbers, failures included."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded import moved_aside, moved_plan, perfect_rollout
+
+from cableway.benchmark.episode import Result
+from cableway.benchmark.summary import machine
+from cableway.figures.stages import followers_figure
+from cableway.planning.config import PlannerConfig
+from cableway.tang2025.control.mpc_config import MPCConfig
+from cableway.tang2025.reproduction import paper, reproduction
+from cableway.tang2025.reproduction.page import reproduction_page, reproduction_text
+from cableway.tang2025.reproduction.sections import Section, median_worst, spread
+
+ABOUT = {"versions": {"cableway": "0"}, "machine": machine(), "size": "quick", "configuration": {"data_seeds": [1, 2]}}
+
+
+def result(suite: str, task: str, error: float, method: str = "cableway", clearance: float | None = 0.008) -> Result:
+    return Result(
+        suite=suite, episode=f"{task}-{error}", method=method, task=task, plant="laid", seed=0, digest="", made_by="",
+        outcome="", success=error < 0.03, shape_error=error, clearance=clearance,
+    )  # fmt: skip
+
+
+def rows(section: Section, table: int = 0) -> dict[str, dict[str, str]]:
+    """The rows of a table by their first cell, each cell by its title."""
+    titles, *lines = section.tables[table].rows
+    return {line[0]: dict(zip(titles[1:], line[1:], strict=True)) for line in lines}
+
+
+def test_our_configuration_of_the_paper_has_the_papers_values():
+    found = rows(reproduction.hyperparameters())
+    assert [cells["paper"] for cells in found.values()] == [value for _, value, _ in paper.HYPERPARAMETERS]
+    ours = "our configuration of the paper"
+    assert found["time steps T"][ours] == f"{PlannerConfig.paper().deformation.steps}" == "50"
+    assert found["MPC horizon H"][ours] == f"{MPCConfig.paper().horizon}" == "5"
+    assert all(cells["paper"] == cells[ours] for cells in found.values())
+
+
+def test_simulated_tasks_count_failures_of_both():
+    results = {
+        "cableway": [result("paper", "maze-1", 0.001), result("paper", "maze-1", 0.05)],
+        "paper": [result("paper", "maze-1", 0.9, "paper", clearance=None)],
+    }
+    found = rows(reproduction.simulated({"paper": results}))["maze-1"]
+    assert found["paper, error [cm]"] == "< 2"
+    assert found["ours: success"] == "1/2"
+    assert found["least clearance [cm]"] == "0.80"
+    assert found["the paper's configuration: success"] == "0/1"
+
+
+def test_unconstrained_control_is_told_by_cable_and_by_method():
+    usb = [result("lab-unconstrained", f"open-near-{k}~usb-0.34", error) for k, error in enumerate((0.001, 0.003))]
+    rubber = [result("lab-unconstrained", "open-far-9~rubber-0.34", 0.04)]
+    other = [replace(each, method="broyden", shape_error=0.02) for each in usb]
+    section = reproduction.unconstrained({"lab-unconstrained": {"cableway": usb + rubber, "broyden": other}})
+    cables, methods = rows(section), rows(section, 1)
+    assert (cables["usb"]["n"], cables["usb"]["below 3 cm"]) == ("2", "2/2")
+    assert cables["usb"]["ours, mean (95%) [cm]"].startswith("0.20 (")
+    assert cables["rubber"]["below 3 cm"] == "0/1"
+    assert cables["paracord"]["n"] == "0"
+    assert methods["broyden"]["paper [cm]"] == spread(paper.CONTROL_BY_METHOD["broyden"])
+    assert methods["cableway"]["n"] == "2"
+
+
+def test_the_summary_takes_the_papers_cables_together_and_the_others_apart():
+    usual = [result("lab-constrained", "real-single~usb-0.34", 0.001 * k) for k in range(1, 19)]
+    cotton = [result("lab-constrained", "real-single~cotton-0.22", 0.05, clearance=-0.001)]
+    lines = reproduction.summary({"lab-constrained": {"cableway": usual + cotton}}).tables[0].rows
+    single = [line for line in lines if line[0] == "real-single"]
+    assert [line[1] for line in single] == ["as in the paper", "cotton"]
+    assert single[0][5] == f"{reproduction.TRIALS}/{reproduction.TRIALS}"
+    assert single[1][5] == "0/1"
+    assert single[1][-1] == "-0.10"
+
+
+def test_pages_hold_every_section_and_escape_what_they_show():
+    section = reproduction.hyperparameters()
+    odd = Section("<b>A & B</b>", "word " * 60, section.tables, ("one.png",))
+    page, text = reproduction_page([section, odd], ABOUT), reproduction_text([section, odd], ABOUT)
+    assert "&lt;b&gt;A &amp; B&lt;/b&gt;" in page
+    assert 'src="one.png"' in page
+    assert "http" not in page.split("</style>")[-1]
+    assert "`cableway reproduce --size quick`. Versions: cableway 0." in text
+    assert "![one.png](one.png)" in text
+    assert max(map(len, (line for line in text.splitlines() if line.startswith("word")))) <= 120
+
+
+def test_figures_of_nothing_are_a_dash():
+    assert median_worst([]) == "-"
+    assert median_worst([1.0, 3.0, 2.0]) == "2.00 / 3.00"
+
+
+@pytest.fixture(scope="module")
+def stages(tmp_path_factory: pytest.TempPathFactory) -> tuple[Section, Path]:
+    folder = tmp_path_factory.mktemp("stages")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reproduction, "STAGED", ("single-obstacle-2",))
+        return reproduction.planning(folder), folder
+
+
+def test_the_stages_of_planning_are_drawn_and_one_end_leads(stages: tuple[Section, Path]):
+    section, folder = stages
+    (line,) = section.tables[0].rows[1:]
+    assert 0.0 < float(line[1]) <= 1.0
+    assert (folder / section.pictures[0]).stat().st_size > 20_000
+
+
+def test_cables_that_follow_one_plan_are_drawn_with_their_errors():
+    task, plan = moved_plan()
+    perfect = perfect_rollout(task, plan)
+    figure = followers_figure(task, {"true": perfect, "aside": moved_aside(perfect, 0.02)})
+    lines = {line.get_label(): np.asarray(line.get_ydata(), float) for line in figure.axes[1].get_lines()}
+    assert lines["aside"][-1] == pytest.approx(20.0 * np.sqrt(len(task.goal)), rel=0.05)
+    assert lines["true"][-1] < 0.05 * lines["aside"][-1]
