@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from cableway.records import Transitions
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 
 
 def quasi_static(episodes: int, steps: int, *, seed: int, length: float = 0.3, keypoints: int = 13) -> Transitions:
     """Transitions of a cable without lag: straight lines in rod coordinates, one for each episode."""
-    rng, rod = np.random.default_rng(seed), Rod(length, keypoints)
+    rng, rod = np.random.default_rng(seed), PlanarRod(length, keypoints)
     parts = []
     for _ in range(episodes):
         start = np.concatenate([rng.uniform(0.2, 0.5, 2), rng.uniform(-3, 3, 1), rng.normal(0, [6, 6, 1.5])])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.scene import Scene
@@ -52,6 +52,6 @@ def sealed() -> Task:
 SOLVABLE = {"free": free, "beside-disc": beside_disc, "doorway": doorway}
 
 
-def line_in_q(rod: Rod, start: np.ndarray, goal: np.ndarray, rows: int) -> np.ndarray:
+def line_in_q(rod: PlanarRod, start: np.ndarray, goal: np.ndarray, rows: int) -> np.ndarray:
     """Rod coordinates on the straight line from start to goal, (rows, 6)."""
     return start + np.linspace(0.0, 1.0, rows)[:, None] * (goal - start)

@@ -10,7 +10,7 @@ from cableway.core.errors import SimulationError
 from cableway.geometry import convex
 from cableway.records import Measurement, Observation, Plan
 from cableway.rod.continuation import lead
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Obstacle
 from cableway.scene.scene import Scene
@@ -20,7 +20,7 @@ START = np.array([0.25, 0.3, 0.3, 3.0, 9.0, -1.5])
 GOAL = np.array([0.42, 0.4, -0.5, -4.0, 12.0, 1.0])
 
 
-def straight_plan(rod: Rod, start: np.ndarray = START, goal: np.ndarray = GOAL, steps: int = 50) -> Plan:
+def straight_plan(rod: PlanarRod, start: np.ndarray = START, goal: np.ndarray = GOAL, steps: int = 50) -> Plan:
     """A plan along the straight line between two rod coordinates."""
     q = start + np.linspace(0, 1, steps + 1)[:, None] * (goal - start)
     stations, poses = rod.shapes(q)
@@ -61,7 +61,7 @@ class QuasiStaticPlant:
 
     task: Task
     q: np.ndarray
-    rod: Rod
+    rod: PlanarRod
     lag: float = 0.0
     fails_after: int | None = None
     control_step: float = CONTROL_STEP

@@ -16,12 +16,12 @@ from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.control.rod_mpc import RodMPC, RodMPCConfig
 from cableway.core.errors import InputError
 from cableway.records import Observation, Plan
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import NeuralMPC
 from cableway.tang2025.models.baselines import RigidBlend
 
-PLAN = straight_plan(Rod(0.3))
+PLAN = straight_plan(PlanarRod(0.3))
 TASK = task_for(PLAN)
 MAKERS: dict[str, Callable[[], Controller[Any]]] = {
     "neural": lambda: NeuralMPC(RigidBlend(), MPCConfig(hold=0.0)),
@@ -156,7 +156,7 @@ def test_the_same_observations_give_the_same_actions(started: Callable[[str], An
 @pytest.mark.parametrize("name", MAKERS)
 def test_task_and_plan_must_fit(name: str) -> None:
     with pytest.raises(InputError, match="the plan has 10 keypoints"):
-        MAKERS[name]().init(TASK, straight_plan(Rod(0.3, 10)))
+        MAKERS[name]().init(TASK, straight_plan(PlanarRod(0.3, 10)))
 
 
 @pytest.mark.parametrize("name", FEEDBACK)

@@ -9,10 +9,10 @@ from quasi_static import straight_plan, task_for
 from cableway.control.reference import PlanReference, reference_for
 from cableway.core.errors import InputError
 from cableway.records import Plan
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 
-ROD = Rod(0.3)
+ROD = PlanarRod(0.3)
 PLAN = straight_plan(ROD, steps=40)
 
 
@@ -42,13 +42,13 @@ def test_progress_is_monotone_from_0_to_1() -> None:
 
 
 def test_a_plan_for_another_number_of_keypoints_is_refused() -> None:
-    other: Plan = straight_plan(Rod(0.3, 10))
+    other: Plan = straight_plan(PlanarRod(0.3, 10))
     with pytest.raises(InputError, match="the plan has 10 keypoints, but task 'straight' has 13"):
         reference_for(task_for(PLAN), other, 0.0)
 
 
 def test_the_number_of_keypoints_is_free() -> None:
-    plan = straight_plan(Rod(0.3, 10))
+    plan = straight_plan(PlanarRod(0.3, 10))
     assert reference_for(task_for(plan, cable=Cable(keypoints=10)), plan, 0.0).shape(0).shape == (10, 2)
 
 

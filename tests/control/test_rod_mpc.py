@@ -16,12 +16,13 @@ from cableway.estimation.delay import Age
 from cableway.estimation.gripper_tracker import HELD_AS_BELIEVED, Sight
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import held, predict
-from cableway.geometry import convex, se2
+from cableway.geometry import convex
+from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan, Rollout
 from cableway.rod import adapted
 from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, STIFFNESS
-from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import fit_keypoints, shape_between
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
@@ -31,7 +32,7 @@ from cableway.simulation.perturbations.variants import plant_variant
 from cableway.simulation.plant import CableSimulator
 from cableway.tracking import track
 
-ROD = Rod(0.3)
+ROD = PlanarRod(0.3)
 PLAN = straight_plan(ROD, steps=40)
 TASK = task_for(PLAN)
 
@@ -140,7 +141,7 @@ def test_how_taut_the_cable_is_believed_to_be_and_how_surely() -> None:
     estimate = replace(estimator.start(fit_keypoints(ROD, PLAN.shapes[0])[0]), theta=theta)
 
     def slack(at: np.ndarray) -> float:
-        ends = se2.attached(poses, at[GRASPS].reshape(2, 3))[:, :2]
+        ends = SE2.compose(poses, at[GRASPS].reshape(2, 3))[:, :2]
         return at[LENGTH] - float(np.linalg.norm(ends[1] - ends[0]))
 
     found, deviation = estimator.slack(estimate, poses)
@@ -173,7 +174,7 @@ def test_with_nothing_to_estimate_only_the_offset_moves() -> None:
 
 def test_a_jump_to_another_shape_is_followed() -> None:
     """The mirror image between the same grippers: the estimator takes it up at once."""
-    rod, poses = Rod(0.3), np.array([[0.2, 0.3, 0.0], [0.42, 0.3, 0.0]])
+    rod, poses = PlanarRod(0.3), np.array([[0.2, 0.3, 0.0], [0.42, 0.3, 0.0]])
     up, down = (shape_between(rod, poses, side) for side in ("left", "right"))
     estimator = RodEstimator(rod, EstimatorConfig(), 0.1)
     seen = rod.at_keypoints(rod.shapes(down[None])[0])[0]
@@ -246,7 +247,7 @@ def test_in_the_simulator_it_arrives_on_cables_it_does_not_know(name: str) -> No
 
 def test_a_shorter_cable_is_led_as_near_as_it_comes() -> None:
     """3% short: no grippers bring it nearer to the goal than the fit of a rod that is 3% short."""
-    least = fit_keypoints(Rod(0.291), TASK.goal)[1]
+    least = fit_keypoints(PlanarRod(0.291), TASK.goal)[1]
     error = final_error(rollout(cable=Cable(length=0.291)))
     assert least - 1e-5 < error < least + 1e-3
 
@@ -333,12 +334,12 @@ def test_settings_out_of_range_are_named(config: type, settings: dict[str, float
 def test_the_compiled_grasp_is_that_of_the_plane() -> None:
     rng = np.random.default_rng(0)
     poses, grasps = rng.normal(size=(2, 3)), rng.normal(size=6)
-    np.testing.assert_allclose(held(poses, grasps), se2.attached(poses, grasps.reshape(2, 3)))
+    np.testing.assert_allclose(held(poses, grasps), SE2.compose(poses, grasps.reshape(2, 3)))
 
 
 def test_a_cable_too_short_to_be_held_as_first_believed_is_found_all_the_same() -> None:
     """Nearly taut and 3% short: the first correction overshoots what its grippers allow."""
-    rod, poses = Rod(0.291), np.array([[0.2, 0.3, 0.3], [0.4885, 0.31, -0.2]])
+    rod, poses = PlanarRod(0.291), np.array([[0.2, 0.3, 0.3], [0.4885, 0.31, -0.2]])
     seen = rod.at_keypoints(rod.shapes(shape_between(rod, poses, "left")[None])[0])[0]
     believed = shape_between(ROD, poses, "left")
     estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)

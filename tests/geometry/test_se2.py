@@ -46,21 +46,3 @@ def test_a_transform_keeps_distances(p: np.ndarray, r: np.ndarray, t: np.ndarray
 def test_rotation_turns_counter_clockwise_from_x(p: np.ndarray, angle: float):
     np.testing.assert_allclose(se2.rotation(angle) @ [1.0, 0.0], se2.direction(angle), atol=1e-15)
     np.testing.assert_allclose(np.linalg.det(se2.rotation(angle)), 1.0)
-
-
-def test_a_step_leads_from_one_pose_to_the_other_the_short_way():
-    before = np.array([[0.0, 0.0, 3.0], [1.0, 2.0, -3.0]])
-    after = np.array([[0.1, 0.0, -3.0], [1.0, 2.5, 3.0]])
-    step = se2.pose_step(before, after)
-    np.testing.assert_allclose(step[:, :2], [[0.1, 0.0], [0.0, 0.5]])
-    np.testing.assert_allclose(step[:, 2], [2 * np.pi - 6, 6 - 2 * np.pi])
-    np.testing.assert_array_equal(after[:, 2], [-3.0, 3.0])
-
-
-@LAWS
-@given(points, angles, points, angles)
-def test_pose_distance_is_symmetric_and_zero_for_full_turns(p: np.ndarray, a: float, r: np.ndarray, b: float):
-    one, other = np.array([*p, a]), np.array([*r, b])
-    there, back = se2.pose_distance(one, other), se2.pose_distance(other, one)
-    np.testing.assert_allclose(there, back, atol=1e-12)
-    np.testing.assert_allclose(se2.pose_distance(one, one + np.array([0, 0, 4 * np.pi])), (0.0, 0.0), atol=1e-12)

@@ -9,7 +9,7 @@ import problems
 import pytest
 
 from cableway.core.errors import PlanningError
-from cableway.geometry import se2
+from cableway.geometry.groups import SE2
 from cableway.planning.projection import (
     RealizationConfig,
     between,
@@ -75,7 +75,7 @@ def test_no_step_exceeds_its_share_of_the_limits(line, limits):
     limited = replace(task, grippers=limits)
     stepped, at = step_evenly(q, limited, RealizationConfig())
     poses = task.cable.rod.shapes(stepped)[1]
-    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    move, turn = SE2.distance(poses[:-1], poses[1:])
     assert move.max() <= 0.7 * limits.max_step * (1 + 1e-6)
     assert turn.max() <= 0.7 * limits.max_turn * (1 + 1e-6)
     assert max(move.max() / limits.max_step, turn.max() / limits.max_turn) > 0.4

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cableway.core.errors import InputError
-from cableway.geometry import se2
+from cableway.geometry.groups import SE2
 from cableway.rod.continuation import lead
-from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import shape_between
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
@@ -19,7 +19,7 @@ START = np.array([0.3, 0.3, 0.2, 3.0, 9.0, -1.5])
 GOAL = np.array([0.4, 0.35, -0.9, -6.0, 12.0, 1.0])
 
 
-def arch(rod: Rod, shortening: float) -> np.ndarray:
+def arch(rod: PlanarRod, shortening: float) -> np.ndarray:
     """Poses of clamps in line, nearer to each other than the rod is long by a share of its length."""
     return np.array([[0.0, 0.0, 0.0], [rod.length * (1 - shortening), 0.0, 0.0]])
 
@@ -56,7 +56,7 @@ def test_the_theory_of_flat_arches_has_the_known_fold():
 @pytest.mark.parametrize("shortening", [0.004, 0.001])
 def test_an_arch_snaps_where_one_of_its_clamps_turns_too_far(shortening: float):
     """The flatter the arch, the nearer to the theory of flat ones."""
-    rod = Rod(1.0, 97)
+    rod = PlanarRod(1.0, 97)
     poses = turned(arch(rod, shortening), np.linspace(0, 0.3, 61))
     led = lead(rod, shape_between(rod, poses[0], "right"), poses)
     assert led.snap is not None
@@ -66,7 +66,7 @@ def test_an_arch_snaps_where_one_of_its_clamps_turns_too_far(shortening: float):
 
 
 def test_the_same_arch_turned_the_other_way_does_not_snap():
-    rod = Rod(1.0)
+    rod = PlanarRod(1.0)
     poses = turned(arch(rod, 0.01), np.linspace(0, 0.3, 31))
     led = lead(rod, shape_between(rod, poses[0], "left"), poses)
     assert led.snap is None
@@ -74,7 +74,7 @@ def test_the_same_arch_turned_the_other_way_does_not_snap():
 
 
 def test_a_line_of_equilibria_is_followed():
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     line = START + np.linspace(0, 1, 12)[:, None] * (GOAL - START)
     led = lead(rod, START, rod.shapes(line)[1])
     assert led.snap is None
@@ -83,9 +83,9 @@ def test_a_line_of_equilibria_is_followed():
 
 
 def test_where_it_snaps_does_not_depend_on_the_rows():
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     poses = rod.shapes(np.array([START, GOAL]))[1]
-    way = poses[0] + np.linspace(0, 1, 41)[:, None, None] * se2.pose_step(poses[0], poses[1])
+    way = poses[0] + np.linspace(0, 1, 41)[:, None, None] * SE2.minus(poses[1], poses[0])
     at_once, by_rows = lead(rod, START, poses), lead(rod, START, way)
     assert at_once.snap is not None
     assert by_rows.snap is not None
@@ -109,7 +109,7 @@ def test_the_simulated_cable_follows_until_there_and_then_leaves():
 
 
 def test_first_shapes_that_do_not_fit_are_refused():
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     poses = rod.shapes(np.array([START, GOAL]))[1]
     with pytest.raises(InputError, match="not at the first poses"):
         lead(rod, GOAL, poses)

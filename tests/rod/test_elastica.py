@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from scipy.special import ellipe, ellipk
 
-from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import shape_between
+from cableway.rod.planar import PlanarRod
 
 
 def pushed_together(k: float, keypoints: int) -> tuple[float, float, float]:
     """Height of the middle, axial force and energy of the rod at the modulus k."""
-    rod, whole = Rod(1.0, keypoints), ellipk(k**2)
+    rod, whole = PlanarRod(1.0, keypoints), ellipk(k**2)
     poses = np.array([[0.0, 0.0, 0.0], [1.0 - 2 * (1 - ellipe(k**2) / whole), 0.0, 0.0]])
     q = shape_between(rod, poses, "left")
     stations, reached = rod.shapes(q[None])

@@ -7,13 +7,14 @@ import pytest
 
 from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
-from cableway.rod.equilibrium import Rod
+from cableway.geometry.groups import SE2
 from cableway.rod.inverse import equilibria_at, fit_keypoints, shape_between
+from cableway.rod.planar import PlanarRod
 
 ARCH = np.array([[0.1, 0.2, 0.9], [0.3, 0.2, -0.9]])
 
 
-def stable_rows(rod: Rod, count: int, seed: int = 0) -> np.ndarray:
+def stable_rows(rod: PlanarRod, count: int, seed: int = 0) -> np.ndarray:
     """Stable shapes that do not cross themselves."""
     rng = np.random.default_rng(seed)
     rows = np.column_stack([rng.uniform(0, 1, (400, 2)), rng.uniform(-3, 3, 400), rng.normal(0, [9, 9, 2], (400, 3))])
@@ -21,17 +22,17 @@ def stable_rows(rod: Rod, count: int, seed: int = 0) -> np.ndarray:
     return np.array([q for q in rows if not polyline.crosses_itself(rod.shapes(q[None])[0][0])][:count])
 
 
-def keypoints_of(rod: Rod, q: np.ndarray) -> np.ndarray:
+def keypoints_of(rod: PlanarRod, q: np.ndarray) -> np.ndarray:
     return rod.at_keypoints(rod.shapes(q[None])[0])[0]
 
 
-def same_shape(rod: Rod, q: np.ndarray, other: np.ndarray) -> bool:
+def same_shape(rod: PlanarRod, q: np.ndarray, other: np.ndarray) -> bool:
     return bool(np.abs(rod.shapes(q[None])[0] - rod.shapes(other[None])[0]).max() < 1e-6 * rod.length)
 
 
 @pytest.mark.parametrize("n", [5, 10, 13])
 def test_fitting_its_own_keypoints_gives_the_rod_back(n: int):
-    rod = Rod(0.3, n)
+    rod = PlanarRod(0.3, n)
     for q in stable_rows(rod, 12):
         found, distance = fit_keypoints(rod, keypoints_of(rod, q))
         assert distance < 1e-6 * rod.length
@@ -42,7 +43,7 @@ def test_fitting_its_own_keypoints_gives_the_rod_back(n: int):
 
 def test_the_fitted_shape_is_the_nearest_one():
     """Of points that no rod takes, moving any coordinate of the answer makes the distance larger."""
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     q = stable_rows(rod, 1)[0]
     points = keypoints_of(rod, q) + np.random.default_rng(1).normal(0, 2e-3, (13, 2))
     found, distance = fit_keypoints(rod, points)
@@ -55,19 +56,19 @@ def test_the_fitted_shape_is_the_nearest_one():
 
 def test_a_straight_row_of_points_fits_the_unloaded_rod():
     points = np.column_stack([np.linspace(0.1, 0.4, 13), np.full(13, 0.2)])
-    found, distance = fit_keypoints(Rod(0.3), points)
+    found, distance = fit_keypoints(PlanarRod(0.3), points)
     assert distance < 1e-9
     np.testing.assert_allclose(found, [0.25, 0.2, 0, 0, 0, 0], atol=1e-6)
 
 
 @pytest.mark.parametrize("n", [10, 13])
 def test_the_grippers_of_a_stable_shape_allow_that_shape(n: int):
-    rod = Rod(0.3, n)
+    rod = PlanarRod(0.3, n)
     for q in stable_rows(rod, 4, seed=n):
         poses = rod.shapes(q[None])[1][0]
         found = equilibria_at(rod, poses)
         assert any(same_shape(rod, q, other) for other in found)
-        np.testing.assert_allclose(se2.pose_distance(rod.shapes(found)[1], poses), 0, atol=1e-9)
+        np.testing.assert_allclose(SE2.distance(rod.shapes(found)[1], poses), 0, atol=1e-9)
         assert (rod.stability(found)[0] > 0).all()
         assert (np.diff(rod.energy(found)) >= 0).all()
         assert not any(same_shape(rod, a, b) for i, a in enumerate(found) for b in found[:i])
@@ -75,7 +76,7 @@ def test_the_grippers_of_a_stable_shape_allow_that_shape(n: int):
 
 @pytest.mark.parametrize("bend", ["left", "right"])
 def test_the_shape_between_lies_on_its_side_with_the_least_energy(bend: str):
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     chosen = shape_between(rod, ARCH, bend)  # pyright: ignore[reportArgumentType]
     area = polyline.signed_area(rod.shapes(chosen[None])[0][0])
     assert (area > 0) == (bend == "left")
@@ -84,13 +85,13 @@ def test_the_shape_between_lies_on_its_side_with_the_least_energy(bend: str):
 
 
 def test_mirrored_grippers_give_the_mirrored_shape():
-    rod, mirror = Rod(0.3), np.array([1, -1, -1])
+    rod, mirror = PlanarRod(0.3), np.array([1, -1, -1])
     left, right = shape_between(rod, ARCH, "left"), shape_between(rod, ARCH * mirror, "right")
     np.testing.assert_allclose(rod.shapes(right[None])[0][0], rod.shapes(left[None])[0][0] * [1, -1], atol=1e-9)
 
 
 def test_moved_grippers_give_the_moved_shape():
-    rod, moved = Rod(0.3), ARCH.copy()
+    rod, moved = PlanarRod(0.3), ARCH.copy()
     moved[:, :2] = se2.transform(ARCH[:, :2], np.array([0.1, 0.3]), 2.1)
     moved[:, 2] += 2.1
     here, there = shape_between(rod, ARCH, "left"), shape_between(rod, moved, "left")
@@ -99,14 +100,14 @@ def test_moved_grippers_give_the_moved_shape():
 
 
 def test_grippers_changed_over_give_the_shape_reversed():
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     changed = ARCH[::-1] + np.array([0, 0, np.pi])
     here, there = shape_between(rod, ARCH, "left"), shape_between(rod, changed, "right")
     np.testing.assert_allclose(rod.shapes(there[None])[0][0], rod.shapes(here[None])[0][0][::-1], atol=1e-9)
 
 
 def test_full_turns_of_a_gripper_change_nothing():
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     turned = ARCH + np.array([[0, 0, 2 * np.pi], [0, 0, -4 * np.pi]])
     here, there = shape_between(rod, ARCH, "left"), shape_between(rod, turned, "left")
     np.testing.assert_allclose(rod.shapes(there[None])[0], rod.shapes(here[None])[0], atol=1e-9)
@@ -114,7 +115,7 @@ def test_full_turns_of_a_gripper_change_nothing():
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.0, -1.1])
 def test_grippers_as_far_apart_as_the_rod_is_long_allow_the_straight_rod_alone(angle: float):
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     poses = np.array([[0.5, 0.5, angle], [*np.array([0.5, 0.5]) + 0.3 * se2.direction(angle), angle]])
     found = equilibria_at(rod, poses)
     assert len(found) == 1
@@ -127,7 +128,7 @@ def test_grippers_as_far_apart_as_the_rod_is_long_allow_the_straight_rod_alone(a
 
 def test_even_the_first_guesses_are_their_own_mirror_image_and_reverse():
     """With five of them not every shape is found, but the same ones in the mirror and from the other end."""
-    rod, rng = Rod(0.3), np.random.default_rng(0)
+    rod, rng = PlanarRod(0.3), np.random.default_rng(0)
     for _ in range(6):
         poses = np.array([[0, 0, rng.uniform(-2, 2)], [rng.uniform(0.05, 0.28), 0, rng.uniform(-2, 2)]])
         found = rod.shapes(equilibria_at(rod, poses, starts=5))[0]
@@ -139,4 +140,4 @@ def test_even_the_first_guesses_are_their_own_mirror_image_and_reverse():
 
 def test_grippers_farther_apart_than_the_rod_is_long_are_refused():
     with pytest.raises(InputError, match=r"0\.3100 m apart, farther than the cable is long \(0\.3000 m\)"):
-        equilibria_at(Rod(0.3), np.array([[0.1, 0.1, 0.0], [0.41, 0.1, 0.0]]))
+        equilibria_at(PlanarRod(0.3), np.array([[0.1, 0.1, 0.0], [0.41, 0.1, 0.0]]))

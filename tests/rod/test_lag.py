@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cableway.geometry import se2
-from cableway.rod.equilibrium import Rod
+from cableway.geometry.groups import SE2
 from cableway.rod.lag import lag
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
@@ -25,19 +25,19 @@ def test_rigid_motion_leaves_nothing_behind():
     moved = np.repeat(START[None], 8, axis=0)
     moved[:, :2] += np.linspace(0, 0.1, 8)[:, None]
     moved[:, 2] += np.linspace(0, 7.0, 8)
-    assert lag(Rod(0.3), moved).max() < 1e-12
+    assert lag(PlanarRod(0.3), moved).max() < 1e-12
 
 
 def test_lag_is_speed_and_length_times_what_it_is():
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     slow, fast = lag(rod, line(80)), lag(rod, line(40))
     np.testing.assert_allclose(fast, slow[::2] + slow[1::2], rtol=0.02, atol=1e-5)
     scaled = line(40) * [3, 3, 1, 1, 1, 1]
-    np.testing.assert_allclose(lag(Rod(0.9), scaled), 3 * fast, rtol=1e-9)
+    np.testing.assert_allclose(lag(PlanarRod(0.9), scaled), 3 * fast, rtol=1e-9)
 
 
 def test_lag_is_the_same_in_the_mirror_and_from_the_other_end():
-    rod = Rod(0.3)
+    rod = PlanarRod(0.3)
     here = lag(rod, line(20))
     np.testing.assert_allclose(lag(rod, line(20) * [1, -1, -1, 1, -1, -1]), here, rtol=1e-9)
     np.testing.assert_allclose(lag(rod, line(20)[::-1])[::-1], here, rtol=1e-6)
@@ -46,7 +46,7 @@ def test_lag_is_the_same_in_the_mirror_and_from_the_other_end():
 def test_a_straight_rod_that_begins_to_bend():
     q = np.zeros((2, 6))
     q[1, 5] = 0.01
-    assert 0 < lag(Rod(0.3), q)[0] < 1e-3
+    assert 0 < lag(PlanarRod(0.3), q)[0] < 1e-3
 
 
 @pytest.mark.parametrize("tau", [0.1, 0.2])
@@ -58,7 +58,7 @@ def test_the_simulated_cable_trails_as_far(tau: float):
     shapes = cable.rod.at_keypoints(stations)
     plant = CableSimulator(Task(name="lag", scene=Scene(), cable=cable, start=shapes[0], goal=shapes[-1]))
     plant.reset()
-    seen = np.array([plant.step(step).keypoints for step in se2.pose_step(poses[:-1], poses[1:])])
+    seen = np.array([plant.step(step).keypoints for step in SE2.minus(poses[1:], poses[:-1])])
     off = np.linalg.norm(seen - shapes[1:], axis=2).max(1)
     wanted = lag(cable.rod, q) * tau / CONTROL_STEP
     assert wanted[10:].max() > 0.001

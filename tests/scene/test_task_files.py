@@ -12,7 +12,8 @@ from scene_task_files import VALID, at, complaint, row, write
 
 from cableway.core.errors import FileFormatError, InputError, TaskError, UnknownNameError
 from cableway.geometry import polyline, se2
-from cableway.rod.equilibrium import Rod
+from cableway.geometry.groups import SE2
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import (
     cable_from_preset,
@@ -122,7 +123,7 @@ def test_gripper_poses_with_a_side_are_solved_by_the_rod(tmp_path: Path, bend: s
     np.testing.assert_array_equal(task.start_poses, poses)
     q, distance = task.start_fit
     assert distance < 1e-6
-    np.testing.assert_allclose(se2.pose_distance(Rod(0.3).shapes(q[None])[1][0], poses), 0, atol=1e-5)
+    np.testing.assert_allclose(SE2.distance(PlanarRod(0.3).shapes(q[None])[1][0], poses), 0, atol=1e-5)
     assert (polyline.signed_area(task.start) > 0) == (bend == "left")
     assert task.goal_poses is None
 
@@ -143,7 +144,7 @@ def test_gripper_poses_in_the_mirror_give_the_mirrored_shape(tmp_path: Path):
 
 def test_few_keypoints_of_a_strongly_bent_rod_are_a_shape(tmp_path: Path):
     """A spline through five of them is not as long as the rod; the rod itself is what they are measured by."""
-    rod = Rod(0.3, 5)
+    rod = PlanarRod(0.3, 5)
     q = np.array([[0.35, 0.2, 0.0, 22.0, 16.0, 1.0]])
     keypoints = rod.at_keypoints(rod.shapes(q)[0])[0]
     assert abs(polyline.length(polyline.spline(keypoints, 6)) / 0.3 - 1) > 0.02

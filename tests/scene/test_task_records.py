@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import cableway
 from cableway.core.errors import InputError, TaskError
 from cableway.geometry import se2
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import load_task, task_names
 from cableway.scene.files.saving import save_task
@@ -116,7 +116,7 @@ def test_the_catalogue_is_saved_and_read_unchanged(tmp_path: Path, name: str):
 
 def full_task(**changes: Any) -> Task:
     """Every field is there, with numbers that have no short decimal form."""
-    rod = Rod(1 / 3, 10)
+    rod = PlanarRod(1 / 3, 10)
     q = np.array([[0.35, 0.15, 0.1, 4.0, 2.0, 1.0], [0.35, 0.55, -0.1, 2.0, 4.0, -1.0]])
     stations, poses = rod.shapes(q)
     start, goal = rod.at_keypoints(stations)

@@ -19,10 +19,10 @@ from cableway.figures.rollout import rollout_figure
 from cableway.records import Rollout
 from cableway.report import summarize
 from cableway.rod.adapted import PARAMETERS
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.tracking import track
 
-PLAN = straight_plan(Rod(0.3), steps=40)
+PLAN = straight_plan(PlanarRod(0.3), steps=40)
 TASK = task_for(PLAN)
 LONGER = 0.306
 
@@ -30,7 +30,7 @@ LONGER = 0.306
 @pytest.fixture(scope="module")
 def rollout() -> Rollout:
     """Of a cable that is 2% longer than believed, held where the plan has the shorter one."""
-    return track(QuasiStaticPlant(TASK, START, Rod(LONGER)), RodMPC(RodMPCConfig(hold=0.5)), PLAN)
+    return track(QuasiStaticPlant(TASK, START, PlanarRod(LONGER)), RodMPC(RodMPCConfig(hold=0.5)), PLAN)
 
 
 def test_every_step_has_its_estimates(rollout: Rollout) -> None:
@@ -56,7 +56,7 @@ def test_the_length_found_is_the_true_one(rollout: Rollout) -> None:
 
 def test_what_is_known_does_not_move() -> None:
     known = RodMPCConfig(hold=0.0, estimator=EstimatorConfig.nominal())
-    rollout = track(QuasiStaticPlant(TASK, START, Rod(0.3)), RodMPC(known), PLAN)
+    rollout = track(QuasiStaticPlant(TASK, START, PlanarRod(0.3)), RodMPC(known), PLAN)
     for estimate in rollout.estimated().values():
         assert (estimate.value, estimate.deviation, estimate.prior) == (estimate.believed, 0.0, 0.0)
         assert not estimate.differs
@@ -65,7 +65,7 @@ def test_what_is_known_does_not_move() -> None:
 def test_they_outlast_the_file_and_files_without_them_are_read(rollout: Rollout, tmp_path: Path) -> None:
     rollout.save(tmp_path / "with.npz")
     assert Rollout.load(tmp_path / "with.npz").estimated() == rollout.estimated()
-    opened = track(QuasiStaticPlant(TASK, START, Rod(0.3)), OpenLoop(OpenLoopConfig(hold=0.0)), PLAN)
+    opened = track(QuasiStaticPlant(TASK, START, PlanarRod(0.3)), OpenLoop(OpenLoopConfig(hold=0.0)), PLAN)
     opened.save(tmp_path / "without.npz")
     assert not {"estimates", "deviations"} & set(read_arrays(tmp_path / "without.npz"))
     loaded = Rollout.load(tmp_path / "without.npz")
@@ -92,7 +92,7 @@ def test_the_report_says_what_was_found(rollout: Rollout) -> None:
     assert rows["found: length"].endswith(" m, not 0.3")
     content = json.loads(json.dumps(report.as_dict(), allow_nan=False))
     assert content["estimates"]["length"]["value"] == rollout.estimated()["length"].value
-    same = track(QuasiStaticPlant(TASK, START, Rod(0.3)), RodMPC(RodMPCConfig(hold=0.0)), PLAN)
+    same = track(QuasiStaticPlant(TASK, START, PlanarRod(0.3)), RodMPC(RodMPCConfig(hold=0.0)), PLAN)
     assert dict(summarize(TASK, PLAN, same).rows())["found"].startswith("none of 11 estimates")
 
 

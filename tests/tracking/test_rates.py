@@ -15,7 +15,7 @@ from cableway.control.base import Controller, Status
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
 from cableway.control.rod_mpc import RodMPC
 from cableway.records import Rollout
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator
 from cableway.tang2025.control.mpc_config import MPCConfig
@@ -23,7 +23,7 @@ from cableway.tang2025.control.neural_mpc import NeuralMPC
 from cableway.tang2025.models.baselines import RigidBlend
 from cableway.tracking import track
 
-ROD = Rod(0.3)
+ROD = PlanarRod(0.3)
 PLAN = straight_plan(ROD, steps=60)
 TASK = task_for(PLAN)
 ASIDE = START + np.array([0.006, -0.004, 0.06, 0.0, 0.0, 0.0])

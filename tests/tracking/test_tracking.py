@@ -17,8 +17,8 @@ from cableway.core.errors import InputError, PlanningError, SimulationError
 from cableway.geometry import polyline
 from cableway.planning.planner import plan
 from cableway.records import Measurement, Observation, Plan, Rollout
-from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import equilibria_at, shape_between
+from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
@@ -29,7 +29,7 @@ from cableway.tang2025.models.baselines import RigidBlend
 from cableway.tracking import BLOCKED, LOST, Recovery, TrackConfig, track
 from cableway.tracking.recovery import Watch
 
-ROD = Rod(0.3)
+ROD = PlanarRod(0.3)
 PLAN = straight_plan(ROD, steps=40)
 TASK = task_for(PLAN)
 SHIFTED = START + np.array([0.006, -0.004, 0.06, 0.0, 0.0, 0.0])

@@ -16,13 +16,13 @@ from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.core.errors import InputError
 from cableway.records import Observation, Rollout
 from cableway.report import summarize
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Box
 from cableway.scene.task import Grippers, Task
 from cableway.tracking import Watchdog, track
 from cableway.tracking.watchdog import Guard
 
-ROD = Rod(0.3)
+ROD = PlanarRod(0.3)
 BENT = np.array([0.25, 0.2, 0.3, 3.0, 9.0, -1.5])
 PLAN = straight_plan(ROD, BENT, BENT + [0.0, 0.16, 0.0, 0.0, 0.0, 0.0], steps=40)
 """Carried 4 mm a step in y, as it is."""

@@ -11,8 +11,8 @@ from jaxtyping import Float
 from cableway.geometry import polyline
 from cableway.planning.planner import plan
 from cableway.records import Measurement, Plan
-from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import equilibria_at
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import load_task
 from cableway.scene.grippers import Grippers
@@ -66,7 +66,7 @@ def catalogue_plan(name: str, seed: int) -> tuple[Task, Plan]:
 
 
 def motion_of_collect(
-    rod: Rod, steps: int, rng: np.random.Generator
+    rod: PlanarRod, steps: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "steps+1 2 3"]]:
     """Start and gripper poses of a random motion of `cableway collect`, moved to the middle of the room.
 
@@ -79,7 +79,7 @@ def motion_of_collect(
             return q + [*moved, 0.0, 0.0, 0.0], poses + moved
 
 
-def random_shape(rod: Rod, rng: np.random.Generator, sharpest: float = np.inf) -> Float[np.ndarray, "6"]:
+def random_shape(rod: PlanarRod, rng: np.random.Generator, sharpest: float = np.inf) -> Float[np.ndarray, "6"]:
     """The stable shape of lowest energy between random gripper poses, of those bent by at most `sharpest` [rad]."""
     while True:
         left, right = rng.uniform(-WIDEST_ANGLE, WIDEST_ANGLE, 2)
@@ -89,7 +89,7 @@ def random_shape(rod: Rod, rng: np.random.Generator, sharpest: float = np.inf) -
             return np.array([*MIDDLE, rng.uniform(-np.pi, np.pi), *found[0, 3:]])
 
 
-def largest_bend(rod: Rod, q: Float[np.ndarray, "6"]) -> float:
+def largest_bend(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> float:
     """Largest angle [rad] between neighbouring links: |m + a x (p - c)/L|/N over the hinges p."""
     offsets = (rod.shapes(q[None])[0][0, 1::2] - q[:2]) / rod.length
     cos, sin = np.cos(q[2]), np.sin(q[2])
@@ -97,7 +97,7 @@ def largest_bend(rod: Rod, q: Float[np.ndarray, "6"]) -> float:
     return float(np.abs(q[5] + force[0] * offsets[:, 1] - force[1] * offsets[:, 0]).max() / rod.hinges)
 
 
-def line_to(q: Float[np.ndarray, "6"], rod: Rod, rng: np.random.Generator) -> Float[np.ndarray, "t 6"]:
+def line_to(q: Float[np.ndarray, "6"], rod: PlanarRod, rng: np.random.Generator) -> Float[np.ndarray, "t 6"]:
     """Rod coordinates in each control step on a line of stable shapes to q, with the grippers at full speed.
 
     It begins elsewhere, bent otherwise and gently.
@@ -111,7 +111,7 @@ def line_to(q: Float[np.ndarray, "6"], rod: Rod, rng: np.random.Generator) -> Fl
     raise RuntimeError(f"no line of stable shapes leads to {q.tolist()}")
 
 
-def _at_full_speed(rod: Rod, line: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "t 6"]:
+def _at_full_speed(rod: PlanarRod, line: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "t 6"]:
     steps = np.abs(np.diff(rod.shapes(line)[1], axis=0))
     effort = np.maximum(np.linalg.norm(steps[..., :2], axis=-1) / Grippers.max_step, steps[..., 2] / Grippers.max_turn)
     along = np.concatenate([[0.0], np.cumsum(effort.max(axis=1))])
@@ -119,7 +119,7 @@ def _at_full_speed(rod: Rod, line: Float[np.ndarray, "k 6"]) -> Float[np.ndarray
     return line[0] + share[:, None] * (line[-1] - line[0])
 
 
-def allowed(rod: Rod, line: Float[np.ndarray, "t 6"]) -> bool:
+def allowed(rod: PlanarRod, line: Float[np.ndarray, "t 6"]) -> bool:
     """Whether all shapes of a line are stable enough, not taut, and free of crossings."""
     stations, poses = rod.shapes(line)
     gaps = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)

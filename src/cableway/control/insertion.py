@@ -21,8 +21,8 @@ from jaxtyping import Float
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.core.checks import number_fields, require_not_negative, require_range
-from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator, turned_on
-from cableway.geometry import se2
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
+from cableway.geometry.groups import SE2
 from cableway.records import Estimate, Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH
 from cableway.rod.inverse import fit_keypoints
@@ -86,7 +86,7 @@ class PlugPush(Controller[PlugPushState]):
         """See `Controller.init`."""
         beginning = FollowerState.beginning(task, plan, self.config.hold)
         estimator = RodEstimator(task.cable.rod, self.config.estimator, self.control_step)
-        shape = turned_on(fit_keypoints(task.cable.rod, plan.shapes[0])[0], task.cable.rod, plan.poses[0])
+        shape = task.cable.rod.continued(fit_keypoints(task.cable.rod, plan.shapes[0])[0], plan.poses[0])
         state = PlugPushState(**beginning, estimator=estimator, estimate=estimator.start(shape))
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
@@ -113,5 +113,5 @@ class PlugPush(Controller[PlugPushState]):
     def _misaligned(self, state: PlugPushState) -> Float[np.ndarray, "3"]:
         """From where the right gripper is to where it has the plug aligned, as the grasp is believed."""
         grasp = state.estimate.theta[GRASPS].reshape(2, 3)[1]
-        wanted = se2.bearing(state.plan.plan.poses[0, 1], grasp)
-        return se2.pose_step(state.sight.commanded[1], wanted)
+        wanted = SE2.compose(state.plan.plan.poses[0, 1], SE2.inverse(grasp))
+        return SE2.minus(wanted, state.sight.commanded[1])

@@ -36,14 +36,14 @@ from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import longest_gap, within_limits
 from cableway.core.checks import number_fields, require_not_negative, require_positive
-from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator, turned_on
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.estimation.rod_kernels import MEETING, held
-from cableway.geometry import se2
+from cableway.geometry.groups import SE2
 from cableway.records import Estimate, Observation, Plan
 from cableway.rod.adapted import GRASPS, LENGTH, ROD
 from cableway.rod.adapted_kernels import fit_shapes, meet_ends
-from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import fit_keypoints
+from cableway.rod.planar import PlanarRod
 from cableway.scene.task import Task
 
 FIT_PULL = 1e-8
@@ -234,14 +234,14 @@ class RodMPC(Controller[RodMPCState]):
         fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
         farthest = float(longest_gap(ends[1:2], theta[LENGTH], config.longest)[0])
         moved = within_limits(reached[0] - before, before, state.task.grippers, farthest)
-        return se2.bearing(before + moved, theta[GRASPS].reshape(2, 3)) - commanded
+        return SE2.compose(before + moved, SE2.inverse(theta[GRASPS].reshape(2, 3))) - commanded
 
 
-def plan_shapes(rod: Rod, plan: Plan) -> Float[np.ndarray, "T+1 6"]:
+def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "T+1 6"]:
     """Rod coordinates of a plan's rows, running on from row to row, turned on with its gripper poses."""
-    shapes = [turned_on(fit_keypoints(rod, plan.shapes[0])[0], rod, plan.poses[0])]
+    shapes = [rod.continued(fit_keypoints(rod, plan.shapes[0])[0], plan.poses[0])]
     for keypoints, poses in zip(plan.shapes[1:], plan.poses[1:], strict=True):
-        shapes.append(turned_on(fit_keypoints(rod, keypoints, shapes[-1])[0], rod, poses))
+        shapes.append(rod.continued(fit_keypoints(rod, keypoints, shapes[-1])[0], poses))
     return np.array(shapes)
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from cableway.estimation.delay import AGES, Age
 from cableway.estimation.gating import believed_keypoints
 from cableway.estimation.rod_kernels import held
-from cableway.geometry import se2
+from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.cable import Cable
 
@@ -87,7 +87,7 @@ class Sight:
         if not self.started:
             return replace(self, poses=Age.of(observation.poses), started=True).after(observation, grasps, cable)
         last = self.poses.rows[-1]
-        step = se2.pose_step(last, observation.poses)
+        step = SE2.minus(observation.poses, last)
         unlike = np.moveaxis(self.sent.aged(AGES) - step, 0, -1)
         unlike[:, 2] *= TURN_LEVER
         sent = self.sent.judged(np.sum(unlike**2, axis=(0, 1)))

@@ -21,8 +21,8 @@ from cableway.geometry import se2
 from cableway.records import Estimate
 from cableway.rod import adapted
 from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, PARAMETERS, STIFFNESS
-from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import fit_keypoints
+from cableway.rod.planar import PlanarRod
 
 MET = 1e-3
 """Residual of the ends, in lengths and radians, up to which the rod is held as it should be."""
@@ -127,7 +127,7 @@ class RodEstimator:
         control_step: Time [s] between two updates.
     """
 
-    def __init__(self, rod: Rod, config: EstimatorConfig, control_step: float) -> None:
+    def __init__(self, rod: PlanarRod, config: EstimatorConfig, control_step: float) -> None:
         self.rod, self.modes, self._config = rod, adapted.modes(rod), config
         self._nominal = adapted.nominal(rod)
         self._prior = config.prior(rod.length)
@@ -221,7 +221,7 @@ class RodEstimator:
         if missed < JUMP:
             return going_on
         filled = np.where(np.isfinite(keypoints), keypoints, self.rod.at_keypoints(self.rod.shapes(q[None])[0])[0])
-        q = turned_on(fit_keypoints(self.rod, filled)[0], self.rod, poses)
+        q = self.rod.continued(fit_keypoints(self.rod, filled)[0], poses)
         anew = self._predict(q, theta, poses)
         return anew if float(anew.distances(keypoints).mean()) < 0.5 * missed else going_on
 
@@ -241,9 +241,3 @@ class RodEstimator:
         weighted = rows.T * weights
         covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
         return theta + prior * (covariance @ (weighted @ error)), covariance
-
-
-def turned_on(q: Float[np.ndarray, "6"], rod: Rod, poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "6"]:
-    """The same shape with its angle as many full turns on as the gripper `poses` [m, m, rad] are."""
-    turns = poses[:, 2] - rod.shapes(q[None])[1][0, :, 2]
-    return q + [0.0, 0.0, 2 * np.pi * np.round(turns.mean() / (2 * np.pi)), 0.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""Angles, rotations and rigid motions of the plane."""
+"""Angles and rotations of points in the plane; `cableway.geometry.groups` has the poses."""
 
 from __future__ import annotations
 
@@ -35,37 +35,3 @@ def direction(angle: Float[np.ndarray, "..."] | float) -> Float[np.ndarray, "...
     [1.0, 0.0]
     """
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-def pose_step(before: Float[np.ndarray, "... 3"], after: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
-    """The action (dx, dy, dtheta) [m, m, rad] from one pose (x, y, theta) to another, turning the short way."""
-    step = np.asarray(after, float) - before
-    step[..., 2] = wrap_angle(step[..., 2])
-    return step
-
-
-def pose_distance(
-    a: Float[np.ndarray, "... 3"], b: Float[np.ndarray, "... 3"]
-) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Distance [m] and turn [rad] between poses (x, y, theta)."""
-    step = pose_step(a, b)
-    return np.linalg.norm(step[..., :2], axis=-1), np.abs(step[..., 2])
-
-
-def attached(poses: Float[np.ndarray, "... 3"], offsets: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
-    """Poses (x, y, theta) of what is at `offsets` in the frames at `poses` [m, m, rad].
-
-    >>> attached(np.array([1.0, 0.0, np.pi / 2]), np.array([0.1, 0.0, 0.2])).round(3).tolist()
-    [1.0, 0.1, 1.771]
-    """
-    c, s = np.cos(poses[..., 2]), np.sin(poses[..., 2])
-    x, y, turn = np.moveaxis(offsets, -1, 0)
-    return poses + np.stack([c * x - s * y, s * x + c * y, turn], axis=-1)
-
-
-def bearing(ends: Float[np.ndarray, "... 3"], offsets: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
-    """Poses of the frames in which what is at `ends` is at `offsets`; the inverse of `attached`."""
-    angle = ends[..., 2] - offsets[..., 2]
-    c, s = np.cos(angle), np.sin(angle)
-    x, y, turn = np.moveaxis(offsets, -1, 0)
-    return ends - np.stack([c * x - s * y, s * x + c * y, turn], axis=-1)

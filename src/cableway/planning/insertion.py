@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import PlanningError
 from cableway.core.provenance import versions
-from cableway.geometry import se2
+from cableway.geometry.groups import SE2
 from cableway.records import INSERTION, Attempt, Plan
 from cableway.rod.continuation import lead
 from cableway.scene.task import Task
@@ -65,7 +65,7 @@ def _poses(task: Task, share: float) -> Float[np.ndarray, "T+1 2 3"]:
     assert task.plug is not None
     assert task.port is not None
     first = task.cable.rod.shapes(task.goal_fit[0][None])[1][0]
-    before = first[1] + se2.pose_step(first[1], task.port.pose(task.plug, -task.port.standoff))
+    before = first[1] + SE2.minus(task.port.pose(task.plug, -task.port.standoff), first[1])
     after = before + task.port.pose(task.plug, task.port.depth) - task.port.pose(task.plug, -task.port.standoff)
     right = np.vstack([_straight(task, first[1], before), _straight(task, before, after)[1:]])
     left = np.repeat(first[:1], len(right), axis=0)

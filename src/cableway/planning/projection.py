@@ -18,12 +18,13 @@ from jaxtyping import Float
 
 from cableway.core.checks import require_choice, require_range
 from cableway.core.errors import PlanningError
-from cableway.geometry import polyline, se2
+from cableway.geometry import polyline
+from cableway.geometry.groups import SE2
 from cableway.planning.trajectory_optimization import RefinementConfig, refine
 from cableway.records import DeformationSequence
 from cableway.rod import inverse
-from cableway.rod.equilibrium import Rod
 from cableway.rod.lag import lag
+from cableway.rod.planar import PlanarRod
 from cableway.scene.task import CONTROL_STEP, Task
 
 Kind = Literal["repair", "refine", "fit", "none"]
@@ -163,7 +164,7 @@ def end_equilibria(task: Task, config: RealizationConfig) -> tuple[Float[np.ndar
 
 
 def fit_sequence(
-    rod: Rod,
+    rod: PlanarRod,
     shapes: Float[np.ndarray, "T+1 n 2"],
     start: Float[np.ndarray, "6"],
     goal: Float[np.ndarray, "6"],
@@ -182,7 +183,7 @@ def fit_sequence(
     return between(q, rows), rows
 
 
-def evenly_moved(rod: Rod, q: Float[np.ndarray, "T+1 6"], row_step: float) -> Float[np.ndarray, "R+1"]:
+def evenly_moved(rod: PlanarRod, q: Float[np.ndarray, "T+1 6"], row_step: float) -> Float[np.ndarray, "R+1"]:
     """Fractional rows, first and last among them, between which keypoints move at most about `row_step` [m]."""
     moves = np.linalg.norm(np.diff(rod.at_keypoints(rod.shapes(q)[0]), axis=0), axis=2).max(1)
     arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
@@ -225,7 +226,7 @@ def at_equal_effort(
     The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit,
     and of `trailing`, the same for the lag of the cable.
     """
-    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    move, turn = SE2.distance(poses[:-1], poses[1:])
     shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
     limits = task.grippers
     effort = np.maximum.reduce(

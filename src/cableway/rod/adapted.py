@@ -1,6 +1,6 @@
 """A rod that is not quite the one of the plan: another length, stiffer at one end, curved at rest, held askew.
 
-The equilibria are those of `cableway.rod.equilibrium`, with the bend at hinge j
+The equilibria are those of `cableway.rod.planar`, with the bend at hinge j
 
     phi_j = (e^{-b(u_j)} (m + a x (p_j - c)/L) + r(u_j)) / N,      b = sum_k b_k P_k,   r = sum_k r_k P_k,
 
@@ -22,8 +22,8 @@ from jaxtyping import Float
 from numpy.polynomial import legendre
 
 from cableway.rod.adapted_kernels import fit_shapes
-from cableway.rod.equilibrium import Rod
 from cableway.rod.inverse import fit_keypoints
+from cableway.rod.planar import PlanarRod
 
 MODES = 2
 """K. A slope and a bulge; more are not told apart by 13 keypoints with noise."""
@@ -48,13 +48,13 @@ NAMES = {
 """Names and units of theta, in its order."""
 
 
-def modes(rod: Rod) -> Float[np.ndarray, "K N"]:
+def modes(rod: PlanarRod) -> Float[np.ndarray, "K N"]:
     """P_k at the hinges of a rod."""
     places = (2 * np.arange(rod.hinges) + 1) / rod.hinges - 1
     return np.ascontiguousarray(legendre.legvander(places, MODES)[:, 1:].T)
 
 
-def nominal(rod: Rod) -> Float[np.ndarray, "p"]:
+def nominal(rod: PlanarRod) -> Float[np.ndarray, "p"]:
     """Parameters of a uniform rod held as it should be."""
     theta = np.zeros(PARAMETERS)
     theta[LENGTH] = rod.length
@@ -67,7 +67,7 @@ is lost."""
 
 
 def nearest_shape(
-    rod: Rod, stiffness: Float[np.ndarray, "N"], rest: Float[np.ndarray, "N"], keypoints: Float[np.ndarray, "n 2"]
+    rod: PlanarRod, stiffness: Float[np.ndarray, "N"], rest: Float[np.ndarray, "N"], keypoints: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "n 2"], float]:
     """The equilibrium of any elastic rod whose keypoints are nearest to given ones, whatever grippers make it.
 

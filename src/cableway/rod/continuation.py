@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
-from cableway.geometry import se2
-from cableway.rod.equilibrium import Rod
+from cableway.geometry.groups import SE2
 from cableway.rod.inverse import SAME_SHAPE, meet_poses
+from cableway.rod.planar import PlanarRod
 
 LONGEST_MOVE = 0.02
 """Move of any point of the rod, in its lengths, that one predicted step may make."""
@@ -42,7 +42,7 @@ class Led:
     snap: float | None
 
 
-def lead(rod: Rod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 2 3"]) -> Led:
+def lead(rod: PlanarRod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 2 3"]) -> Led:
     """Lead a rod through gripper poses, straight and the short way round from row to row.
 
     Predictor and corrector: a step along the branch's tangent, dq = (d poses/dq)^-1 d poses, then Newton's method on
@@ -56,7 +56,7 @@ def lead(rod: Rod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 2 3"])
     Raises:
         InputError: The grippers of `q` are not at the first poses, or it is not stable.
     """
-    gap, turn = se2.pose_distance(rod.shapes(q[None])[1][0], poses[0])
+    gap, turn = SE2.distance(rod.shapes(q[None])[1][0], poses[0])
     if gap.max() > SAME_SHAPE * rod.length or turn.max() > SAME_SHAPE:
         raise InputError("the grippers of the rod's first shape are not at the first poses")
     margin = float(rod.stability(q[None])[0][0])
@@ -64,7 +64,7 @@ def lead(rod: Rod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 2 3"])
         raise InputError(f"the rod's first shape is not stable (margin {margin:.3g})")
     rows, margins = [q], [margin]
     for row, (pose, following) in enumerate(pairwise(poses)):
-        reached, share = _lead_to(rod, rows[-1], pose, se2.pose_step(pose, following))
+        reached, share = _lead_to(rod, rows[-1], pose, SE2.minus(following, pose))
         if share < 1:
             return Led(np.array(rows), np.array(margins), row + share)
         rows.append(reached)
@@ -72,7 +72,7 @@ def lead(rod: Rod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 2 3"])
     return Led(np.array(rows), np.array(margins), None)
 
 
-def _lead_to(rod: Rod, q: np.ndarray, pose: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, float]:
+def _lead_to(rod: PlanarRod, q: np.ndarray, pose: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, float]:
     """Follow from `pose` along `step`: the last stable q, and the share of the step at which that is."""
     share, width = 0.0, 1.0
     while share < 1:
@@ -87,7 +87,7 @@ def _lead_to(rod: Rod, q: np.ndarray, pose: np.ndarray, step: np.ndarray) -> tup
     return q, min(share, 1.0)
 
 
-def _next(rod: Rod, q: np.ndarray, target: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+def _next(rod: PlanarRod, q: np.ndarray, target: np.ndarray, step: np.ndarray) -> np.ndarray | None:
     """The stable equilibrium at `target` that continues q by `step`; None where the step is too long or there is none.
 
     Lengths are measured in those of the rod, so that the tangent does not depend on the unit.

@@ -9,8 +9,9 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
+from cableway.geometry.groups import SE2
 from cableway.rod import fitting
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 
 Bend = Literal["left", "right"]
 
@@ -25,7 +26,7 @@ LOAD_RANGE = (30.0, 30.0, 6.0)
 
 
 def fit_keypoints(
-    rod: Rod, keypoints: Float[np.ndarray, "n 2"], guess: Float[np.ndarray, "6"] | None = None
+    rod: PlanarRod, keypoints: Float[np.ndarray, "n 2"], guess: Float[np.ndarray, "6"] | None = None
 ) -> tuple[Float[np.ndarray, "6"], float]:
     """The equilibrium q whose keypoints are nearest to the given ones, and the stacked distance left [m].
 
@@ -43,7 +44,7 @@ def fit_keypoints(
 
 
 def fit_sequence(
-    rod: Rod, shapes: Float[np.ndarray, "t n 2"], first: Float[np.ndarray, "6"]
+    rod: PlanarRod, shapes: Float[np.ndarray, "t n 2"], first: Float[np.ndarray, "6"]
 ) -> Float[np.ndarray, "t 6"]:
     """`fit_keypoints` of one shape after the other, each guessed from the one before, the first one from `first`."""
     fits = [first]
@@ -52,7 +53,7 @@ def fit_sequence(
     return np.array(fits[1:]).reshape(-1, 6)
 
 
-def _fit(rod: Rod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tuple[np.ndarray, float]:
+def _fit(rod: PlanarRod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tuple[np.ndarray, float]:
     """The best fit from several guesses."""
     keypoints, starts = np.ascontiguousarray(keypoints, dtype=float), [np.array(guess, float) for guess in guesses]
     costs = [fitting.fit(keypoints, q, rod.length, rod.hinges, rod.stride) for q in starts]
@@ -60,7 +61,7 @@ def _fit(rod: Rod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tuple[np
     return starts[best], float(np.sqrt(2 * costs[best]) * rod.length)
 
 
-def _guesses_from_bends(rod: Rod, keypoints: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 6"]:
+def _guesses_from_bends(rod: PlanarRod, keypoints: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 6"]:
     n = keypoints.shape[1]
     steps = np.diff(keypoints, axis=1)
     angles = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
@@ -77,7 +78,7 @@ def _guesses_from_bends(rod: Rod, keypoints: Float[np.ndarray, "t n 2"]) -> Floa
 
 
 def equilibria_at(
-    rod: Rod,
+    rod: PlanarRod,
     poses: Float[np.ndarray, "2 3"],
     starts: int = 129,
     minimum_stability: float = 0.0,
@@ -115,7 +116,7 @@ def equilibria_at(
     return q[found]
 
 
-def shape_between(rod: Rod, poses: Float[np.ndarray, "2 3"], bend: Bend) -> Float[np.ndarray, "6"]:
+def shape_between(rod: PlanarRod, poses: Float[np.ndarray, "2 3"], bend: Bend) -> Float[np.ndarray, "6"]:
     """The stable equilibrium of lowest energy that lies mostly on one side of the line between the grippers.
 
     Args:
@@ -133,7 +134,7 @@ def shape_between(rod: Rod, poses: Float[np.ndarray, "2 3"], bend: Bend) -> Floa
     raise InputError(f"no stable shape of the cable bends to the {bend} between these gripper poses")
 
 
-def _load_guesses(rod: Rod, poses: np.ndarray, count: int) -> np.ndarray:
+def _load_guesses(rod: PlanarRod, poses: np.ndarray, count: int) -> np.ndarray:
     """First guesses (count, 6): spread loads, each moved so that its ends lie about the grippers.
 
     The loads are a low-discrepancy sequence (multiples of powers of 1/g, g^4 = 1 + g, modulo 1: Roberts 2018, "The
@@ -157,14 +158,14 @@ def _load_guesses(rod: Rod, poses: np.ndarray, count: int) -> np.ndarray:
     return q
 
 
-def meet_poses(rod: Rod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
+def meet_poses(rod: PlanarRod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
     """Damped Newton on the six pose residuals from each row of q; the rows that arrive."""
     units = np.array([rod.length, rod.length, 1.0])
     scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
     longest = np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale
 
     def residual(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        error = (se2.pose_step(poses, rod.shapes(rows)[1]) / units).reshape(-1, 6)
+        error = (SE2.minus(rod.shapes(rows)[1], poses) / units).reshape(-1, 6)
         return error, np.linalg.norm(error, axis=1)
 
     error, norm = residual(q)

@@ -1,4 +1,4 @@
-"""Compiled kernels of the rod; `cableway.rod.equilibrium` explains the quantities and is what to call.
+"""Compiled kernels of the rod; `cableway.rod.planar` explains the quantities and is what to call.
 
 Station i lies at arc length i L/(2N), i = 0..2N: even stations are the middles of links and the two ends, odd
 stations the hinges. Row 2N + 1 of the arrays here is not a station: it holds the two end angles.

@@ -5,7 +5,7 @@ plus d, where on the changes that keep the ends in place (C d = 0)
 
     K d = -tau K_0 dtheta/dt,      K_0 = N^2 tridiag(-1, 2, -1),      K = K_0 + diag(a . e_i)
 
-(`cableway.rod.equilibrium` has the symbols). A rod near a fold, where K is nearly singular, trails far behind.
+(`cableway.rod.planar` has the symbols). A rod near a fold, where K is nearly singular, trails far behind.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import se2
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 
 
-def lag(rod: Rod, q: Float[np.ndarray, "t+1 6"]) -> Float[np.ndarray, "t"]:
+def lag(rod: PlanarRod, q: Float[np.ndarray, "t+1 6"]) -> Float[np.ndarray, "t"]:
     """Largest distance [m] of a hinge to its equilibrium when each step between rows lasts as long as tau.
 
     In steps of another duration it is tau over that times as much, up to the time it takes to build up.
@@ -38,7 +38,7 @@ def _links(stations: Float[np.ndarray, "t s 2"]) -> Float[np.ndarray, "t l 2"]:
     return np.diff(stations[:, 1::2], axis=1)
 
 
-def _border(rod: Rod, q: np.ndarray, along: np.ndarray) -> np.ndarray:
+def _border(rod: PlanarRod, q: np.ndarray, along: np.ndarray) -> np.ndarray:
     """[[K, C'], [C, 0]] (t, N + 1, N + 1), softened by next to nothing where C has one row only (a straight rod)."""
     free, square = rod.hinges - 1, rod.hinges**2
     c, s = np.cos(q[:, 2]), np.sin(q[:, 2])

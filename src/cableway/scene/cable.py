@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, TaskError
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene import checks
 from cableway.scene.files.presets import preset_names, preset_ranges
 
@@ -101,9 +101,9 @@ class Cable:
                 )
 
     @property
-    def rod(self) -> Rod:
+    def rod(self) -> PlanarRod:
         """The uniform elastic rod that stands for the cable in planning."""
-        return Rod(self.length, self.keypoints)
+        return PlanarRod(self.length, self.keypoints)
 
     @property
     def bends_as_rod(self) -> bool:

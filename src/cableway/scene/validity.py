@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import TaskError
 from cableway.geometry import polyline, se2
+from cableway.geometry.groups import SE2
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.cable import Cable
 from cableway.scene.grippers import Grippers, Plug, Port
@@ -76,7 +77,7 @@ def check_poses(end: str, poses: Float[np.ndarray, "2 3"], shape: Float[np.ndarr
     curve = curve_through(shape, cable)
     steps = curve[[1, -1]] - curve[[0, -2]]
     ends = np.column_stack([curve[[0, -1]], np.arctan2(steps[:, 1], steps[:, 0])])
-    away, turned = se2.pose_distance(poses, ends)
+    away, turned = SE2.distance(poses, ends)
     for i, side in enumerate(("left", "right")):
         if away[i] > POSE_TOLERANCE[0] or turned[i] > POSE_TOLERANCE[1]:
             raise TaskError(
@@ -107,7 +108,7 @@ def check_port(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> None:
         TaskError: The plug's tip is not `standoff` before the mouth, or not in line with it.
     """
     wanted = port.pose(plug, -port.standoff)
-    away, turned = se2.pose_distance(pose, wanted)
+    away, turned = SE2.distance(pose, wanted)
     if away > PORT_TOLERANCE or turned > POSE_TOLERANCE[1]:
         x, y, angle = wanted
         raise TaskError(

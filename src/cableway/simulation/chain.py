@@ -19,7 +19,7 @@ from jaxtyping import Float
 from mujoco import batch
 
 from cableway.core.errors import InputError, SimulationError
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene
 from cableway.simulation.links import link_lengths, middle_link
@@ -159,7 +159,7 @@ class Chain:
         return np.concatenate([polylines[:, :1], inner, polylines[:, -1:]], axis=1)
 
 
-def chain_coordinates(rod: Rod, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, "c"]:
+def chain_coordinates(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, "c"]:
     """Chain coordinates of the equilibrium q."""
     stations, poses = rod.shapes(q[None])
     links = np.diff(stations[0, 1::2], axis=0)

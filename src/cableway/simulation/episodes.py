@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from cableway.core.checks import require_not_negative, require_positive
 from cableway.core.errors import SimulationError
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.files.presets import preset_ranges
 from cableway.scene.scene import Scene
@@ -137,7 +137,7 @@ class Collector:
         count, ended = self._usable(chain.rod, coordinates, lines, keypoints, touching)
         return Episode(keypoints[: count + 1], poses[: count + 1], cable, ended)
 
-    def _until_stretched(self, poses: Float[np.ndarray, "k+1 2 3"], rod: Rod) -> Float[np.ndarray, "j+1 2 3"]:
+    def _until_stretched(self, poses: Float[np.ndarray, "k+1 2 3"], rod: PlanarRod) -> Float[np.ndarray, "j+1 2 3"]:
         """Gripper poses up to those so far apart that the episode has certainly ended; the rest is not simulated."""
         apart = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
         beyond = np.flatnonzero(apart > (self.config.most_stretch + GRASP_TOLERANCE) * rod.length)
@@ -145,7 +145,7 @@ class Collector:
 
     def _usable(
         self,
-        rod: Rod,
+        rod: PlanarRod,
         coordinates: Float[np.ndarray, "k+1 c"],
         lines: Float[np.ndarray, "k+1 v 2"],
         keypoints: Float[np.ndarray, "k+1 n 2"],

@@ -1,6 +1,6 @@
 """The MuJoCo model of a cable in a scene, built in code.
 
-The cable is the planar chain of `cableway.rod.equilibrium`: N hinges at spacing L/N, N + 1 links of which the first
+The cable is the planar chain of `cableway.rod.planar`: N hinges at spacing L/N, N + 1 links of which the first
 and last are half as long. Hinge stiffness is k = EI N/L and hinge damping tau k, so that the chain bends like a rod of
 stiffness EI and creeps with time constant tau. The first link carries two slides and a hinge; both end links are
 welded to bodies without dynamics, the grippers, whose poses are prescribed at every time step.

@@ -1,6 +1,6 @@
 """Random gripper motions that lead a cable through stable shapes.
 
-A motion goes along straight lines in rod coordinates q (`cableway.rod.equilibrium`), from one random equilibrium to
+A motion goes along straight lines in rod coordinates q (`cableway.rod.planar`), from one random equilibrium to
 the next: every point of such a line is an equilibrium, so the cable is led, not folded or snapped, and both grippers
 move together and against each other as planned motions do. Each line is run at its own speed with ramps, with rests
 between lines, and small random gripper motions are added on top.
@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import require_not_negative, require_positive
 from cableway.core.errors import InputError
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.grippers import Grippers
 from cableway.scene.scene import Scene
 from cableway.simulation.shapes import Kind, kinds_of, self_crossings
@@ -122,7 +122,7 @@ class Surroundings(NamedTuple):
 
 
 def random_motion(
-    rod: Rod,
+    rod: PlanarRod,
     config: MotionConfig,
     steps: int,
     rng: np.random.Generator,
@@ -159,7 +159,7 @@ def random_motion(
 class _Course(NamedTuple):
     """Where a motion may lead."""
 
-    rod: Rod
+    rod: PlanarRod
     config: MotionConfig
     kind: Kind
     surroundings: Surroundings | None
@@ -238,7 +238,7 @@ def _line(q: Float[np.ndarray, "6"], target: Float[np.ndarray, "6"]) -> Float[np
 
 
 def _timed(
-    rod: Rod,
+    rod: PlanarRod,
     config: MotionConfig,
     q: Float[np.ndarray, "6"],
     target: Float[np.ndarray, "6"],

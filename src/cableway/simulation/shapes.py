@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from cableway.geometry import polyline
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 
 Kind = Literal["any", "bend", "s-shape", "near-straight"]
 """What a shape looks like; "any" leaves that to chance."""
@@ -23,7 +23,7 @@ STRAIGHT_CHORD = 0.93
 """Distance of the ends, as a share of the length, from which on a shape counts as near-straight."""
 
 
-def kinds_of(rod: Rod, q: Float[np.ndarray, "6"]) -> set[Kind]:
+def kinds_of(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> set[Kind]:
     """Which kinds of shape the equilibrium q is of; one that lies between them is of none but "any"."""
     stations = rod.shapes(q[None])[0][:, ::2]
     bends = _bends(stations)[0]

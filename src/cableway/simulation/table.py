@@ -25,7 +25,7 @@ import math
 import mujoco
 import numpy as np
 
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.simulation.links import link_extents
 
@@ -58,7 +58,7 @@ def add_friction(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
             line.solimp_friction[:2] = FRICTION_IMPEDANCE
 
 
-def viscosity(model: mujoco.MjModel, rod: Rod, drag: float) -> float:
+def viscosity(model: mujoco.MjModel, rod: PlanarRod, drag: float) -> float:
     """The viscosity eta [Pa s] at which an inner link meets `drag` [N s/m^2] times its length."""
     link = model.body("link 1").id
     inertia, mass = model.body_inertia[link], model.body_mass[link]

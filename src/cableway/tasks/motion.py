@@ -1,6 +1,6 @@
 """Motions of the rod through its equilibria, drawn at random or led along a curve.
 
-A motion is a polyline in rod coordinates q; every point of it is an equilibrium (`cableway.rod.equilibrium`), so that
+A motion is a polyline in rod coordinates q; every point of it is an equilibrium (`cableway.rod.planar`), so that
 it is a true motion of the cable wherever its stability margin stays positive.
 """
 
@@ -15,8 +15,9 @@ from jaxtyping import Float
 
 from cableway.geometry import polyline, se2
 from cableway.geometry.convex import ConvexWorld, polyline_distance, signed_distance
-from cableway.rod.equilibrium import Rod
+from cableway.geometry.groups import SE2
 from cableway.rod.inverse import fit_keypoints
+from cableway.rod.planar import PlanarRod
 from cableway.scene.grippers import Grippers
 from cableway.scene.scene import Scene
 from cableway.tasks.setup import Rejected, Setup
@@ -70,16 +71,16 @@ def interpolate(q: Float[np.ndarray, "t 6"], at: Float[np.ndarray, "k"]) -> Floa
     return np.column_stack([np.interp(at, np.arange(len(q)), column) for column in q.T])
 
 
-def in_steps(q: Float[np.ndarray, "t 6"], rod: Rod, grippers: Grippers) -> Float[np.ndarray, "k 6"]:
+def in_steps(q: Float[np.ndarray, "t 6"], rod: PlanarRod, grippers: Grippers) -> Float[np.ndarray, "k 6"]:
     """The same polyline in q with rows that take at most `LIMIT_SHARE` of the gripper limits each."""
     fine = np.linspace(0, len(q) - 1, 8 * (len(q) - 1) + 1)
     poses = rod.shapes(interpolate(q, fine))[1]
-    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    move, turn = SE2.distance(poses[:-1], poses[1:])
     effort = np.maximum(move.max(1) / grippers.max_step, turn.max(1) / grippers.max_turn) / LIMIT_SHARE
     return _at_even(q, fine, effort)
 
 
-def swept_lines(q: Float[np.ndarray, "t 6"], rod: Rod) -> Float[np.ndarray, "k s 2"]:
+def swept_lines(q: Float[np.ndarray, "t 6"], rod: PlanarRod) -> Float[np.ndarray, "k s 2"]:
     """Stations [m] of shapes along a motion, no station more than `SWEEP_STEP` from one to the next."""
     fine = np.linspace(0, len(q) - 1, 4 * (len(q) - 1) + 1)
     lines = rod.shapes(interpolate(q, fine))[0]
@@ -187,7 +188,7 @@ def placed(
 
 
 def led_along(
-    curve: Float[np.ndarray, "m 2"], rod: Rod, walls: Walls | None = None, whole: bool = True
+    curve: Float[np.ndarray, "m 2"], rod: PlanarRod, walls: Walls | None = None, whole: bool = True
 ) -> Float[np.ndarray, "t 6"]:
     """The rod led along a curve from one end to the other, each shape the nearest equilibrium to its piece of curve.
 
@@ -228,11 +229,11 @@ def smoothed(q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t 6"]:
     return out
 
 
-def _first_guess(rod: Rod, target: np.ndarray) -> np.ndarray:
+def _first_guess(rod: PlanarRod, target: np.ndarray) -> np.ndarray:
     return fit_keypoints(rod, target)[0] + [0, 0, 0, 0, 0, SLACK_BEND]
 
 
-def _flaw(rod: Rod, q: np.ndarray, walls: Walls | None) -> str:
+def _flaw(rod: PlanarRod, q: np.ndarray, walls: Walls | None) -> str:
     """Why a shape will not do, or nothing."""
     if walls is not None and polyline_distance(rod.shapes(q[None])[0], walls.world)[0][0] < walls.least:
         return "touches a wall"
@@ -244,7 +245,7 @@ def _flaw(rod: Rod, q: np.ndarray, walls: Walls | None) -> str:
     return "unstable" if rod.stability(q[None], ceiling=LEAST_STABILITY)[0][0] < LEAST_STABILITY else ""
 
 
-def _fit(rod: Rod, q: np.ndarray, target: np.ndarray, walls: Walls | None, iterations: int = 20) -> np.ndarray:
+def _fit(rod: PlanarRod, q: np.ndarray, target: np.ndarray, walls: Walls | None, iterations: int = 20) -> np.ndarray:
     """Damped Gauss-Newton steps from q towards keypoints `target`, kept stable and off walls."""
     scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
     for _ in range(iterations):

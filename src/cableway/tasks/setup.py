@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.grippers import Grippers
 from cableway.scene.obstacles import Obstacle
@@ -39,7 +39,7 @@ class Setup:
     grippers: Grippers = field(default_factory=Grippers)
 
     @property
-    def rod(self) -> Rod:
+    def rod(self) -> PlanarRod:
         """The rod that stands for the cable."""
         return self.cable.rod
 

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from cableway.core.compiled import kernel
 from cableway.geometry import polyline, se2
+from cableway.geometry.groups import SE2
 
 LINKS_PER_SEGMENT = 4
 """Links between two keypoints: twice as fine as the planner's chain."""
@@ -52,7 +53,7 @@ def follow(
     angles = chain.angles_of(shapes[0])
     rows, pose, lost_at = [], poses[0], None
     for t in range(len(shapes)):
-        target = pose + se2.pose_step(pose, poses[t])
+        target = SE2.plus(pose, SE2.minus(poses[t], pose))
         reached = _continue(chain, angles, pose, target, halvings)
         if reached is None:
             lost_at = t

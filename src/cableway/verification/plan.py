@@ -9,7 +9,8 @@ import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
-from cableway.geometry import polyline, se2
+from cableway.geometry import polyline
+from cableway.geometry.groups import SE2
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification.follower import Followed, follow
@@ -165,7 +166,7 @@ def _poses(name: str, poses: np.ndarray, wanted: np.ndarray | None, limits: Veri
     """Where a task states gripper poses, the plan must have them."""
     if wanted is None:
         return []
-    gap, turn = se2.pose_distance(poses, wanted)
+    gap, turn = SE2.distance(poses, wanted)
     return [
         at_most(f"gripper distance to {name}", gap[None].max(1), "m", limits.pose),
         at_most(f"gripper angle to {name}", turn[None].max(1), "rad", limits.pose_angle),
@@ -183,7 +184,7 @@ def _grasp(plan: Plan, limits: VerificationLimits) -> Check:
 
 
 def _gripper_motion(poses: np.ndarray, task: Task) -> list[Check]:
-    move, turn = se2.pose_distance(poses[:-1], poses[1:])
+    move, turn = SE2.distance(poses[:-1], poses[1:])
     return [
         at_most("gripper step", move.max(1), "m", task.grippers.max_step),
         at_most("gripper turn", turn.max(1), "rad", task.grippers.max_turn),

@@ -10,7 +10,7 @@ from quasi_static import outward, straight_plan, task_for
 
 from cableway.core.errors import InputError
 from cableway.geometry import convex
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Box, Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Grippers, Task
@@ -18,7 +18,7 @@ from cableway.tang2025.control import terms
 from cableway.tang2025.control.horizon import ActionBox, HorizonCost, Target
 from cableway.tang2025.control.mpc_config import MPCConfig
 
-PLAN = straight_plan(Rod(0.3))
+PLAN = straight_plan(PlanarRod(0.3))
 FREE = task_for(PLAN)
 H = 5
 

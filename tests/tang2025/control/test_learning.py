@@ -10,7 +10,7 @@ from quasi_static import straight_plan, task_for
 
 from cableway.core.errors import InputError
 from cableway.records import Observation
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.tang2025.control.learning import Learning
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import NeuralMPC
@@ -21,7 +21,7 @@ from cableway.tang2025.models.checkpoint import load_model
 from cableway.tang2025.models.fitting import parameters_of, with_parameters
 from cableway.tang2025.models.learned import LearnedModel
 
-PLAN = straight_plan(Rod(0.3))
+PLAN = straight_plan(PlanarRod(0.3))
 TASK = task_for(PLAN)
 
 

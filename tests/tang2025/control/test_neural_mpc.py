@@ -13,7 +13,7 @@ from quasi_static import outward, straight_plan, task_for
 from cableway.control.base import Status
 from cableway.geometry import convex
 from cableway.records import Observation, Plan
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 from cableway.tang2025.control.mpc_config import MPCConfig
@@ -22,7 +22,7 @@ from cableway.tang2025.control.prediction import compile_predictor
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.models.baselines import RigidBlend
 
-PLAN = straight_plan(Rod(0.3))
+PLAN = straight_plan(PlanarRod(0.3))
 TASK = task_for(PLAN)
 STILL = replace(PLAN, shapes=PLAN.shapes[[0] * 51], poses=PLAN.poses[[0] * 51])
 """The same number of rows, all the same."""

@@ -8,7 +8,7 @@ import pytest
 
 from cableway.core.errors import InputError
 from cableway.geometry import se2
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.tang2025.models import frames
 from cableway.tang2025.models.frames import Framing
 
@@ -71,7 +71,7 @@ def test_the_blend_of_equal_rigid_motions_is_that_rigid_motion(sample):
 
 
 def test_the_blend_keeps_the_directions_of_the_ends():
-    rod = Rod(0.3, 193)
+    rod = PlanarRod(0.3, 193)
     stations, poses = rod.shapes(np.array([[0.3, 0.3, 0.0, 3.0, 9.0, -1.0]]))
     keypoints = rod.at_keypoints(stations)[0].astype(np.float32)
     action = np.array([[0.02, 0.03, 0.05], [-0.02, -0.03, -0.08]], np.float32)

@@ -11,7 +11,7 @@ import pytest
 from cableway.geometry import se2
 from cableway.rod import adapted
 from cableway.rod.adapted_kernels import adapted_shape, workspace
-from cableway.rod.equilibrium import Rod
+from cableway.rod.planar import PlanarRod
 from cableway.tang2025.models.rod_parameters import RodParameters
 from cableway.tang2025.models.viscoelastic import link_angles, rod_step
 
@@ -20,12 +20,12 @@ TO = FROM + np.array([0.004, -0.003, 0.02, 0.8, -0.6, 0.1])
 
 
 def material(keypoints: int, damping_time: float = 0.1):
-    return RodParameters(damping_time).material(Rod(1.0, keypoints).hinges)
+    return RodParameters(damping_time).material(PlanarRod(1.0, keypoints).hinges)
 
 
 def equilibria(keypoints: int, length: float = 0.3):
     """Keypoints and poses of two neighbouring equilibria."""
-    rod = Rod(length, keypoints)
+    rod = PlanarRod(length, keypoints)
     stations, poses = rod.shapes(np.array([FROM, TO]))
     return np.float32(rod.at_keypoints(stations)), np.float32(poses)
 
@@ -44,7 +44,7 @@ def test_without_lag_it_goes_from_one_equilibrium_of_the_chain_to_the_next(keypo
 @pytest.mark.parametrize("keypoints", [13, 10])
 def test_a_rod_that_is_not_uniform_is_the_adapted_rod(keypoints):
     """Stiffness and rest curvature along the length as in `cableway.rod.adapted`; x^2 - 1/3 is 2/3 of P_2."""
-    rod = Rod(0.3, keypoints)
+    rod = PlanarRod(0.3, keypoints)
     stiffness, rest = np.array([0.5, -0.4]), np.array([0.6, 0.8])
     p = np.concatenate([[rod.length], stiffness * [1, 2 / 3], rest * [1, 2 / 3]])
     shapes, poses = [], []
@@ -62,7 +62,7 @@ def test_a_rod_that_is_not_uniform_is_the_adapted_rod(keypoints):
 
 
 def test_the_angles_of_the_links_are_found_from_the_keypoints():
-    rod = Rod(1.0, 13)
+    rod = PlanarRod(1.0, 13)
     stations, poses = rod.shapes(FROM[None])
     links = np.diff(stations[0, 1::2], axis=0)
     found = jax.jit(link_angles)(np.float32(rod.at_keypoints(stations)[0]), np.float32(poses[0, :, 2]))

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import require_positive
 from cableway.core.errors import InputError
-from cableway.geometry import se2
+from cableway.geometry.groups import SE2
 from cableway.records import Measurement, Observation
 from cableway.scene.task import Task
 from cableway.simulation.plant import CableSimulator, PlantState
@@ -105,7 +105,7 @@ class GraspedCable:
     def reset(self) -> Observation:
         """Go back to the start."""
         seen = self.plant.reset()
-        self._poses = se2.bearing(seen.poses, self.config.offsets(0.0))
+        self._poses = SE2.compose(seen.poses, SE2.inverse(self.config.offsets(0.0)))
         return replace(seen, poses=self._poses.copy())
 
     def check(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
@@ -115,7 +115,7 @@ class GraspedCable:
     def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
         """Move the grippers; see `CableSimulator.step`."""
         poses = self._poses + self.check(action)
-        ends = se2.attached(poses, self.config.offsets(self.plant.time + self.control_step / 2))
+        ends = SE2.compose(poses, self.config.offsets(self.plant.time + self.control_step / 2))
         seen = self.plant.step(ends - self.plant.commanded)
         self._poses = poses
         return replace(seen, poses=poses.copy())

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from cableway.rod.equilibrium import hinge_count
+from cableway.rod.planar import hinge_count
 from cableway.scene.task import CONTROL_STEP
 from cableway.tang2025.models.viscoelastic import Material, rod_step
 

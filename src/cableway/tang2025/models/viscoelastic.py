@@ -1,7 +1,7 @@
 """One control step of a planar visco-elastic rod between two grippers, differentiable and without any linear algebra
 beyond 3 x 3.
 
-The rod is the chain of `cableway.rod.equilibrium` in units of its length: N hinges at spacing 1/N between N + 1
+The rod is the chain of `cableway.rod.planar` in units of its length: N hinges at spacing 1/N between N + 1
 links, the first and last half as long. Its bends phi_j relax towards those of an equilibrium:
 
     phi_j + tau dphi_j/dt = u_j,      u_j = r_j + (m + a x (p_j - c)) / (N e_j),
@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from cableway.rod.equilibrium import hinge_count
+from cableway.rod.planar import hinge_count
 
 ITERATIONS = 4
 """Newton's iterations before the last, differentiable one."""

@@ -28,15 +28,22 @@ Note:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
+from cableway.geometry.groups import SE2, Group
 from cableway.rod import kernels
+from cableway.rod.held_rod import HeldRod
 
 STRAIGHT_STABILITY = 4 * np.pi**2
 """Stability margin of the straight unloaded rod, the largest scale to compare margins with."""
+
+
+LOAD_UNITS = (10.0, 10.0, 3.0)
+"""Units of (a_x, a_y, m) in which steps are measured."""
 
 
 def hinge_count(keypoints: int) -> int:
@@ -49,8 +56,8 @@ def hinge_count(keypoints: int) -> int:
 
 
 @dataclass(frozen=True)
-class Rod:
-    """A uniform inextensible planar rod seen at n keypoints.
+class PlanarRod(HeldRod):
+    """A uniform inextensible planar rod seen at n keypoints, with coordinates q (6,).
 
     Attributes:
         length: L [m].
@@ -59,12 +66,28 @@ class Rod:
 
     length: float
     keypoints: int = 13
+    group: ClassVar[type[Group]] = SE2
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.length) and self.length > 0):
             raise InputError(f"rod length must be positive and finite, got {self.length!r}")
         if self.keypoints < 3:
             raise InputError(f"a rod needs at least 3 keypoints, got {self.keypoints!r}")
+
+    @property
+    def dof(self) -> int:
+        """See `HeldRod.dof`."""
+        return 6
+
+    @property
+    def units(self) -> Float[np.ndarray, "6"]:
+        """See `HeldRod.units`; loads are about as large over the shapes of a cable bent by less than half a turn."""
+        return np.array([self.length, self.length, 1.0, *LOAD_UNITS])
+
+    @property
+    def loads(self) -> slice:
+        """See `HeldRod.loads`."""
+        return slice(3, 6)
 
     @property
     def hinges(self) -> int:
@@ -91,10 +114,6 @@ class Rod:
         """Stations and gripper poses of each row of q, each followed by its derivative by q."""
         return kernels.batch_jacobians(_rows(q), self.length, self.hinges)
 
-    def at_keypoints(self, stations: Float[np.ndarray, "t s ..."]) -> Float[np.ndarray, "t n ..."]:
-        """The rows of `stations` (axis 1) that are keypoints."""
-        return stations[:, :: self.stride]
-
     def stability(
         self, q: Float[np.ndarray, "t 6"], ceiling: float = 1e9
     ) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t 6"]]:
@@ -103,6 +122,19 @@ class Rod:
         A margin above `ceiling` comes back as `ceiling` with derivative zero, some thirty times faster.
         """
         return kernels.batch_stability(_rows(q), self.length, self.hinges, float(ceiling))
+
+    def retract(self, q: Float[np.ndarray, "... 6"], step: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
+        """See `HeldRod.retract`."""
+        return q + step
+
+    def difference(self, a: Float[np.ndarray, "... 6"], b: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
+        """See `HeldRod.difference`; the angle of the centre is not wrapped."""
+        return b - a
+
+    def continued(self, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "6"]:
+        """See `HeldRod.continued`: the angle of the centre goes on by full turns."""
+        turns = poses[:, 2] - self.end_poses(q[None])[0, :, 2]
+        return q + [0.0, 0.0, 2 * np.pi * np.round(turns.mean() / (2 * np.pi)), 0.0, 0.0, 0.0]
 
     def energy(self, q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t"]:
         """Bending energy in units of EI/L: N/2 times the sum of the squared bends."""

@@ -8,7 +8,7 @@ from scipy.linalg import null_space
 
 from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
-from cableway.rod.equilibrium import STRAIGHT_STABILITY, Rod, hinge_count
+from cableway.rod.planar import STRAIGHT_STABILITY, PlanarRod, hinge_count
 
 SIZES = [5, 10, 13]
 """Keypoints; 5 and 13 have 24 hinges, so a link in the middle, 10 has 27, so a hinge there."""
@@ -22,7 +22,7 @@ def random_rows(count: int, seed: int = 0) -> np.ndarray:
     )
 
 
-def chain_angles(rod: Rod, q: np.ndarray) -> np.ndarray:
+def chain_angles(rod: PlanarRod, q: np.ndarray) -> np.ndarray:
     """Angles of all N + 1 links of one row, unwrapped, from the stations alone."""
     stations, poses = rod.shapes(q[None])
     corners = np.vstack([stations[0][:1], stations[0][1::2], stations[0][-1:]])
@@ -39,7 +39,7 @@ def test_hinges_are_the_least_multiple_of_the_segments_from_24_on(keypoints: int
 
 @pytest.mark.parametrize("n", SIZES)
 def test_keypoints_are_at_equal_arc_length_with_both_ends(n: int):
-    rod = Rod(0.3, n)
+    rod = PlanarRod(0.3, n)
     stations, poses = rod.shapes(random_rows(5))
     links = np.linalg.norm(np.diff(stations, axis=1), axis=2)
     np.testing.assert_allclose(links, 0.3 / (2 * rod.hinges), rtol=1e-12)
@@ -52,7 +52,7 @@ def test_keypoints_are_at_equal_arc_length_with_both_ends(n: int):
 @pytest.mark.parametrize("n", SIZES)
 def test_the_bend_at_each_hinge_is_its_moment(n: int):
     """phi_j N = m + a x (p_j - c)/L, with a turned into the world by the centre's angle."""
-    rod = Rod(0.7, n)
+    rod = PlanarRod(0.7, n)
     for q in random_rows(4):
         hinges = rod.shapes(q[None])[0][0][1::2]
         arm = (hinges - q[:2]) / rod.length
@@ -64,7 +64,7 @@ def test_the_bend_at_each_hinge_is_its_moment(n: int):
 @pytest.mark.parametrize("n", SIZES)
 def test_the_energy_is_stationary_while_the_ends_are_held(n: int):
     """The gradient of the energy by the free link angles lies in the span of the two closure rows."""
-    rod = Rod(1.0, n)
+    rod = PlanarRod(1.0, n)
     for q in random_rows(4):
         angles = chain_angles(rod, q)
         bends = np.diff(angles)
@@ -76,7 +76,7 @@ def test_the_energy_is_stationary_while_the_ends_are_held(n: int):
 
 @pytest.mark.parametrize("n", SIZES)
 def test_derivatives_are_finite_differences(n: int):
-    rod, rows = Rod(0.3, n), random_rows(4)
+    rod, rows = PlanarRod(0.3, n), random_rows(4)
     stations, dstations, poses, dposes = rod.jacobians(rows)
     np.testing.assert_allclose(stations, rod.shapes(rows)[0], rtol=1e-13)
     np.testing.assert_allclose(poses, rod.shapes(rows)[1], rtol=1e-13)
@@ -93,7 +93,7 @@ def test_derivatives_are_finite_differences(n: int):
 
 @pytest.mark.parametrize("n", SIZES)
 def test_a_rigid_motion_moves_the_shape_and_changes_nothing_else(n: int):
-    rod, rows = Rod(0.3, n), random_rows(4)
+    rod, rows = PlanarRod(0.3, n), random_rows(4)
     moved = rows.copy()
     moved[:, :2], moved[:, 2] = se2.transform(rows[:, :2], np.array([0.2, -0.5]), 0.8), rows[:, 2] + 0.8
     stations, poses = rod.shapes(rows)
@@ -105,7 +105,7 @@ def test_a_rigid_motion_moves_the_shape_and_changes_nothing_else(n: int):
 
 @pytest.mark.parametrize("n", SIZES)
 def test_the_mirror_image_of_an_equilibrium_is_one(n: int):
-    rod, rows = Rod(0.3, n), random_rows(4)
+    rod, rows = PlanarRod(0.3, n), random_rows(4)
     mirrored = rows * [1, -1, -1, 1, -1, -1]
     stations, poses = rod.shapes(rows)
     np.testing.assert_allclose(rod.shapes(mirrored)[0], stations * [1, -1], atol=1e-14)
@@ -115,7 +115,7 @@ def test_the_mirror_image_of_an_equilibrium_is_one(n: int):
 
 @pytest.mark.parametrize("n", SIZES)
 def test_a_rod_taken_from_its_other_end_is_the_same_rod(n: int):
-    rod, rows = Rod(0.3, n), random_rows(4)
+    rod, rows = PlanarRod(0.3, n), random_rows(4)
     reversed_rows = rows * [1, 1, 1, 1, 1, -1] + [0, 0, np.pi, 0, 0, 0]
     stations, poses = rod.shapes(rows)
     np.testing.assert_allclose(rod.shapes(reversed_rows)[0], stations[:, ::-1], atol=1e-14)
@@ -127,13 +127,13 @@ def test_a_rod_taken_from_its_other_end_is_the_same_rod(n: int):
 @pytest.mark.parametrize("n", SIZES)
 def test_shapes_scale_with_the_length(n: int):
     rows = random_rows(4) * [0, 0, 1, 1, 1, 1]
-    np.testing.assert_allclose(Rod(0.6, n).shapes(rows)[0], 2 * Rod(0.3, n).shapes(rows)[0], atol=1e-14)
-    np.testing.assert_allclose(Rod(0.6, n).stability(rows)[0], Rod(0.3, n).stability(rows)[0])
+    np.testing.assert_allclose(PlanarRod(0.6, n).shapes(rows)[0], 2 * PlanarRod(0.3, n).shapes(rows)[0], atol=1e-14)
+    np.testing.assert_allclose(PlanarRod(0.6, n).stability(rows)[0], PlanarRod(0.3, n).stability(rows)[0])
 
 
 @pytest.mark.parametrize("n", SIZES)
 def test_at_rest_the_rod_is_straight_without_energy(n: int):
-    rod = Rod(0.3, n)
+    rod = PlanarRod(0.3, n)
     stations, poses = rod.shapes(np.array([[0.5, 0.4, 0.3, 0, 0, 0]]))
     np.testing.assert_allclose(polyline.length(stations[0]), np.linalg.norm(stations[0, -1] - stations[0, 0]))
     np.testing.assert_array_equal(poses[0, :, 2], [0.3, 0.3])
@@ -143,7 +143,7 @@ def test_at_rest_the_rod_is_straight_without_energy(n: int):
 @pytest.mark.parametrize("n", SIZES)
 def test_under_a_moment_alone_the_rod_is_an_arc(n: int):
     """Every bend is m/N, so the energy is m^2/2 and the ends differ in angle by m."""
-    rod = Rod(0.3, n)
+    rod = PlanarRod(0.3, n)
     q = np.array([[0.5, 0.4, 0.3, 0, 0, 2.5]])
     poses = rod.shapes(q)[1][0]
     np.testing.assert_allclose(poses[1, 2] - poses[0, 2], 2.5)
@@ -153,10 +153,10 @@ def test_under_a_moment_alone_the_rod_is_an_arc(n: int):
 @pytest.mark.parametrize("n", SIZES)
 def test_the_energy_of_a_wound_up_rod_counts_every_turn(n: int):
     q = np.array([[0.5, 0.4, 0.3, 0, 0, 15.0]])
-    np.testing.assert_allclose(Rod(0.3, n).energy(q), 15.0**2 / 2)
+    np.testing.assert_allclose(PlanarRod(0.3, n).energy(q), 15.0**2 / 2)
 
 
-def dense_margin(rod: Rod, q: np.ndarray) -> float:
+def dense_margin(rod: PlanarRod, q: np.ndarray) -> float:
     """The margin by its definition, with a dense eigenvalue solver."""
     inner, count = chain_angles(rod, q)[1:-1] - q[2], rod.hinges
     second = 2 * np.eye(count - 1) - np.eye(count - 1, k=1) - np.eye(count - 1, k=-1)
@@ -167,7 +167,7 @@ def dense_margin(rod: Rod, q: np.ndarray) -> float:
 
 @pytest.mark.parametrize("n", SIZES)
 def test_the_stability_margin_is_the_least_eigenvalue_of_its_definition(n: int):
-    rod = Rod(0.3, n)
+    rod = PlanarRod(0.3, n)
     pressed = random_rows(10, seed=4) * [1, 1, 1, 0.5, 0.5, 0.5] - [0, 0, 0, 60, 0, 0]
     rows = np.vstack([random_rows(20, seed=3), pressed, np.zeros(6)])
     margins = rod.stability(rows)[0]
@@ -179,7 +179,7 @@ def test_the_stability_margin_is_the_least_eigenvalue_of_its_definition(n: int):
 @pytest.mark.parametrize("n", SIZES)
 def test_the_margin_is_the_curvature_of_the_energy_under_held_ends(n: int):
     """Moving the links along a held direction v raises the energy by at least mu/(2N) |v|^2."""
-    rod, rng = Rod(1.0, n), np.random.default_rng(0)
+    rod, rng = PlanarRod(1.0, n), np.random.default_rng(0)
     q = np.array([0, 0, 0, -12.0, 5.0, 1.0])
     mu = rod.stability(q[None])[0][0]
     inner = chain_angles(rod, q)[1:-1]
@@ -203,7 +203,7 @@ def test_the_margin_is_the_curvature_of_the_energy_under_held_ends(n: int):
 @pytest.mark.parametrize("n", SIZES)
 def test_a_straight_rod_buckles_under_its_euler_load(n: int):
     """Its margin is 4 N^2 sin^2(pi/N), about 4 pi^2, and falls by the compression."""
-    rod = Rod(0.3, n)
+    rod = PlanarRod(0.3, n)
     unloaded = 4 * rod.hinges**2 * np.sin(np.pi / rod.hinges) ** 2
     assert unloaded == pytest.approx(STRAIGHT_STABILITY, rel=0.01)
     rows = np.zeros((3, 6))
@@ -216,9 +216,21 @@ def test_a_straight_rod_buckles_under_its_euler_load(n: int):
 )
 def test_a_rod_that_is_none_is_refused(length: float, keypoints: int):
     with pytest.raises(InputError, match=r"rod length must be positive|at least 3 keypoints"):
-        Rod(length, keypoints)
+        PlanarRod(length, keypoints)
 
 
 def test_coordinates_of_the_wrong_shape_are_refused():
     with pytest.raises(InputError, match=r"shape \(t, 6\), got \(6,\)"):
-        Rod(1.0).shapes(np.zeros(6))
+        PlanarRod(1.0).shapes(np.zeros(6))
+
+
+def test_coordinates_are_those_of_a_held_rod():
+    """Steps, shares of the way and full turns, in sizes that come from the value."""
+    rod, (a, b) = PlanarRod(0.3), random_rows(2)
+    assert a.shape == rod.units.shape == (rod.dof,)
+    np.testing.assert_allclose(rod.retract(a, rod.difference(a, b)), b, atol=1e-14)
+    np.testing.assert_allclose(rod.between(a, b, np.array([0.0, 0.25, 1.0])), [a, 0.75 * a + 0.25 * b, b], atol=1e-14)
+    poses = rod.end_poses(a[None])[0]
+    turned = rod.continued(a, poses + [0, 0, 4 * np.pi])
+    np.testing.assert_allclose(rod.end_poses(turned[None])[0], poses + [0, 0, 4 * np.pi], atol=1e-12)
+    np.testing.assert_allclose(rod.shapes(turned[None])[0], rod.shapes(a[None])[0], atol=1e-12)

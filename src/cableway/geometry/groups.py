@@ -1,0 +1,132 @@
+"""Groups of rigid motions: the one place where angles of poses are added, subtracted and compared.
+
+A *step* from one pose to another, and so an action, has its translation and its rotation in the world frame, whatever
+the pose. `plus` undoes `minus`, and angles run on: `plus(a, minus(b, a))` is the pose `b` with the angle nearest to
+that of `a`. `compose` and `inverse` are those of the group: poses in the frame of a pose.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.geometry.se2 import wrap_angle
+
+
+class Group(ABC):
+    """A group of rigid motions; its elements are rows of arrays.
+
+    Attributes:
+        size: Numbers of a pose.
+        dof: Numbers of a step.
+    """
+
+    size: int
+    dof: int
+
+    @staticmethod
+    @abstractmethod
+    def compose(a: Float[np.ndarray, "... size"], b: Float[np.ndarray, "... size"]) -> Float[np.ndarray, "... size"]:
+        """Poses in the world of what is at poses `b` in the frames at `a`."""
+
+    @staticmethod
+    @abstractmethod
+    def inverse(a: Float[np.ndarray, "... size"]) -> Float[np.ndarray, "... size"]:
+        """The world's poses in the frames at `a`."""
+
+    @staticmethod
+    @abstractmethod
+    def plus(pose: Float[np.ndarray, "... size"], step: Float[np.ndarray, "... dof"]) -> Float[np.ndarray, "... size"]:
+        """The poses after a step [m, rad]."""
+
+    @staticmethod
+    @abstractmethod
+    def minus(
+        after: Float[np.ndarray, "... size"], before: Float[np.ndarray, "... size"]
+    ) -> Float[np.ndarray, "... dof"]:
+        """The step [m, rad] from `before` to `after`, turning the short way."""
+
+    @staticmethod
+    @abstractmethod
+    def continued(
+        pose: Float[np.ndarray, "... size"], near: Float[np.ndarray, "... size"]
+    ) -> Float[np.ndarray, "... size"]:
+        """The same poses, written with the angles nearest to those of `near`."""
+
+    @staticmethod
+    @abstractmethod
+    def distance(
+        a: Float[np.ndarray, "... size"], b: Float[np.ndarray, "... size"]
+    ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+        """Distance [m] and turn [rad] between poses."""
+
+    @staticmethod
+    @abstractmethod
+    def step_units(length: float) -> Float[np.ndarray, "dof"]:
+        """What a step is divided by to be in units of `length` [m] and radians."""
+
+    @classmethod
+    def between(
+        cls, a: Float[np.ndarray, "... size"], b: Float[np.ndarray, "... size"], share: Float[np.ndarray, "..."] | float
+    ) -> Float[np.ndarray, "... size"]:
+        """The poses at a share of the step from `a` to `b`; `a` at 0, `b` at 1."""
+        return cls.plus(a, np.asarray(share)[..., None] * cls.minus(b, a))
+
+
+class SE2(Group):
+    """Motions of the plane: poses (x, y, theta) and steps (dx, dy, dtheta) [m, m, rad].
+
+    >>> SE2.compose(np.array([1.0, 0.0, np.pi / 2]), np.array([0.1, 0.0, 0.2])).round(3).tolist()
+    [1.0, 0.1, 1.771]
+    """
+
+    size = 3
+    dof = 3
+
+    @staticmethod
+    def compose(a: Float[np.ndarray, "... 3"], b: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
+        """See `Group.compose`."""
+        c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+        x, y, turn = np.moveaxis(b, -1, 0)
+        return a + np.stack([c * x - s * y, s * x + c * y, turn], axis=-1)
+
+    @staticmethod
+    def inverse(a: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
+        """See `Group.inverse`."""
+        c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+        x, y, turn = np.moveaxis(a, -1, 0)
+        return -np.stack([c * x + s * y, c * y - s * x, turn], axis=-1)
+
+    @staticmethod
+    def plus(pose: Float[np.ndarray, "... 3"], step: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
+        """See `Group.plus`."""
+        return np.asarray(pose, float) + step
+
+    @staticmethod
+    def minus(after: Float[np.ndarray, "... 3"], before: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
+        """See `Group.minus`."""
+        step = np.asarray(after, float) - before
+        step[..., 2] = wrap_angle(step[..., 2])
+        return step
+
+    @staticmethod
+    def continued(pose: Float[np.ndarray, "... 3"], near: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
+        """See `Group.continued`."""
+        out = np.array(pose, float)
+        out[..., 2] += 2 * np.pi * np.round((near[..., 2] - out[..., 2]) / (2 * np.pi))
+        return out
+
+    @staticmethod
+    def distance(
+        a: Float[np.ndarray, "... 3"], b: Float[np.ndarray, "... 3"]
+    ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+        """See `Group.distance`."""
+        step = SE2.minus(b, a)
+        return np.linalg.norm(step[..., :2], axis=-1), np.abs(step[..., 2])
+
+    @staticmethod
+    def step_units(length: float) -> Float[np.ndarray, "3"]:
+        """See `Group.step_units`."""
+        return np.array([length, length, 1.0])

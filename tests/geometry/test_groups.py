@@ -1,0 +1,51 @@
+"""Laws of the groups of rigid motions."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cableway.geometry.groups import SE2
+
+LAWS = settings(deadline=None, derandomize=True, max_examples=60)
+angles = st.floats(-50, 50)
+points = st.tuples(st.floats(-3, 3), st.floats(-3, 3)).map(np.array)
+poses = st.tuples(st.floats(-3, 3), st.floats(-3, 3), angles).map(np.array)
+
+
+@LAWS
+@given(poses, poses, poses)
+def test_composition_is_associative_and_has_inverses(a: np.ndarray, b: np.ndarray, c: np.ndarray):
+    left, right = SE2.compose(SE2.compose(a, b), c), SE2.compose(a, SE2.compose(b, c))
+    np.testing.assert_allclose(left, right, atol=1e-12)
+    np.testing.assert_allclose(SE2.compose(a, SE2.inverse(a)), np.zeros(3), atol=1e-12)
+    np.testing.assert_allclose(SE2.compose(SE2.inverse(a), a), np.zeros(3), atol=1e-12)
+
+
+@LAWS
+@given(poses, poses)
+def test_plus_undoes_minus_and_turns_the_short_way(a: np.ndarray, b: np.ndarray):
+    step, reached = SE2.minus(b, a), SE2.plus(a, SE2.minus(b, a))
+    assert abs(step[2]) <= np.pi
+    np.testing.assert_allclose(SE2.distance(reached, b), (0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(reached, SE2.continued(b, a), atol=1e-12)
+    np.testing.assert_allclose(SE2.between(a, b, np.array([0.0, 1.0])), [a, reached], atol=1e-12)
+
+
+def test_a_step_leads_from_one_pose_to_the_other_the_short_way():
+    before = np.array([[0.0, 0.0, 3.0], [1.0, 2.0, -3.0]])
+    after = np.array([[0.1, 0.0, -3.0], [1.0, 2.5, 3.0]])
+    step = SE2.minus(after, before)
+    np.testing.assert_allclose(step[:, :2], [[0.1, 0.0], [0.0, 0.5]])
+    np.testing.assert_allclose(step[:, 2], [2 * np.pi - 6, 6 - 2 * np.pi])
+    np.testing.assert_array_equal(after[:, 2], [-3.0, 3.0])
+
+
+@LAWS
+@given(points, angles, points, angles)
+def test_pose_distance_is_symmetric_and_zero_for_full_turns(p: np.ndarray, a: float, r: np.ndarray, b: float):
+    one, other = np.array([*p, a]), np.array([*r, b])
+    there, back = SE2.distance(one, other), SE2.distance(other, one)
+    np.testing.assert_allclose(there, back, atol=1e-12)
+    np.testing.assert_allclose(SE2.distance(one, one + np.array([0, 0, 4 * np.pi])), (0.0, 0.0), atol=1e-12)
