@@ -1,6 +1,6 @@
 """Plan random tasks of a kind and print how many are solved and how long it takes.
 
-    .venv/bin/python tools/planning.py KIND [--seeds FIRST:END] [--width W] [--planner NAME] [--iterations N] [...]
+    .venv/bin/python studies/planning.py KIND [--seeds FIRST:END] [--width W] [--planner NAME] [--iterations N] [...]
 
 Each task leaves a line in FOLDER/KIND.jsonl (runs/planning unless given), and its picture where no plan was found;
 tasks that stand there already are not planned again. A blocked task counts as solved where the planner says that

@@ -1,6 +1,6 @@
 """Neural MPC with each shipped model: how far from the goal it ends, and how long its steps take.
 
-    taskset -c 0 .venv/bin/python tools/neural.py [--models A,B] [--iterations 1,2] [--tasks N] [--first SEED]
+    taskset -c 0 .venv/bin/python studies/neural.py [--models A,B] [--iterations 1,2] [--tasks N] [--first SEED]
 
 Random tasks of the kind clutter, on the plants "nominal" and "hard" of the benchmark. Steps are timed by the clock of
 the processor, which other work on the machine disturbs less than the clock on the wall; on one core both are the same

@@ -1,11 +1,11 @@
 """Compare the deformation models: collect the sets, train every model with three seeds, evaluate, adapt; ship.
 
-    .venv/bin/python tools/models.py                   # the first four, below runs/comparison; half an hour of one core
-    .venv/bin/python tools/models.py train --seeds 1   # one stage; what is already there is kept
-    .venv/bin/python tools/models.py plateau           # networks trained longer; hours of one core
-    .venv/bin/python tools/models.py ship              # the shipped weights; half an hour of one core
-    .venv/bin/python tools/models.py speed             # one core: taskset -c 0
-    .venv/bin/python tools/models.py yu2d --yu2d sets  # cables of Yu et al., made by tools/convert_yu2d.py
+    .venv/bin/python studies/models.py                   # the first four, below runs/comparison; half an hour
+    .venv/bin/python studies/models.py train --seeds 1   # one stage; what is already there is kept
+    .venv/bin/python studies/models.py plateau           # networks trained longer; hours of one core
+    .venv/bin/python studies/models.py ship              # the shipped weights; half an hour of one core
+    .venv/bin/python studies/models.py speed             # one core: taskset -c 0
+    .venv/bin/python studies/models.py yu2d --yu2d sets  # cables of Yu et al., made by studies/convert_yu2d.py
 
 Interrupted and started again, it goes on where it stopped. `ship` makes all shipped weights from their configurations.
 """

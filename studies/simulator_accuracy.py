@@ -1,6 +1,6 @@
 """How accurate the simulator is: the table and the pictures of `docs/simulator.md`.
 
-    .venv/bin/python tools/simulator_accuracy.py [FOLDER]
+    .venv/bin/python studies/simulator_accuracy.py [FOLDER]
 
 Some ten minutes on one core. An experiment whose result is in FOLDER (runs/simulator unless given) is not made
 again, so an interrupted call goes on where it was; for a new measurement empty the folder.

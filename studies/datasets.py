@@ -1,8 +1,8 @@
 """Measure the collection of data sets: rates, memory, shuffled reading, `kill -9` at random moments, Ray.
 
-    .venv/bin/python tools/datasets.py                    # rates, 50,000 transitions, kills: some minutes
-    .venv/bin/python tools/datasets.py set --transitions 1000000        # some ten minutes and 0.5 GB of disk
-    .venv/bin/python tools/datasets.py ray                # needs the extra `ray`
+    .venv/bin/python studies/datasets.py                    # rates, 50,000 transitions, kills: some minutes
+    .venv/bin/python studies/datasets.py set --transitions 1000000        # some ten minutes and 0.5 GB of disk
+    .venv/bin/python studies/datasets.py ray                # needs the extra `ray`
 
 Linux only: peak memory is VmHWM of /proc. Times depend on what else the machine does.
 """

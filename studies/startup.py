@@ -1,4 +1,4 @@
-"""How long `cableway run TASK` spends on imports and compilation: `python tools/startup.py [TASK]`.
+"""How long `cableway run TASK` spends on imports and compilation: `python studies/startup.py [TASK]`.
 
 Everything a run does is done twice in this process, up to the first control step. The imports, and what the first
 time takes longer than the second, are what a new process pays. Run it twice: the first fills the cache folder.

@@ -1,8 +1,8 @@
-"""What is promised of plans, beside that there is one: the pivot path, other ways round, and how the plant follows.
+"""What plans promise beyond existing: the pivot path, other homotopy classes, and how the plant follows.
 
-    .venv/bin/python tools/plan_quality.py pivot        [--kinds clutter dense] [--seeds 0:20]
-    .venv/bin/python tools/plan_quality.py alternatives [--kinds clutter dense] [--seeds 0:20]
-    .venv/bin/python tools/plan_quality.py open-loop    [--kinds clutter ...]   [--seeds 0:20]
+    PYTHONPATH=tests .venv/bin/python studies/plan_quality.py pivot [--kinds clutter dense] [--seeds 0:20]
+    .venv/bin/python studies/plan_quality.py alternatives [--kinds clutter dense] [--seeds 0:20]
+    .venv/bin/python studies/plan_quality.py open-loop    [--kinds clutter ...]   [--seeds 0:20]
 
 pivot: time of the pivot path, and its cost over that of fast marching on a grid of 1 mm. alternatives: how many of
 three plans that go round the obstacles in different ways are found, where three pivot paths wide enough for the cable
@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from fast_marching import least_cost
 
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.planning.config import PivotConfig, PlannerConfig
@@ -47,6 +46,8 @@ Row = dict[str, float]
 
 def pivot(task: Task) -> Row:
     """Planning time [ms], and cost over that of fast marching, as it is and extrapolated to no spacing."""
+    from fast_marching import least_cost  # the tests' oracle, in tests/
+
     config, middle = PivotConfig(), pivot_keypoint(task.cable.keypoints)
     arguments = task.scene, task.start[middle], task.goal[middle], task.cable.radius, config
     path, seconds = plan_pivot_path(*arguments), []

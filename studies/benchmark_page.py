@@ -1,6 +1,6 @@
 """What a `cableway bench` left, as a page of the documentation.
 
-    .venv/bin/python tools/benchmark_page.py FOLDER NAME TITLE [NOTE]
+    .venv/bin/python studies/benchmark_page.py FOLDER NAME TITLE [NOTE]
 
 Writes `docs/results/NAME.md` from `tables.md` and `summary.json` in FOLDER; with `--data` also `docs/results/NAME.json`
 with all figures and their intervals, and `docs/images/benchmark-NAME-success.png`.

@@ -1,6 +1,6 @@
-"""The pictures of docs/models.md, from what `tools/models.py` left.
+"""The pictures of docs/models.md, from what `studies/models.py` left.
 
-    .venv/bin/python tools/model_pictures.py [--comparison runs/comparison] [--out docs/images]
+    .venv/bin/python studies/model_pictures.py [--comparison runs/comparison] [--out docs/images]
 
 After the stages collect, train, evaluate, adapt and plateau.
 """

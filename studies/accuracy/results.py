@@ -39,7 +39,7 @@ SETTLED = {
 }
 """Experiments on settled shapes, and where they settle."""
 
-BEGIN, END = "<!-- made by tools/simulator_accuracy.py -->\n", "<!-- end -->\n"
+BEGIN, END = "<!-- made by studies/simulator_accuracy.py -->\n", "<!-- end -->\n"
 """Lines of the document between which the table stands."""
 
 

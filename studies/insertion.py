@@ -1,6 +1,6 @@
 """HDMI insertion to the end: how well the plug goes in on plants that differ from what is believed.
 
-    .venv/bin/python tools/insertion.py [--task insertion] [--seeds 10] [--first 100] [--plants hdmi,hard] [--blindly]
+    .venv/bin/python studies/insertion.py [--task insertion] [--seeds 10] [--first 100] [--plants hdmi,hard] [--blindly]
 
 Every seed draws a plant of its own and its noise. With `--blindly` the plug is taken to be held as believed, so that
 the table shows what the estimate of the grasp is worth. Each failure is said.

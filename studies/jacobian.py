@@ -1,6 +1,6 @@
 """Settings of Jacobian feedback compared, on tasks and plants that nothing else is measured on.
 
-    .venv/bin/python tools/jacobian.py
+    .venv/bin/python studies/jacobian.py
 
 Random tasks of the kinds clutter (ten plants in turn), open-near and open-far (four cables of the laboratory), plans
 without rehearsal. Each line is one setting on all of them: successes (below 3 cm, nothing touched), those below 1 cm,

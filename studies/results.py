@@ -1,6 +1,6 @@
 """The results table of the README: every catalogue task with seeds 0, 1, 2, through the command.
 
-    .venv/bin/python tools/results.py [FOLDER]
+    .venv/bin/python studies/results.py [FOLDER]
 
 Reports that are already in FOLDER (runs/results unless given) are not made again.
 """

@@ -1,6 +1,6 @@
 """Controllers over many steps: memory, and what they do with observations that make no sense.
 
-    .venv/bin/python tools/endurance.py [--controllers A,B] [--steps N]
+    .venv/bin/python studies/endurance.py [--controllers A,B] [--steps N]
 
 Twice N steps each, without a plant: along a plan and back, seen with noise; then with hostile observations, of which a
 fifth each is none or not finite or empty, frozen, swapped end for end, jumped or far away, and seconds late. Printed

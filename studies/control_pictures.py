@@ -1,6 +1,6 @@
 """The picture of docs/control.md: the same task and the same cable under each controller.
 
-    .venv/bin/python tools/control_pictures.py [--task NAME] [--out FILE]
+    .venv/bin/python studies/control_pictures.py [--task NAME] [--out FILE]
 
 The cable is 1% short, stiff at one end, held 2 mm and 2 degrees askew, and seen late with 1 mm of noise: the plant
 "hard" of the benchmark.

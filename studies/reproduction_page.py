@@ -1,6 +1,6 @@
 """What `cableway reproduce --size full` left, as a page of the documentation with its pictures.
 
-    .venv/bin/python tools/reproduction_page.py [FOLDER]
+    .venv/bin/python studies/reproduction_page.py [FOLDER]
 
 Writes `docs/results/reproduction.md` and `docs/images/reproduction-*.png` from FOLDER (runs/reproduce unless given).
 """

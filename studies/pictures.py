@@ -1,6 +1,6 @@
 """The pictures of README and documentation, except those of the simulator, which `simulator_accuracy.py` makes.
 
-    .venv/bin/python tools/pictures.py [NAME ...]
+    .venv/bin/python studies/pictures.py [NAME ...]
 
 All of `PICTURES` unless named; about a minute on one core. The same code makes the same pictures.
 """

@@ -1,6 +1,6 @@
 """Plants that differ: how fast they step, and how the shipped controller tracks one plan on them.
 
-    .venv/bin/python tools/plants.py [--task NAME] [--runs 7]
+    .venv/bin/python studies/plants.py [--task NAME] [--runs 7]
 
 Each line of the second table is as many runs, with seeds from 0 on, which draw noise and what is lost; each line of the
 third is one run on a cable drawn from the ranges of a preset, and one on the same cable without friction. All runs

@@ -1,6 +1,6 @@
 """Turn the simulated planar cables of Yu et al. into data sets that `cableway train` and `evaluate` read.
 
-    .venv/bin/python tools/convert_yu2d.py FOLDER --out sets/yu2d
+    .venv/bin/python studies/convert_yu2d.py FOLDER --out sets/yu2d
 
 FOLDER holds `yu2d_1.npz`, `yu2d_2.npz`, ...: the arrays `keypoints (m, n, 2)` [m], `poses (m, 2, 3)` [m, m, rad] and
 `episode (m,)`, rows of one episode following each other in time at `dt` 0.1 s, and `length` [m]. They are the files

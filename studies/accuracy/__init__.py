@@ -1,0 +1,1 @@
+"""How accurate the simulator is: experiments, their reference, their pictures. See `studies/simulator_accuracy.py`."""
