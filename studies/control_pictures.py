@@ -14,9 +14,6 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from pictures import save
 
-from cableway.cli.controllers import CONTROLLERS, make_controller
-from cableway.cli.options import Options
-from cableway.cli.terminal import Terminal
 from cableway.figures import scene, style
 from cableway.figures.rollout import draw_motion
 from cableway.planning.planner import plan
@@ -26,6 +23,7 @@ from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import plant_variant
 from cableway.tracking import track
+from cableway.workflow.registry import CONTROLLERS, make_controller
 
 COLUMNS = 3
 BETWEEN, ABOVE, CURVES = 0.35, 0.6, 2.4
@@ -37,8 +35,7 @@ def rollouts(task: Task) -> dict[str, Rollout]:
     variant, found = plant_variant("hard", task), plan(task)
     plant, floor = variant.build(task, seed=0), shape_error_floor(variant.cable, task.goal) or 0.0
     print(f"least error possible: {1000 * floor:.1f} mm")
-    terminal = Terminal(Options(quiet=True))
-    return {name: track(plant, make_controller(name, None, terminal), found) for name in CONTROLLERS}
+    return {name: track(plant, make_controller(name), found) for name in CONTROLLERS}
 
 
 def draw_deviations(ax: Axes, runs: dict[str, Rollout]) -> None:

@@ -19,14 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from cableway.cli.controllers import CONTROLLERS, make_controller
-from cableway.cli.options import Options
-from cableway.cli.terminal import Terminal
 from cableway.control.limits import exceeds_limits
 from cableway.planning.planner import plan
 from cableway.records import Observation, Plan
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
+from cableway.workflow.registry import DEFAULT_CONTROLLER, make_controller
 
 NOISE = 0.001
 """Standard deviation [m] of what is seen along the plan."""
@@ -99,13 +97,13 @@ def endure(controller: Any, task: Task, found: Plan, seen: Seen, steps: int) -> 
 def main() -> None:
     """Print two lines for each controller."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--controllers", default=CONTROLLERS[0])
+    parser.add_argument("--controllers", default=DEFAULT_CONTROLLER)
     parser.add_argument("--steps", type=int, default=10_000)
     given = parser.parse_args()
     task = load_task("single-obstacle-2")
     found = plan(task)
     for name in given.controllers.split(","):
-        controller = make_controller(name, None, Terminal(Options(quiet=True)))
+        controller = make_controller(name)
         for kind in (along, hostile):
             seen = kind(found, np.random.default_rng(0))
             print(f"{name}, {kind.__name__}: {endure(controller, task, found, seen, given.steps)}", flush=True)

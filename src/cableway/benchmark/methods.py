@@ -18,6 +18,7 @@ from cableway.core.errors import InputError, PlanningError, UnknownNameError
 from cableway.core.provenance import PACKAGE, versions
 from cableway.records import Plan
 from cableway.scene.task import Task
+from cableway.workflow.registry import make_controller, make_planner
 
 GROUP = "cableway.methods"
 """Group of the entry points with which a package offers methods: each names a `Method`."""
@@ -142,20 +143,18 @@ def _require_method(value: Any, source: str) -> Method:
 
 # ------------------------------------------------------------------------------------------------ ours
 def planner_of(name: str, unverified: bool = False) -> Planner:
-    """One of `planning.config.PLANNERS`; with `unverified`, its closest attempt where there is no verified plan.
+    """A planner of the registry; with `unverified`, its closest attempt where there is no verified plan.
 
     Its time limit does not count the compilation of the kernels.
     """
 
     def find(task: Task, seed: int) -> Plan:
         from cableway.planning.compilation import compile_kernels
-        from cableway.planning.config import PlannerConfig
-        from cableway.planning.planner import plan
 
         compile_kernels()
-        deadline = time.monotonic() + TIME_LIMIT
+        deadline, planner = time.monotonic() + TIME_LIMIT, make_planner(name)
         try:
-            return plan(task, seed=seed, config=PlannerConfig.named(name), expired=lambda: time.monotonic() > deadline)
+            return planner.find(task, seed=seed, config=planner.config, expired=lambda: time.monotonic() > deadline)
         except PlanningError as error:
             if unverified and error.attempt is not None and error.attempt.poses is not None:
                 return _as_plan(error.attempt)
@@ -172,41 +171,9 @@ def _as_plan(attempt: Any) -> Plan:
     )  # fmt: skip
 
 
-def _rod_mpc() -> Controller[Any]:
-    from cableway.control.rod_mpc import RodMPC
-
-    return RodMPC()
-
-
-def _rod_jacobian() -> Controller[Any]:
-    from cableway.control.jacobian import JacobianFeedback
-
-    return JacobianFeedback()
-
-
-def _broyden() -> Controller[Any]:
-    from cableway.control.jacobian import JacobianConfig, JacobianFeedback
-
-    return JacobianFeedback(JacobianConfig.broyden())
-
-
-def _open_loop() -> Controller[Any]:
-    from cableway.control.open_loop import OpenLoop
-
-    return OpenLoop()
-
-
-def _neural(model: str, paper: bool = False) -> Callable[[], Controller[Any]]:
-    def make() -> Controller[Any]:
-        from cableway.tang2025.control.mpc_config import MPCConfig
-        from cableway.tang2025.control.neural_mpc import NeuralMPC
-        from cableway.tang2025.models.checkpoint import load_model
-        from cableway.tang2025.models.compilation import enable_compilation_cache
-
-        enable_compilation_cache()
-        return NeuralMPC(load_model(model), MPCConfig.paper() if paper else MPCConfig())
-
-    return make
+def controller_of(name: str, model: str | None = None) -> Callable[[], Controller[Any]]:
+    """Makes a controller of the registry, with a deformation model in place of its own where one is given."""
+    return lambda: make_controller(name, model)
 
 
 def _all() -> tuple[Method, ...]:
@@ -217,29 +184,31 @@ def _all() -> tuple[Method, ...]:
         "rrt-connect": "RRT-Connect among equilibria, not refined",
         "paper-refined": "the paper's chain with our realisation",
     }
+    rod_mpc = controller_of("rod-mpc")
     return (
-        Method(name=DEFAULT, description=f"{ours}, adaptive rod MPC", controller=_rod_mpc),
-        Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", controller=_rod_mpc,
+        Method(name=DEFAULT, description=f"{ours}, adaptive rod MPC", controller=rod_mpc),
+        Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", controller=rod_mpc,
                planner=planner_of("default")),
         Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative",
-               controller=_rod_jacobian),
+               controller=controller_of("rod-jacobian")),
         Method(name="broyden", description=f"{ours}, feedback by a learned derivative (the paper's Jacob-IK)",
-               controller=_broyden),
-        Method(name="open-loop", description=f"{ours}, followed blindly", controller=_open_loop, recovers=False),
-        Method(name="tdm-mpc", description=f"{ours}, our neural MPC with the Transformer",
-               controller=_neural("transformer")),
-        Method(name="cdm-mpc", description=f"{ours}, our neural MPC with the convolutional model",
-               controller=_neural("conv")),
-        Method(name="bdm-mpc", description=f"{ours}, our neural MPC with the bidirectional LSTM",
-               controller=_neural("bilstm")),
-        Method(name="paper-tracking", description=f"{ours}, neural MPC as in the paper",
-               controller=_neural("transformer", paper=True)),
-        Method(name="paper", description=f"{paper}; neural MPC as in the paper",
-               controller=_neural("transformer", paper=True), planner=planner_of("paper", unverified=True),
+               controller=controller_of("broyden")),
+        Method(name="open-loop", description=f"{ours}, followed blindly", controller=controller_of("open-loop"),
                recovers=False),
-        *(Method(name=f"{name}-plan", description=f"{text}; adaptive rod MPC", controller=_rod_mpc,
+        Method(name="tdm-mpc", description=f"{ours}, our neural MPC with the Transformer",
+               controller=controller_of("neural-mpc", "transformer")),
+        Method(name="cdm-mpc", description=f"{ours}, our neural MPC with the convolutional model",
+               controller=controller_of("neural-mpc", "conv")),
+        Method(name="bdm-mpc", description=f"{ours}, our neural MPC with the bidirectional LSTM",
+               controller=controller_of("neural-mpc", "bilstm")),
+        Method(name="paper-tracking", description=f"{ours}, neural MPC as in the paper",
+               controller=controller_of("neural-mpc-paper", "transformer")),
+        Method(name="paper", description=f"{paper}; neural MPC as in the paper",
+               controller=controller_of("neural-mpc-paper", "transformer"),
+               planner=planner_of("paper", unverified=True), recovers=False),
+        *(Method(name=f"{name}-plan", description=f"{text}; adaptive rod MPC", controller=rod_mpc,
                  planner=planner_of(name)) for name, text in simpler.items()),
-        Method(name="paper-plan", description=f"{paper}; adaptive rod MPC", controller=_rod_mpc,
+        Method(name="paper-plan", description=f"{paper}; adaptive rod MPC", controller=rod_mpc,
                planner=planner_of("paper", unverified=True)),
     )  # fmt: skip
 

@@ -50,9 +50,9 @@ class PlanOptions(Options):
         Raises:
             UnknownNameError: There is no such planner or pivot method; the message lists them.
         """
-        from cableway.planning.config import PlannerConfig
+        from cableway.workflow.registry import make_planner
 
-        config = PlannerConfig.named(self.planner)
+        config = make_planner(self.planner).config
         return config if self.pivot is None else replace(config, pivot=_with_method(config.pivot, self.pivot))
 
 

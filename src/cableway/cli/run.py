@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cableway.cli import outputs
-from cableway.cli.controllers import CONTROLLERS, MODELS, ROD_BASED, make_controller
 from cableway.cli.planning import Planned, PlanOptions, plan_into
 from cableway.cli.terminal import Tell, Terminal, pairs
 from cableway.core.errors import ControlError, SimulationError
+from cableway.workflow.registry import CONTROLLERS, DEFAULT_CONTROLLER, controller_is_compiled, make_controller
 
 if TYPE_CHECKING:
     from cableway.control.base import Controller
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from cableway.scene.task import Task
     from cableway.simulation.perturbations.setup import PlantSetup
     from cableway.tracking import Watchdog
+
+
+AHEAD = "The controller is compiled once before it starts; the next run finds it in your cache folder."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +70,9 @@ class Run(PlanOptions):
 
         terminal, task = Terminal(self), load_task(self.task)
         setup, watchdog = read_plant(self.plant, task), Watchdog(deadline=self.deadline)
-        folder, controller = self.folder(task.name), make_controller(self._name, self.model, terminal, self.adapt)
+        folder, controller = self.folder(task.name), make_controller(self._name, self.model, self.adapt)
+        if not controller_is_compiled(self._name):
+            terminal.note(AHEAD)
         with terminal.progress() as tell:
             planned = plan_into(folder, task, self, terminal, tell, rehearsal=not self.no_rehearsal)
             report = planned.report
@@ -80,7 +85,7 @@ class Run(PlanOptions):
     @property
     def _name(self) -> str:
         """Of the controller."""
-        return self.controller or (CONTROLLERS[0] if self.model is None else "neural-mpc")
+        return self.controller or (DEFAULT_CONTROLLER if self.model is None else "neural-mpc")
 
     def _track_into(
         self,
@@ -154,11 +159,11 @@ class Run(PlanOptions):
                 )
         except (SimulationError, ControlError) as error:
             return _Tracked(rollout=rollout, notes=notes, problem=f"tracking failed: {error}")
-        if self._name in ROD_BASED:
+        if CONTROLLERS[self._name].model is None:
             mark_compiled("control")
         made_by: dict[str, Any] = {"versions": versions(), "plant": setup.as_dict()}
-        if self._name in MODELS:
-            made_by["model"] = self.model or MODELS[self._name]
+        if (model := CONTROLLERS[self._name].model) is not None:
+            made_by["model"] = self.model or model
         rollout, insertion = (
             None if part is None else replace(part, metadata={**made_by, **part.metadata})
             for part in (rollout, insertion)

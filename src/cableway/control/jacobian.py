@@ -173,3 +173,8 @@ def blend_jacobian(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray,
         found[:, 0, side, 2] = -weight * arm[:, 1]
         found[:, 1, side, 2] = weight * arm[:, 0]
     return found.reshape(-1, 6)
+
+
+def broyden() -> JacobianFeedback:
+    """Feedback by a learned derivative, the paper's Jacob-IK."""
+    return JacobianFeedback(JacobianConfig.broyden())

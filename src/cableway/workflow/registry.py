@@ -1,0 +1,170 @@
+"""The planners and controllers, by name: the one list that command line, benchmark, studies and `solve` read.
+
+An entry names its function as "module:function", which is imported when it is first asked for, so that a planner or a
+controller may need packages that are not installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from cableway.core.errors import InputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from cableway.control.base import Controller
+    from cableway.records import Plan
+
+
+@dataclass(frozen=True)
+class Planner:
+    """A planner with its settings.
+
+    Attributes:
+        config: Frozen record of the settings, for reports; `config.limits` is what a plan must keep.
+        find: `find(task, config=config, seed=..., progress=..., expired=..., previous=...)` returns a `Plan` or raises
+            `PlanningError`; as `cableway.planning.planner.plan`.
+    """
+
+    config: Any
+    find: Callable[..., Plan]
+
+
+@dataclass(frozen=True)
+class PlannerEntry:
+    """A planner's line in the registry.
+
+    Attributes:
+        description: What it does, in a few words.
+        load: "module:function"; the function takes nothing and returns a `Planner`.
+    """
+
+    description: str
+    load: str
+
+
+@dataclass(frozen=True)
+class ControllerEntry:
+    """A controller's line in the registry.
+
+    Attributes:
+        description: What it does, in a few words.
+        load: "module:function"; the function returns a `Controller`. It takes nothing; where there is a `model`, that
+            model's name or file and whether the model is adapted while it runs.
+        model: Name of the deformation model unless another is given; None for a controller without one.
+        compiled: "module:function" that says whether its compiled code is in the user's cache; "" where nothing is
+            compiled.
+        follows_blindly: Whether it ignores the observations, so that a recovery would not help.
+    """
+
+    description: str
+    load: str
+    model: str | None = None
+    compiled: str = ""
+    follows_blindly: bool = False
+
+
+PLANNERS = {
+    "default": PlannerEntry(
+        "equilibria of the rod, searched and optimised; ours", "cableway.workflow.planners:default"
+    ),
+    "paper": PlannerEntry("the paper's chain (Tang et al.)", "cableway.workflow.planners:paper"),
+    "paper-refined": PlannerEntry(
+        "the paper's chain with our trajectory optimisation", "cableway.workflow.planners:paper_refined"
+    ),
+    "straight": PlannerEntry("each keypoint straight to its goal", "cableway.workflow.planners:straight"),
+    "slide": PlannerEntry("the cable slid along one curve", "cableway.workflow.planners:slide"),
+    "rrt-connect": PlannerEntry(
+        "RRT-Connect among equilibria, not optimised", "cableway.workflow.planners:rrt_connect"
+    ),
+}
+"""Planners by name; the first is the default."""
+
+_NUMBA = "cableway.workflow.registry:control_is_compiled"
+_JAX = "cableway.tang2025.models.compilation:enable_compilation_cache"
+
+CONTROLLERS = {
+    "rod-mpc": ControllerEntry("adaptive MPC on the rod; ours", "cableway.control.rod_mpc:RodMPC", compiled=_NUMBA),
+    "neural-mpc": ControllerEntry(
+        "our MPC on a learned model", "cableway.tang2025.control.named:neural_mpc", "conv", _JAX
+    ),
+    "neural-mpc-paper": ControllerEntry(
+        "the paper's MPC on a learned model", "cableway.tang2025.control.named:neural_mpc_paper", "transformer", _JAX
+    ),
+    "rod-jacobian": ControllerEntry(
+        "feedback by the rod's derivative", "cableway.control.jacobian:JacobianFeedback", compiled=_NUMBA
+    ),
+    "broyden": ControllerEntry(
+        "feedback by a learned derivative (the paper's Jacob-IK)", "cableway.control.jacobian:broyden", compiled=_NUMBA
+    ),
+    "open-loop": ControllerEntry(
+        "the plan's gripper motion, without feedback", "cableway.control.open_loop:OpenLoop", follows_blindly=True
+    ),
+}
+"""Controllers by name; the first is the default."""
+
+DEFAULT_PLANNER, DEFAULT_CONTROLLER = next(iter(PLANNERS)), next(iter(CONTROLLERS))
+
+
+def make_planner(name: str) -> Planner:
+    """The planner of a name.
+
+    Raises:
+        UnknownNameError: There is none; the message lists them.
+    """
+    if name not in PLANNERS:
+        raise UnknownNameError("planner", name, PLANNERS)
+    return _function(PLANNERS[name].load)()
+
+
+def make_controller(name: str, model: str | None = None, adapt: bool = False) -> Controller[Any]:
+    """The controller of a name.
+
+    Args:
+        name: One of `CONTROLLERS`.
+        model: Name or file of the deformation model, in place of the controller's own.
+        adapt: Whether the model is adapted to the cable while it runs.
+
+    Raises:
+        UnknownNameError: There is no such controller or model; the message lists them.
+        InputError: A model is given for, or to be adapted by, a controller that has none.
+    """
+    entry = _controller(name)
+    if entry.model is not None:
+        return _function(entry.load)(model or entry.model, adapt)
+    having = " and ".join(known for known, each in CONTROLLERS.items() if each.model is not None)
+    if model is not None:
+        raise InputError(f"--model is for {having}; {name} has no deformation model to choose")
+    if adapt:
+        raise InputError(f"--adapt is for {having}; {name} has no learned model")
+    return _function(entry.load)()
+
+
+def controller_is_compiled(name: str) -> bool:
+    """Whether the compiled code of a controller is in the user's cache, or it has none.
+
+    Raises:
+        UnknownNameError: There is no such controller; the message lists them.
+    """
+    compiled = _controller(name).compiled
+    return not compiled or _function(compiled)()
+
+
+def control_is_compiled() -> bool:
+    """Whether the Numba kernels of the controllers are compiled."""
+    from cableway.core.compiled import is_compiled
+
+    return is_compiled("control")
+
+
+def _controller(name: str) -> ControllerEntry:
+    if name not in CONTROLLERS:
+        raise UnknownNameError("controller", name, CONTROLLERS)
+    return CONTROLLERS[name]
+
+
+def _function(place: str) -> Callable[..., Any]:
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
