@@ -21,7 +21,7 @@ from cableway.records import Rollout
 from cableway.report import shape_error_floor
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
-from cableway.simulation.perturbations.variants import plant_variant
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tracking import track
 from cableway.workflow.registry import CONTROLLERS, make_controller
 
@@ -32,8 +32,8 @@ BETWEEN, ABOVE, CURVES = 0.35, 0.6, 2.4
 
 def rollouts(task: Task) -> dict[str, Rollout]:
     """Of each controller, by name."""
-    variant, found = plant_variant("hard", task), plan(task)
-    plant, floor = variant.build(task, seed=0), shape_error_floor(variant.cable, task.goal) or 0.0
+    perturbation, found = named_perturbation("hard", task), plan(task)
+    plant, floor = perturbation.build(task, seed=0), shape_error_floor(perturbation.true_cable(task), task.goal) or 0.0
     print(f"least error possible: {1000 * floor:.1f} mm")
     return {name: track(plant, make_controller(name), found) for name in CONTROLLERS}
 

@@ -23,7 +23,7 @@ from cableway.records import Plan
 from cableway.report import Report, summarize
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
-from cableway.simulation.perturbations.variants import plant_variant
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tracking import may_push, push_in, track
 
 KINDS = ("nominal", "hdmi", "hard", "very-hard", "grasp", "slip", "stiff-middle", "all-faults")
@@ -41,15 +41,15 @@ class Study:
 
     def run(self, kind: str, seed: int) -> Report | None:
         """The report of one plant; None where the plant cannot take the start."""
-        variant = plant_variant(kind, replace(self.task, name=f"{self.task.name} {seed}"))
+        perturbation = named_perturbation(kind, replace(self.task, name=f"{self.task.name} {seed}"))
         try:
-            plant = variant.build(self.task, seed)
+            plant = perturbation.build(self.task, seed)
         except SimulationError:
             return None
         rollout, insertion = track(plant, self.controller, self.plan, seed=seed), None
         if may_push(rollout, self.task):
             insertion = push_in(plant, self.push, controller=self.pusher, seed=seed)
-        return summarize(self.task, self.plan, rollout, push=self.push, insertion=insertion, cable=variant.cable)
+        return summarize(self.task, self.plan, rollout, push=self.push, insertion=insertion, cable=perturbation.cable)
 
 
 def main() -> None:

@@ -17,7 +17,8 @@ from cableway.core.errors import CablewayError
 from cableway.planning.planner import plan
 from cableway.records import SUCCESS_ERROR, Plan
 from cableway.scene.task import Task
-from cableway.simulation.perturbations.variants import Variant, plant_variant
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tracking import track
 
 PLANTS = ("nominal", "hard", "graded", "long-1", "tau-1.5", "grasp", "very-hard", "stiff-middle", "start-off",
@@ -42,15 +43,15 @@ SETTINGS = [
 ]  # fmt: skip
 
 
-def planned() -> list[tuple[Task, Plan, Variant, int]]:
+def planned() -> list[tuple[Task, Plan, Perturbation, int]]:
     """The cases that can be begun: task, plan, plant and seed."""
     found = []
     for seed, (name, plant) in enumerate(CASES):
         try:
             task = make_task(name)
-            variant = plant_variant(plant, task, seed)
-            variant.build(task, seed)
-            found.append((task, plan(task), variant, seed))
+            perturbation = named_perturbation(plant, task, seed)
+            perturbation.build(task, seed)
+            found.append((task, plan(task), perturbation, seed))
         except CablewayError as error:
             print(f"left out: {name} on {plant}, {error}")
     return found
@@ -61,8 +62,8 @@ def main() -> None:
     cases = planned()
     for config in SETTINGS:
         controller, errors, touched = JacobianFeedback(config), [], []
-        for task, found, variant, seed in cases:
-            rollout = track(variant.build(task, seed), controller, found, seed=seed)
+        for task, found, perturbation, seed in cases:
+            rollout = track(perturbation.build(task, seed), controller, found, seed=seed)
             errors.append(rollout.shape_error(task.goal))
             touched.append(not rollout.least_clearance > 0)
         error, good = np.array(errors), ~np.array(touched)

@@ -24,7 +24,7 @@ from cableway.planning.planner import plan
 from cableway.records import Plan, Rollout
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.sensing import SensedPlant
-from cableway.simulation.perturbations.variants import plant_variant
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import NeuralMPC
 from cableway.tang2025.models.checkpoint import load_model
@@ -52,7 +52,7 @@ def plants(task: Task) -> Iterator[tuple[str, SensedPlant]]:
     """The plants that can take the start, by name."""
     try:
         for name in ("nominal", "hard"):
-            yield name, plant_variant(name, task).build(task, seed=0)
+            yield name, named_perturbation(name, task).build(task, seed=0)
     except CablewayError as error:
         print(f"{task.name}: {error}")
 

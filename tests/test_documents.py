@@ -18,7 +18,7 @@ import pytest
 import cableway
 from cableway.cli.collect import Collect
 from cableway.simulation.episodes import CollectionConfig
-from cableway.simulation.perturbations.reading import read_plant
+from cableway.simulation.perturbations.reading import read_perturbation
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -111,7 +111,7 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
         elif "collection:" in block:
             collections += Collect(config=path).configuration() != CollectionConfig()
         else:
-            plants += read_plant(path, cableway.load_task("single-obstacle-1")).cable != cableway.Cable()
+            plants += read_perturbation(path, cableway.load_task("single-obstacle-1")).cable != cableway.Cable()
     assert tasks + plants + collections == len(whole_files())
     assert min(tasks, plants, collections) > 0
 

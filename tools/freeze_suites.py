@@ -20,7 +20,7 @@ from cableway.benchmark.suites import SUITES, make_task, task_digest
 from cableway.core.errors import InputError, SimulationError
 from cableway.geometry.convex import polyline_distance
 from cableway.scene.files.loading import task_names
-from cableway.simulation.perturbations.variants import DIFFERING, PLANTS, SENSED, plant_variant
+from cableway.simulation.perturbations.variants import PLANTS_SUITE, SENSING_SUITE, VARIANTS, named_perturbation
 
 FOLDER = Path(__file__).parents[1] / "src/cableway/benchmark/frozen"
 FIRST, NEXT = 20000, 10000
@@ -29,7 +29,7 @@ FIRST, NEXT = 20000, 10000
 LEAST_ROOM = 0.005
 """Least clearance [m] of start and goal; a plan must keep 4 mm."""
 
-TASKS = 100 * len(DIFFERING)
+TASKS = 100 * len(PLANTS_SUITE)
 """Tasks of the suite "plants": then come more seeds of the noise, two for every third task of those seen with noise."""
 
 COLUMNS = ["episode", "task", "plant", "seed", "digest"]
@@ -53,7 +53,7 @@ PATTERNS = {
 }
 """Kinds of random tasks, in turn; otherwise that of the suite's name."""
 
-IN_TURN = {"plants": DIFFERING, "sensing": SENSED, "lab-unconstrained": ("laid",)}
+IN_TURN = {"plants": PLANTS_SUITE, "sensing": SENSING_SUITE, "lab-unconstrained": ("laid",)}
 """Plants, in turn; otherwise the nominal one."""
 
 
@@ -69,8 +69,8 @@ def line(suite: str, number: int, before: list[list[str]]) -> list[str]:
         names = task_names()
         return described(names[number % len(names)], "nominal", number // len(names))
     if suite == "plants" and number >= TASKS:
-        noisy = [row for row in before[:TASKS] if PLANTS[row[2]].noisy]
-        every_third = [row for plant in DIFFERING for row in [row for row in noisy if row[2] == plant][::3]]
+        noisy = [row for row in before[:TASKS] if VARIANTS[row[2]].noisy]
+        every_third = [row for plant in PLANTS_SUITE for row in [row for row in noisy if row[2] == plant][::3]]
         row = every_third[(number - TASKS) % len(every_third)]
         return described(row[1], row[2], 1 + (number - TASKS) // len(every_third))
     if suite in ("lab-constrained", "lab-drawn"):
@@ -98,7 +98,7 @@ def described(task: str, plant: str, seed: int) -> list[str]:
     if room < LEAST_ROOM:
         raise InputError(f"the ends of {task} have {1000 * room:.1f} mm of clearance")
     if plant != "nominal":
-        plant_variant(plant, made, seed).build(made, seed)
+        named_perturbation(plant, made, seed).build(made, seed)
     name = (
         task.replace("@", "-").replace("~", "-")
         + ("" if plant == "nominal" else f"-{plant}")

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from cableway.scene.scene import Scene
     from cableway.scene.task import Grippers, Task
     from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
+    from cableway.simulation.perturbations.perturbation import Perturbation
     from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
     from cableway.simulation.plant import CableSimulator
     from cableway.tang2025.control.mpc_config import MPCConfig
@@ -47,6 +48,7 @@ _HOME = {
     "MPCConfig": "tang2025.control.mpc_config",
     "NeuralMPC": "tang2025.control.neural_mpc",
     "OpenLoop": "control.open_loop",
+    "Perturbation": "simulation.perturbations.perturbation",
     "Plan": "records",
     "Recovery": "tracking",
     "PlannerConfig": "planning.config",

@@ -9,7 +9,7 @@ import pytest
 
 from cableway.benchmark.suites import SIZES, SUITES, frozen_episodes, get_suite, make_task
 from cableway.core.errors import TaskError, UnknownNameError
-from cableway.simulation.perturbations.variants import PLANTS, plant_variant
+from cableway.simulation.perturbations.variants import VARIANTS, named_perturbation
 
 
 @pytest.mark.parametrize("name", SUITES)
@@ -19,7 +19,7 @@ def test_a_list_has_all_episodes_of_every_size_and_none_twice(name: str):
         assert suite.episodes(size) == episodes[:count]
         assert len(episodes[:count]) == count
     assert len({episode.name for episode in episodes}) == len(episodes)
-    assert {episode.plant for episode in episodes} <= set(PLANTS)
+    assert {episode.plant for episode in episodes} <= set(VARIANTS)
     assert list(suite.sizes) == sorted(suite.sizes)
 
 
@@ -58,19 +58,20 @@ def test_another_cable_begins_in_the_same_shape_scaled():
         np.testing.assert_allclose(mine - mine.mean(axis=0), scale * (its - its.mean(axis=0)), atol=1e-3)
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", VARIANTS)
 def test_a_plant_is_the_same_for_the_same_task_and_can_be_built(name: str):
     task = make_task("real-single") if name == "drawn" else make_task("single-obstacle-2")
-    first, again = plant_variant(name, task), plant_variant(name, task)
-    assert (first.cable, first.grasp, first.sensing) == (again.cable, again.grasp, again.sensing)
+    first, again = named_perturbation(name, task), named_perturbation(name, task)
+    assert first == again
     plant = first.build(task, seed=0)
     assert np.isfinite(plant.reset().poses).all()
-    assert plant.task is (first.scene or task)
+    assert plant.task == first.known_task(task)
+    assert (plant.task is task) == (name != "obstacles-moved")
 
 
 def test_plants_of_two_seeds_differ_only_where_they_should():
     task = make_task("real-single")
-    assert plant_variant("drawn", task, 0).cable != plant_variant("drawn", task, 1).cable
-    assert plant_variant("hard", task, 0) == plant_variant("hard", task, 1)
+    assert named_perturbation("drawn", task, 0).cable != named_perturbation("drawn", task, 1).cable
+    assert named_perturbation("hard", task, 0) == named_perturbation("hard", task, 1)
     with pytest.raises(UnknownNameError, match="very-hard"):
-        plant_variant("harder", task)
+        named_perturbation("harder", task)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cableway.benchmark.episode import Result
 from cableway.benchmark.tables import suite_tables
-from cableway.simulation.perturbations.variants import PLANTS
+from cableway.simulation.perturbations.variants import VARIANTS
 
 
 def result(number: int, plant: str, error: float, floor: float | None) -> Result:
@@ -37,6 +37,6 @@ def test_a_column_that_tells_nothing_new_is_left_out():
 
 def test_what_differs_in_a_plant_is_said():
     _, plants, groups = suite_tables("plants", {"m": RESULTS})
-    assert plants.rows[1:] == (("hard", PLANTS["hard"].description), ("slip", PLANTS["slip"].description))
+    assert plants.rows[1:] == (("hard", VARIANTS["hard"].description), ("slip", VARIANTS["slip"].description))
     assert [row[0] for row in groups.rows[1:]] == ["hard", "slip"]
     assert cell(groups.rows, 2, "error") == "500 / 500 / 500"

@@ -15,7 +15,8 @@ from cableway.records import Rollout
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import load_task
 from cableway.scene.files.presets import preset_values
-from cableway.simulation.perturbations.reading import read_plant
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.perturbations.reading import read_perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
 from cableway.simulation.plant import PlantConfig
 
@@ -63,21 +64,23 @@ def test_a_run_on_another_plant_says_so(cableway: Command, moved_file: Path, wri
 
 def test_without_a_file_the_plant_is_the_tasks():
     task = problems.moved()
-    setup = read_plant(None, task)
-    assert (setup.cable, setup.simulation, setup.sensing) == (task.cable, PlantConfig(), SensingConfig())
-    assert setup.notes == ()
+    perturbation = Perturbation()
+    assert (perturbation.true_cable(task), perturbation.simulation) == (task.cable, PlantConfig())
+    assert perturbation.sensing == SensingConfig()
+    assert perturbation.notes == ()
+    assert perturbation.true_task(task) is perturbation.known_task(task) is task
 
 
 def test_what_a_file_leaves_out_stays_as_it_is(write):
     task = problems.task_between(problems.LOW_ARC, problems.MOVED_ARC, radius=0.005, damping_time=0.2)
-    setup = read_plant(write("cableway: 1\ncable: {drag: 2}\nsensing: {frame_rate: 30}"), task)
-    assert setup.cable == Cable(radius=0.005, damping_time=0.2, drag=2.0)
-    assert (setup.simulation, setup.sensing) == (PlantConfig(), SensingConfig(frame_rate=30.0))
+    perturbation = read_perturbation(write("cableway: 1\ncable: {drag: 2}\nsensing: {frame_rate: 30}"), task)
+    assert perturbation.cable == Cable(radius=0.005, damping_time=0.2, drag=2.0)
+    assert (perturbation.simulation, perturbation.sensing) == (PlantConfig(), SensingConfig(frame_rate=30.0))
 
 
 def test_of_a_preset_all_but_the_length_is_taken(write):
     task = problems.moved()
-    cable = read_plant(write("cableway: 1\ncable: {preset: usb, damping_time: 0.3}"), task).cable
+    cable = read_perturbation(write("cableway: 1\ncable: {preset: usb, damping_time: 0.3}"), task).cable
     expected = {**preset_values("usb"), "length": task.cable.length, "damping_time": 0.3}
     assert cable == Cable(preset="usb", **expected)
 
@@ -100,7 +103,7 @@ def test_of_a_preset_all_but_the_length_is_taken(write):
 )
 def test_a_file_that_is_wrong_is_told_so(write, text: str, message: str):
     with pytest.raises(InputError, match=message) as error:
-        read_plant(write(text), problems.moved())
+        read_perturbation(write(text), problems.moved())
     assert "lab.yaml" in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -111,4 +114,4 @@ def test_a_file_that_is_missing_is_told_before_planning(cableway: Command, moved
     assert "nowhere.yaml: no such file" in done.err
     assert not Path("runs").exists()
     with pytest.raises(FileFormatError):
-        read_plant(Path("nowhere.yaml"), problems.moved())
+        read_perturbation(Path("nowhere.yaml"), problems.moved())

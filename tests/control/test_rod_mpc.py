@@ -28,7 +28,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
-from cableway.simulation.perturbations.variants import plant_variant
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.simulation.plant import CableSimulator
 from cableway.tracking import track
 
@@ -257,7 +257,7 @@ def test_an_almost_straight_cable_is_not_pulled_by_what_the_first_frames_make_be
     """Laid and seen as in a laboratory, the grippers stay within the plan's distance, or that of the start."""
     plan = straight_plan(ROD, np.array([0.3, 0.3, 0.2, 0.0, 2.4, 0.0]), np.array([0.35, 0.35, 0.3, 6.0, 2.0, 0.0]))
     task, controller = task_for(plan), RodMPC()
-    plant, state = plant_variant("laid", task, seed).build(task, seed), controller.init(task, plan)
+    plant, state = named_perturbation("laid", task, seed).build(task, seed), controller.init(task, plan)
     observation = plant.reset()
     gaps = [np.linalg.norm(np.diff(observation.poses[:, :2], axis=0))]
     for _ in range(12):

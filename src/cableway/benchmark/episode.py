@@ -19,7 +19,8 @@ from cableway.records import SUCCESS_ERROR, Attempt, Plan, Rollout
 from cableway.report import Report, summarize
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
-from cableway.simulation.perturbations.variants import Variant, plant_variant
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tracking import Recovery, track
 from cableway.tracking.recovery import IN_THE_WAY, LEFT
 from cableway.tracking.watchdog import GIVEN_UP
@@ -166,16 +167,17 @@ def _run(job: Job) -> Outcome:
     planning_time = time.perf_counter() - start
     if episode.suite == BLOCKED:
         return Outcome(Result(**_known(job), outcome="not told", detail="a plan was returned"))
-    variant = plant_variant(episode.plant, task, episode.seed)
-    rollout = _follow(job, method, task, plan, variant)
-    report = summarize(variant.true_task(task), None, rollout, cable=variant.cable)
+    perturbation = named_perturbation(episode.plant, task, episode.seed)
+    true_task = perturbation.true_task(task)
+    rollout = _follow(job, method, task, plan, perturbation)
+    report = summarize(true_task, None, rollout, cable=perturbation.cable)
     result = _tracked(job, report, rollout, planning_time)
     if result.success:
         return Outcome(result)
     from cableway.figures.rollout import rollout_figure
     from cableway.figures.style import figure_png
 
-    return Outcome(result, figure_png(rollout_figure(variant.true_task(task), rollout)))
+    return Outcome(result, figure_png(rollout_figure(true_task, rollout)))
 
 
 def reference_time() -> float:
@@ -221,7 +223,7 @@ def _controller(source: str) -> Controller[Any]:
     return _method(source).controller()
 
 
-def _follow(job: Job, method: Method, task: Task, plan: Plan, variant: Variant) -> Rollout:
+def _follow(job: Job, method: Method, task: Task, plan: Plan, perturbation: Perturbation) -> Rollout:
     """The rollout.
 
     Raises:
@@ -230,7 +232,7 @@ def _follow(job: Job, method: Method, task: Task, plan: Plan, variant: Variant) 
     recovery, seed = None, job.episode.seed
     if method.recovers:
         recovery = Recovery(replan=lambda changed, _: method.planner(changed, seed))
-    return track(variant.build(task, seed), _controller(job.source), plan, recovery=recovery, seed=seed)
+    return track(perturbation.build(task, seed), _controller(job.source), plan, recovery=recovery, seed=seed)
 
 
 def _known(job: Job) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from cableway.benchmark.methods import Method
 from cableway.benchmark.metrics import METRICS, Metric
 from cableway.benchmark.suites import SUITES, cable_of, kind_of
 from cableway.core.provenance import versions
-from cableway.simulation.perturbations.variants import PLANTS
+from cableway.simulation.perturbations.variants import VARIANTS
 
 Results = Mapping[str, Mapping[str, Sequence[Result]]]
 """Results by suite and by method."""
@@ -68,7 +68,7 @@ def summary(results: Results, methods: Sequence[Method], size: str, configuratio
         first = next(iter(rows.values()))
         content["suites"][suite] = {
             "version": SUITES[suite].version,
-            "plants": {name: PLANTS[name].description for name in dict.fromkeys(result.plant for result in first)},
+            "plants": {name: VARIANTS[name].description for name in dict.fromkeys(result.plant for result in first)},
             "methods": {name: _figures(found) | _against(found, first) for name, found in rows.items()},
         }
     return content

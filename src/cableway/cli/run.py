@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cableway.records import Plan, Rollout
     from cableway.report import Report
     from cableway.scene.task import Task
-    from cableway.simulation.perturbations.setup import PlantSetup
+    from cableway.simulation.perturbations.perturbation import Perturbation
     from cableway.tracking import Watchdog
 
 
@@ -65,11 +65,13 @@ class Run(PlanOptions):
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.scene.files.loading import load_task
-        from cableway.simulation.perturbations.reading import read_plant
+        from cableway.simulation.perturbations.perturbation import Perturbation
+        from cableway.simulation.perturbations.reading import read_perturbation
         from cableway.tracking import Watchdog
 
         terminal, task = Terminal(self), load_task(self.task)
-        setup, watchdog = read_plant(self.plant, task), Watchdog(deadline=self.deadline)
+        perturbation = Perturbation() if self.plant is None else read_perturbation(self.plant, task)
+        watchdog = Watchdog(deadline=self.deadline)
         folder, controller = self.folder(task.name), make_controller(self._name, self.model, self.adapt)
         if not controller_is_compiled(self._name):
             terminal.note(AHEAD)
@@ -77,7 +79,7 @@ class Run(PlanOptions):
             planned = plan_into(folder, task, self, terminal, tell, rehearsal=not self.no_rehearsal)
             report = planned.report
             if planned.plan is not None:
-                report = self._track_into(folder, task, planned, setup, controller, watchdog, tell)
+                report = self._track_into(folder, task, planned, perturbation, controller, watchdog, tell)
         outputs.announce(terminal, folder, report)
         terminal.result(report.as_dict(), pairs(report.rows()))
         return 0 if report.success else 1
@@ -92,7 +94,7 @@ class Run(PlanOptions):
         folder: Path,
         task: Task,
         planned: Planned,
-        setup: PlantSetup,
+        perturbation: Perturbation,
         controller: Controller[Any],
         watchdog: Watchdog,
         tell: Tell,
@@ -104,12 +106,12 @@ class Run(PlanOptions):
         from cableway.figures.video import write_video
         from cableway.report import summarize
 
-        tracked = self._track(task, planned, setup, controller, watchdog, tell)
+        tracked = self._track(task, planned, perturbation, controller, watchdog, tell)
         rollout, insertion = tracked.rollout, tracked.insertion
         report = summarize(
             task, planned.plan, rollout, push=planned.push, insertion=insertion, timings=planned.timings,
-            seed=self.seed or 0, notes=[*planned.notes, *setup.notes, *tracked.notes], limits=planned.config.limits,
-            cable=setup.cable, problem=tracked.problem,
+            seed=self.seed or 0, notes=[*planned.notes, *perturbation.notes, *tracked.notes],
+            limits=planned.config.limits, cable=perturbation.cable, problem=tracked.problem,
         )  # fmt: skip
         if rollout is not None:
             rollout.save(folder / outputs.ROLLOUT)
@@ -126,7 +128,7 @@ class Run(PlanOptions):
         self,
         task: Task,
         planned: Planned,
-        setup: PlantSetup,
+        perturbation: Perturbation,
         controller: Controller[Any],
         watchdog: Watchdog,
         tell: Tell,
@@ -141,7 +143,7 @@ class Run(PlanOptions):
         notes: tuple[str, ...] = ()
         rollout, insertion = None, None
         try:
-            plant = setup.build(task, self.seed or 0)
+            plant = perturbation.build(task, self.seed or 0)
             notes = plant.plant.unmodelled
             # what does not look at the cable does not notice that it has left the plan
             recovery = None if self._name == "open-loop" else Recovery(replan=self._replan)
@@ -161,7 +163,7 @@ class Run(PlanOptions):
             return _Tracked(rollout=rollout, notes=notes, problem=f"tracking failed: {error}")
         if CONTROLLERS[self._name].model is None:
             mark_compiled("control")
-        made_by: dict[str, Any] = {"versions": versions(), "plant": setup.as_dict()}
+        made_by: dict[str, Any] = {"versions": versions(), "plant": perturbation.as_dict(task)}
         if (model := CONTROLLERS[self._name].model) is not None:
             made_by["model"] = self.model or model
         rollout, insertion = (

@@ -22,7 +22,7 @@ from cableway.core.checks import number_fields, require_positive
 from cableway.core.errors import PlanningError, SimulationError
 from cableway.records import Plan
 from cableway.scene.task import Task
-from cableway.simulation.perturbations.setup import PlantSetup
+from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Plant, track
 
 
@@ -127,7 +127,7 @@ def rehearsed_plan(
     if not needs_rehearsal(task):
         return plan
     try:
-        plant = PlantSetup(cable=task.cable).build(task, seed=0)
+        plant = Perturbation().build(task, seed=0)
     except SimulationError:
         return plan
     config, controller = config or RehearsalConfig(), RodMPC()

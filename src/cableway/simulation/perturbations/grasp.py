@@ -1,4 +1,4 @@
-"""A cable that is not held where planner and controller believe, and that may slip on the way."""
+"""A cable held askew, which may slip on the way."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class GraspConfig:
     Attributes:
         left: At the start.
         right: At the start.
-        slip_time: Time [s] from which on the cable is held otherwise; never where None.
-        left_after: From then on.
-        right_after: From then on.
+        slip_time: Time [s] at which the cable slips; never where None.
+        left_after: After the slip.
+        right_after: After the slip.
 
     Raises:
         InputError: A value is out of range.
@@ -57,7 +57,7 @@ class GraspConfig:
             require_positive(self, "slip_time")
 
     def offsets(self, time: float) -> Float[np.ndarray, "2 3"]:
-        """Of both ends at a time [s]."""
+        """Offsets of both ends at a time [s]."""
         slipped = self.slip_time is not None and time >= self.slip_time
         return np.array([self.left_after, self.right_after] if slipped else [self.left, self.right])
 
@@ -73,24 +73,24 @@ class GraspedState:
 class GraspedCable:
     """A simulated cable whose ends are not where the grippers are.
 
-    The cable lies where the task has it and is grasped askew there. Seen are the poses of the grippers; those measured
-    are the true ones of the cable's ends. A slip takes one control step.
+    The cable starts where the task has it, grasped askew there. Observations hold the poses of the grippers,
+    measurements those of the cable's ends. A slip takes one control step.
 
     Args:
         plant: The cable, led by its ends.
         config: How it is held.
-        believed: The task that planner and controller believe, the plant's own where None.
+        nominal: The task that planner and controller know; the plant's own where None.
     """
 
-    def __init__(self, plant: CableSimulator, config: GraspConfig, believed: Task | None = None) -> None:
+    def __init__(self, plant: CableSimulator, config: GraspConfig, nominal: Task | None = None) -> None:
         self.plant, self.config = plant, config
-        self._believed = believed or plant.task
+        self._nominal = nominal or plant.task
         self.reset()
 
     @property
     def task(self) -> Task:
-        """What planner and controller believe."""
-        return self._believed
+        """What planner and controller know."""
+        return self._nominal
 
     @property
     def control_step(self) -> float:
@@ -104,9 +104,9 @@ class GraspedCable:
 
     def reset(self) -> Observation:
         """Go back to the start."""
-        seen = self.plant.reset()
-        self._poses = SE2.compose(seen.poses, SE2.inverse(self.config.offsets(0.0)))
-        return replace(seen, poses=self._poses.copy())
+        observation = self.plant.reset()
+        self._poses = SE2.compose(observation.poses, SE2.inverse(self.config.offsets(0.0)))
+        return replace(observation, poses=self._poses.copy())
 
     def check(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
         """See `CableSimulator.check`."""
@@ -116,9 +116,9 @@ class GraspedCable:
         """Move the grippers; see `CableSimulator.step`."""
         poses = self._poses + self.check(action)
         ends = SE2.compose(poses, self.config.offsets(self.plant.time + self.control_step / 2))
-        seen = self.plant.step(ends - self.plant.commanded)
+        observation = self.plant.step(ends - self.plant.commanded)
         self._poses = poses
-        return replace(seen, poses=poses.copy())
+        return replace(observation, poses=poses.copy())
 
     def measure(self) -> Measurement:
         """See `CableSimulator.measure`."""

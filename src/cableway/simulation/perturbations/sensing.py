@@ -1,14 +1,14 @@
 """A camera and a robot between plant and controller: noise, lost frames, hidden keypoints, delays.
 
 Frames are taken at a rate of their own, frame j at j periods after the start, and arrive after a delay. At a control
-step the controller sees the newest frame that has arrived since the step before and was not lost; where there is none,
-it sees no keypoints (NaN). Gripper poses come from the robot's encoders, at once and exact.
+step the controller gets the newest frame that has arrived since the step before and was not lost; where there is none,
+it gets no keypoints (NaN). Gripper poses come from the robot's encoders, at once and exact.
 
 What happens to frame j depends on the seed and on j alone, so a run can be repeated, branched and restored.
 
 Note:
-    A plant is seen at its control steps only. Between them keypoints are interpolated linearly, and an action that
-    takes effect between two of them is spread over both in proportion.
+    The plant is simulated at its control steps only. Between them keypoints are interpolated linearly, and an action
+    that takes effect between two of them is spread over both in proportion.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class SensingConfig:
         keypoint_noise: Standard deviation of each coordinate of a keypoint [m], independent from frame to frame.
         frame_rate: Frames per second [Hz]; one frame at every control step where None.
         drop_rate: Share of frames that are lost.
-        occlusion_rate: Share of frames in which a stretch of the cable is hidden.
-        occluded_share: Share of the keypoints that the longest hidden stretch holds; it is one keypoint at least.
+        occlusion_rate: Share of frames in which part of the cable is hidden.
+        occluded_share: Largest share of the keypoints hidden in such a frame, one keypoint at least.
         measurement_delay: Time [s] from when a frame is taken until it arrives.
         action_delay: Time [s] from when an action is sent until the grippers begin it.
 
@@ -72,25 +72,25 @@ class SensedState:
     Attributes:
         plant: State of the plant itself.
         steps: Control steps since the start.
-        seen: (H, n, 2) keypoints [m] after each of the last control steps, now last.
+        past: (H, n, 2) true keypoints [m] after each of the last control steps, the newest last.
         sent: (D, 2, 3) last actions sent, the newest last.
     """
 
     plant: PlantState | GraspedState
     steps: int
-    seen: Float[np.ndarray, "H n 2"]
+    past: Float[np.ndarray, "H n 2"]
     sent: Float[np.ndarray, "D 2 3"]
 
 
 class SensedPlant:
-    """A simulated cable as a camera and a robot show it.
+    """A simulated cable behind a camera and a robot.
 
     Before the start the cable lies still and no action is under way. A step that fails leaves all as it was before;
     where the plant refuses an action that was delayed, it refuses it again until `reset` or `restore`.
 
     Args:
-        plant: What is seen.
-        config: How it is seen, faultlessly where None.
+        plant: The cable.
+        config: Noise, lost frames and delays; none where None.
         seed: Same seed and same actions, same run.
 
     Raises:
@@ -109,7 +109,7 @@ class SensedPlant:
 
     @property
     def task(self) -> Task:
-        """What planner and controller believe."""
+        """What planner and controller know."""
         return self.plant.task
 
     @property
@@ -121,11 +121,11 @@ class SensedPlant:
         """Go to the start and look; the same run after it gives the same observations bit for bit."""
         truth = self.plant.reset()
         # a frame that arrives between two steps is older than its delay by less than one step
-        past = math.ceil(self.config.measurement_delay / self.control_step - ROUNDING) + 2
+        count = math.ceil(self.config.measurement_delay / self.control_step - ROUNDING) + 2
         self._steps = 0
-        self._seen = np.repeat(truth.keypoints[None], past, axis=0)
+        self._past = np.repeat(truth.keypoints[None], count, axis=0)
         self._sent = np.zeros((math.ceil(self.config.action_delay / self.control_step - ROUNDING) + 1, 2, 3))
-        return self._shown(truth)
+        return self._observation(truth)
 
     def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
         """Send an action, let the plant do what has arrived of those sent, and look.
@@ -134,10 +134,10 @@ class SensedPlant:
             SimulationError: The plant refuses the action or cannot go on.
         """
         sent = np.concatenate([self._sent[1:], self.plant.check(action)[None]])
-        truth = self.plant.step(_aged(sent, self.config.action_delay / self.control_step))
+        truth = self.plant.step(_delayed(sent, self.config.action_delay / self.control_step))
         self._sent, self._steps = sent, self._steps + 1
-        self._seen = np.concatenate([self._seen[1:], truth.keypoints[None]])
-        return self._shown(truth)
+        self._past = np.concatenate([self._past[1:], truth.keypoints[None]])
+        return self._observation(truth)
 
     def measure(self) -> Measurement:
         """The truth after the last step."""
@@ -145,7 +145,7 @@ class SensedPlant:
 
     def state(self) -> SensedState:
         """A copy of the whole state, to branch a run from."""
-        return SensedState(self.plant.state(), self._steps, self._seen.copy(), self._sent.copy())
+        return SensedState(self.plant.state(), self._steps, self._past.copy(), self._sent.copy())
 
     def restore(self, state: SensedState) -> None:
         """Go back to a state of this plant; what follows is the same bit for bit.
@@ -153,13 +153,13 @@ class SensedPlant:
         Raises:
             InputError: The state is that of another model or of other delays.
         """
-        if state.seen.shape != self._seen.shape or state.sent.shape != self._sent.shape:
+        if state.past.shape != self._past.shape or state.sent.shape != self._sent.shape:
             raise InputError("the state is that of a plant with other delays or another number of keypoints")
         self.plant.restore(state.plant)  # pyright: ignore[reportArgumentType]
-        self._steps, self._seen, self._sent = state.steps, state.seen.copy(), state.sent.copy()
+        self._steps, self._past, self._sent = state.steps, state.past.copy(), state.sent.copy()
 
-    def _shown(self, truth: Observation) -> Observation:
-        """What is seen now: of the frames that have arrived since the last step the newest that was not lost."""
+    def _observation(self, truth: Observation) -> Observation:
+        """The newest frame that arrived since the last step and was not lost; without one no keypoints (NaN)."""
         now = self._steps * self.control_step
         for frame in range(self._newest(now), self._newest(now - self.control_step), -1):
             keypoints = self._frame(frame, (now - frame * self._period) / self.control_step)
@@ -173,7 +173,7 @@ class SensedPlant:
 
     def _frame(self, frame: int, age: float) -> Float[np.ndarray, "n 2"] | None:
         """The keypoints in a frame taken `age` control steps ago, NaN where hidden; None where it was lost."""
-        config, keypoints = self.config, _aged(self._seen, age).copy()
+        config, keypoints = self.config, _delayed(self._past, age).copy()
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(frame % 2**32,)))
         # everything is drawn in any case, so that what is switched on changes nothing else
         lost, hidden, share, place = rng.random(4)
@@ -190,8 +190,8 @@ class SensedPlant:
         return keypoints
 
 
-def _aged(rows: Float[np.ndarray, "k ..."], age: float) -> Float[np.ndarray, "..."]:
-    """The rows at an age, between them in proportion; the last row is of age 0, each before it one older."""
+def _delayed(rows: Float[np.ndarray, "k ..."], age: float) -> Float[np.ndarray, "..."]:
+    """The row `age` steps before the last one, interpolated linearly between rows."""
     whole = max(0, math.floor(age + ROUNDING))
     share = age - whole
     if share <= ROUNDING:

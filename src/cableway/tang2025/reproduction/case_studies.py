@@ -17,7 +17,7 @@ from cableway.figures.stages import followers_figure
 from cableway.figures.style import save_figure
 from cableway.records import SUCCESS_ERROR, Rollout
 from cableway.scene.files.loading import cable_from_preset, load_task
-from cableway.simulation.perturbations.variants import plant_variant
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.reproduction import paper
 from cableway.tang2025.reproduction.sections import LABORATORY, Row, Section, Tell, median_worst, spread
@@ -33,7 +33,7 @@ def one_plan(folder: Path) -> Section:
     rows: list[Row] = [("cable", "error [cm]", "largest deviation [cm]", "least clearance [cm]")]
     for seed, cable in enumerate(paper.CONTROL_BY_CABLE):
         task = make_task(f"real-single~{cable}-0.34")
-        rollout = track(plant_variant("laid", task, seed).build(task, seed), controller, plan, seed=seed)
+        rollout = track(named_perturbation("laid", task, seed).build(task, seed), controller, plan, seed=seed)
         rollouts[cable] = rollout
         deviation = float(rollout.deviations_from_reference.max())
         values = (rollout.shape_error(task.goal), deviation, rollout.least_clearance)
@@ -94,7 +94,7 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
         for trial in range(trials * len(tasks)):
             tell("silicone tube", (place + trial / (trials * len(tasks))) / len(controllers))
             which = trial % len(tasks)
-            plant = plant_variant("laid", tasks[which], trial).build(tasks[which], trial)
+            plant = named_perturbation("laid", tasks[which], trial).build(tasks[which], trial)
             rollouts.append((tasks[which].goal, track(plant, controller, plans[which], seed=trial)))
         rows.append((name, *_led(rollouts)))
     text = (
@@ -160,7 +160,7 @@ def insertion(trials: int, tell: Tell) -> Section:
     ]
     for seed in range(trials):
         tell("insertion", seed / trials)
-        plant = plant_variant("hdmi", task, seed).build(task, seed)
+        plant = named_perturbation("hdmi", task, seed).build(task, seed)
         rollout, inserted = track(plant, controller, plan, seed=seed), None
         if may_push(rollout, task):
             inserted = push_in(plant, push, controller=pusher, seed=seed)

@@ -1,0 +1,128 @@
+"""How a simulated plant differs from its task, which is all that planner and controller know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import InputError, SimulationError
+from cableway.core.provenance import describe
+from cableway.rod.inverse import equilibria_at
+from cableway.scene.cable import Cable
+from cableway.scene.obstacles import Obstacle, Polygon
+from cableway.scene.task import Task
+from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable, Offset
+from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
+from cableway.simulation.plant import CableSimulator, PlantConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Perturbation:
+    """A simulated plant relative to its task; by default the plant is the task.
+
+    >>> Perturbation(cable=Cable(friction=0.3), sensing=SensingConfig(keypoint_noise=0.001)).grasp == GraspConfig()
+    True
+
+    Attributes:
+        cable: The true cable; the task's where None.
+        grasp: How the grippers hold it.
+        sensing: Noise, lost frames and delays between plant and controller.
+        start: Offsets of the left and right gripper from the task's start, in the world frame [m, m, rad]. The cable
+            starts in the stable shape nearest to the task's.
+        obstacles: Displacement [m] of each obstacle, in the order of the task; none moves where empty. The controller
+            knows the displaced obstacles, the plan does not.
+        simulation: How the plant is simulated.
+        notes: Sentences for the reader of a report.
+
+    Raises:
+        InputError: An offset or a displacement is not finite.
+    """
+
+    cable: Cable | None = None
+    grasp: GraspConfig = field(default_factory=GraspConfig)
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    start: tuple[Offset, Offset] | None = None
+    obstacles: tuple[tuple[float, float], ...] = ()
+    simulation: PlantConfig = field(default_factory=PlantConfig)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.start is not None and not np.isfinite(self.start).all():
+            raise InputError(f"start must be finite offsets, got {self.start!r}")
+        if not np.isfinite(self.obstacles).all():
+            raise InputError(f"obstacles must be finite displacements, got {self.obstacles!r}")
+
+    def true_cable(self, task: Task) -> Cable:
+        """The cable of the plant."""
+        return self.cable or task.cable
+
+    def known_task(self, task: Task) -> Task:
+        """What the controller knows: the task, with the obstacles where they are.
+
+        Raises:
+            InputError: There is not one displacement for each obstacle of the task.
+            TaskError: A displaced obstacle touches the start or the goal.
+        """
+        if not self.obstacles:
+            return task
+        if len(self.obstacles) != len(task.scene.obstacles):
+            raise InputError(
+                f"obstacles must be one displacement for each of the task's {len(task.scene.obstacles)} obstacles, "
+                f"got {len(self.obstacles)}"
+            )
+        moved = tuple(_displaced(*pair) for pair in zip(task.scene.obstacles, self.obstacles, strict=True))
+        return replace(task, scene=replace(task.scene, obstacles=moved))
+
+    def true_task(self, task: Task) -> Task:
+        """The task as the plant has it, apart from the cable: start and obstacles where they are.
+
+        Raises:
+            InputError: There is not one displacement for each obstacle of the task.
+            TaskError: The displaced start or an obstacle makes a task that cannot be.
+            SimulationError: No shape of the task's cable is stable between the displaced grippers.
+        """
+        known = self.known_task(task)
+        if self.start is None:
+            return known
+        return replace(known, start=_start_between(task, np.array(self.start)), start_poses=None)
+
+    def build(self, task: Task, seed: int = 0) -> SensedPlant:
+        """The plant.
+
+        Args:
+            task: What planner and controller know.
+            seed: Of noise and lost frames.
+
+        Raises:
+            InputError: Cable or displacements do not fit the task.
+            SimulationError: The plant cannot take the start.
+        """
+        plant = CableSimulator(self.true_task(task), self.simulation, self.cable)
+        if self.grasp == GraspConfig() and self.start is None and not self.obstacles:
+            return SensedPlant(plant, self.sensing, seed)
+        return SensedPlant(GraspedCable(plant, self.grasp, self.known_task(task)), self.sensing, seed)
+
+    def as_dict(self, task: Task) -> dict[str, Any]:
+        """The resolved configuration as plain data, for the record of a run."""
+        parts = {name: describe(getattr(self, name)) for name in ("grasp", "sensing", "start", "obstacles")}
+        return {**describe(self.simulation), "cable": describe(self.true_cable(task)), **parts}
+
+
+def _displaced(obstacle: Obstacle, by: tuple[float, float]) -> Obstacle:
+    if isinstance(obstacle, Polygon):
+        return replace(obstacle, vertices=obstacle.vertices + np.array(by))
+    return replace(obstacle, center=tuple(np.add(obstacle.center, by).tolist()))
+
+
+def _start_between(task: Task, offsets: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:
+    """Keypoints [m] of the stable shape between the displaced grippers that is nearest to the task's start."""
+    rod = task.cable.rod
+    poses = rod.shapes(task.start_fit[0][None])[1][0] + offsets
+    found = equilibria_at(rod, poses)
+    if not len(found):
+        raise SimulationError("the cable has no stable shape between the displaced grippers")
+    shapes = rod.at_keypoints(rod.shapes(found)[0])
+    return shapes[int(np.argmin(np.linalg.norm(shapes - task.start, axis=(1, 2))))]
