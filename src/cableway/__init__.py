@@ -3,8 +3,11 @@
 Names are imported when they are first used, so that importing the package costs nothing.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from cableway.core.deprecation import MODULES, keep_moved_modules
 
 if TYPE_CHECKING:
     from cableway.control.insertion import PlugPush, PlugPushConfig
@@ -87,7 +90,12 @@ _HOME = {
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
+keep_moved_modules()
+
+
 def __getattr__(name: str) -> Any:
+    if name in MODULES:
+        return sys.modules[f"cableway.{name}"]
     if name not in _HOME:
         raise AttributeError(f"module 'cableway' has no attribute {name!r}")
     return getattr(import_module(f"cableway.{_HOME[name]}"), name)

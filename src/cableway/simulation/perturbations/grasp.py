@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import require_positive
+from cableway.core.deprecation import renamed_keywords
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
 from cableway.records import Measurement, Observation
@@ -82,6 +83,7 @@ class GraspedCable:
         nominal: The task that planner and controller know; the plant's own where None.
     """
 
+    @renamed_keywords(believed="nominal")
     def __init__(self, plant: CableSimulator, config: GraspConfig, nominal: Task | None = None) -> None:
         self.plant, self.config = plant, config
         self._nominal = nominal or plant.task

@@ -1,0 +1,73 @@
+"""Laws of old names: each still works, with a warning at the caller's line that says the new one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import types
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import cableway
+from cableway.core.deprecation import MODULES, renamed, renamed_keywords
+from cableway.core.errors import InputError
+
+
+@pytest.mark.parametrize(("old", "new"), MODULES.items())
+def test_a_moved_module_is_found_at_its_new_place(old: str, new: str):
+    assert find_spec(f"cableway.{new}") is not None
+    place = Path(cableway.__file__).parent / old.replace(".", "/")
+    assert not (place / "__init__.py").exists()
+    assert not place.with_suffix(".py").exists()
+    assert import_module(f"cableway.{old}").__name__ == f"cableway.{old}"
+
+
+def test_a_name_of_a_moved_module_is_the_same_object():
+    with pytest.warns(DeprecationWarning, match=r"cableway\.errors has moved to cableway\.core\.errors") as caught:
+        from cableway.errors import InputError as old  # pyright: ignore[reportMissingImports]
+    assert old is InputError
+    assert caught[0].filename == __file__
+    with pytest.warns(DeprecationWarning, match=r"cableway\.scene\.files\.loading"):
+        from cableway.scene.loading import load_task  # pyright: ignore[reportMissingImports]
+    assert load_task.__module__ == "cableway.scene.files.loading"
+    with (
+        pytest.warns(DeprecationWarning, match="has moved"),
+        pytest.raises(ImportError, match="cannot import name 'nothing'"),
+    ):
+        from cableway.errors import CablewayError, nothing  # pyright: ignore[reportMissingImports]  # noqa: F401
+
+
+def test_a_module_can_be_reached_from_the_package_in_a_fresh_process():
+    code = "import cableway.errors, cableway.models.base as base; cableway.errors.InputError; base.rollout"
+    done = subprocess.run([sys.executable, "-W", "always", "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("DeprecationWarning") == 2
+
+
+def test_renamed_attributes_say_their_new_name(monkeypatch: pytest.MonkeyPatch):
+    module = types.ModuleType("cableway.made")
+    module.new, module.__getattr__ = 7, renamed("cableway.made", {"old": "new", "Gone": "core.errors.InputError"})  # pyright: ignore[reportAttributeAccessIssue]
+    monkeypatch.setitem(sys.modules, "cableway.made", module)
+    with pytest.warns(DeprecationWarning, match=r"cableway\.made\.old is now cableway\.made\.new") as caught:
+        assert module.old == 7
+    assert caught[0].filename == __file__
+    with pytest.warns(DeprecationWarning, match=r"is now cableway\.core\.errors\.InputError"):
+        assert module.Gone is InputError
+    with pytest.raises(AttributeError, match="no attribute 'other'"):
+        module.other  # noqa: B018
+
+
+def test_renamed_keywords_are_passed_on():
+    @renamed_keywords(believed="nominal")
+    def plant(nominal: int = 0) -> int:
+        return nominal
+
+    assert plant(nominal=1) == 1
+    with pytest.warns(DeprecationWarning, match="the argument 'believed' is now 'nominal'") as caught:
+        assert plant(believed=2) == 2  # pyright: ignore[reportCallIssue]
+    assert caught[0].filename == __file__
+    with pytest.raises(TypeError, match="its old name"):
+        plant(nominal=1, believed=2)  # pyright: ignore[reportCallIssue]
