@@ -130,7 +130,10 @@ def test_models_as_a_table_has_a_row_for_each(cableway: Command, made: Path):
     ("text", "said"),
     [
         ("collection: {}", "cableway must be 1"),
-        ("cableway: 1\ncollection: {transition: 3}", "collection has an unknown key 'transition'; known: "),
+        (
+            "cableway: 1\ncollection: {transition: 3}",
+            "collection.transition is not a known key; did you mean 'transitions'? known here: transitions, ",
+        ),
         ("cableway: 1\ncollection: {transitions: many}", "collection.transitions must be a whole number, got 'many'"),
         ("cableway: 1\nrobot: {}", "unknown section 'robot'; known: "),
     ],

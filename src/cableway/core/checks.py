@@ -4,12 +4,26 @@ from __future__ import annotations
 
 import math
 import re
+import reprlib
 from collections.abc import Callable
 from dataclasses import fields
 from numbers import Integral, Real
 from typing import Any, get_args
 
 from cableway.core.errors import InputError, UnknownNameError
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict = 2, 4, 4
+_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
+
+
+def shown(value: Any) -> str:
+    """A value as messages show it: on one line and cut short.
+
+    >>> shown(list(range(1000)))
+    '[0, 1, 2, 3, ...]'
+    """
+    return " ".join(_SHORT.repr(value).split())
 
 
 def section(kind: type) -> str:

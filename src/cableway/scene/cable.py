@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -64,19 +64,19 @@ class Cable:
         TaskError: A value is not finite or out of range.
     """
 
-    length: float = 0.3
-    radius: float = 0.004
-    keypoints: int = 13
-    bending_stiffness: float = 1e-3
-    stiffness_profile: tuple[float, ...] = (1.0,)
-    rest_curvature: tuple[float, ...] = (0.0,)
-    yield_curvature: float = 0.0
-    damping_time: float = 0.1
-    linear_density: float = 0.03
-    friction: float = 0.0
-    drag: float = 0.0
-    min_bend_radius: float = 0.0
-    preset: str | None = None
+    length: checks.Metres = 0.3
+    radius: checks.Metres = 0.004
+    keypoints: Annotated[int, "a whole number"] = 13
+    bending_stiffness: Annotated[float, "a number in N m^2"] = 1e-3
+    stiffness_profile: Annotated[tuple[float, ...], "a list of factors", 1] = (1.0,)
+    rest_curvature: Annotated[tuple[float, ...], "a list of numbers in 1/m", 1] = (0.0,)
+    yield_curvature: Annotated[float, "a number in 1/m"] = 0.0
+    damping_time: Annotated[float, "a number in seconds"] = 0.1
+    linear_density: Annotated[float, "a number in kg/m"] = 0.03
+    friction: Annotated[float, "a Coulomb coefficient"] = 0.0
+    drag: Annotated[float, "a number in N s/m^2"] = 0.0
+    min_bend_radius: checks.Metres = 0.0
+    preset: Annotated[str | None, "the name of a preset"] = None
 
     def __post_init__(self) -> None:
         for name in ("length", "radius", "bending_stiffness", "damping_time", "linear_density"):

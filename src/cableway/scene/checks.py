@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import math
 import operator
-import reprlib
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.checks import shown as shown
 from cableway.core.errors import Place, TaskError
+
+Metres = Annotated[float, "a length in metres"]
+Radians = Annotated[float, "an angle in radians"]
+Point = Annotated[tuple[float, float], "[x, y] in metres"]
 
 LARGEST = 1e6
 """No number of a task is larger, in its unit; beyond it products of a few of them overflow."""
-
-
-_SHORT = reprlib.Repr()
-_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict = 2, 4, 4
-_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
-
-
-def shown(value: Any) -> str:
-    """A value as messages show it: on one line and cut short.
-
-    >>> shown(list(range(1000)))
-    '[0, 1, 2, 3, ...]'
-    """
-    return " ".join(_SHORT.repr(value).split())
 
 
 def real(value: Any, place: Place, *, positive: bool = False, minimum: float = -LARGEST) -> float:

@@ -26,10 +26,10 @@ class Grippers:
         TaskError: A value is not finite or out of range.
     """
 
-    radius: float = 0.004
-    max_step: float = 0.0133
-    max_turn: float = 0.133
-    separation: float = 0.0
+    radius: checks.Metres = 0.004
+    max_step: checks.Metres = 0.0133
+    max_turn: checks.Radians = 0.133
+    separation: checks.Metres = 0.0
 
     def __post_init__(self) -> None:
         for name in ("radius", "max_step", "max_turn"):
@@ -50,8 +50,8 @@ class Plug:
         TaskError: A value is not positive and finite.
     """
 
-    length: float
-    width: float
+    length: checks.Metres
+    width: checks.Metres
 
     def __post_init__(self) -> None:
         for name in ("length", "width"):
@@ -107,10 +107,10 @@ class Port:
         TaskError: A value is not finite or out of range.
     """
 
-    position: tuple[float, float]
-    angle: float
-    standoff: float
-    depth: float
+    position: checks.Point
+    angle: checks.Radians
+    standoff: checks.Metres
+    depth: checks.Metres
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", checks.pair(self.position, ("port", "position")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import shapely
@@ -33,9 +34,9 @@ class Box:
         TaskError: A value is not finite or out of range, or the area is next to nothing.
     """
 
-    center: tuple[float, float]
-    size: tuple[float, float]
-    angle: float = 0.0
+    center: checks.Point
+    size: Annotated[tuple[float, float], "[width, height] in metres"]
+    angle: checks.Radians = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", checks.pair(self.center, ("center",)))
@@ -94,8 +95,8 @@ class Disc:
         TaskError: A value is not finite or out of range, or the area is next to nothing.
     """
 
-    center: tuple[float, float]
-    radius: float
+    center: checks.Point
+    radius: checks.Metres
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", checks.pair(self.center, ("center",)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from cableway.scene import checks
 from cableway.scene.cable import Cable
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
-from cableway.scene.files.schema import CableSection, PosesSection, TaskFile, validate
+from cableway.scene.files.schema import validate
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
 from cableway.scene.scene import Scene
@@ -91,25 +92,26 @@ def _task_path(source: str | os.PathLike[str]) -> Path:
     return catalogue_file(source)
 
 
-def _task(content: TaskFile, path: Path) -> Task:
+def _task(content: Mapping[str, Any], path: Path) -> Task:
     """The task that a valid file means; places in errors are those of the file."""
-    cable = _cable(content.cable)
+    cable = _cable(content.get("cable", {}))
     shapes: dict[str, Any] = {}
     for end in ("start", "goal"):
-        shapes[end], shapes[f"{end}_poses"] = _shape(end, getattr(content, end), cable)
+        shapes[end], shapes[f"{end}_poses"] = _shape(end, content[end], cable)
     scene = Scene(
-        checks.pair(content.workspace.size, ("workspace", "size")),
-        tuple(_obstacle(index, section) for index, section in enumerate(content.obstacles)),
+        content.get("workspace", {}).get("size", Scene.size),
+        tuple(_obstacle(index, section) for index, section in enumerate(content.get("obstacles", []))),
     )
+    plug, port = content.get("plug"), content.get("port")
     try:
         return Task(
-            name=content.name if "name" in content.model_fields_set else _name_from(path),
-            description=content.description,
+            name=content.get("name", _name_from(path)),
+            description=content.get("description", ""),
             scene=scene,
             cable=cable,
-            grippers=Grippers(**content.grippers.given()),
-            plug=None if content.plug is None else Plug(**content.plug.given()),
-            port=None if content.port is None else Port(**content.port.given()),
+            grippers=Grippers(**content.get("grippers", {})),
+            plug=None if plug is None else Plug(**plug),
+            port=None if port is None else Port(**port),
             **shapes,
         )
     except TaskError as error:
@@ -120,40 +122,39 @@ def _name_from(path: Path) -> str:
     return re.sub(r"[^\w .+-]", "-", path.stem).lstrip(" .+-") or "task"
 
 
-def _cable(section: CableSection) -> Cable:
-    given = section.given()
-    if "preset" not in given:
-        return Cable(**given)
-    name = given.pop("preset")
+def _cable(section: Mapping[str, Any]) -> Cable:
+    name = section.get("preset")
+    if name is None:
+        return Cable(**section)
     try:
-        return cable_from_preset(name, **given)
+        return Cable(**{**preset_values(name), **section})
     except UnknownNameError:
         raise TaskError(f"must be one of {', '.join(preset_names())}, got {name!r}", ("cable", "preset")) from None
 
 
-def _obstacle(index: int, section: Any) -> Obstacle:
-    given = section.given()
+def _obstacle(index: int, section: Mapping[str, Any]) -> Obstacle:
     try:
-        return _OBSTACLES[given.pop("type")](**given)
+        return _OBSTACLES[section["type"]](**{key: value for key, value in section.items() if key != "type"})
     except TaskError as error:
         raise error.within("obstacles", index) from None
 
 
-def _shape(end: str, section: list[list[float]] | PosesSection, cable: Cable) -> tuple[Any, Any]:
+def _shape(end: str, section: Any, cable: Cable) -> tuple[Any, Any]:
     """Keypoints and, where the file states them, gripper poses of one end."""
-    if not isinstance(section, PosesSection):
+    if not isinstance(section, Mapping):
         return section, None
-    poses = checks.array(section.grippers, (end, "grippers"), 3)
-    if (section.keypoints is None) == (section.bend is None):
+    poses = checks.array(section["grippers"], (end, "grippers"), 3)
+    keypoints, bend = section.get("keypoints"), section.get("bend")
+    if (keypoints is None) == (bend is None):
         raise TaskError("must have, beside grippers, either bend or keypoints", (end,))
-    if section.keypoints is not None:
-        return section.keypoints, poses
+    if keypoints is not None:
+        return keypoints, poses
     gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
     if gap > cable.length * (1 + 1e-9):
         raise TaskError(
             f"are {gap:.4f} m apart, farther than the cable is long ({cable.length:g} m)", (end, "grippers")
         )
-    return _bent(end, poses, section.bend or "left", cable), poses
+    return _bent(end, poses, bend, cable), poses
 
 
 def _bent(end: str, poses: Float[np.ndarray, "2 3"], bend: Any, cable: Cable) -> Float[np.ndarray, "n 2"]:
@@ -168,16 +169,16 @@ def _bent(end: str, poses: Float[np.ndarray, "2 3"], bend: Any, cable: Cable) ->
     return cable.rod.at_keypoints(cable.rod.shapes(q[None])[0])[0]
 
 
-def _as_in_file(error: TaskError, content: TaskFile) -> TaskError:
+def _as_in_file(error: TaskError, content: Mapping[str, Any]) -> TaskError:
     """An error of a task with the place that its values have in the file."""
     if not error.place or error.place[0] not in ("start", "goal", "start_poses", "goal_poses"):
         return error
     end, *rest = str(error.place[0]).removesuffix("_poses"), *error.place[1:]
-    section = getattr(content, end)
+    section = content[end]
     if str(error.place[0]).endswith("_poses"):
         return TaskError(error.problem, (end, "grippers", *rest))
-    if not (rest and isinstance(section, PosesSection)):
+    if not (rest and isinstance(section, Mapping)):
         return error
-    if section.keypoints is not None:
+    if section.get("keypoints") is not None:
         return TaskError(error.problem, (end, "keypoints", *rest))
     return TaskError(f"keypoint {rest[0]} {error.problem}", (end,))

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cableway.core.configuration import from_mapping
-from cableway.core.errors import InputError
+from cableway.core.configuration import faults, from_mapping
+from cableway.core.errors import InputError, TaskError
 from cableway.scene.cable import Cable
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
@@ -29,7 +29,8 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
         FileFormatError: The file is missing or not YAML.
         InputError: A section or key is unknown, or a value is not allowed.
     """
-    content = read_document(path).data
+    document = read_document(path)
+    content = document.data
     known = ("cableway", *SECTIONS)
     for key in content:
         if key not in known:
@@ -38,7 +39,9 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
         raise InputError(f"{path}: cableway must be {FORMAT_VERSION}, the version of the format")
     if "cable" in content:
         content["cable"] = _cable(task.cable, content["cable"], f"{path}: cable")
-    perturbation = from_mapping(Perturbation, content, f"{path}:")
+    for fault in faults(Perturbation, content):
+        raise document.locate(TaskError(fault.problem, fault.place))
+    perturbation = from_mapping(Perturbation, content, str(path))
     if perturbation.simulation.control_step != CONTROL_STEP:
         raise InputError(f"{path}: simulation.control_step must be {CONTROL_STEP} s, the step of the controllers")
     note = f"The plant differs from the task as {path.name} says; planner and controller know the task alone."
