@@ -67,7 +67,7 @@ class DeformationSequence:
     progress: Float[np.ndarray, "T+1 n"]
 
     @classmethod
-    def in_step(cls, shapes: Float[np.ndarray, "T+1 n 2"]) -> DeformationSequence:
+    def in_step(cls, shapes: Float[np.ndarray, "t n 2"]) -> DeformationSequence:
         """Shapes in which the progress of all keypoints is the same, the share of the rows."""
         shares = np.linspace(0.0, 1.0, len(shapes))
         return cls(np.ascontiguousarray(shapes), np.repeat(shares[:, None], shapes.shape[1], axis=1))
@@ -356,7 +356,7 @@ class Rollout(ArrayRecord):
         return len(self.times) - 1
 
     @property
-    def deviations_from_reference(self) -> Float[np.ndarray, "K+1"]:
+    def deviations_from_reference(self) -> Float[np.ndarray, "k"]:
         """(K+1,) largest distance of a keypoint from its reference in each row [m]."""
         return np.linalg.norm(self.keypoints - self.reference, axis=2).max(axis=1)
 

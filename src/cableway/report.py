@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.provenance import describe, versions
+from cableway.metrics import METRICS
 from cableway.records import SUCCESS_ERROR, Attempt, Estimate, Plan, Rollout, Verdict
 from cableway.rod.adapted import nearest_shape
 from cableway.scene.cable import Cable
@@ -122,17 +123,9 @@ class Report:
         """Names and values as text with units, in reading order."""
         rows = [("task", self.task), ("result", "success" if self.success else f"failed: {self.failure}")]
         rows += [
-            (name, _millimetres(value))
-            for name, value in (
-                ("shape error, stacked", self.shape_error),
-                ("least possible with this cable", self.shape_error_floor),
-                ("shape error, mean keypoint", self.mean_keypoint_error),
-                ("least clearance, cable", self.min_clearance),
-                ("least clearance, grippers", self.gripper_clearance),
-                ("least clearance, plug", self.plug_clearance),
-                ("largest deviation from plan", self.largest_deviation),
-            )
-            if value is not None
+            (metric.label, _millimetres(value))
+            for metric in METRICS.values()
+            if metric.label and (value := metric.value(self)) is not None
         ]
         if self.insertion is not None:
             rows.append(("inserted", str(self.insertion)))

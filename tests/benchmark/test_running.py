@@ -14,11 +14,11 @@ from cableway.benchmark import methods
 from cableway.benchmark.episode import Job, Result, jobs_of, run_job, warm_up
 from cableway.benchmark.gate import baseline, regressions
 from cableway.benchmark.methods import BUILT_IN, load_method, method_names
-from cableway.benchmark.metrics import METRICS
 from cableway.benchmark.runner import picture_path, read_result, result_path, run_jobs
 from cableway.benchmark.suites import Episode, frozen_episodes
 from cableway.cli import main
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
+from cableway.metrics import METRICS
 from cableway.planning import compilation
 
 FILE = Path(__file__).with_name("methods_for_tests.py")

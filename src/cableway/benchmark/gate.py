@@ -16,24 +16,19 @@ import numpy as np
 from cableway.benchmark.episode import Result
 from cableway.core.errors import FileFormatError
 from cableway.core.provenance import versions
-
-LOST = 1
-"""Successes that may be lost on balance, by either rule."""
-
-ERROR_RATIO = 1.25
-"""Largest ratio of errors (geometric mean over episodes that succeeded both times) that passes."""
+from cableway.metrics import METRICS
 
 LEAST_ERROR = 1e-4
 """Errors [m] below this are counted as this."""
 
-TIME_RATIO = 2.0
-"""Largest ratio of times (median over episodes), each over the reference time of its episode, that passes."""
+COMPARED = {metric.field or metric.key: metric for metric in METRICS.values() if metric.tolerance is not None}
+"""Metrics of the gate by their names in a result and in a baseline."""
 
-TIMES = ("planning_time", "control_median")
-"""What is compared of the times."""
-
-KEPT = ("digest", "success", "strict", "shape_error", *TIMES, "reference_time")
+KEPT = ("digest", *COMPARED, "reference_time")
 """Figures of each episode in a baseline."""
+
+Pair = tuple[Result, dict[str, Any]]
+"""A result and what the baseline has of the same episode."""
 
 
 def baseline(results: Sequence[Result]) -> dict[str, Any]:
@@ -73,34 +68,42 @@ def regressions(results: Sequence[Result], before: dict[str, Any]) -> list[str]:
     changed = sum(old["digest"] != new.digest for new, old in pairs)
     if changed:
         found.append(f"{changed} tasks are not those of the baseline")
-    for rule in ("success", "strict"):
-        lost = [new for new, old in pairs if old[rule] and not getattr(new, rule)]
-        gained = sum(getattr(new, rule) and not old[rule] for new, old in pairs)
-        if len(lost) - gained > LOST:
-            names = ", ".join(f"{result.suite}/{result.method}/{result.episode}" for result in lost)
-            found.append(f"{rule}: {len(lost)} lost, {gained} gained: {names}")
-    errors = [
-        max(new.shape_error, LEAST_ERROR) / max(old["shape_error"], LEAST_ERROR)
-        for new, old in pairs
-        if new.success and old["success"] and new.shape_error is not None and old["shape_error"] is not None
-    ]
-    if errors and (ratio := float(np.exp(np.mean(np.log(errors))))) > ERROR_RATIO:
-        found.append(f"errors are {ratio:.2f} times those of the baseline, more than {ERROR_RATIO:g}")
-    return found + _slower(pairs)
-
-
-def _slower(pairs: Sequence[tuple[Result, dict[str, Any]]]) -> list[str]:
-    """Times that have grown, as multiples of the reference time."""
-    found = []
-    for name in TIMES:
-        ratios = [
-            getattr(new, name) / new.reference_time * old["reference_time"] / old[name]
-            for new, old in pairs
-            if new.reference_time and getattr(new, name) and old["reference_time"] and old[name]
-        ]
-        if ratios and (ratio := float(np.median(ratios))) > TIME_RATIO:
-            found.append(f"{name}: {ratio:.2f} times that of the baseline, more than {TIME_RATIO:g}")
+    for name, metric in COMPARED.items():
+        compare = _lost if metric.is_share else _slower if metric.unit == "s" else _farther
+        found += compare(name, metric.tolerance or 0.0, pairs)
     return found
+
+
+def _lost(rule: str, most: float, pairs: Sequence[Pair]) -> list[str]:
+    """Successes lost on balance."""
+    lost = [new for new, old in pairs if old[rule] and not getattr(new, rule)]
+    gained = sum(getattr(new, rule) and not old[rule] for new, old in pairs)
+    names = ", ".join(_key(result) for result in lost)
+    return [f"{rule}: {len(lost)} lost, {gained} gained: {names}"] if len(lost) - gained > most else []
+
+
+def _farther(name: str, most: float, pairs: Sequence[Pair]) -> list[str]:
+    """Geometric mean of the ratios of errors, over episodes that succeeded both times."""
+    ratios = [
+        max(getattr(new, name), LEAST_ERROR) / max(old[name], LEAST_ERROR)
+        for new, old in pairs
+        if new.success and old["success"] and getattr(new, name) is not None and old[name] is not None
+    ]
+    if ratios and (ratio := float(np.exp(np.mean(np.log(ratios))))) > most:
+        return [f"errors are {ratio:.2f} times those of the baseline, more than {most:g}"]
+    return []
+
+
+def _slower(name: str, most: float, pairs: Sequence[Pair]) -> list[str]:
+    """Median of the ratios of times, each a multiple of the reference time in its episode."""
+    ratios = [
+        getattr(new, name) / new.reference_time * old["reference_time"] / old[name]
+        for new, old in pairs
+        if new.reference_time and getattr(new, name) and old["reference_time"] and old[name]
+    ]
+    if ratios and (ratio := float(np.median(ratios))) > most:
+        return [f"{name}: {ratio:.2f} times that of the baseline, more than {most:g}"]
+    return []
 
 
 def _key(result: Result) -> str:

@@ -9,13 +9,10 @@ from typing import Any
 import jinja2
 
 from cableway.benchmark.episode import Job, Result
-from cableway.benchmark.metrics import METRICS
 from cableway.benchmark.runner import picture_path
 from cableway.benchmark.summary import Results
 from cableway.benchmark.tables import sentence, suite_tables
-
-TEMPLATES = ("cableway.benchmark", "cableway.tang2025.reproduction")
-"""Packages that have templates."""
+from cableway.metrics import METRICS
 
 
 def report_page(
@@ -51,7 +48,7 @@ def report_page(
             for result in found
             if not result.success
         ],
-        metrics=list(METRICS.values()),
+        metrics=[metric for metric in METRICS.values() if metric.title],
         command=command,
         pictures=pictures,
         **{key: about[key] for key in ("versions", "machine", "size")},

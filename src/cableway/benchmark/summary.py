@@ -13,9 +13,10 @@ from typing import Any
 
 from cableway.benchmark.episode import Result, reference_time
 from cableway.benchmark.methods import Method
-from cableway.benchmark.metrics import METRICS, Metric
+from cableway.benchmark.metrics import difference, estimate, quantiles
 from cableway.benchmark.suites import SUITES, cable_of, kind_of
 from cableway.core.provenance import versions
+from cableway.metrics import METRICS
 from cableway.simulation.perturbations.variants import VARIANTS
 
 Results = Mapping[str, Mapping[str, Sequence[Result]]]
@@ -54,11 +55,7 @@ def summary(results: Results, methods: Sequence[Method], size: str, configuratio
         "size": size,
         "configuration": dict(configuration),
         "metrics": {
-            metric.name: {
-                "unit": _si_unit(metric),
-                "better": "higher" if metric.higher_is_better else "lower",
-                "definition": metric.definition,
-            }
+            metric.key: {"unit": metric.unit, "better": metric.better, "definition": metric.definition}
             for metric in METRICS.values()
         },
         "methods": {method.name: method.description for method in methods},
@@ -74,10 +71,6 @@ def summary(results: Results, methods: Sequence[Method], size: str, configuratio
     return content
 
 
-def _si_unit(metric: Metric) -> str:
-    return "1" if metric.is_share else {"mm": "m", "ms": "s"}.get(metric.unit, metric.unit)
-
-
 def _figures(results: Sequence[Result]) -> dict[str, Any]:
     groups = by_group(results)
     return {
@@ -91,9 +84,8 @@ def _figures(results: Sequence[Result]) -> dict[str, Any]:
 def _metrics(results: Sequence[Result]) -> dict[str, Any]:
     found = {}
     for metric in METRICS.values():
-        estimate = metric.estimate(results)
-        if estimate is not None:
-            found[metric.name] = asdict(estimate) | (metric.quantiles(results) or {})
+        if (average := estimate(metric, results)) is not None:
+            found[metric.key] = asdict(average) | (quantiles(metric, results) or {})
     return found
 
 
@@ -101,8 +93,8 @@ def _against(results: Sequence[Result], first: Sequence[Result]) -> dict[str, An
     """Differences to the first method in the same episodes."""
     if results is first:
         return {}
-    found = {metric.name: metric.difference(results, first) for metric in METRICS.values()}
-    against = {name: asdict(estimate) for name, estimate in found.items() if estimate is not None}
+    found = {metric.key: difference(metric, results, first) for metric in METRICS.values()}
+    against = {key: asdict(average) for key, average in found.items() if average is not None}
     return {"difference_to": first[0].method, "differences": against} if first else {}
 
 

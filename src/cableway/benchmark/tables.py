@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cableway.benchmark.episode import Result
-from cableway.benchmark.metrics import METRICS, Metric
+from cableway.benchmark.metrics import difference, estimate, quantiles
 from cableway.benchmark.statistics import Estimate
 from cableway.benchmark.suites import SUITES
 from cableway.benchmark.summary import Results, by_group
+from cableway.metrics import METRICS, Metric
 from cableway.simulation.perturbations.variants import VARIANTS
 
 COLUMNS = ("success", "strict", "strict_reachable", "contact", "shape_error", "over_floor", "deviation", "clearance",
@@ -75,45 +76,45 @@ def _plants(results: Sequence[Result]) -> Table:
 
 def _figures(title: str, first: str, rows: Mapping[str, Sequence[Result]]) -> Table:
     shown = [METRICS[name] for name in COLUMNS]
-    shown = [metric for metric in shown if any(_tells(metric, results) for results in rows.values())]
-    lines = [(first, "n", *(f"{metric.title} [{metric.unit}]" for metric in shown))]
+    shown = [metric for metric in shown if any(_adds(metric, results) for results in rows.values())]
+    lines = [(first, "n", *(metric.head for metric in shown))]
     for name, results in rows.items():
         lines.append((name, str(len(results)), *(_cell(metric, results) for metric in shown)))
     return Table(title, tuple(lines))
 
 
 def _differences(rows: Mapping[str, Sequence[Result]]) -> Table:
-    """What each method has more than the first one, in the same episodes."""
+    """How much more each method has than the first one, in the same episodes."""
     first, *others = rows
     shown = [METRICS[name] for name in COMPARED]
-    lines = [("method", "n", *(f"{metric.title} [{metric.unit}]" for metric in shown))]
+    lines = [("method", "n", *(metric.head for metric in shown))]
     for name in others:
-        found = [metric.difference(rows[name], rows[first]) for metric in shown]
+        found = [difference(metric, rows[name], rows[first]) for metric in shown]
         count = str(max((each.n for each in found if each is not None), default=0))
         lines.append((name, count, *(_interval(metric, each) for metric, each in zip(shown, found, strict=True))))
     return Table(f"differences to {first} in the same episodes", tuple(lines))
 
 
-def _tells(metric: Metric, results: Sequence[Result]) -> bool:
-    """Whether a column has something in it that the others have not."""
-    estimate = metric.estimate(results)
-    return estimate is not None and (metric.name != "strict_reachable" or estimate.n < len(results))
+def _adds(metric: Metric, results: Sequence[Result]) -> bool:
+    """Whether a column shows something that the others do not."""
+    found = estimate(metric, results)
+    return found is not None and (metric.key != "strict_reachable" or found.n < len(results))
 
 
 def _cell(metric: Metric, results: Sequence[Result]) -> str:
     """A share with its interval, and of how many where not of all; or median / 95th percentile / worst."""
-    quantiles = metric.quantiles(results)
-    if quantiles is None:
-        estimate = metric.estimate(results)
-        of = f" of {estimate.n}" if metric.is_share and estimate is not None and estimate.n < len(results) else ""
-        return _interval(metric, estimate) + of
-    return " / ".join(number(metric.scale * value) for value in quantiles.values())
+    spread = quantiles(metric, results)
+    if spread is None:
+        found = estimate(metric, results)
+        of = f" of {found.n}" if metric.is_share and found is not None and found.n < len(results) else ""
+        return _interval(metric, found) + of
+    return " / ".join(number(metric.scale * value) for value in spread.values())
 
 
-def _interval(metric: Metric, estimate: Estimate | None) -> str:
-    if estimate is None:
+def _interval(metric: Metric, found: Estimate | None) -> str:
+    if found is None:
         return "-"
-    value, low, high = (number(metric.scale * each) for each in (estimate.value, estimate.low, estimate.high))
+    value, low, high = (number(metric.scale * each) for each in (found.value, found.low, found.high))
     return f"{value} ({low} to {high})"
 
 

@@ -123,16 +123,17 @@ class Bench(EpisodeOptions):
 
 def _write_pictures(results: Results, folder: Path) -> list[str]:
     """Draw shares of success and distributions of the error; names of the files."""
-    from cableway.benchmark.metrics import METRICS
+    from cableway.benchmark.metrics import estimate
     from cableway.figures.benchmark import error_figure, success_figure
     from cableway.figures.style import save_figure
+    from cableway.metrics import METRICS
     from cableway.records import SUCCESS_ERROR
 
     shares = {
         suite: {
             name: (share.value, share.low, share.high)
             for name, each in rows.items()
-            if (share := METRICS["success"].estimate(each)) is not None
+            if (share := estimate(METRICS["success"], each)) is not None
         }
         for suite, rows in results.items()
     }
@@ -154,14 +155,15 @@ def _error(result: Result) -> float:
 
 
 def _shown(results: Results) -> Any:
-    from cableway.benchmark.metrics import METRICS
+    from cableway.benchmark.metrics import estimate, quantiles
     from cableway.benchmark.tables import number
+    from cableway.metrics import METRICS
 
     table = columns("suite", "method", "n", "< 3 cm [%]", "< 1 cm [%]", "error, median / worst [mm]", "failures")
     for suite, rows in results.items():
         for name, found in rows.items():
-            errors = METRICS["shape_error"].quantiles(found)
-            shares = [METRICS[rule].estimate(found) for rule in ("success", "strict")]
+            errors = quantiles(METRICS["shape_error"], found)
+            shares = [estimate(METRICS[rule], found) for rule in ("success", "strict")]
             outcomes = [result.outcome for result in found if not result.success]
             table.add_row(
                 suite, name, str(len(found)),

@@ -87,7 +87,7 @@ class JacobianState(FollowerState):
         q: (6,) rod coordinates of the plan's shape.
     """
 
-    jacobian: Float[np.ndarray, "2n 6"]
+    jacobian: Float[np.ndarray, "m 6"]
     seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
     q: Float[np.ndarray, "6"]
 
@@ -163,7 +163,7 @@ class JacobianFeedback(Controller[JacobianState]):
         return np.tile([1.0, 1.0, self.config.turn_lever**2], 2)
 
 
-def blend_jacobian(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2n 6"]:
+def blend_jacobian(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2*n 6"]:
     """The derivative of keypoints [m] that follow both ends' rigid motions in proportion to where they are."""
     share = np.linspace(0.0, 1.0, len(keypoints))
     found = np.zeros((len(keypoints), 2, 2, 3))

@@ -131,7 +131,7 @@ class Problem:
     """
 
     estimator: RodEstimator
-    shapes: Float[np.ndarray, "T+1 6"]
+    shapes: Float[np.ndarray, "t 6"]
     limits: tuple[float, ...]
 
 
@@ -237,7 +237,7 @@ class RodMPC(Controller[RodMPCState]):
         return SE2.compose(before + moved, SE2.inverse(theta[GRASPS].reshape(2, 3))) - commanded
 
 
-def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "T+1 6"]:
+def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
     """Rod coordinates of a plan's rows, running on from row to row, turned on with its gripper poses."""
     shapes = [rod.continued(fit_keypoints(rod, plan.shapes[0])[0], plan.poses[0])]
     for keypoints, poses in zip(plan.shapes[1:], plan.poses[1:], strict=True):

@@ -8,6 +8,7 @@ the place where they are installed, because Numba keeps what it compiles for eac
 from __future__ import annotations
 
 import hashlib
+import inspect
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -34,13 +35,15 @@ def cache_folder() -> Path:
 def kernel(function: F) -> F:
     """Compile `function` with Numba on first call and keep the result in `cache_folder()`.
 
+    Type checkers that tests wrap around functions are taken off.
+
     A `NUMBA_CACHE_DIR` set by the user wins. Numba's global configuration is left as it was found.
     """
     before = getattr(config, "CACHE_DIR")  # noqa: B009 - set by Numba at run time, unknown to type checkers
     try:
         if not before:
             config.CACHE_DIR = str(cache_folder())  # pyright: ignore[reportAttributeAccessIssue]
-        return cast("F", numba.njit(cache=True, error_model="numpy")(function))
+        return cast("F", numba.njit(cache=True, error_model="numpy")(inspect.unwrap(function)))
     finally:
         config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
 

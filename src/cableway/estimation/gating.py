@@ -27,7 +27,7 @@ def poses_usable(observation: Observation | None) -> bool:
 
 
 def believed_keypoints(
-    keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], cable: Cable
+    keypoints: Float[np.ndarray, "m 2"], poses: Float[np.ndarray, "2 3"], cable: Cable
 ) -> Float[np.ndarray, "n 2"]:
     """The keypoints [m], NaN where they are missing or not where a cable held by grippers at `poses` can be.
 

@@ -105,7 +105,7 @@ def draw_guide(
     style.legend_below(ax, handles, 4)
 
 
-def draw_shapes(ax: Axes, task: Task, shapes: Float[np.ndarray, "T+1 n 2"]) -> None:
+def draw_shapes(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"]) -> None:
     """The scene with shapes of the cable coloured by time, the grippers' ways and a colour bar."""
     scene.draw_scene(ax, task)
     last = len(shapes) - 1

@@ -47,7 +47,7 @@ def rollout_figure(task: Task, rollout: Rollout) -> Figure:
     return figure
 
 
-def stacked_errors(task: Task, rollout: Rollout) -> tuple[Float[np.ndarray, "K+1"], Float[np.ndarray, "K+1"]]:
+def stacked_errors(task: Task, rollout: Rollout) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Stacked distance [m] of the keypoints to the goal and to the reference at each time."""
     to_goal = np.linalg.norm(rollout.keypoints - task.goal, axis=(1, 2))
     return to_goal, np.linalg.norm(rollout.keypoints - rollout.reference, axis=(1, 2))
@@ -82,9 +82,9 @@ def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> None:
 
 def draw_errors(
     ax: Axes,
-    times: Float[np.ndarray, "K+1"],
-    to_goal: Float[np.ndarray, "K+1"],
-    to_reference: Float[np.ndarray, "K+1"],
+    times: Float[np.ndarray, "k"],
+    to_goal: Float[np.ndarray, "k"],
+    to_reference: Float[np.ndarray, "k"],
 ) -> None:
     """Stacked errors [m] over time [s] on a logarithmic scale in millimetres, with the line of success."""
     floor = 1e-4

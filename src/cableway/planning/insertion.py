@@ -60,7 +60,7 @@ def plan_push(task: Task, limits: VerificationLimits | None = None) -> Plan:
     raise PlanningError(f"the plug cannot be pushed into the port: {'; '.join(reasons)}", attempt)
 
 
-def _poses(task: Task, share: float) -> Float[np.ndarray, "T+1 2 3"]:
+def _poses(task: Task, share: float) -> Float[np.ndarray, "t 2 3"]:
     """Gripper poses: the right one onto the axis and along it, the left one doing `share` of its travel."""
     assert task.plug is not None
     assert task.port is not None
@@ -80,7 +80,7 @@ def _straight(task: Task, a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) 
     return np.linspace(a, b, max(1, int(np.ceil(max(steps, turns) - 1e-9))) + 1)
 
 
-def _plan(task: Task, q: Float[np.ndarray, "T+1 6"], left: str) -> Plan:
+def _plan(task: Task, q: Float[np.ndarray, "t 6"], left: str) -> Plan:
     stations, poses = task.cable.rod.shapes(q)
     shapes = np.ascontiguousarray(task.cable.rod.at_keypoints(stations))
     progress = np.repeat(np.linspace(0.0, 1.0, len(q))[:, None], shapes.shape[1], axis=1)

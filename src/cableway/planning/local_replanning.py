@@ -64,13 +64,13 @@ def repaired(
 
 
 def repair(
-    q: Float[np.ndarray, "T+1 6"],
+    q: Float[np.ndarray, "t 6"],
     task: Task,
     config: rrt_connect.ExploreConfig,
     *,
     seed: int = 0,
     progress: Callable[[float], None] = lambda _: None,
-) -> tuple[Float[np.ndarray, "R+1 6"], Float[np.ndarray, "R+1"]]:
+) -> tuple[Float[np.ndarray, "r 6"], Float[np.ndarray, "r"]]:
     """A sequence of free stable equilibria that leaves the one given only where that is not free.
 
     Args:
@@ -104,8 +104,8 @@ def repair(
 
 
 def _way_round(
-    q: Float[np.ndarray, "T+1 6"],
-    free: Bool[np.ndarray, "T+1"],
+    q: Float[np.ndarray, "t 6"],
+    free: Bool[np.ndarray, "t"],
     at: int,
     task: Task,
     config: rrt_connect.ExploreConfig,

@@ -81,11 +81,11 @@ class RealizedSequence:
         rows: (R+1,) their places in the sequence they were made from.
     """
 
-    shapes: Float[np.ndarray, "T+1 n 2"]
-    poses: Float[np.ndarray, "T+1 2 3"]
-    progress: Float[np.ndarray, "T+1 n"]
-    q: Float[np.ndarray, "R+1 6"] | None = None
-    rows: Float[np.ndarray, "R+1"] | None = None
+    shapes: Float[np.ndarray, "t n 2"]
+    poses: Float[np.ndarray, "t 2 3"]
+    progress: Float[np.ndarray, "t n"]
+    q: Float[np.ndarray, "r 6"] | None = None
+    rows: Float[np.ndarray, "r"] | None = None
 
 
 def realize(
@@ -115,8 +115,8 @@ def realize(
 
 
 def stepped(
-    q: Float[np.ndarray, "R+1 6"],
-    rows: Float[np.ndarray, "R+1"],
+    q: Float[np.ndarray, "r 6"],
+    rows: Float[np.ndarray, "r"],
     sequence: DeformationSequence,
     task: Task,
     config: RealizationConfig,
@@ -165,11 +165,11 @@ def end_equilibria(task: Task, config: RealizationConfig) -> tuple[Float[np.ndar
 
 def fit_sequence(
     rod: PlanarRod,
-    shapes: Float[np.ndarray, "T+1 n 2"],
+    shapes: Float[np.ndarray, "t n 2"],
     start: Float[np.ndarray, "6"],
     goal: Float[np.ndarray, "6"],
     row_step: float,
-) -> tuple[Float[np.ndarray, "R+1 6"], Float[np.ndarray, "R+1"]]:
+) -> tuple[Float[np.ndarray, "r 6"], Float[np.ndarray, "r"]]:
     """The nearest equilibrium of each shape, resampled so that keypoints move at most about `row_step` [m] a row.
 
     Returns:
@@ -183,7 +183,7 @@ def fit_sequence(
     return between(q, rows), rows
 
 
-def evenly_moved(rod: PlanarRod, q: Float[np.ndarray, "T+1 6"], row_step: float) -> Float[np.ndarray, "R+1"]:
+def evenly_moved(rod: PlanarRod, q: Float[np.ndarray, "t 6"], row_step: float) -> Float[np.ndarray, "r"]:
     """Fractional rows, first and last among them, between which keypoints move at most about `row_step` [m]."""
     moves = np.linalg.norm(np.diff(rod.at_keypoints(rod.shapes(q)[0]), axis=0), axis=2).max(1)
     arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
@@ -198,8 +198,8 @@ def between(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Flo
 
 
 def step_evenly(
-    q: Float[np.ndarray, "T+1 6"], task: Task, config: RealizationConfig
-) -> tuple[Float[np.ndarray, "K+1 6"], Float[np.ndarray, "K+1"]]:
+    q: Float[np.ndarray, "t 6"], task: Task, config: RealizationConfig
+) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k"]]:
     """The same polyline in q with rows at equal effort, none above `limit_share` of the limits.
 
     Returns:
@@ -220,7 +220,7 @@ def at_equal_effort(
     task: Task,
     config: RealizationConfig,
     trailing: Float[np.ndarray, "f-1"] | float = 0.0,
-) -> Float[np.ndarray, "K+1"]:
+) -> Float[np.ndarray, "k"]:
     """Places among `fine`, increasing, at equal effort, none above `limit_share` of the limits.
 
     The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit,

@@ -95,7 +95,7 @@ def about_path(task: Task, path: Float[np.ndarray, "P 2"], config: ExploreConfig
     return draw
 
 
-def about_shapes(q: Float[np.ndarray, "T+1 6"], config: ExploreConfig) -> Sampler:
+def about_shapes(q: Float[np.ndarray, "t 6"], config: ExploreConfig) -> Sampler:
     """Samples about the rows of another sequence, at distances from nothing to twice `config.tube`."""
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -113,7 +113,7 @@ def explore(
     seed: int | tuple[int, ...] = 0,
     progress: Callable[[float], None] | None = None,
     ends: tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]] | None = None,
-) -> Float[np.ndarray, "R+1 6"]:
+) -> Float[np.ndarray, "r 6"]:
     """A path among free stable equilibria from start to goal.
 
     Args:

@@ -78,20 +78,20 @@ class _Normal:
     """Gradient (T+1, 6) and the blocks (T+1, 6, 6) of the normal matrix on the diagonal and the two above it."""
 
     cost: float
-    gradient: Float[np.ndarray, "T+1 6"]
+    gradient: Float[np.ndarray, "t 6"]
     blocks: tuple[
-        Float[np.ndarray, "T+1 6 6"],
-        Float[np.ndarray, "T 6 6"],
-        Float[np.ndarray, "T-1 6 6"],
+        Float[np.ndarray, "t 6 6"],
+        Float[np.ndarray, "t-1 6 6"],
+        Float[np.ndarray, "t-2 6 6"],
     ]
 
 
 def refine(
-    q: Float[np.ndarray, "T+1 6"],
+    q: Float[np.ndarray, "t 6"],
     task: Task,
     config: RefinementConfig,
     progress: Callable[[float], None] = lambda _: None,
-) -> Float[np.ndarray, "T+1 6"]:
+) -> Float[np.ndarray, "t 6"]:
     """The sequence moved to a local minimum of the cost above; its first and last row stay.
 
     Args:
@@ -120,7 +120,7 @@ class _Problem:
         self.loads = tuple(np.diagonal(loads, d).copy() for d in range(3))
         self.sharpest = config.bend_share * bend_limit(task)
 
-    def cost(self, q: Float[np.ndarray, "T+1 6"]) -> float:
+    def cost(self, q: Float[np.ndarray, "t 6"]) -> float:
         """The cost alone, for trial steps."""
         stations, poses = self.rod.shapes(q)
         keypoints = self.rod.at_keypoints(stations).reshape(len(q), -1)
@@ -131,7 +131,7 @@ class _Problem:
         total += sum(0.5 * np.sum(value**2) for value, _ in terms) + 0.5 * np.sum(self._bends(stations) ** 2)
         return float(total)
 
-    def linearise(self, q: Float[np.ndarray, "T+1 6"]) -> _Normal:
+    def linearise(self, q: Float[np.ndarray, "t 6"]) -> _Normal:
         """Cost, gradient and Gauss-Newton blocks at q."""
         rows = len(q)
         stations, dstations, poses, dposes = self.rod.jacobians(q)
@@ -277,7 +277,7 @@ def _levenberg_marquardt(
     return q
 
 
-def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "T-1 6"] | None:
+def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "t-2 6"] | None:
     """Solve (H + damping diag H) step = -gradient on the free rows; None where H is not positive definite."""
     diagonal, above, further = (block[1:-1] for block in normal.blocks)
     free = len(diagonal)

@@ -17,7 +17,7 @@ from cableway.geometry import se2
 from cableway.rod.planar import PlanarRod
 
 
-def lag(rod: PlanarRod, q: Float[np.ndarray, "t+1 6"]) -> Float[np.ndarray, "t"]:
+def lag(rod: PlanarRod, q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t-1"]:
     """Largest distance [m] of a hinge to its equilibrium when each step between rows lasts as long as tau.
 
     In steps of another duration it is tau over that times as much, up to the time it takes to build up.

@@ -93,8 +93,8 @@ class Episode(NamedTuple):
         ended: Why it ended.
     """
 
-    keypoints: Float[np.ndarray, "k+1 n 2"]
-    poses: Float[np.ndarray, "k+1 2 3"]
+    keypoints: Float[np.ndarray, "k n 2"]
+    poses: Float[np.ndarray, "k 2 3"]
     cable: Cable
     ended: str
 
@@ -137,7 +137,7 @@ class Collector:
         count, ended = self._usable(chain.rod, coordinates, lines, keypoints, touching)
         return Episode(keypoints[: count + 1], poses[: count + 1], cable, ended)
 
-    def _until_stretched(self, poses: Float[np.ndarray, "k+1 2 3"], rod: PlanarRod) -> Float[np.ndarray, "j+1 2 3"]:
+    def _until_stretched(self, poses: Float[np.ndarray, "k 2 3"], rod: PlanarRod) -> Float[np.ndarray, "j 2 3"]:
         """Gripper poses up to those so far apart that the episode has certainly ended; the rest is not simulated."""
         apart = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
         beyond = np.flatnonzero(apart > (self.config.most_stretch + GRASP_TOLERANCE) * rod.length)
@@ -146,10 +146,10 @@ class Collector:
     def _usable(
         self,
         rod: PlanarRod,
-        coordinates: Float[np.ndarray, "k+1 c"],
-        lines: Float[np.ndarray, "k+1 v 2"],
-        keypoints: Float[np.ndarray, "k+1 n 2"],
-        touching: Bool[np.ndarray, "k+1"],
+        coordinates: Float[np.ndarray, "k c"],
+        lines: Float[np.ndarray, "k v 2"],
+        keypoints: Float[np.ndarray, "k n 2"],
+        touching: Bool[np.ndarray, "k"],
     ) -> tuple[int, str]:
         """Number of control steps before the first bad row, and what is bad there."""
         config = self.config
@@ -169,8 +169,8 @@ class Collector:
 
 
 def _touching(
-    chain: Chain, rows: Float[np.ndarray, "s+1 c"], surroundings: Surroundings | None, substeps: int
-) -> Bool[np.ndarray, "k+1"]:
+    chain: Chain, rows: Float[np.ndarray, "s c"], surroundings: Surroundings | None, substeps: int
+) -> Bool[np.ndarray, "k"]:
     """At the start and in each control step, whether the cable touches something at any time step."""
     count = len(rows) // substeps
     if surroundings is None:

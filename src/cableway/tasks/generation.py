@@ -43,7 +43,7 @@ class Witness:
         q: (T+1, 6) rod coordinates, straight from row to row.
     """
 
-    q: Float[np.ndarray, "T+1 6"]
+    q: Float[np.ndarray, "t 6"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,7 +63,7 @@ def signature(scene: Scene, path: Float[np.ndarray, "P 2"]) -> tuple[int, ...]:
     return tuple(word)
 
 
-def motion_class(task: Task, shapes: Float[np.ndarray, "T+1 n 2"]) -> tuple[int, ...]:
+def motion_class(task: Task, shapes: Float[np.ndarray, "t n 2"]) -> tuple[int, ...]:
     """The homotopy class of a motion of the cable: that of its middle's path."""
     return signature(task.scene, shapes[:, pivot_keypoint(task.cable.keypoints)])
 
@@ -119,7 +119,7 @@ def requested_route(
 
 
 def unmet_request(
-    shapes: Float[np.ndarray, "T+1 n 2"], task: Task, through: Sequence[Passage], avoiding: Sequence[Passage]
+    shapes: Float[np.ndarray, "t n 2"], task: Task, through: Sequence[Passage], avoiding: Sequence[Passage]
 ) -> str:
     """What a motion does against a request, "" if nothing."""
     path = shapes[:, pivot_keypoint(task.cable.keypoints)]

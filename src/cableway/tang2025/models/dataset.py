@@ -88,7 +88,7 @@ def split_by_episode(data: Transitions, fraction: float, seed: int) -> tuple[Tra
     return select(data, ~rows), select(data, rows)
 
 
-def window_starts(episode: Float[np.ndarray, "m"], horizon: int, stride: int = 1) -> Int[np.ndarray, "k"]:
+def window_starts(episode: Int[np.ndarray, "m"], horizon: int, stride: int = 1) -> Int[np.ndarray, "k"]:
     """Rows at which `horizon` successive transitions of one episode begin, every `stride` rows of an episode."""
     rows = np.arange(len(episode))
     breaks = np.flatnonzero(np.diff(episode)) + 1

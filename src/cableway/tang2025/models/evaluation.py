@@ -123,7 +123,7 @@ def window_errors(
 
 @eqx.filter_jit
 def _predict(
-    model: DeformationModel, keypoints: np.ndarray, poses: np.ndarray, actions: np.ndarray, horizons: tuple[int, ...]
+    model: DeformationModel, keypoints: Array, poses: Array, actions: Array, horizons: tuple[int, ...]
 ) -> Array:
     """Shapes after the given numbers of actions of each window; what lies past an episode's end is not used."""
     chosen = np.array(horizons) - 1

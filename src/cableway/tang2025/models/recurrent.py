@@ -44,14 +44,14 @@ class Bidirectional(eqx.Module):
     """An LSTM along the cable and another one back; what both remember at each keypoint."""
 
     enter: Dense
-    repeat: Float[Array, "2 w 4w"]
+    repeat: Float[Array, "2 w 4*w"]
 
     def __init__(self, inputs: int, width: int, *, key: PRNGKeyArray) -> None:
         keys = jax.random.split(key)
         self.enter = Dense(inputs, 8 * width, key=keys[0])
         self.repeat = jax.random.normal(keys[1], (2, width, 4 * width)) / jnp.sqrt(width)
 
-    def __call__(self, rows: Float[Array, "n k"]) -> Float[Array, "n 2w"]:
+    def __call__(self, rows: Float[Array, "n k"]) -> Float[Array, "n m"]:
         """One row for each keypoint; gates are those of Hochreiter and Schmidhuber with forgetting, biased to keep."""
         entered = self.enter(rows).reshape(len(rows), 2, -1)
         both = jnp.stack([entered[:, 0], entered[::-1, 1]], axis=1)

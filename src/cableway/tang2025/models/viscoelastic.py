@@ -96,7 +96,7 @@ def rod_step(
     return length * (after - before)[::stride]
 
 
-def link_angles(keypoints: Float[Array, "n 2"], ends: Float[Array, "2"]) -> Float[Array, "N+1"]:
+def link_angles(keypoints: Float[Array, "n 2"], ends: Float[Array, "2"]) -> Float[Array, "l"]:
     """Angles [rad] of the links, running on without jumps, of the smoothest chain through the chords' directions.
 
     Args:
@@ -118,14 +118,14 @@ def link_angles(keypoints: Float[Array, "n 2"], ends: Float[Array, "2"]) -> Floa
     return ends[0] + angles - matrix[:, 1:-1] @ bowed
 
 
-def positions(angles: Float[Array, "N+1"]) -> Float[Array, "N+1 2"]:
+def positions(angles: Float[Array, "l"]) -> Float[Array, "l 2"]:
     """Middles of the links, and the two ends in place of those of the half links; the first at the origin."""
     half = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=1) / (2 * (len(angles) - 1))
     return jnp.concatenate([jnp.zeros((1, 2)), jnp.cumsum(half[1:] + half[:-1], axis=0)])
 
 
 @lru_cache
-def _smoothing(count: int) -> Float[np.ndarray, "N+1 n+1"]:
+def _smoothing(count: int) -> Float[np.ndarray, "l m"]:
     """Link angles from (first link, chords, last link): least third differences, directions met to first order."""
     hinges = hinge_count(count)
     stride, links = hinges // (count - 1), hinges + 1
@@ -212,7 +212,7 @@ def _closure(across: Array, first: Array, turn: Array) -> Float[Array, "3"]:
     return jnp.append(_turned(across, -first), turn)
 
 
-def _outward(load: Array, offset: Array, compliance: Array) -> tuple[Float[Array, "N+1 2"], Float[Array, "2"]]:
+def _outward(load: Array, offset: Array, compliance: Array) -> tuple[Float[Array, "l 2"], Float[Array, "2"]]:
     """Middles of the links and both ends in the frame of the centre, and the angles of the end links.
 
     Bend j is offset_j + compliance_j (m + a x p_j).

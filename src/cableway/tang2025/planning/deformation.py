@@ -88,7 +88,7 @@ def optimize_deformation(
     return DeformationSequence(shapes, sigma)
 
 
-def first_guess(path_set: PathSet, cable: Cable, config: DeformationConfig, guess: Guess) -> Float[np.ndarray, "T+1 n"]:
+def first_guess(path_set: PathSet, cable: Cable, config: DeformationConfig, guess: Guess) -> Float[np.ndarray, "t n"]:
     """Progress (T + 1, n) within the bounds: all keypoints alike, or one end ahead as far as the cable is long.
 
     With one end ahead, keypoint i starts later by the time in which the leading end covers the cable's length
