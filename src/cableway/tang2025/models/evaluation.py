@@ -123,7 +123,11 @@ def window_errors(
 
 @eqx.filter_jit
 def _predict(
-    model: DeformationModel, keypoints: Array, poses: Array, actions: Array, horizons: tuple[int, ...]
+    model: DeformationModel,
+    keypoints: Array | np.ndarray,
+    poses: Array | np.ndarray,
+    actions: Array | np.ndarray,
+    horizons: tuple[int, ...],
 ) -> Array:
     """Shapes after the given numbers of actions of each window; what lies past an episode's end is not used."""
     chosen = np.array(horizons) - 1
