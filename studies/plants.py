@@ -39,14 +39,14 @@ CABLES: dict[str, dict] = {
 }
 LAB = SensingConfig(keypoint_noise=0.002, drop_rate=0.1, measurement_delay=0.1)
 SENSING = {
-    "as it is": SensingConfig(),
+    "ideal": SensingConfig(),
     "noise 2 mm": SensingConfig(keypoint_noise=0.002),
-    "a frame in five lost": SensingConfig(drop_rate=0.2),
-    "a stretch hidden in every second frame": SensingConfig(occlusion_rate=0.5),
-    "seen 0.1 s late": SensingConfig(measurement_delay=0.1),
-    "moved 0.1 s late": SensingConfig(action_delay=0.1),
-    "noise 2 mm, a frame in ten lost, seen 0.1 s late": LAB,
-    "all of these, a frame in five lost": replace(LAB, drop_rate=0.2, occlusion_rate=0.5, action_delay=0.1),
+    "one frame in five lost": SensingConfig(drop_rate=0.2),
+    "occlusion in every second frame": SensingConfig(occlusion_rate=0.5),
+    "measurement latency 0.1 s": SensingConfig(measurement_delay=0.1),
+    "actuation latency 0.1 s": SensingConfig(action_delay=0.1),
+    "noise 2 mm, one frame in ten lost, measurement latency 0.1 s": LAB,
+    "all of these, one frame in five lost": replace(LAB, drop_rate=0.2, occlusion_rate=0.5, action_delay=0.1),
 }
 STEPS, ROUNDS = 32, 20
 

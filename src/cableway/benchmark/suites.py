@@ -99,18 +99,18 @@ SUITES = {
         Suite("dense", 1, "ten to fourteen obstacles, gaps down to 25 mm", "kind", (12, 100, 1000), (12, 250, 1000)),
         Suite("corridors", 1, "slots, corridors and serpentines of 25 to 60 mm", "kind",
               (8, 100, 1000), (8, 250, 1000)),
-        Suite("mazes", 1, "mazes with ways of 70 and 85 mm", "kind", (6, 100, 1000), (6, 250, 1000)),
-        Suite("plants", 1, "clutter; the cable, its grasp or the table is not what is believed", "plant",
+        Suite("mazes", 1, "mazes with lanes of 70 and 85 mm", "kind", (6, 100, 1000), (6, 250, 1000)),
+        Suite("plants", 1, "clutter; perturbed cable, grasp or table", "plant",
               (17, 102, 1904)),
-        Suite("sensing", 1, "clutter; noise, delays, dropped and hidden keypoints", "plant", (8, 104, 1000)),
+        Suite("sensing", 1, "clutter; noise, latency, lost frames and occlusion", "plant", (8, 104, 1000)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
-        Suite("lab-constrained", 1, "the paper's three tasks with obstacles, cables of its seven kinds, laid and seen "
-              "as in a laboratory", "task", (21, 84, 1008)),
-        Suite("lab-unconstrained", 1, "no obstacles, near and far goals, cables of four kinds, laid and seen as in a "
-              "laboratory", "cable", (8, 104, 1000), (8, 400, 1000)),
+        Suite("lab-constrained", 1, "the paper's three tasks with obstacles, cables of its seven kinds, placed and "
+              "measured as in a laboratory", "task", (21, 84, 1008)),
+        Suite("lab-unconstrained", 1, "no obstacles, near and far goals, cables of four kinds, placed and measured "
+              "as in a laboratory", "cable", (8, 104, 1000), (8, 400, 1000)),
         Suite("lab-drawn", 1, "as lab-constrained, with cables drawn from the ranges of their kinds", "cable",
               (21, 84, 1008)),
-        Suite("blocked", 1, "tasks without a solution, to be told so", "kind", (10, 100, 1000)),
+        Suite("blocked", 1, "infeasible tasks, to be reported as such", "kind", (10, 100, 1000)),
     )
 }  # fmt: skip
 """Suites by name."""

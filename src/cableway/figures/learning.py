@@ -42,7 +42,7 @@ def horizon_figure(
     """
     figure = style.new_figure(WIDTH + 3.6, HEIGHT + 1.5)
     ax = style.add_axes(figure, 0.75, 0.6, WIDTH, HEIGHT + 0.6)
-    style.curve_axes(ax, "steps predicted without looking", "stacked error [mm]")
+    style.curve_axes(ax, "prediction horizon [steps]", "stacked error [mm]")
     handles: list[tuple[float, Line2D]] = []
     for place, (name, values) in enumerate(curves.items()):
         color, dash = COLORS[place % len(COLORS)], DASHES[place // len(COLORS) % len(DASHES)]

@@ -39,7 +39,7 @@ def one_plan(folder: Path) -> Section:
         values = (rollout.shape_error(task.goal), deviation, rollout.least_clearance)
         rows.append((cable, *(number(100 * value) for value in values)))
     save_figure(followers_figure(thickest, rollouts), folder / "one-plan.png")
-    text = f"The plan of the thickest cable, followed by all four from starts off by 5 mm and 3 degrees; {LABORATORY}."
+    text = f"The plan of the thickest cable, tracked with all four from starts off by 5 mm and 3 degrees; {LABORATORY}."
     return Section("One plan for all cables", text, (Table("one plan", tuple(rows)),), ("one-plan.png",))
 
 
@@ -98,12 +98,12 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
             rollouts.append((tasks[which].goal, track(plant, controller, plans[which], seed=trial)))
         rows.append((name, *_led(rollouts)))
     text = (
-        "The silicone tube, 0.27 m, on real-single and real-multi with end shapes scaled to its length, led by neural "
+        "The silicone tube, 0.27 m, on real-single and real-multi with end shapes scaled to its length, under neural "
         f"MPC ({KIND}) with a model identified on {transitions} transitions of the simulated HDMI cable of 0.25 m, "
-        "with no data of the tube; with a model of the tube itself, identified alike, as the upper bound; and by our "
-        f"default, which learns nothing beforehand. All follow the same two plans; {LABORATORY}; the start is off by "
-        "5 mm and 3 degrees. The paper shows one run on hardware, without numbers. A change of the model is taken only "
-        "where it predicts held-back frames better."
+        "with no data of the tube; with a model of the tube itself, identified alike, as the upper bound; and under "
+        f"our default, which needs no training. All track the same two plans; {LABORATORY}; the start is off by "
+        "5 mm and 3 degrees. The paper shows one run on hardware, without numbers. A model update is accepted only "
+        "if it predicts held-out frames better."
     )
     return Section("Case study: silicone tube", text, (Table("silicone tube", tuple(rows)),))
 
@@ -173,8 +173,8 @@ def insertion(trials: int, tell: Tell) -> Section:
         least = "-" if clearance is None else number(1000 * clearance)
         rows.append((str(seed), "yes" if report.success else f"no: {report.failure}", *cells, least))
     text = (
-        "The catalogue's task `insertion`: routed through clutter, aligned with the port and pushed in along its axis. "
-        f"The simulated HDMI cable with friction on the table, {LABORATORY}. Plugged in means within 2 mm and 3 "
+        "The catalogue's task `insertion`: routed through clutter, aligned with the port and inserted along its axis. "
+        f"The simulated HDMI cable with friction on the table, {LABORATORY}. Inserted means within 2 mm and 3 "
         "degrees at the mouth, to full depth, without contact. The paper shows one run on hardware, without "
         "numbers."
     )

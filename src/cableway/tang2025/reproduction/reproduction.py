@@ -132,7 +132,7 @@ def simulated(results: Results) -> Section:
         rows.append(tuple(cells))
     text = (
         "Nominal cable, contact on; other tasks than the three with a number in the paper are of the same kinds. The "
-        "paper's configuration plans over keypoints alone; its plan is followed though our judge does not pass it."
+        "paper's configuration plans over keypoints alone; its plan is tracked although it does not verify."
     )
     return Section("Simulated tasks", text, (Table("simulation", tuple(rows)),))
 
@@ -175,9 +175,9 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
                            {MODELS[k]: c.quartiles for k, c in curves.items()}), folder / picture)  # fmt: skip
         pictures.append(picture)
     text = (
-        "Mean stacked error of predicting so many steps without looking, on simulated cables of these kinds with "
-        "friction on the table. The models are those that are shipped: trained alike on the nominal simulated cable, "
-        "in its own frame, not fine-tuned on any of these, as the paper's were. docs/models.md compares plain models "
+        "Mean stacked error of open-loop prediction over so many steps, on simulated cables of these kinds with "
+        "friction on the table. The shipped models were trained alike on the nominal simulated cable, in its own "
+        "frame, and not fine-tuned on any of these, as the paper's were. docs/models.md compares plain models "
         "too, with three seeds, and does not confirm the paper's ranking."
     )
     return Section("Deformation models", text, (Table("prediction", tuple(rows)),), tuple(pictures))
@@ -200,7 +200,7 @@ def unconstrained(results: Results) -> Section:
     text = (
         f"Simulated cables of four kinds, 0.34 m, friction on the table, {LABORATORY}; the start is off by 5 mm and 3 "
         "degrees. Half of the goals are near, half across the table. The paper's numbers are from real cables, ten "
-        "trials for each. All methods follow the same plans; the paper's had none here."
+        "trials for each. All methods track the same plans; the paper's had none here."
     )
     return Section(
         "Unconstrained control", text, (Table("by cable", tuple(by_cable)), Table("by method", tuple(by_method)))

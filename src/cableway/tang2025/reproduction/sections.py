@@ -11,7 +11,7 @@ from cableway.benchmark.episode import Result
 from cableway.benchmark.tables import Table, number
 from cableway.tang2025.reproduction.paper import Spread
 
-LABORATORY = "2 mm of noise on the keypoints, seen 0.1 s late, a frame in ten lost"
+LABORATORY = "2 mm of noise on the keypoints, 0.1 s of latency, one frame in ten lost"
 """What sensing "lab" of `plants` is."""
 
 Row = tuple[str, ...]
