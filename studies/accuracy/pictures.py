@@ -46,7 +46,7 @@ def settled(results: Results) -> Figure:
         worst = 1000 * shapes.errors(results[name]).max(axis=1)
         radius = 1000 * np.array(results[name]["radius"])
         right.loglog(radius, worst, "o", color=colour, markersize=3.5, alpha=0.7, label=label)
-    _limit(right, 1.0, "asked for")
+    _limit(right, 1.0, "required")
     style.curve_axes(right, "radius of the sharpest bend [mm]", "distance to the elastica [mm]")
     _plain_ticks(right.xaxis, [10, 20, 50, 100, 200, 500])
     _plain_ticks(right.yaxis, [0.03, 0.1, 0.3, 1])
@@ -67,7 +67,7 @@ def closed_form(results: Results) -> Figure:
     style.title(right, "worst keypoint")
     off = 100 * np.linalg.norm(np.array(result["plant"]) - result["elastica"], axis=-1).max(axis=1)
     right.plot(result["shortening"], off, "o-", color=style.START, markersize=4)
-    _limit(right, 0.3, "asked for")
+    _limit(right, 0.3, "required")
     style.curve_axes(right, "pushed together by d/L", "distance [% of L]")
     right.set_ylim(0, None)
     return figure
@@ -151,7 +151,7 @@ def contact(results: Results) -> Figure:
         style.title(ax, title)
         _strips(ax, [1000 * np.array(row) for row in results[name]["deepest"]])
         ax.set_xticks(range(len(ticks)), ticks)
-        _limit(ax, 1.0, "asked for")
+        _limit(ax, 1.0, "required")
         style.curve_axes(ax, label, "deepest penetration [mm]" if ax is panels[0] else "")
         ax.set_ylim(0, highest)
     return figure

@@ -60,7 +60,7 @@ def machine() -> str:
 def table(results: dict[str, dict[str, Any]]) -> str:
     """The figures of the document, in Markdown."""
     rows = [*_shape_rows(results), *_motion_rows(results), *_contact_rows(results), *_friction_rows(results)]
-    head = ["| what [mm] | asked for | mean | median | 95% | worst | n |", "|---|---|---|---|---|---|---|"]
+    head = ["| what [mm] | required | mean | median | 95% | worst | n |", "|---|---|---|---|---|---|---|"]
     return "\n".join([*head, *rows]) + "\n"
 
 
@@ -136,7 +136,7 @@ def _contact_rows(results: dict[str, dict[str, Any]]) -> list[str]:
 def _friction_rows(results: dict[str, dict[str, Any]]) -> list[str]:
     columns, rows = (results["friction"][key] for key in ("cable", "number", "off", "effect")), []
     for name, number, off, effect in zip(*columns, strict=True):
-        rows.append(_row(f"friction, {name}, μgρL³/EI = {number:.0f}: led, from a chain in space", "", off))
+        rows.append(_row(f"friction, {name}, μgρL³/EI = {number:.0f}: moving, from a chain in space", "", off))
         rows.append(_row("the same, at rest one second later", "", np.array(off)[:, -1]))
         rows.append(_row("the same cable without friction: from the chain in space", "", effect))
     return [
