@@ -123,6 +123,16 @@ def test_a_damaged_shard_is_named(whole, damage, message):
         assert str(caught.value).startswith(f"{whole}/shard-000003.safetensors: {message}")
 
 
+SHARD = {
+    "file": "shard-000000.safetensors",
+    "sha256": 64 * "0",
+    "first_episode": 0,
+    "episodes": 1,
+    "transitions": 0,
+    "ended": {},
+}
+
+
 class Trap:
     def __reduce__(self):
         return (pytest.fail, ("a file was executed",))
@@ -155,13 +165,17 @@ def test_a_shard_of_another_kind_is_refused_and_not_executed(whole, content, mes
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 2}, "version: Input should be 1"),
-        ({"format": "other"}, "format: Input should be 'cableway-transitions'"),
-        ({"seed": "0"}, "seed: "),
+        ({"version": 2}, "manifest.version must be one of 1, got 2"),
+        ({"format": "other"}, "manifest.format must be one of cableway-transitions, got 'other'"),
+        ({"seed": "0"}, "manifest.seed must be a whole number, got '0'"),
         ({"columns": {}}, "columns must be keypoints, poses"),
-        ({"shards": [{"file": "../../elsewhere"}]}, "shards.0.file: "),
+        (
+            {"shards": [{**SHARD, "file": "../../elsewhere"}]},
+            "shard.file must be shard-NUMBER.safetensors, got '../",
+        ),
         ({"transitions": 26}, "the manifest says 26 transitions, its shards 25"),
-        ({"extra": 1}, "extra: "),
+        ({"shards": [{**SHARD, "episodes": 0}]}, "shard.episodes must be whole and positive, got 0"),
+        ({"extra": 1}, "manifest.extra is not a known key"),
     ],
 )
 def test_a_manifest_that_is_not_one_is_refused(whole, change, message):

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, ValidationError
 
-from cableway.core.errors import FileFormatError
+from cableway.core.checks import require_not_negative, require_positive
+from cableway.core.configuration import from_mapping
+from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import write_json
+from cableway.core.provenance import describe
 from cableway.scene.cable import Cable
 
 FORMAT = "cableway-transitions"
@@ -49,11 +53,8 @@ CABLE_UNITS = {
 """Unit of each field of a cable that can be drawn."""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class Column(_Strict):
+@dataclass(frozen=True, kw_only=True)
+class Column:
     """One array that every shard has.
 
     Attributes:
@@ -64,10 +65,11 @@ class Column(_Strict):
 
     dtype: str
     unit: str
-    row_shape: list[NonNegativeInt]
+    row_shape: list[int]
 
 
-class Shard(_Strict):
+@dataclass(frozen=True, kw_only=True)
+class Shard:
     """One file of a data set.
 
     Attributes:
@@ -77,17 +79,29 @@ class Shard(_Strict):
         episodes: How many were simulated for it; some may have given no transition.
         transitions: Rows of its arrays.
         ended: How often episodes ended for which reason.
+
+    Raises:
+        InputError: The name or the checksum is none of a shard, or a number is negative.
     """
 
-    file: Annotated[str, Field(pattern=r"^shard-\d{6,}\.safetensors$")]
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-    first_episode: NonNegativeInt
-    episodes: PositiveInt
-    transitions: NonNegativeInt
-    ended: dict[str, PositiveInt]
+    file: str
+    sha256: str
+    first_episode: int
+    episodes: int
+    transitions: int
+    ended: dict[str, int]
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"shard-\d{6,}\.safetensors", self.file):
+            raise InputError(f"shard.file must be shard-NUMBER.safetensors, got {self.file!r}")
+        if not re.fullmatch(r"[0-9a-f]{64}", self.sha256):
+            raise InputError(f"shard.sha256 must be 64 hexadecimal digits, got {self.sha256!r}")
+        require_not_negative(self, "first_episode", "transitions")
+        require_positive(self, "episodes")
 
 
-class Manifest(_Strict):
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
     """What `manifest.json` holds.
 
     Attributes:
@@ -100,17 +114,23 @@ class Manifest(_Strict):
         versions: Of cableway, Python and the packages that cableway requires.
         columns: The arrays, by name.
         shards: In order of their episodes.
+
+    Raises:
+        InputError: A number is negative.
     """
 
     format: Literal["cableway-transitions"] = FORMAT
     version: Literal[1] = VERSION
     complete: bool
-    transitions: NonNegativeInt
-    seed: NonNegativeInt
+    transitions: int
+    seed: int
     config: dict[str, Any]
     versions: dict[str, str]
     columns: dict[str, Column]
     shards: list[Shard]
+
+    def __post_init__(self) -> None:
+        require_not_negative(self, "transitions", "seed")
 
     @property
     def episodes_ended(self) -> dict[str, int]:
@@ -152,11 +172,9 @@ def read_manifest(folder: Path) -> Manifest:
     if not path.is_file():
         raise FileFormatError(f"{folder}: not a data set; one is a folder with {MANIFEST}, made by cableway collect")
     try:
-        manifest = Manifest.model_validate(json.loads(path.read_text()))
-    except ValidationError as error:
-        problem = error.errors()[0]
-        place = ".".join(str(step) for step in problem["loc"])
-        raise FileFormatError(f"{path}: {place or 'the whole'}: {problem['msg']}") from None
+        manifest = from_mapping(Manifest, json.loads(path.read_text()), f"{path}: manifest")
+    except InputError as error:
+        raise FileFormatError(str(error)) from None
     except (OSError, ValueError) as error:
         raise FileFormatError(f"{path}: not readable as JSON ({' '.join(str(error).split())})") from None
     known = COLUMNS.keys() | {CABLE + name for name in CABLE_UNITS}
@@ -170,4 +188,4 @@ def read_manifest(folder: Path) -> Manifest:
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write a manifest, all of it or nothing."""
-    write_json(folder / MANIFEST, manifest.model_dump())
+    write_json(folder / MANIFEST, describe(manifest))
