@@ -1,7 +1,7 @@
 """A task made in Python: another cable, obstacles of each kind, ends given by gripper poses.
 
 Two grippers do not fix the shape between them: a cable can bend to either side, and sometimes more. `shape_between`
-finds the stable shape of least energy on the side asked for, as `bend:` does in a task file.
+finds the stable shape of lowest energy on the given side, as `bend:` does in a task file.
 """
 
 from pathlib import Path

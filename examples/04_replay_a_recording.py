@@ -1,10 +1,10 @@
-"""Play a recorded run back to other controllers, and see what they would have done.
+"""Replay a recorded run to other controllers, and compare their actions.
 
-A plant need not be a simulator: this one is a recording. It shows a controller what was seen in a run, step by step,
-whatever the controller asks for. What comes out is what it would have asked for in each situation; how the cable would
-have taken it, a recording cannot tell. The controller that made the recording asks for the same again, to the last bit.
+A plant need not be a simulator: this one is a recording. It returns the recorded observations step by step, whatever the
+actions. The result is the action that a controller would have taken in each situation, but not how the cable would have
+responded. The controller that made the recording takes the same actions again, bit for bit.
 
-    python 04_replay_a_recording.py [FOLDER]     # of `cableway run`; without it, a run is made first
+    python 04_replay_a_recording.py [FOLDER]     # of `cableway run`; without it, the script makes a run first
 """
 
 import sys
@@ -54,7 +54,7 @@ class Recording:
 
 
 def record(folder: Path) -> None:
-    """A run of a cable that is 1% longer than believed, seen with 1 mm of noise."""
+    """A run of a cable that is 1% longer than nominal, measured with 1 mm of noise."""
     task = cw.load_task("single-obstacle-2")
     plan = cw.plan(task, seed=0)
     cable = cw.Cable(length=1.01 * task.cable.length)

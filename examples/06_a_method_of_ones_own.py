@@ -1,7 +1,7 @@
-"""A controller of one's own in the benchmark: one file, one row in the table.
+"""Your own controller in the benchmark: one file, one row in the table.
 
-Each half of the cable is pushed by its mean error, on top of the plan's own motion. `METHOD` is all that the benchmark
-needs; `cableway bench clutter --methods examples/06_a_method_of_ones_own.py:METHOD,open-loop` runs it on a whole suite.
+Each gripper gets feedback of the mean error of its half of the cable, on top of the plan's motion. `METHOD` is all that
+the benchmark needs; `cableway bench clutter --methods examples/06_a_method_of_ones_own.py:METHOD,open-loop` runs it on a whole suite.
 """
 
 import types
@@ -31,7 +31,7 @@ class HalfByHalf(Controller[FollowerState]):
         return state.sending(action, Status.TRACKING, state.task.cable.length)
 
 
-METHOD = Method(name="half-by-half", description="each half pushed by its mean error", controller=HalfByHalf)
+METHOD = Method(name="half-by-half", description="feedback of each half's mean error", controller=HalfByHalf)
 
 if __name__ == "__main__":
     few = "open-near-20000,open-near-20002,open-far-20003"
