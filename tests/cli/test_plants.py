@@ -115,3 +115,23 @@ def test_a_file_that_is_missing_is_told_before_planning(cableway: Command, moved
     assert not Path("runs").exists()
     with pytest.raises(FileFormatError):
         read_perturbation(Path("nowhere.yaml"), problems.moved())
+
+
+def test_a_file_can_displace_start_and_obstacles(write):
+    """The controller knows the obstacles where they are, and the start as the task has it."""
+    task = load_task("single-obstacle-2")
+    count = len(task.scene.obstacles)
+    text = f"cableway: 1\nstart: [[0.003, 0, 0.02], [0, 0.003, 0]]\nobstacles: {[[0.0, -0.005]] * count}"
+    perturbation = read_perturbation(write(text), task)
+    known, true = perturbation.known_task(task), perturbation.true_task(task)
+    for before, after in zip(task.scene.obstacles, known.scene.obstacles, strict=True):
+        np.testing.assert_allclose(after.vertices, before.vertices + [0.0, -0.005], atol=1e-12)
+    assert true.scene == known.scene
+    np.testing.assert_array_equal(known.start, task.start)
+    np.testing.assert_allclose(true.start[[0, -1]] - task.start[[0, -1]], [[0.003, 0], [0, 0.003]], atol=1e-4)
+    plant = perturbation.build(task)
+    assert plant.task == known
+    np.testing.assert_allclose(plant.reset().keypoints, true.start, atol=1e-4)
+    assert perturbation.as_dict(task)["start"] == [[0.003, 0, 0.02], [0, 0.003, 0]]
+    with pytest.raises(InputError, match=f"one displacement for each of the task's {count} obstacles"):
+        read_perturbation(write(f"cableway: 1\nobstacles: {[[0.0, 0.0]] * (count + 1)}"), task).true_task(task)

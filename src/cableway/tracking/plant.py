@@ -24,9 +24,9 @@ class Plant(Protocol):
 
     @property
     def task(self) -> Task:
-        """What planner and controller believe; the plant itself may differ.
+        """The nominal task, which planner and controller know; the plant itself may differ.
 
-        It is asked for at every step: where what is known of the obstacles changes, its scene does.
+        The loop reads it at every step: its scene changes when the known obstacles do.
         """
         ...
 
@@ -39,8 +39,8 @@ class Plant(Protocol):
         """Go to the start and look.
 
         Returns:
-            The first observation: time 0, n keypoints at equal arc length as last seen, NaN where nothing was seen, and
-            the poses of both grippers. Angles may be off by whole turns.
+            The first observation: time 0, n keypoints at equal arc length, NaN where none was observed, and the poses
+            of both grippers. Angles may be off by whole turns.
 
         Raises:
             SimulationError: The start cannot be taken.
@@ -51,12 +51,12 @@ class Plant(Protocol):
         """Move the grippers, and look when the control step is over.
 
         Args:
-            action: (2, 3) motion (dx, dy, dtheta) [m, m, rad] from where the grippers were last told to be, left then
+            action: (2, 3) motion (dx, dy, dtheta) [m, m, rad] from the gripper poses last commanded, left then
                 right; finite and within the limits of the task's grippers.
 
         Returns:
-            What was seen since the step before. Frames that come late, at another rate or not at all need no mending:
-            keypoints that were not seen are NaN, and controllers find out themselves how old the others are.
+            What was observed since the step before. Late, irregular or lost frames need no correction: keypoints that
+            were not observed are NaN, and controllers estimate the latency of the others themselves.
 
         Raises:
             SimulationError: The plant cannot go on: the connection is lost, a gripper stopped, a cable came loose. The
@@ -65,9 +65,9 @@ class Plant(Protocol):
         ...
 
     def measure(self) -> Measurement:
-        """The state after the last step as well as it can be known; never shown to a controller.
+        """The state after the last step as well as it can be known; hidden from controllers.
 
-        It is what a run is judged by. A simulator knows the truth. A robot gives what it knows best: keypoints as last
-        seen, a line through them for the whole cable, and the clearance of that line. All of it must be finite.
+        A run is judged by it. A simulator knows the truth. A robot gives its best knowledge: the keypoints last
+        observed, a line through them for the whole cable, and the clearance of that line. All of it must be finite.
         """
         ...
