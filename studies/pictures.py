@@ -29,16 +29,18 @@ from cableway.figures.plan import (
     alternatives_figure,
     attempt_figure,
     draw_clearance,
-    draw_guide,
+    draw_routes,
     draw_shapes,
     plan_figure,
 )
 from cableway.figures.rollout import draw_tracking, rollout_figure
-from cableway.planning.config import PathSetConfig, PivotConfig
-from cableway.planning.initial_trajectories import Guides
+from cableway.planning.config import PivotConfig
+from cableway.planning.initial_trajectories import InitialTrajectories
 from cableway.planning.routes.passages import find_passages
 from cableway.records import Rollout
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.tang2025.planning.chain import PaperChain
+from cableway.tang2025.planning.config import PathSetConfig
 from cableway.tang2025.planning.path_set import generate_path_set
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -67,8 +69,8 @@ def _row(
     return figure, [style.add_axes(figure, x, 1.0, width, height) for x, width in zip(lefts, widths, strict=True)]
 
 
-def _guides(task: Task) -> Guides:
-    return Guides(task, cw.PlannerConfig(), 0, lambda *_: None)
+def _trajectories(task: Task, clearance_weight: float = 1.0) -> InitialTrajectories:
+    return InitialTrajectories(task, cw.PlannerConfig(pivot=PivotConfig(clearance_weight=clearance_weight)))
 
 
 def pivot() -> Figure:
@@ -77,14 +79,13 @@ def pivot() -> Figure:
     side = scene.panel_size(task)[0]
     figure, (left, right) = _row(task, (side, side))
     style.title(left, "passages")
-    draw_guide(left, task, None, None, np.array([passage.ends for passage in cw.find_passages(task.scene)]))
+    draw_routes(left, task, passages=np.array([passage.ends for passage in cw.find_passages(task.scene)]))
     style.legend_below(left, [*scene.end_handles(), _line(style.PASSAGE, "passage")], 5)
     style.title(right, "pivot paths")
     scene.draw_scene(right, task)
     handles = []
     for weight, colour in WEIGHTS:
-        config = cw.PlannerConfig(pivot=PivotConfig(clearance_weight=weight))
-        right.plot(*Guides(task, config, 0, lambda *_: None).pivot.T, color=colour, linewidth=2.2, zorder=5)
+        right.plot(*_trajectories(task, weight).pivot.T, color=colour, linewidth=2.2, zorder=5)
         handles.append(_line(colour, f"clearance weight {weight:g} m"))
     scene.draw_end_shapes(right, task)
     style.legend_below(right, handles, 2)
@@ -100,12 +101,12 @@ def path_set() -> Figure:
     task = cw.load_task(EXAMPLE)
     side = scene.panel_size(task)[0]
     figure, panels = _row(task, (side, side))
-    route, passages = _guides(task).pivot, find_passages(task.scene)
+    route, passages = _trajectories(task).pivot, find_passages(task.scene)
     for ax, kind, title in zip(
         panels, ("transfer", "homotopic"), ("linear transfer", "one homotopy class"), strict=True
     ):
         paths = generate_path_set(task, route, passages, PathSetConfig(kind=kind))
-        draw_guide(ax, task, paths.pivot, paths.paths, paths.passages)
+        draw_routes(ax, task, paths.pivot, paths.paths, paths.passages)
         style.title(ax, f"path set: {title}")
     return figure
 
@@ -114,11 +115,11 @@ def deformation() -> Figure:
     """The optimised shapes along the path set, and how far each keypoint is along its path over time."""
     task = cw.load_task(EXAMPLE)
     figure, (left, right) = _row(task, (scene.panel_size(task)[0], CURVES), BETWEEN + BAR)
-    sequence, _ = _guides(task).make("head")
-    draw_shapes(left, task, sequence.shapes)
+    shapes, stages = PaperChain(task, cw.PlannerConfig(), _trajectories(task).pivot).deformation("head")
+    draw_shapes(left, task, shapes)
     style.title(left, "deformation, optimised along the path set")
-    last = sequence.progress.shape[1] - 1
-    for i, curve in enumerate(sequence.progress.T):
+    last = stages.progress.shape[1] - 1
+    for i, curve in enumerate(stages.progress.T):
         ends = {0: "left gripper", last: "right gripper"}
         right.plot(curve, color=style.TIME(i / last), linewidth=1.4, label=ends.get(i))
     style.title(right, "progress σ of each keypoint")
@@ -132,9 +133,8 @@ def realisation() -> Figure:
     task = cw.load_task(EXAMPLE)
     side = scene.panel_size(task)[0]
     figure, (left, right) = _row(task, (side, side), BETWEEN + BAR, BAR + 0.2)
-    sequence, _ = _guides(task).make("corridor")
-    draw_shapes(left, task, sequence.shapes)
-    style.title(left, "guide: found among equilibria")
+    draw_shapes(left, task, _trajectories(task).make("corridor").shapes)
+    style.title(left, "initial trajectory: found among equilibria")
     found = cw.plan(task)
     draw_shapes(right, task, found.shapes)
     style.title(right, f"plan: refined, verified, {found.steps * CONTROL_STEP:.1f} s")

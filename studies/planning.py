@@ -46,10 +46,10 @@ def faults(attempt: Attempt | None) -> list[str]:
 def attempt(task: Task, solvable: bool, config: PlannerConfig, limit: float, picture: Path) -> dict[str, Any]:
     """Plan one task; the picture shows what came closest where a way was missed."""
     wall, cpu = time.perf_counter(), time.process_time()
-    row: dict[str, Any] = {"task": task.name, "solved": True, "guide": "", "steps": 0, "reason": ""}
+    row: dict[str, Any] = {"task": task.name, "solved": True, "initial trajectory": "", "steps": 0, "reason": ""}
     try:
         found = plan(task, config=config, expired=lambda: time.perf_counter() - wall > limit)
-        row |= {"solved": solvable, "guide": found.metadata["guide"], "steps": found.steps}
+        row |= {"solved": solvable, "initial trajectory": found.metadata["initial_trajectory"], "steps": found.steps}
     except PlanningError as error:
         row |= {"solved": not solvable and str(error).startswith("there is no plan"), "reason": str(error)}
         if not row["solved"]:
@@ -59,10 +59,10 @@ def attempt(task: Task, solvable: bool, config: PlannerConfig, limit: float, pic
 
 
 def summary(kind: str, rows: list[dict[str, Any]]) -> str:
-    """One line: the share solved, wall times, and which guides led to the plans."""
+    """One line: the share solved, wall times, and which initial trajectories led to the plans."""
     seconds = np.array([row["seconds"] for row in rows])
-    guides = [row["guide"] or "none" for row in rows]
-    counts = ", ".join(f"{name} {guides.count(name)}" for name in sorted(set(guides)))
+    names = [row["initial trajectory"] or "none" for row in rows]
+    counts = ", ".join(f"{name} {names.count(name)}" for name in sorted(set(names)))
     wrong = [fault for row in rows for fault in row.get("faults", [])]
     counts += "".join(f"; {fault} {wrong.count(fault)}" for fault in sorted(set(wrong)))
     return (

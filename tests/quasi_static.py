@@ -25,15 +25,7 @@ def straight_plan(rod: PlanarRod, start: np.ndarray = START, goal: np.ndarray = 
     q = start + np.linspace(0, 1, steps + 1)[:, None] * (goal - start)
     stations, poses = rod.shapes(q)
     shapes = rod.at_keypoints(stations)
-    fraction = np.linspace(0, 1, steps + 1)[:, None]
-    return Plan(
-        shapes=shapes,
-        poses=poses,
-        pivot=q[:, :2],
-        passages=np.empty((0, 2, 2)),
-        path_set=np.swapaxes(shapes, 0, 1),
-        progress=np.repeat(fraction, rod.keypoints, axis=1),
-    )
+    return Plan(shapes=shapes, poses=poses)
 
 
 def task_for(plan: Plan, obstacles: tuple[Obstacle, ...] = (), cable: Cable | None = None) -> Task:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from problems import LOW_ARC, MOVED_ARC, line_in_q, moved
 
-from cableway.records import Plan, Rollout
+from cableway.records import PaperStages, Plan, Rollout
 from cableway.scene.task import CONTROL_STEP, Task
 
 
@@ -20,7 +20,8 @@ def moved_plan(rows: int = 61) -> tuple[Task, Plan]:
     middle = shapes.shape[1] // 2
     share = np.linspace(0, 1, rows)[:, None].repeat(shapes.shape[1], axis=1)
     passages = np.array([[[0.1, 0.3], [0.6, 0.3]]])
-    return task, Plan(shapes, poses, shapes[:, middle], passages, np.swapaxes(shapes, 0, 1).copy(), share, {"seed": 7})
+    stages = PaperStages(shapes[:, middle], passages, np.swapaxes(shapes, 0, 1).copy(), share)
+    return task, Plan(shapes, poses, stages=stages, metadata={"seed": 7})
 
 
 def perfect_rollout(task: Task, plan: Plan) -> Rollout:

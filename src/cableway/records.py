@@ -1,6 +1,6 @@
 """The records that pass from stage to stage, in pipeline order.
 
-Task -> PathSet -> DeformationSequence -> Plan (+ Verdict) -> Rollout -> Report. Records hold arrays and scalars
+Task -> Plan (+ Verdict) -> Rollout -> Report. Records hold arrays and scalars
 only. A record with `save` and `load` goes to an `.npz` file; nothing in such a file is ever executed.
 
 Units are metres, radians and seconds throughout; T is the number of plan steps, K of control steps, n of
@@ -10,13 +10,13 @@ keypoints.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.errors import InputError
+from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import ArrayRecord, check_shapes
 
 
@@ -40,37 +40,27 @@ class Passage:
 
 
 @dataclass(frozen=True)
-class PathSet:
-    """One path for each keypoint, all homotopic.
+class PaperStages:
+    """What the planning chain of Tang et al. (`cableway.tang2025`) made on the way to a plan.
 
     Attributes:
-        paths: (n, M, 2) [m]: from start to goal keypoint, at equal arc length along each path.
-        pivot: (P, 2) [m]: the pivot path they follow.
-        passages: (Q, 2, 2) [m]: ends of the passages that the pivot path traverses, in that order.
+        pivot: (P, 2) pivot path [m].
+        passages: (Q, 2, 2) ends of the passages that the pivot path traverses, in that order [m].
+        path_set: (n, M, 2) keypoint paths [m].
+        progress: (T+1, n) sigma of each keypoint along its path, 0 at the start, 1 at the goal, never falling.
     """
 
-    paths: Float[np.ndarray, "n M 2"]
     pivot: Float[np.ndarray, "P 2"]
     passages: Float[np.ndarray, "Q 2 2"]
-
-
-@dataclass(frozen=True)
-class DeformationSequence:
-    """Shapes along a path set, before they are made true.
-
-    Attributes:
-        shapes: (T+1, n, 2) [m].
-        progress: (T+1, n): sigma of each keypoint along its path, 0 at the start, 1 at the goal, never falling.
-    """
-
-    shapes: Float[np.ndarray, "T+1 n 2"]
+    path_set: Float[np.ndarray, "n M 2"]
     progress: Float[np.ndarray, "T+1 n"]
 
-    @classmethod
-    def in_step(cls, shapes: Float[np.ndarray, "t n 2"]) -> DeformationSequence:
-        """Shapes in which the progress of all keypoints is the same, the share of the rows."""
-        shares = np.linspace(0.0, 1.0, len(shapes))
-        return cls(np.ascontiguousarray(shapes), np.repeat(shares[:, None], shapes.shape[1], axis=1))
+    def __post_init__(self) -> None:
+        check_shapes(self)
+        _require_finite(self, *_STAGES)
+
+
+_STAGES = ("pivot", "passages", "path_set", "progress")
 
 
 INSERTION = "insertion"
@@ -81,37 +71,54 @@ INSERTION = "insertion"
 class Plan(ArrayRecord):
     """A verified sequence of shapes with the gripper poses that make them; one row per control step.
 
+    In a file the arrays of `stages` lie beside the others.
+
     Attributes:
         shapes: (T+1, n, 2) keypoints [m].
         poses: (T+1, 2, 3) gripper poses (x, y, theta) [m, m, rad], left then right; angles run on without jumps.
-        pivot: (P, 2) pivot path [m].
-        passages: (Q, 2, 2) ends of the passages traversed [m].
-        path_set: (n, M, 2) keypoint paths [m].
-        progress: (T+1, n) progress of each keypoint along its path.
-        metadata: Seed, versions and the resolved configuration.
+        q: (T+1, dof) rod coordinates of the shapes; None where the shapes are no equilibria, or not known to be.
+        stages: What only the paper's planner makes; None for every other plan.
+        metadata: How it was made: initial trajectory, seed, versions and the resolved configuration.
     """
 
     kind: ClassVar[str] = "plan"
 
     shapes: Float[np.ndarray, "T+1 n 2"]
     poses: Float[np.ndarray, "T+1 2 3"]
-    pivot: Float[np.ndarray, "P 2"]
-    passages: Float[np.ndarray, "Q 2 2"]
-    path_set: Float[np.ndarray, "n M 2"]
-    progress: Float[np.ndarray, "T+1 n"]
+    q: Float[np.ndarray, "T+1 dof"] | None = None
+    stages: PaperStages | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_shapes(self)
         rows = len(self.shapes)
         _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
-        for name in ("shapes", "poses", "pivot", "passages", "path_set", "progress"):
-            _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
+        _require_finite(self, "shapes", "poses", "q")
+        if self.stages is not None:
+            expected, found = self.shapes.shape[:2], self.stages.progress.shape
+            _require(found == expected, f"progress has shape {found}, not {expected}")
 
     @property
     def steps(self) -> int:
         """T, the number of control steps."""
         return len(self.shapes) - 1
+
+    def to_arrays(self) -> dict[str, Any]:
+        """See `ArrayRecord.to_arrays`."""
+        arrays = super().to_arrays()
+        stages = arrays.pop("stages", None)
+        return arrays if stages is None else arrays | {name: getattr(stages, name) for name in _STAGES}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray], source: str) -> Self:
+        """See `ArrayRecord.from_arrays`."""
+        plan = super().from_arrays({name: array for name, array in arrays.items() if name != "stages"}, source)
+        if any(name not in arrays for name in _STAGES):
+            return plan
+        try:
+            return replace(plan, stages=PaperStages(*(arrays[name] for name in _STAGES)))
+        except InputError as error:
+            raise FileFormatError(f"{source}: {error}") from None
 
 
 @dataclass(frozen=True)
@@ -173,19 +180,17 @@ class Attempt:
 
     Attributes:
         reason: One sentence.
-        path_set: What the guide was, if it came that far.
         shapes: (T+1, n, 2) [m] shapes reached, or None.
-        verdict: What failed, if it came that far.
-        pivot: (P, 2) [m] pivot path, or None.
         poses: (T+1, 2, 3) gripper poses of the shapes, or None.
+        verdict: What failed, if it came that far.
+        stages: What the paper's planner made on the way, or None.
     """
 
     reason: str
-    pivot: Float[np.ndarray, "P 2"] | None = None
-    path_set: PathSet | None = None
     shapes: Float[np.ndarray, "T+1 n 2"] | None = None
-    verdict: Verdict | None = None
     poses: Float[np.ndarray, "T+1 2 3"] | None = None
+    verdict: Verdict | None = None
+    stages: PaperStages | None = None
 
 
 # ------------------------------------------------------------------------------------------------ models
@@ -389,3 +394,9 @@ class Rollout(ArrayRecord):
 def _require(condition: bool, message: str) -> None:
     if not condition:
         raise InputError(message)
+
+
+def _require_finite(record: Any, *names: str) -> None:
+    for name in names:
+        array = getattr(record, name)
+        _require(array is None or bool(np.isfinite(array).all()), f"{name} holds a number that is not finite")

@@ -55,7 +55,7 @@ def test_the_files_of_a_run_belong_together(run_folder: Path):
 
 def test_the_files_hold_the_arrays_that_are_documented(run_folder: Path):
     plan, rollout = read_arrays(run_folder / "plan.npz"), read_arrays(run_folder / "rollout.npz")
-    assert set(plan) == {"shapes", "poses", "pivot", "passages", "path_set", "progress", "metadata"}
+    assert set(plan) == {"shapes", "poses", "q", "metadata"}
     assert {"times", "keypoints", "observed", "poses", "centreline", "actions", "reference"} <= set(rollout)
     assert {"solve_time", "status", "clearance", "gripper_clearance", "metadata"} <= set(rollout)
 
@@ -64,7 +64,7 @@ def test_report_and_records_say_where_they_come_from(run_folder: Path):
     content = report(run_folder)
     assert content["seed"] == 3
     assert content["versions"]["cableway"]
-    assert {"set up", "pivot path", "guide", "realisation", "verification"} <= set(content["stage_times"])
+    assert {"set up", "pivot path", "initial trajectory", "projection", "verification"} <= set(content["stage_times"])
     assert content["planning_time"] == pytest.approx(sum(content["stage_times"].values()))
     assert any("not simulated" in note or "do not collide" in note for note in content["notes"])
     configuration = content["configuration"]

@@ -15,7 +15,7 @@ from cableway.control.jacobian import JacobianConfig, JacobianFeedback
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.control.rod_mpc import RodMPC, RodMPCConfig
 from cableway.core.errors import InputError
-from cableway.records import Observation, Plan
+from cableway.records import Observation
 from cableway.rod.planar import PlanarRod
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import NeuralMPC
@@ -162,9 +162,7 @@ def test_task_and_plan_must_fit(name: str) -> None:
 @pytest.mark.parametrize("name", FEEDBACK)
 def test_whole_turns_of_the_plans_angles_do_not_matter(started: Callable[[str], Any], name: str) -> None:
     controller, state = started(name)
-    turned = Plan(
-        PLAN.shapes, PLAN.poses + [0.0, 0.0, 2 * np.pi], PLAN.pivot, PLAN.passages, PLAN.path_set, PLAN.progress
-    )
+    turned = replace(PLAN, poses=PLAN.poses + [0.0, 0.0, 2 * np.pi])
     sent = controller.step(state, at(0, shift=1e-3))[0]
     np.testing.assert_allclose(controller.step(controller.init(TASK, turned), at(0, shift=1e-3))[0], sent, atol=1e-9)
 

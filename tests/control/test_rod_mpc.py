@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from quasi_static import outward, straight_plan, task_for
+from quasi_static import GOAL, START, outward, straight_plan, task_for
 
 from cableway.control import rod_kernels
 from cableway.control.base import Status
-from cableway.control.rod_mpc import RodMPC, RodMPCConfig
+from cableway.control.rod_mpc import RodMPC, RodMPCConfig, plan_shapes
 from cableway.core.errors import InputError
 from cableway.estimation.delay import Age
 from cableway.estimation.gripper_tracker import HELD_AS_BELIEVED, Sight
@@ -67,6 +67,15 @@ def estimated(theta: np.ndarray, config: EstimatorConfig | None = None, noise: f
 def prediction_error(theta: np.ndarray, true: np.ndarray) -> float:
     """Mean distance [m] of the predicted keypoints along the plan."""
     return float(np.linalg.norm(np.subtract(seen_along(theta), seen_along(true)), axis=-1).mean())
+
+
+def test_rod_coordinates_of_a_plan_are_taken_where_they_are_of_this_rod() -> None:
+    """A plan's own coordinates give what a fit of every row gives; those of another rod are not taken."""
+    rod, plan = Cable().rod, straight_plan(Cable().rod)
+    q = START + np.linspace(0, 1, plan.steps + 1)[:, None] * (GOAL - START)
+    np.testing.assert_allclose(plan_shapes(rod, plan), q, atol=1e-4)
+    assert np.array_equal(plan_shapes(rod, replace(plan, q=q)), q)
+    np.testing.assert_allclose(plan_shapes(rod, replace(plan, q=q + [0.1, 0, 0, 0, 0, 0])), q, atol=1e-4)
 
 
 def test_prediction_is_differentiated_exactly() -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import matplotlib.image
 import numpy as np
@@ -22,11 +23,12 @@ from cableway.figures.learning import learning_figure
 from cableway.figures.plan import attempt_figure, plan_figure, spread_rows
 from cableway.figures.rollout import rollout_figure, stacked_errors
 from cableway.figures.scene import cable_path, draw_cable, smooth, task_figure
-from cableway.records import Attempt, PathSet
+from cableway.records import Attempt, PaperStages
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 
 PLANNED, PLAN = moved_plan()
+STAGES = cast(PaperStages, PLAN.stages)
 
 
 def pixels(figure: Figure) -> np.ndarray:
@@ -99,7 +101,7 @@ def test_the_picture_of_a_plan_shows_its_parts():
     guide, shapes = figure.axes[0], figure.axes[1]
     names = [text.get_text() for text in guide.get_legend().get_texts()]  # pyright: ignore[reportOptionalMemberAccess]
     assert {"start", "goal", "pivot path", "keypoint paths", "passage traversed", "obstacle"} <= set(names)
-    assert is_colour(colour_at(figure, guide, *PLAN.pivot[20]), style.PIVOT)
+    assert is_colour(colour_at(figure, guide, *STAGES.pivot[20]), style.PIVOT)
     line = smooth(PLAN.shapes[-1])
     along = (line[31] - line[30]) / np.linalg.norm(line[31] - line[30])
     beside = line[30] + 0.0025 * np.array([-along[1], along[0]])
@@ -117,14 +119,12 @@ def test_the_curves_of_a_plan_are_its_clearance_and_its_gripper_motion():
     np.testing.assert_allclose(left.get_ydata(), 100 * moves)
 
 
-@pytest.mark.parametrize("reached", ["nothing", "pivot", "paths", "shapes"])
+@pytest.mark.parametrize("reached", ["nothing", "stages", "shapes"])
 def test_a_failed_attempt_is_drawn_as_far_as_it_got(task: Task, reached: str):
-    paths = PathSet(PLAN.path_set, PLAN.pivot, PLAN.passages)
     attempt = {
         "nothing": Attempt("no way for the pivot"),
-        "pivot": Attempt("no path set", pivot=PLAN.pivot),
-        "paths": Attempt("no shapes", pivot=PLAN.pivot, path_set=paths),
-        "shapes": Attempt("the rod snaps " * 20, pivot=PLAN.pivot, path_set=paths, shapes=PLAN.shapes),
+        "stages": Attempt("no shapes", stages=STAGES),
+        "shapes": Attempt("the rod snaps " * 20, shapes=PLAN.shapes),
     }[reached]
     figure = attempt_figure(task, attempt)
     assert not_blank(figure)
@@ -132,7 +132,7 @@ def test_a_failed_attempt_is_drawn_as_far_as_it_got(task: Task, reached: str):
     assert attempt.reason.split()[0] in said
     titles = [ax.get_title(loc="left") for ax in figure.axes]
     assert ("the closest attempt" in titles) == (reached == "shapes")
-    assert (f"{task.name}: no guide found" in titles) == (reached == "nothing")
+    assert (f"{task.name}: no initial trajectory" in titles) == (reached == "nothing")
 
 
 def test_the_picture_of_a_rollout_shows_errors_and_clearance():

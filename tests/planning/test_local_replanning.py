@@ -81,7 +81,8 @@ def test_progress_can_stop_it():
 
 def test_a_corner_that_refinement_cannot_turn_is_repaired():
     task = make_task("maze-20079@0.07")
-    refined = PlannerConfig(guides=("slide-head",), realization=RealizationConfig(kind="refine"))
+    refined = PlannerConfig(initial_trajectories=("slide-head",), projection=RealizationConfig(kind="refine"))
     with pytest.raises(PlanningError, match="clearance"):
         plan(task, config=refined)
-    assert plan(task, config=PlannerConfig(guides=("slide-head",))).metadata["guide"] == "slide-head"
+    found = plan(task, config=PlannerConfig(initial_trajectories=("slide-head",)))
+    assert found.metadata["initial_trajectory"] == "slide-head"

@@ -21,21 +21,53 @@ def test_finds_a_plan_that_verifies(name):
     task = problems.SOLVABLE[name]()
     found = plan(task)
     assert verify_plan(found, task).passed
-    assert found.progress[0].max() < 1e-6
-    assert found.progress[-1].min() > 1 - 1e-6
-    assert (np.diff(found.progress, axis=0) > -1e-9).all()
+    assert found.stages is None
 
 
-@pytest.mark.parametrize("guide", ["corridor", "tube", "slide-head", "slide-tail", "head", "tail", "anywhere"])
-def test_each_guide_alone_passes_the_door(guide):
+@pytest.mark.parametrize("name", ["corridor", "tube", "slide-head", "slide-tail", "head", "tail", "anywhere"])
+def test_each_initial_trajectory_alone_passes_the_door(name):
     """Each of these leads through a door by itself ("uniform", in which no end leads, does not)."""
-    assert plan(problems.doorway(), config=PlannerConfig(guides=(guide,))).metadata["guide"] == guide
+    found = plan(problems.doorway(), config=PlannerConfig(initial_trajectories=(name,)))
+    assert found.metadata["initial_trajectory"] == name
+    assert (found.stages is not None) == (name in ("head", "tail")), "only the paper's chain has such stages"
+
+
+def test_rod_coordinates_are_those_of_the_shapes():
+    """The shapes and poses of a plan are those that the rod takes at its coordinates."""
+    task = problems.doorway()
+    found = plan(task)
+    assert found.q is not None
+    stations, poses = task.cable.rod.shapes(found.q)
+    np.testing.assert_allclose(task.cable.rod.at_keypoints(stations), found.shapes, atol=1e-12)
+    np.testing.assert_allclose(poses, found.poses, atol=1e-12)
+
+
+def test_a_plan_of_the_paper_s_chain_has_its_stages():
+    """The progress along the path set belongs to the rows of the plan, rises from 0 to 1 and never falls."""
+    found = plan(problems.doorway(), config=PlannerConfig(initial_trajectories=("head",)))
+    assert found.stages is not None
+    progress = found.stages.progress
+    assert progress.shape == found.shapes.shape[:2]
+    assert progress[0].max() < 1e-6
+    assert progress[-1].min() > 1 - 1e-6
+    assert (np.diff(progress, axis=0) > -1e-9).all()
+
+
+def test_the_pivot_path_is_made_only_where_it_is_followed():
+    """A cable that slides along a curve has no use for it."""
+    seen: list[str] = []
+    plan(
+        problems.free(),
+        config=PlannerConfig(initial_trajectories=("slide-head",)),
+        progress=lambda stage, share: seen.append(stage),
+    )
+    assert "pivot path" not in seen
 
 
 def test_same_seed_same_plan():
     """Two calls give the same arrays, bit for bit."""
     first, second = plan(problems.beside_disc(), seed=3), plan(problems.beside_disc(), seed=3)
-    for name in ("shapes", "poses", "pivot", "passages", "path_set", "progress"):
+    for name in ("shapes", "poses", "q"):
         assert np.array_equal(getattr(first, name), getattr(second, name)), name
 
 
@@ -44,7 +76,7 @@ def test_stages_report_their_progress_in_order():
     seen: list[tuple[str, float]] = []
     plan(problems.free(), progress=lambda stage, share: seen.append((stage, share)))
     stages = list(dict.fromkeys(stage for stage, _ in seen))
-    assert stages == ["pivot path", "guide", "realisation", "verification"]
+    assert stages == ["pivot path", "initial trajectory", "projection", "verification"]
     for stage in stages:
         shares = [share for name, share in seen if name == stage]
         assert shares[0] == 0.0
@@ -59,11 +91,11 @@ def test_no_plan_says_why():
 
 
 def test_when_time_runs_out_the_closest_attempt_is_handed_on():
-    """No guide has the clearance wanted, which is not asked of them; the limit ends the search after the first."""
+    """None has the clearance wanted, which is not asked of them; the limit ends the search after the first."""
     from cableway.verification import VerificationLimits
 
     seen: list[str] = []
-    config = PlannerConfig(limits=VerificationLimits(clearance=0.02), guides=("slide-head", "slide-tail"))
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.02), initial_trajectories=("slide-head", "slide-tail"))
     with pytest.raises(PlanningError, match=r"the time limit ran out .*cable clearance") as caught:
         plan(
             problems.doorway(),
@@ -81,10 +113,10 @@ def test_time_that_is_up_at_once():
 
 
 def test_what_does_not_verify_is_not_handed_on():
-    """A clearance not asked of the guide: the error names the failed check and carries the attempt for a picture."""
+    """A clearance not asked of the shapes: the error names the failed check and carries the attempt for a picture."""
     from cableway.verification import VerificationLimits
 
-    config = PlannerConfig(limits=VerificationLimits(clearance=0.02), guides=("slide-head",))
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.02), initial_trajectories=("slide-head",))
     with pytest.raises(PlanningError, match="clearance") as caught:
         plan(problems.doorway(), config=config)
     attempt = caught.value.attempt
@@ -92,23 +124,28 @@ def test_what_does_not_verify_is_not_handed_on():
     assert attempt.shapes.shape[1:] == (13, 2)
 
 
-def test_plan_file_round_trip(tmp_path):
+@pytest.mark.parametrize("planner", ["default", "paper-refined"])
+def test_plan_file_round_trip(tmp_path, planner):
     """A plan comes back from its file as it was."""
-    found = plan(problems.free())
+    found = plan(problems.free(), config=PlannerConfig.named(planner))
     found.save(tmp_path / "plan.npz")
     loaded = Plan.load(tmp_path / "plan.npz")
-    assert np.array_equal(loaded.shapes, found.shapes)
-    assert np.array_equal(loaded.poses, found.poses)
+    for name in ("shapes", "poses", "q"):
+        assert np.array_equal(getattr(loaded, name), getattr(found, name)), name
+    assert (loaded.stages is None) == (planner == "default")
+    if loaded.stages is not None and found.stages is not None:
+        for name in ("pivot", "passages", "path_set", "progress"):
+            assert np.array_equal(getattr(loaded.stages, name), getattr(found.stages, name)), name
     assert loaded.metadata == found.metadata
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.npz"]
 
 
-def test_unknown_guides_are_refused():
-    """The message lists the guides there are."""
+def test_unknown_initial_trajectories_are_refused():
+    """The message lists those there are."""
     with pytest.raises(UnknownNameError, match="slide-head"):
-        PlannerConfig(guides=("sideways",))  # pyright: ignore[reportArgumentType]
+        PlannerConfig(initial_trajectories=("sideways",))  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="at least one of"):
-        PlannerConfig(guides=())
+        PlannerConfig(initial_trajectories=())
 
 
 def test_a_plan_keeps_the_grippers_apart_and_the_bends_wide():

@@ -18,7 +18,6 @@ from cableway.planning.projection import (
     realize,
     step_evenly,
 )
-from cableway.records import DeformationSequence
 from cableway.rod.lag import lag
 from cableway.scene.task import CONTROL_STEP, Grippers
 
@@ -47,10 +46,11 @@ def test_only_what_is_to_be_refined_is_refined(line):
     task, q = line
     rod = task.cable.rod
     q = q + np.sin(np.linspace(0, np.pi, len(q)))[:, None] * [0.03, 0, 0, 0, 0, 0]
-    sequence = DeformationSequence.in_step(rod.at_keypoints(rod.shapes(q)[0]))
-    fitted, refined = (realize(sequence, task, RealizationConfig(kind=kind)) for kind in ("fit", "refine"))
+    shapes = rod.at_keypoints(rod.shapes(q)[0])
+    fitted, refined = (realize(shapes, task, RealizationConfig(kind=kind)) for kind in ("fit", "refine"))
     ends = end_equilibria(task, RealizationConfig())
-    stepped, _ = step_evenly(fit_sequence(rod, sequence.shapes, *ends, 0.012)[0], task, RealizationConfig())
+    stepped, _ = step_evenly(fit_sequence(rod, shapes, *ends, 0.012)[0], task, RealizationConfig())
+    assert realize(shapes, task, RealizationConfig(kind="none")).q is None, "these are no equilibria"
     assert np.array_equal(fitted.shapes, rod.at_keypoints(rod.shapes(stepped)[0]))
     assert np.abs(refined.shapes[len(refined.shapes) // 2] - fitted.shapes[len(fitted.shapes) // 2]).max() > 0.005
     np.testing.assert_allclose(refined.shapes[[0, -1]], fitted.shapes[[0, -1]], atol=1e-9)

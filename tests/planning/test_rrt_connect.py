@@ -101,9 +101,9 @@ def test_self_crossing_agrees_with_shapely():
 
 def test_the_plan_names_the_guide_and_shows_its_paths():
     found = plan(problems.doorway())
-    assert found.metadata["guide"] == "corridor"
-    np.testing.assert_allclose(found.path_set[:, 0], problems.doorway().start, atol=1e-3)
-    np.testing.assert_allclose(found.path_set[:, -1], problems.doorway().goal, atol=1e-3)
+    assert found.metadata["initial_trajectory"] == "corridor"
+    np.testing.assert_allclose(found.shapes[0], problems.doorway().start, atol=1e-3)
+    np.testing.assert_allclose(found.shapes[-1], problems.doorway().goal, atol=1e-3)
 
 
 @pytest.mark.parametrize(

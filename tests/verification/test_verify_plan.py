@@ -23,8 +23,7 @@ from cableway.verification.plan import self_clearance
 def plan_of(q: np.ndarray, task: Task) -> Plan:
     stations, poses = task.cable.rod.shapes(q)
     shapes = task.cable.rod.at_keypoints(stations)
-    progress = np.repeat(np.linspace(0, 1, len(q))[:, None], 13, axis=1)
-    return Plan(shapes, poses, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((13, 0, 2)), progress)
+    return Plan(shapes, poses)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +73,7 @@ def test_the_sweep_between_rows_is_judged(good):
     """A thin wall that lies between two rows touches neither, and is found all the same."""
     task, plan = good
     rows = plan.shapes[[0, -1]]
-    far = replace(plan, shapes=rows, poses=plan.poses[[0, -1]], progress=plan.progress[[0, -1]])
+    far = replace(plan, shapes=rows, poses=plan.poses[[0, -1]])
     walled = replace(task, scene=Scene(obstacles=(Box(center=(0.35, 0.36), size=(0.2, 0.004)),)))
     assert task.scene.clearance(rows, 0.004).min() > 0.004
     assert "cable clearance" in failed(far, walled)
@@ -87,7 +86,7 @@ def test_a_corner_between_keypoints_is_judged(good):
     angle = float(np.arctan2(*(b - a)[::-1])) + np.pi / 2
     needle = Box(center=tuple((a + b) / 2 + 0.012 * se2.direction(angle)), size=(0.02, 0.001), angle=angle)
     twice = [0, 0]
-    spoiled = replace(plan, shapes=plan.shapes[twice], poses=plan.poses[twice], progress=plan.progress[twice])
+    spoiled = replace(plan, shapes=plan.shapes[twice], poses=plan.poses[twice])
     still = Task(name="needle", scene=task.scene, cable=task.cable, start=task.start, goal=task.start)
     assert "cable clearance" not in failed(spoiled, still)
     object.__setattr__(still, "scene", Scene(obstacles=(needle,)))
@@ -106,20 +105,16 @@ def test_wrong_ends_are_found(good):
     """A plan that stops short, or begins elsewhere, is no plan for this task."""
     task, plan = good
     cut = slice(0, -3)
-    assert failed(replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut], progress=plan.progress[cut]), task) == {
-        "distance to goal"
-    }
+    assert failed(replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut]), task) == {"distance to goal"}
     cut = slice(3, None)
-    assert failed(replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut], progress=plan.progress[cut]), task) == {
-        "distance to start"
-    }
+    assert failed(replace(plan, shapes=plan.shapes[cut], poses=plan.poses[cut]), task) == {"distance to start"}
 
 
 def test_skipping_rows_breaks_the_gripper_limits(good):
     """Every second row only: the steps are too long."""
     task, plan = good
     keep = np.r_[0 : plan.steps : 3, plan.steps]
-    fast = replace(plan, shapes=plan.shapes[keep], poses=plan.poses[keep], progress=plan.progress[keep])
+    fast = replace(plan, shapes=plan.shapes[keep], poses=plan.poses[keep])
     assert {"gripper step", "gripper turn"} & failed(fast, task)
 
 
@@ -149,10 +144,7 @@ def test_a_snap_is_found():
     rows = np.linspace(0, 1, 40)[:, None, None]
     mirrored = keypoints[0] + rows * (keypoints[1] - keypoints[0])
     turned = poses[0] + rows * (poses[1] - poses[0])
-    plan = Plan(
-        mirrored, turned, np.empty((0, 2)), np.empty((0, 2, 2)), np.empty((13, 0, 2)), np.repeat(rows[..., 0], 13, 1)
-    )
-    assert failed(plan, task) & {"rod deviation", "rows the rod does not reach", "rod stability"}
+    assert failed(Plan(mirrored, turned), task) & {"rod deviation", "rows the rod does not reach", "rod stability"}
 
 
 def test_optional_limits_are_judged_where_the_task_has_them(good):
@@ -168,7 +160,7 @@ def test_optional_limits_are_judged_where_the_task_has_them(good):
 def test_a_plan_for_another_cable_is_refused(good):
     """The number of keypoints must be the task's."""
     task, plan = good
-    fewer = replace(plan, shapes=plan.shapes[:, ::2], progress=plan.progress[:, ::2], path_set=plan.path_set[::2])
+    fewer = replace(plan, shapes=plan.shapes[:, ::2])
     with pytest.raises(InputError, match="7 keypoints, the task 13"):
         verify_plan(fewer, task)
 

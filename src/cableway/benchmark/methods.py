@@ -11,8 +11,6 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from cableway.control.base import Controller
 from cableway.core.errors import InputError, PlanningError, UnknownNameError
 from cableway.core.provenance import PACKAGE, versions
@@ -164,11 +162,7 @@ def planner_of(name: str, unverified: bool = False) -> Planner:
 
 
 def _as_plan(attempt: Any) -> Plan:
-    guide = attempt.path_set
-    return Plan(
-        attempt.shapes, attempt.poses, guide.pivot, guide.passages, guide.paths,
-        np.zeros(attempt.shapes.shape[:2]), {"unverified": attempt.reason},
-    )  # fmt: skip
+    return Plan(attempt.shapes, attempt.poses, stages=attempt.stages, metadata={"unverified": attempt.reason})
 
 
 def controller_of(name: str, model: str | None = None) -> Callable[[], Controller[Any]]:

@@ -51,6 +51,9 @@ FIT_PULL = 1e-8
 
 FIT_ITERATIONS = 8
 
+SAME = 1e-6
+"""Distance [m] of a keypoint up to which rod coordinates give a plan's shapes."""
+
 SURE = 2.0
 """Standard deviations by which a cable must be believed to be long enough before it is pulled farther than planned."""
 
@@ -237,12 +240,18 @@ class RodMPC(Controller[RodMPCState]):
         return SE2.compose(before + moved, SE2.inverse(theta[GRASPS].reshape(2, 3))) - commanded
 
 
-def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
-    """Rod coordinates of a plan's rows, running on from row to row, turned on with its gripper poses."""
-    shapes = [rod.continued(fit_keypoints(rod, plan.shapes[0])[0], plan.poses[0])]
-    for keypoints, poses in zip(plan.shapes[1:], plan.poses[1:], strict=True):
-        shapes.append(rod.continued(fit_keypoints(rod, keypoints, shapes[-1])[0], poses))
-    return np.array(shapes)
+def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "T+1 6"]:
+    """Rod coordinates of a plan's rows, running on from row to row, turned on with its gripper poses.
+
+    The plan's own where they are shapes of this rod, to `SAME`; otherwise each row is fitted.
+    """
+    q = plan.q
+    if q is None or np.abs(rod.at_keypoints(rod.shapes(q)[0]) - plan.shapes).max() > SAME:
+        rows = [fit_keypoints(rod, plan.shapes[0])[0]]
+        for keypoints in plan.shapes[1:]:
+            rows.append(fit_keypoints(rod, keypoints, rows[-1])[0])
+        q = np.array(rows)
+    return np.array([rod.continued(row, poses) for row, poses in zip(q, plan.poses, strict=True)])
 
 
 def _at_stations(offset: Float[np.ndarray, "n 2"], stride: int) -> Float[np.ndarray, "s 2"]:

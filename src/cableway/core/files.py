@@ -89,13 +89,17 @@ class ArrayRecord:
     kind: ClassVar[str]
 
     def save(self, path: Path | str) -> None:
-        """Write all fields that are not None to an `.npz` file, atomically."""
+        """Write the record to an `.npz` file, atomically."""
+        write_atomically(Path(path), lambda file: np.savez_compressed(file, **self.to_arrays()))
+
+    def to_arrays(self) -> dict[str, Any]:
+        """What goes into the file, by name: all fields that are not None."""
         arrays: dict[str, Any] = {}
         for entry in fields(self):  # pyright: ignore[reportArgumentType]
             value = getattr(self, entry.name)
             if value is not None:
                 arrays[entry.name] = json.dumps(value) if isinstance(value, dict) else value
-        write_atomically(Path(path), lambda file: np.savez_compressed(file, **arrays))
+        return arrays
 
     @classmethod
     def load(cls, path: Path | str) -> Self:

@@ -1,4 +1,4 @@
-"""The picture of a plan: what guided it, the shapes it passes through, and its clearance; and of a failed attempt."""
+"""The picture of a plan (paths of its keypoints, shapes it passes through, clearance) and of a failed attempt."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from cableway.figures import scene, style
-from cableway.records import Attempt, Plan
+from cableway.records import Attempt, PaperStages, Plan
 from cableway.scene.task import CONTROL_STEP, Task
 
 SHAPES_SHOWN = 24
@@ -26,12 +26,11 @@ LEFT, BETWEEN, BELOW, ABOVE, BAR, COLUMN = 0.65, 0.7, 1.0, 0.45, 1.1, 3.5
 
 
 def plan_figure(task: Task, plan: Plan) -> Figure:
-    """Guide, shapes over time, and clearance and gripper speed over time, side by side."""
+    """Paths of the keypoints, shapes over time, and clearance and gripper speed over time, side by side."""
     width, height = scene.panel_size(task)
     figure = style.new_figure(LEFT + 2 * width + BETWEEN + BAR + COLUMN + 0.5, BELOW + height + ABOVE)
-    guide = style.add_axes(figure, LEFT, BELOW, width, height)
-    draw_guide(guide, task, plan.pivot, plan.path_set, plan.passages)
-    style.title(guide, f"{task.name}: the guide")
+    routes = style.add_axes(figure, LEFT, BELOW, width, height)
+    _draw_stages(routes, task, plan.stages, plan.shapes)
     shapes = style.add_axes(figure, LEFT + width + BETWEEN, BELOW, width, height)
     draw_shapes(shapes, task, plan.shapes)
     style.title(shapes, f"the plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s")
@@ -51,11 +50,7 @@ def attempt_figure(task: Task, attempt: Attempt) -> Figure:
     reason = style.wrap(f"No plan: {attempt.reason}", int(11 * wide))
     tall = BELOW + height + ABOVE + 0.2 + 0.2 * len(reason)
     figure = style.new_figure(wide, tall)
-    guide = style.add_axes(figure, LEFT, BELOW, width, height)
-    paths = attempt.path_set
-    pivot = attempt.pivot if paths is None else paths.pivot
-    draw_guide(guide, task, pivot, None if paths is None else paths.paths, None if paths is None else paths.passages)
-    style.title(guide, f"{task.name}: {'no guide found' if pivot is None else 'the guide'}")
+    _draw_stages(style.add_axes(figure, LEFT, BELOW, width, height), task, attempt.stages, attempt.shapes)
     if attempt.shapes is not None:
         reached = style.add_axes(figure, LEFT + width + BETWEEN, BELOW, width, height)
         draw_shapes(reached, task, attempt.shapes)
@@ -76,18 +71,31 @@ def alternatives_figure(task: Task, motions: Sequence[Float[np.ndarray, "k n 2"]
     return figure
 
 
-def draw_guide(
+def _draw_stages(ax: Axes, task: Task, stages: PaperStages | None, shapes: Float[np.ndarray, "T+1 n 2"] | None) -> None:
+    """The stages of the paper's planner; where there are none, the paths that the keypoints take."""
+    if stages is not None:
+        draw_routes(ax, task, stages.pivot, stages.path_set, stages.passages)
+        style.title(ax, f"{task.name}: pivot path and path set")
+    elif shapes is not None:
+        draw_routes(ax, task, paths=shapes.swapaxes(0, 1))
+        style.title(ax, f"{task.name}: paths of the keypoints")
+    else:
+        draw_routes(ax, task)
+        style.title(ax, f"{task.name}: no initial trajectory")
+
+
+def draw_routes(
     ax: Axes,
     task: Task,
-    pivot: Float[np.ndarray, "P 2"] | None,
-    path_set: Float[np.ndarray, "n M 2"] | None,
-    passages: Float[np.ndarray, "Q 2 2"] | None,
+    pivot: Float[np.ndarray, "P 2"] | None = None,
+    paths: Float[np.ndarray, "n M 2"] | None = None,
+    passages: Float[np.ndarray, "Q 2 2"] | None = None,
 ) -> None:
     """The scene with pivot path, keypoint paths and the passages they go through, as far as there are any."""
     scene.draw_scene(ax, task)
     handles: list[Any] = scene.end_handles()
-    if path_set is not None:
-        for path in path_set:
+    if paths is not None:
+        for path in paths:
             ax.plot(*path.T, color=style.GUIDE, linewidth=0.9, alpha=0.75, zorder=3)
         handles.append(Line2D([], [], color=style.GUIDE, linewidth=1.2, label="keypoint paths"))
     if passages is not None and len(passages):

@@ -9,10 +9,10 @@ from jaxtyping import Float
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from cableway.figures.plan import draw_guide, draw_shapes
+from cableway.figures.plan import draw_routes, draw_shapes
 from cableway.figures.scene import draw_cable, draw_end_shapes, draw_scene, panel_size
 from cableway.figures.style import TIME, add_axes, curve_axes, legend_below, new_figure, title
-from cableway.records import DeformationSequence, PathSet, Rollout
+from cableway.records import PaperStages, Rollout
 from cableway.scene.task import Task
 
 LEFT, BETWEEN, BELOW, CURVES = 0.7, 0.9, 1.1, 4.0
@@ -22,16 +22,16 @@ LEFT, BETWEEN, BELOW, CURVES = 0.7, 0.9, 1.1, 4.0
 def stages_figure(
     task: Task,
     pivots: Mapping[str, Float[np.ndarray, "P 2"]],
-    paths: PathSet,
-    sequence: DeformationSequence,
+    shapes: Float[np.ndarray, "T+1 n 2"],
+    stages: PaperStages,
 ) -> Figure:
     """Pivot paths, path set, deformation along it, and the progress of each keypoint over time.
 
     Args:
         task: The task.
         pivots: Pivot paths [m] by what they were made with.
-        paths: The path set.
-        sequence: The deformation.
+        shapes: (T+1, n, 2) the deformation along the path set [m].
+        stages: The path set and the progress along it.
     """
     width, height = panel_size(task)
     lefts = [LEFT + (width + BETWEEN) * place for place in range(4)]
@@ -48,12 +48,12 @@ def stages_figure(
     draw_end_shapes(first, task)
     legend_below(first, handles, 3)
     title(second, "passages and path set")
-    draw_guide(second, task, paths.pivot, paths.paths, paths.passages)
+    draw_routes(second, task, stages.pivot, stages.path_set, stages.passages)
     title(third, "deformation")
-    draw_shapes(third, task, sequence.shapes)
+    draw_shapes(third, task, shapes)
     title(last, "progress σ of the keypoints")
-    for place, curve in enumerate(sequence.progress.T):
-        last.plot(curve, color=TIME(place / (sequence.progress.shape[1] - 1)), linewidth=1.3)
+    for place, curve in enumerate(stages.progress.T):
+        last.plot(curve, color=TIME(place / (stages.progress.shape[1] - 1)), linewidth=1.3)
     curve_axes(last, "step", "share of the path; first keypoint blue, last one orange")
     return figure
 

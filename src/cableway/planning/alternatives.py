@@ -6,13 +6,10 @@ import numpy as np
 
 from cableway.geometry import polyline
 from cableway.planning.candidates import OutOfTime, Search
-from cableway.planning.config import Guide
+from cableway.planning.initial_trajectories import PIVOTED
 from cableway.planning.routes.homotopy import different_routes, motion_class
 from cableway.records import Plan
 from cableway.scene.task import Task
-
-ROUTED: tuple[Guide, ...] = ("corridor", "head", "tail", "uniform")
-"""The guides that follow a pivot path, and so keep to its class."""
 
 SEARCHES_EACH = 6
 """Pivot paths looked for, for each plan that is asked for."""
@@ -44,8 +41,8 @@ def find_alternatives(search: Search, count: int) -> tuple[Plan, ...]:
 
     try:
         for route in different_routes(task, config.pivot, search.seed, SEARCHES_EACH * count):
-            guides = search.guides(route=lambda route=route: route)
-            plans = (search.follow(guides, name, is_known) for name in config.guides if name in ROUTED)
+            trajectories, names = search.trajectories(route=lambda route=route: route), config.initial_trajectories
+            plans = (search.follow(trajectories, name, is_known) for name in names if name in PIVOTED)
             plan = next((plan for plan in plans if plan is not None), None)
             if plan is not None:
                 found[motion_class(task, plan.shapes)] = plan

@@ -1,4 +1,4 @@
-"""One search for plans of a task: guides are tried one after the other, and the closest failure is remembered."""
+"""One search for plans of a task: initial trajectories are tried in turn, and the closest failure is remembered."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from jaxtyping import Float
 
 from cableway.core.errors import PlanningError
 from cableway.core.provenance import describe, versions
-from cableway.planning.config import Guide, PlannerConfig
-from cableway.planning.initial_trajectories import Guides, Progress
+from cableway.planning.config import InitialName, PlannerConfig
+from cableway.planning.initial_trajectories import InitialTrajectories, InitialTrajectory, Progress
 from cableway.planning.local_replanning import repaired
 from cableway.planning.projection import RealizedSequence, realize
 from cableway.planning.routes.infeasibility import find_blockage
-from cableway.records import Attempt, DeformationSequence, PathSet, Plan, Verdict
+from cableway.records import Attempt, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 
@@ -28,12 +28,12 @@ class OutOfTime(Exception):
 
 
 class Search:
-    """Tries guides and remembers what came closest.
+    """Tries initial trajectories and remembers what came closest.
 
     Args:
         task: The task.
         config: What to use in each stage.
-        seed: For the guides that draw random numbers.
+        seed: For the initial trajectories that draw random numbers.
         progress: Called with the name of a stage and the share of it that is done.
         expired: Asked at every report of progress.
 
@@ -53,14 +53,14 @@ class Search:
         self.best: Attempt | None = None
         self._progress, self._expired = progress, expired
 
-    def guides(
+    def trajectories(
         self, route: Callable[[], Float[np.ndarray, "P 2"]] | None = None, previous: Plan | None = None
-    ) -> Guides:
-        """The guides of the task, which use a given pivot path or an earlier plan if there are any."""
-        return Guides(self.task, self.config, self.seed, self.report, route=route, previous=previous)
+    ) -> InitialTrajectories:
+        """The initial trajectories of the task, along a given pivot path or an earlier plan if there are any."""
+        return InitialTrajectories(self.task, self.config, self.seed, self.report, route=route, previous=previous)
 
     def report(self, stage: str, share: float) -> None:
-        """Tell of progress.
+        """Report progress.
 
         Raises:
             OutOfTime: The time is up.
@@ -70,19 +70,19 @@ class Search:
         if self._progress is not None:
             self._progress(stage, share)
 
-    def follow(self, guides: Guides, name: Guide, accept: Accept | None = None) -> Plan | None:
-        """The verified plan that a guide leads to; None where it leads to none that is accepted."""
+    def follow(self, trajectories: InitialTrajectories, name: InitialName, accept: Accept | None = None) -> Plan | None:
+        """The verified plan that an initial trajectory leads to; None where it leads to none that is accepted."""
         try:
-            sequence, paths = guides.make(name)
+            initial = trajectories.make(name)
         except PlanningError as error:
             return self._fail(Attempt(str(error)))
-        found = self._realize(sequence, paths)
+        found = self._project(initial)
         if isinstance(found, Attempt):
             return self._fail(found)
         if accept is not None and (fault := accept(found)):
-            return self._fail(_attempt(fault, found, paths))
-        made_by = {"guide": name, "seed": self.seed, "versions": versions(), "planner": describe(self.config)}
-        return Plan(found.shapes, found.poses, found.pivot, found.passages, found.path_set, found.progress, made_by)
+            return self._fail(_attempt(fault, found))
+        made_by = {"initial_trajectory": name, "seed": self.seed, "versions": versions()}
+        return replace(found, metadata=made_by | {"planner": describe(self.config)})
 
     def blocked(self) -> PlanningError | None:
         """The error that says what certainly cannot pass, and where; None where all may."""
@@ -97,40 +97,40 @@ class Search:
         reason = f": {self.best.reason}" if self.best else ""
         return PlanningError(f"no plan was found {tried}{reason}", self.best)
 
-    def _realize(self, sequence: DeformationSequence, paths: PathSet) -> Plan | Attempt:
+    def _project(self, initial: InitialTrajectory) -> Plan | Attempt:
         task, config = self.task, self.config
-        self.report("realisation", 0.0)
-        realised = realize(sequence, task, config.realization, lambda share: self.report("realisation", share))
-        self.report("realisation", 1.0)
-        found = self._judge(realised, paths)
-        if isinstance(found, Plan) or config.realization.kind != "repair":
+        self.report("projection", 0.0)
+        realised = realize(initial.shapes, task, config.projection, lambda share: self.report("projection", share))
+        self.report("projection", 1.0)
+        found = self._judge(realised, initial)
+        if isinstance(found, Plan) or config.projection.kind != "repair":
             return found
-        self._fail(found)  # now, because the time may run out within the repair
+        self._fail(found)  # now, because the time may run out within the local replanning
         try:
             realised = repaired(
-                realised, sequence, task, config.realization, config.explore,
-                seed=self.seed, progress=lambda share: self.report("repair", share),
+                realised, task, config.projection, config.rrt_connect,
+                seed=self.seed, progress=lambda share: self.report("local replanning", share),
             )  # fmt: skip
         except PlanningError:
             return found
-        self.report("repair", 1.0)
-        again = self._judge(realised, paths)
+        self.report("local replanning", 1.0)
+        again = self._judge(realised, initial)
         return again if isinstance(again, Plan) or _faults(again) < _faults(found) else found
 
-    def _judge(self, realised: RealizedSequence, paths: PathSet) -> Plan | Attempt:
-        candidate = Plan(realised.shapes, realised.poses, paths.pivot, paths.passages, paths.paths, realised.progress)
+    def _judge(self, realised: RealizedSequence, initial: InitialTrajectory) -> Plan | Attempt:
+        plan = Plan(realised.shapes, realised.poses, realised.q, initial.stages_at(realised.places))
         self.report("verification", 0.0)
-        verdict = verify_plan(candidate, self.task, self.config.limits)
+        verdict = verify_plan(plan, self.task, self.config.limits)
         self.report("verification", 1.0)
-        return candidate if verdict.passed else _attempt(str(verdict), candidate, paths, verdict)
+        return plan if verdict.passed else _attempt(str(verdict), plan, verdict)
 
     def _fail(self, attempt: Attempt) -> None:
         if self.best is None or _faults(attempt) < _faults(self.best):
             self.best = attempt
 
 
-def _attempt(reason: str, plan: Plan, paths: PathSet, verdict: Verdict | None = None) -> Attempt:
-    return Attempt(reason, paths.pivot, paths, plan.shapes, verdict, plan.poses)
+def _attempt(reason: str, plan: Plan, verdict: Verdict | None = None) -> Attempt:
+    return Attempt(reason, plan.shapes, plan.poses, verdict, plan.stages)
 
 
 def _faults(attempt: Attempt) -> int:

@@ -1,37 +1,63 @@
-"""The guides: sequences of shapes from start to goal, not yet true, that the realisation starts from.
+"""Initial trajectories: sequences of shapes from start to goal, in general no equilibria, that a plan is made from.
 
-Each guide is a short method of `Guides`; what several need (the pivot path, the path set) is made once, when it is
-first asked for.
+Each is a short method of `InitialTrajectories`; what several need (the pivot path) is made once, when it is first asked
+for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pkgutil import resolve_name
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import PlanningError
 from cableway.planning import rrt_connect
-from cableway.planning.config import Guide, PlannerConfig
-from cableway.planning.projection import fit_sequence
-from cableway.planning.routes.passages import find_passages
+from cableway.planning.config import InitialName, PlannerConfig
+from cableway.planning.projection import between, fit_sequence
 from cableway.planning.routes.pivot import pivot_keypoint, plan_pivot_path
 from cableway.planning.slide import End, slide
-from cableway.records import DeformationSequence, PathSet, Plan
+from cableway.records import PaperStages, Plan
 from cableway.scene.task import Task
-from cableway.tang2025.planning.deformation import optimize_deformation
-from cableway.tang2025.planning.path_set import generate_path_set
 
 Progress = Callable[[str, float], None]
+
+PIVOTED: tuple[InitialName, ...] = ("corridor", "head", "tail", "uniform")
+"""The initial trajectories that follow a pivot path, and so keep to its homotopy class."""
+
+DEFORMED: tuple[InitialName, ...] = ("head", "tail", "uniform")
+"""Those that the chain of Tang et al. makes, by the end that leads in its first guess."""
+
+PAPER_CHAIN = "cableway.tang2025.planning.chain:PaperChain"
+"""Where that chain is; imported only when it is asked for."""
 
 STRAIGHT_STEPS = 50
 """Shapes of the straight interpolation; as many as the paper's table gives the deformation."""
 
 
-class Guides:
-    """Makes the guides of one task.
+@dataclass(frozen=True)
+class InitialTrajectory:
+    """Shapes from start to goal that a projection starts from.
+
+    Attributes:
+        shapes: (R+1, n, 2) keypoints [m].
+        stages: What the paper's chain made on the way, if it made them; progress (R+1, n) belongs to `shapes`.
+    """
+
+    shapes: Float[np.ndarray, "R+1 n 2"]
+    stages: PaperStages | None = None
+
+    def stages_at(self, places: Float[np.ndarray, "T+1"]) -> PaperStages | None:
+        """The stages with the progress at fractional rows of `shapes`."""
+        return None if self.stages is None else replace(self.stages, progress=between(self.stages.progress, places))
+
+
+class InitialTrajectories:
+    """Makes the initial trajectories of one task.
 
     Args:
         task: The task.
@@ -39,105 +65,96 @@ class Guides:
         seed: For those that draw random numbers.
         progress: Called with the name of a stage and the share of it that is done.
         route: Finds the pivot path, in place of the best one.
-        previous: An earlier plan, for the guide of that name.
+        previous: An earlier plan, for the trajectory of that name.
     """
 
     def __init__(
         self,
         task: Task,
         config: PlannerConfig,
-        seed: int,
-        progress: Progress,
+        seed: int = 0,
+        progress: Progress = lambda stage, share: None,
         *,
         route: Callable[[], Float[np.ndarray, "P 2"]] | None = None,
         previous: Plan | None = None,
     ) -> None:
         self.task, self.config, self.seed, self.progress = task, config, seed, progress
         self._route, self._previous = route, previous
-        self._slides: dict[End, DeformationSequence] = {}
+        self._slides: dict[End, Float[np.ndarray, "R+1 n 2"]] = {}
 
-    def make(self, name: Guide) -> tuple[DeformationSequence, PathSet]:
-        """A guide and the paths that its keypoints take.
+    def make(self, name: InitialName) -> InitialTrajectory:
+        """The initial trajectory of that name.
 
         Raises:
-            PlanningError: There is no such guide for this task.
+            PlanningError: There is none for this task.
+            MissingExtraError: It is one of the paper's, and the extra `tang2025` is not installed.
         """
-        paths = self.path_set if name in ("head", "tail", "uniform") else None
-        pivot = paths.pivot if paths else self.pivot
-        self.progress("guide", 0.0)
+        if name in PIVOTED:
+            _ = self.pivot  # first, as a stage of its own
+        if name in DEFORMED:
+            return InitialTrajectory(*self._paper_chain.deformation(name))
+        self.progress("initial trajectory", 0.0)
         match name:
-            case "head" | "tail" | "uniform":
-                assert paths is not None
-                sequence = optimize_deformation(paths, self.task.cable, self.config.deformation, name)
             case "slide-head" | "slide-tail":
-                sequence = self._slide("head" if name == "slide-head" else "tail")
+                shapes = self._slide("head" if name == "slide-head" else "tail")
             case "straight":
-                sequence = straight(self.task)
+                shapes = straight(self.task)
             case "previous":
-                sequence = self._rest()
+                shapes = self._rest()
             case _:
-                sequence = self._search(name)
-        if paths is None:
-            paths = PathSet(np.ascontiguousarray(sequence.shapes.swapaxes(0, 1)), pivot, np.empty((0, 2, 2)))
-        self.progress("guide", 1.0)
-        return sequence, paths
+                shapes = self._search(name)
+        self.progress("initial trajectory", 1.0)
+        return InitialTrajectory(shapes)
 
     @cached_property
-    def pivot(self) -> np.ndarray:
+    def pivot(self) -> Float[np.ndarray, "P 2"]:
         """(P, 2) path of the cable's middle [m]."""
         self.progress("pivot path", 0.0)
-        task, middle = self.task, pivot_keypoint(self.task.cable.keypoints)
         if self._route is not None:
             path = self._route()
         else:
+            task, middle = self.task, pivot_keypoint(self.task.cable.keypoints)
             ends = task.start[middle], task.goal[middle]
             path = plan_pivot_path(task.scene, *ends, task.cable.radius, self.config.pivot, seed=self.seed)
         self.progress("pivot path", 1.0)
         return path
 
     @cached_property
-    def path_set(self) -> PathSet:
-        """One path per keypoint along the pivot path."""
-        pivot = self.pivot
-        self.progress("path set", 0.0)
-        paths = generate_path_set(self.task, pivot, find_passages(self.task.scene), self.config.path_set)
-        self.progress("path set", 1.0)
-        return paths
+    def _paper_chain(self) -> Any:
+        return resolve_name(PAPER_CHAIN)(self.task, self.config, self.pivot, self.progress)
 
-    def _rest(self) -> DeformationSequence:
+    def _rest(self) -> Float[np.ndarray, "R+1 n 2"]:
         """What is left of the previous plan, from the row nearest to the start on."""
         if self._previous is None:
             raise PlanningError("there is no previous plan")
         old = self._previous.shapes
         first = int(np.argmin(np.linalg.norm(old - self.task.start, axis=2).sum(1)))
-        shapes = np.concatenate([self.task.start[None], old[first + 1 : -1], self.task.goal[None]])
-        return DeformationSequence.in_step(shapes)
+        return np.concatenate([self.task.start[None], old[first + 1 : -1], self.task.goal[None]])
 
-    def _slide(self, leading: End) -> DeformationSequence:
+    def _slide(self, leading: End) -> Float[np.ndarray, "R+1 n 2"]:
         if leading not in self._slides:
             self._slides[leading] = slide(self.task, leading, self.config.pivot, seed=self.seed)
         return self._slides[leading]
 
-    def _search(self, name: Guide) -> DeformationSequence:
-        task, config = self.task, self.config.explore
+    def _search(self, name: InitialName) -> Float[np.ndarray, "R+1 n 2"]:
+        task, config = self.task, self.config.rrt_connect
         if name == "corridor":
             sampler = rrt_connect.about_path(task, self.pivot, config)
         elif name == "tube":
             ends = task.start_fit[0], task.goal_fit[0]
-            shapes = self._slide("head").shapes
-            sampler = rrt_connect.about_shapes(
-                fit_sequence(task.cable.rod, shapes, *ends, rrt_connect.TUBE_STEP)[0], config
-            )
+            q = fit_sequence(task.cable.rod, self._slide("head"), *ends, rrt_connect.TUBE_STEP)[0]
+            sampler = rrt_connect.about_shapes(q, config)
         else:
             sampler = rrt_connect.anywhere(task, config)
 
-        def tell(share: float) -> None:
-            self.progress("guide", share)
+        def report(share: float) -> None:
+            self.progress("initial trajectory", share)
 
-        return rrt_connect.explored_guide(task, sampler, config, seed=self.seed, progress=tell)
+        rod, q = task.cable.rod, rrt_connect.explore(task, sampler, config, seed=self.seed, progress=report)
+        return np.ascontiguousarray(rod.at_keypoints(rod.shapes(q)[0]))
 
 
-def straight(task: Task) -> DeformationSequence:
+def straight(task: Task) -> Float[np.ndarray, "R+1 n 2"]:
     """Each keypoint goes straight from start to goal: no shapes of a cable in between, nothing avoided."""
     shares = np.linspace(0.0, 1.0, STRAIGHT_STEPS + 1)[:, None, None]
-    return DeformationSequence.in_step((1 - shares) * task.start + shares * task.goal)
+    return (1 - shares) * task.start + shares * task.goal

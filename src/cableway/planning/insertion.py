@@ -56,7 +56,7 @@ def plan_push(task: Task, limits: VerificationLimits | None = None) -> Plan:
         if verdict.passed:
             return plan
         reasons.append(f"if the left gripper {name}: {verdict}")
-        attempt = Attempt(reasons[-1], plan.pivot, None, plan.shapes, verdict, plan.poses)
+        attempt = Attempt(reasons[-1], plan.shapes, plan.poses, verdict)
     raise PlanningError(f"the plug cannot be pushed into the port: {'; '.join(reasons)}", attempt)
 
 
@@ -83,7 +83,5 @@ def _straight(task: Task, a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) 
 def _plan(task: Task, q: Float[np.ndarray, "t 6"], left: str) -> Plan:
     stations, poses = task.cable.rod.shapes(q)
     shapes = np.ascontiguousarray(task.cable.rod.at_keypoints(stations))
-    progress = np.repeat(np.linspace(0.0, 1.0, len(q))[:, None], shapes.shape[1], axis=1)
     made_by = {"part": INSERTION, "left gripper": left, "versions": versions()}
-    paths = np.ascontiguousarray(shapes.swapaxes(0, 1))
-    return Plan(shapes, poses, paths[len(paths) // 2], np.empty((0, 2, 2)), paths, progress, made_by)
+    return Plan(shapes, poses, q, metadata=made_by)

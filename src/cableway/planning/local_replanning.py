@@ -20,7 +20,6 @@ from cableway.core.errors import PlanningError
 from cableway.planning import rrt_connect
 from cableway.planning.projection import RealizationConfig, RealizedSequence, between, evenly_moved, stepped
 from cableway.planning.trajectory_optimization import refine
-from cableway.records import DeformationSequence
 from cableway.scene.task import Task
 
 SAMPLES = 4000
@@ -32,7 +31,6 @@ ROOM = (1, 10, 60)
 
 def repaired(
     realised: RealizedSequence,
-    sequence: DeformationSequence,
     task: Task,
     config: RealizationConfig,
     search: rrt_connect.ExploreConfig,
@@ -43,8 +41,7 @@ def repaired(
     """A realised sequence with what is not free repaired, refined again and stepped.
 
     Args:
-        realised: Equilibria made of `sequence`.
-        sequence: Shapes from start to goal.
+        realised: Equilibria made of an initial trajectory.
         task: The task.
         config: How it was realised.
         search: What is free, and how trees grow.
@@ -54,13 +51,13 @@ def repaired(
     Raises:
         PlanningError: A stretch was not got round, or there is none that is not free.
     """
-    assert realised.q is not None
-    assert realised.rows is not None
-    q, places = repair(realised.q, task, search, seed=seed, progress=lambda share: progress(share / 2))
+    assert realised.nodes is not None
+    assert realised.node_places is not None
+    q, places = repair(realised.nodes, task, search, seed=seed, progress=lambda share: progress(share / 2))
     at = evenly_moved(task.cable.rod, q, config.row_step)
-    rows = np.interp(np.interp(at, np.arange(len(q)), places), np.arange(len(realised.q)), realised.rows)
+    rows = np.interp(np.interp(at, np.arange(len(q)), places), np.arange(len(realised.nodes)), realised.node_places)
     q = refine(between(q, at), task, config.refinement, lambda share: progress((1 + share) / 2))
-    return stepped(q, rows, sequence, task, config)
+    return stepped(q, rows, task, config)
 
 
 def repair(

@@ -1,6 +1,6 @@
-"""The planner: guides in a fixed order, each made true and judged, until one verifies.
+"""The planner: initial trajectories in a fixed order, each projected to equilibria and judged, until one verifies.
 
-The first guide in the order whose realisation verifies is the plan, so that the answer does not depend on timing.
+The first in the order whose projection verifies is the plan, so that the answer does not depend on timing.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import overload
 from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import InputError, PlanningError, PlanningInterrupted
-from cableway.planning.alternatives import ROUTED, find_alternatives
+from cableway.planning.alternatives import find_alternatives
 from cableway.planning.candidates import OutOfTime, Search
-from cableway.planning.config import Guide, PlannerConfig
-from cableway.planning.initial_trajectories import Progress
+from cableway.planning.config import InitialName, PlannerConfig
+from cableway.planning.initial_trajectories import PIVOTED, Progress
 from cableway.planning.projection import end_equilibria
 from cableway.planning.routes.homotopy import requested_route, unmet_request
 from cableway.records import Passage, Plan
@@ -66,7 +66,7 @@ def plan(
 
     Args:
         task: The task.
-        seed: For the guides that draw random numbers.
+        seed: For the initial trajectories that draw random numbers.
         config: What to use in each stage; `PlannerConfig.paper()` for the paper's choices.
         progress: Called with the name of a stage and the share of it that is done.
         expired: Asked at every report of progress; the search ends once it says yes.
@@ -85,8 +85,8 @@ def plan(
         InputError: `alternatives` is not positive, or comes with a requested way.
     """
     search = Search(task, config or PlannerConfig(), seed, progress, expired)
-    if search.config.realization.kind != "none":
-        end_equilibria(task, search.config.realization)
+    if search.config.projection.kind != "none":
+        end_equilibria(task, search.config.projection)
     try:
         if alternatives is None:
             return _find(search, through, avoiding, previous)
@@ -104,13 +104,13 @@ def plan(
 
 
 def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage], previous: Plan | None) -> Plan:
-    """The plan of the first guide that leads to one."""
+    """The plan of the first initial trajectory that leads to one."""
     task, config = search.task, search.config
-    names: tuple[Guide, ...] = config.guides
-    guides = search.guides(previous=previous)
+    names: tuple[InitialName, ...] = config.initial_trajectories
+    trajectories = search.trajectories(previous=previous)
     if through or avoiding:
-        names = tuple(name for name in names if name in ROUTED)
-        guides = search.guides(lambda: requested_route(task, config.pivot, search.seed, through, avoiding))
+        names = tuple(name for name in names if name in PIVOTED)
+        trajectories = search.trajectories(lambda: requested_route(task, config.pivot, search.seed, through, avoiding))
     elif previous is not None:
         names = ("previous", *names)
 
@@ -118,9 +118,12 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
         return unmet_request(plan.shapes, task, through, avoiding)
 
     for place, name in enumerate(names):
-        found = search.follow(guides, name, accept)
+        found = search.follow(trajectories, name, accept)
         if found is not None:
             return found
         if place == 0 and (error := search.blocked()):
             raise error
-    raise search.nothing(f"with the guide {names[0]!r}" if len(names) == 1 else f"with any of {len(names)} guides")
+    one = len(names) == 1
+    raise search.nothing(
+        f"with the initial trajectory {names[0]!r}" if one else f"with any of {len(names)} initial trajectories"
+    )

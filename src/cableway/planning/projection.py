@@ -21,7 +21,6 @@ from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
 from cableway.planning.trajectory_optimization import RefinementConfig, refine
-from cableway.records import DeformationSequence
 from cableway.rod import inverse
 from cableway.rod.lag import lag
 from cableway.rod.planar import PlanarRod
@@ -76,20 +75,22 @@ class RealizedSequence:
     Attributes:
         shapes: (T+1, n, 2) keypoints [m].
         poses: (T+1, 2, 3) gripper poses [m, m, rad].
-        progress: (T+1, n) carried over from the sequence they were made from.
-        q: (R+1, 6) the equilibria that were stepped; None where the shapes are none.
-        rows: (R+1,) their places in the sequence they were made from.
+        places: (T+1,) fractional rows 0.. of the initial trajectory from which they come.
+        q: (T+1, dof) rod coordinates; None where the shapes are no equilibria.
+        nodes: (R+1, dof) rod coordinates before the time parametrisation, or None.
+        node_places: (R+1,) their places in the initial trajectory.
     """
 
-    shapes: Float[np.ndarray, "t n 2"]
-    poses: Float[np.ndarray, "t 2 3"]
-    progress: Float[np.ndarray, "t n"]
-    q: Float[np.ndarray, "r 6"] | None = None
-    rows: Float[np.ndarray, "r"] | None = None
+    shapes: Float[np.ndarray, "T+1 n 2"]
+    poses: Float[np.ndarray, "T+1 2 3"]
+    places: Float[np.ndarray, "T+1"]
+    q: Float[np.ndarray, "T+1 dof"] | None = None
+    nodes: Float[np.ndarray, "R+1 dof"] | None = None
+    node_places: Float[np.ndarray, "R+1"] | None = None
 
 
 def realize(
-    sequence: DeformationSequence,
+    shapes: Float[np.ndarray, "R+1 n 2"],
     task: Task,
     config: RealizationConfig,
     progress: Callable[[float], None] = lambda _: None,
@@ -97,7 +98,7 @@ def realize(
     """Make a sequence true: fit, refine, step.
 
     Args:
-        sequence: Shapes from start to goal, in general not equilibria.
+        shapes: From start to goal [m], in general not equilibria.
         task: The task.
         config: Configuration.
         progress: Called with the share of the refinement that is done; it may raise to stop.
@@ -106,36 +107,35 @@ def realize(
         PlanningError: Start or goal is too far from any shape of the cable.
     """
     if config.kind == "none":
-        return _as_it_is(sequence, task, config)
-    rod = task.cable.rod
-    q, rows = fit_sequence(rod, sequence.shapes, *end_equilibria(task, config), config.row_step)
+        return _as_it_is(shapes, task, config)
+    q, places = fit_sequence(task.cable.rod, shapes, *end_equilibria(task, config), config.row_step)
     if config.kind != "fit":
         q = refine(q, task, config.refinement, progress)
-    return stepped(q, rows, sequence, task, config)
+    return stepped(q, places, task, config)
 
 
 def stepped(
-    q: Float[np.ndarray, "r 6"],
-    rows: Float[np.ndarray, "r"],
-    sequence: DeformationSequence,
+    nodes: Float[np.ndarray, "R+1 dof"],
+    node_places: Float[np.ndarray, "R+1"],
     task: Task,
     config: RealizationConfig,
 ) -> RealizedSequence:
-    """Equilibria that were made of a sequence, stepped; `rows` are their places in it."""
+    """Equilibria with a time parametrisation; `node_places` are their places in the initial trajectory."""
     rod = task.cable.rod
-    fine, at = step_evenly(q, task, config)
-    stations, poses = rod.shapes(fine)
-    progress = between(sequence.progress, np.interp(at, np.arange(len(rows)), rows))
-    return RealizedSequence(np.ascontiguousarray(rod.at_keypoints(stations)), poses, progress, q, rows)
+    q, at = step_evenly(nodes, task, config)
+    stations, poses = rod.shapes(q)
+    places = np.interp(at, np.arange(len(node_places)), node_places)
+    shapes = np.ascontiguousarray(rod.at_keypoints(stations))
+    return RealizedSequence(shapes, poses, places, q, nodes, node_places)
 
 
-def _as_it_is(sequence: DeformationSequence, task: Task, config: RealizationConfig) -> RealizedSequence:
+def _as_it_is(shapes: Float[np.ndarray, "R+1 n 2"], task: Task, config: RealizationConfig) -> RealizedSequence:
     """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
-    at = np.linspace(0, len(sequence.shapes) - 1, 8 * (len(sequence.shapes) - 1) + 1)
-    shapes = between(sequence.shapes, at)
-    at = at_equal_effort(at, shapes, _tangent_poses(shapes), task, config)
-    shapes = between(sequence.shapes, at)
-    return RealizedSequence(shapes, _tangent_poses(shapes), between(sequence.progress, at))
+    at = np.linspace(0, len(shapes) - 1, 8 * (len(shapes) - 1) + 1)
+    fine = between(shapes, at)
+    at = at_equal_effort(at, fine, _tangent_poses(fine), task, config)
+    fine = between(shapes, at)
+    return RealizedSequence(fine, _tangent_poses(fine), at)
 
 
 def _tangent_poses(shapes: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 2 3"]:

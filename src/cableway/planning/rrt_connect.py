@@ -1,9 +1,9 @@
-"""Guides by search: two trees of rod equilibria grow from start and goal until they meet (RRT-Connect in q).
+"""RRT-Connect among equilibria: two trees of rod equilibria grow from start and goal until they meet.
 
 Every straight line in rod coordinates q is a line of equilibria, so an edge is checked at shapes a few millimetres
 apart for clearance, stability, slack and self-crossing. Samples come from three sources, which solve different tasks:
-all over the workspace; about a path of the cable's centre; about the shapes of another guide. Their loads follow the
-task's own start and goal.
+all over the workspace; about a path of the cable's centre; about the shapes of another trajectory. Their loads
+follow the task's own start and goal.
 
 Note:
     Not in the paper (Tang et al.). RRT-Connect is Kuffner & LaValle 2000; in these coordinates it is Bretl &
@@ -23,7 +23,6 @@ from cableway.core.checks import require_range
 from cableway.core.errors import PlanningError
 from cableway.planning import rrt_connect_kernels
 from cableway.planning.trajectory_optimization import bend_limit
-from cableway.records import DeformationSequence
 from cableway.scene.task import Task
 
 Sampler = Callable[[np.random.Generator, int], Float[np.ndarray, "k 6"]]
@@ -48,7 +47,7 @@ class ExploreConfig:
         chord: Greatest distance of the grippers over the cable's length.
         load_spread: Least standard deviation of sampled loads (a_x, a_y, m); more where start or goal have more.
         corridor: Standard deviation [m] of the cable's centre about a path.
-        tube: Standard deviations about the shapes of another guide [m, m, rad, -, -, -].
+        tube: Standard deviations about the shapes of another trajectory [m, m, rad, -, -, -].
         self_distance: Distance that the cable's surface keeps from itself [m]; less where start or goal have less.
         shortcuts: Attempts to replace a stretch of the path found by a straight one.
     """
@@ -158,20 +157,6 @@ def are_free(q: Float[np.ndarray, "k 6"], task: Task, config: ExploreConfig) -> 
     """Which equilibria a path of `explore` may go through."""
     rod, world, limits = (task.cable.length, task.cable.rod.hinges), task.scene.world.arrays, _limits(task, config)
     return np.array([rrt_connect_kernels.is_free(row, rod, world, limits) for row in q])
-
-
-def explored_guide(
-    task: Task,
-    sampler: Sampler,
-    config: ExploreConfig,
-    *,
-    seed: int = 0,
-    progress: Callable[[float], None] | None = None,
-) -> DeformationSequence:
-    """The same as keypoint shapes."""
-    rod = task.cable.rod
-    q = explore(task, sampler, config, seed=seed, progress=progress)
-    return DeformationSequence.in_step(rod.at_keypoints(rod.shapes(q)[0]))
 
 
 def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:

@@ -1,11 +1,11 @@
-"""A guide without optimisation: the cable slides along one curve, one end leading.
+"""An initial trajectory without optimisation: the cable slides along one curve, one end leading.
 
 The curve is the start cable, a path from its leading end to the trailing end of the goal cable, and the goal cable.
 Every shape on it has the cable's length, whatever the clutter.
 
 Note:
     Not in the paper (Tang et al.). Where the path turns back sharply the shapes are no shapes of a cable; the
-    realisation repairs them.
+    projection makes them so.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.geometry import polyline
 from cableway.planning.config import PivotConfig
 from cableway.planning.routes.pivot import plan_pivot_path
-from cableway.records import DeformationSequence
 from cableway.scene.task import Task
 
 End = Literal["head", "tail"]
@@ -26,7 +26,7 @@ ROW_STEP = 0.012
 """Advance along the curve from shape to shape [m]: half a keypoint spacing of a 0.3 m cable."""
 
 
-def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> DeformationSequence:
+def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> Float[np.ndarray, "R+1 n 2"]:
     """Shapes of a cable that slides from start to goal.
 
     Args:
@@ -36,7 +36,7 @@ def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> De
         seed: For that path.
 
     Returns:
-        The sequence; progress is the same for all keypoints, the share of the curve that is travelled.
+        (R+1, n, 2) keypoints [m], at equal travel along the curve.
 
     Raises:
         PlanningError: No path leads from one cable to the other.
@@ -53,4 +53,4 @@ def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> De
     shapes[0], shapes[-1] = start, goal
     if leading == "tail":
         shapes = shapes[:, ::-1]
-    return DeformationSequence.in_step(shapes)
+    return np.ascontiguousarray(shapes)

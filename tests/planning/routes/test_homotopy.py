@@ -143,19 +143,19 @@ def test_what_is_left_of_a_plan_is_used_again():
     moved = Scene(task.scene.size, (Disc(center=tuple(center + away), radius=0.07),))
     now = replace(task.resumed_from(noisy), scene=moved)
     new = plan(now, previous=old)
-    assert new.metadata["guide"] == "previous"
+    assert new.metadata["initial_trajectory"] == "previous"
     assert new.steps < old.steps
     assert verify_plan(new, now).passed
     assert np.linalg.norm(new.shapes[0] - half) < 0.005
 
 
 def test_an_earlier_plan_that_no_longer_leads_anywhere():
-    """The way is closed: the other guides are tried."""
+    """The way is closed: the other initial trajectories are tried."""
     task = two_islands()
     old = plan(task)
     word = motion_class(task, old.shapes)
     x = float(np.interp(0.36, old.shapes[:, 6, 1], old.shapes[:, 6, 0]))
     closed = replace(task, scene=Scene(task.scene.size, (*task.scene.obstacles, Disc(center=(x, 0.36), radius=0.06))))
     new = plan(closed, previous=old)
-    assert new.metadata["guide"] != "previous" or motion_class(task, new.shapes) != word
+    assert new.metadata["initial_trajectory"] != "previous" or motion_class(task, new.shapes) != word
     assert verify_plan(new, closed).passed

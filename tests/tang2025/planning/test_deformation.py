@@ -10,12 +10,12 @@ import scipy.sparse
 
 from cableway.core.errors import InputError, PlanningError, UnknownNameError
 from cableway.geometry import polyline, se2
-from cableway.planning.config import DeformationConfig, PlannerConfig
-from cableway.records import PathSet
 from cableway.scene.cable import Cable
+from cableway.tang2025.planning.config import DeformationConfig, paper_planner
 from cableway.tang2025.planning.deformation import first_guess, optimize_deformation
 from cableway.tang2025.planning.ipopt import LinearLimits, Objective, minimize
 from cableway.tang2025.planning.path_curves import PathCurves, SigmoidCurves, SplineCurves
+from cableway.tang2025.planning.path_set import PathSet
 from cableway.tang2025.planning.springs import Springs, pattern
 
 CABLE = Cable()
@@ -280,7 +280,7 @@ def test_not_a_number_is_a_planning_error():
 
 # ------------------------------------------------------------------------------------------------ configuration
 def test_paper_s_values():
-    paper = PlannerConfig.paper()
+    paper = paper_planner()
     assert (paper.pivot.method, paper.pivot.length_weight, paper.pivot.clearance_weight) == ("rrt_star", 1.0, 1.0)
     assert paper.path_set.kind == "transfer"
     deformation = paper.deformation

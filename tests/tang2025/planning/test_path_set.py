@@ -9,14 +9,15 @@ import pytest
 
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.geometry import polyline
-from cableway.planning.config import PathSetConfig, PivotConfig
+from cableway.planning.config import PivotConfig
 from cableway.planning.routes import band
 from cableway.planning.routes.passages import crossings, find_passages, traversed_passages
 from cableway.planning.routes.pivot import pivot_keypoint, plan_pivot_path
-from cableway.records import Passage, PathSet
+from cableway.records import Passage
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
 from cableway.scene.task import Task
-from cableway.tang2025.planning.path_set import generate_path_set
+from cableway.tang2025.planning.config import PathSetConfig
+from cableway.tang2025.planning.path_set import PathSet, generate_path_set
 from tests.problems import HIGH_ARC, LOW_ARC, beside_disc, doorway, free, task_between
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pkgutil import resolve_name
+
 import numpy as np
 from jaxtyping import Float
 
@@ -10,6 +12,9 @@ from cableway.planning.config import PivotConfig
 from cableway.planning.routes import band
 from cableway.planning.routes.pivot_grid import grid_path
 from cableway.scene.scene import Scene
+
+RRT_STAR = "cableway.tang2025.planning.pivot_rrt_star:rrt_star_path"
+"""The paper's method; imported only when it is asked for."""
 
 
 def pivot_keypoint(keypoints: int) -> int:
@@ -46,6 +51,7 @@ def plan_pivot_path(
     Raises:
         PlanningError: Start or goal is too near an obstacle, or no path keeps `radius`.
         InputError: A coordinate is not finite, or RRT* was asked for where OMPL has no wheel.
+        MissingExtraError: RRT* was asked for without the extra `tang2025`.
 
     Note:
         The paper integrates 1/d over the path parameter in [0, 1]. That is not additive, so no planner can
@@ -65,9 +71,7 @@ def plan_pivot_path(
         return ends
     if config.method == "grid":
         return grid_path(scene, ends[0], ends[1], radius, config)
-    from cableway.tang2025.planning.pivot_rrt_star import rrt_star_path
-
-    return rrt_star_path(scene, ends[0], ends[1], radius, config, seed)
+    return resolve_name(RRT_STAR)(scene, ends[0], ends[1], radius, config, seed)
 
 
 def pivot_cost(scene: Scene, path: Float[np.ndarray, "P 2"], config: PivotConfig, step: float = 1e-3) -> float:

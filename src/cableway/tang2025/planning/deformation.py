@@ -9,6 +9,7 @@ first guess decides: "head" strings the cable out with its right end ahead, "tai
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,14 +17,27 @@ import scipy.sparse
 from jaxtyping import Float
 
 from cableway.geometry import polyline
-from cableway.planning.config import DeformationConfig
-from cableway.records import DeformationSequence, PathSet
 from cableway.scene.cable import Cable
+from cableway.tang2025.planning.config import DeformationConfig
 from cableway.tang2025.planning.ipopt import LinearLimits, Objective, minimize
 from cableway.tang2025.planning.path_curves import path_curves
+from cableway.tang2025.planning.path_set import PathSet
 from cableway.tang2025.planning.springs import Springs, pattern
 
 Guess = Literal["head", "tail", "uniform"]
+
+
+@dataclass(frozen=True)
+class DeformationSequence:
+    """Shapes along a path set, before they are made shapes of a cable.
+
+    Attributes:
+        shapes: (T+1, n, 2) [m].
+        progress: (T+1, n): sigma of each keypoint along its path, 0 at the start, 1 at the goal, never falling.
+    """
+
+    shapes: Float[np.ndarray, "T+1 n 2"]
+    progress: Float[np.ndarray, "T+1 n"]
 
 
 def optimize_deformation(

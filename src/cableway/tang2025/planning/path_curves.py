@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from scipy.special import expit
 
-from cableway.planning.config import DeformationConfig
+from cableway.tang2025.planning.config import DeformationConfig
 
 NEGLIGIBLE = 40.0
 """Exponent, in size, at which a sigmoid is nothing beside one: segments that far from a point are left out."""

@@ -12,6 +12,7 @@ Note:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,13 +20,13 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.geometry import polyline
-from cableway.planning.config import PathSetConfig
 from cableway.planning.routes import band
 from cableway.planning.routes.passages import crossings, traversed_passages
 from cableway.planning.routes.pivot import pivot_keypoint
 from cableway.planning.routes.pivot_grid import subdivide
-from cableway.records import Passage, PathSet
+from cableway.records import Passage
 from cableway.scene.task import Task
+from cableway.tang2025.planning.config import PathSetConfig
 from cableway.tang2025.planning.path_transfer import transferred_paths
 
 PIECES = 6
@@ -48,6 +49,21 @@ CLEAR = 0.01
 
 SWEEPS = 20
 """Sweeps of smoothing; more change the paths by less than a millimetre."""
+
+
+@dataclass(frozen=True)
+class PathSet:
+    """One path for each keypoint, all homotopic.
+
+    Attributes:
+        paths: (n, M, 2) [m]: from start to goal keypoint, at equal arc length along each path.
+        pivot: (P, 2) [m]: the pivot path they follow.
+        passages: (Q, 2, 2) [m]: ends of the passages that the pivot path traverses, in that order.
+    """
+
+    paths: Float[np.ndarray, "n M 2"]
+    pivot: Float[np.ndarray, "P 2"]
+    passages: Float[np.ndarray, "Q 2 2"]
 
 
 def generate_path_set(

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import polyline
-from cableway.planning.config import PathSetConfig
 from cableway.planning.routes.passages import crossings
 from cableway.planning.routes.pivot import pivot_keypoint
 from cableway.records import Passage
 from cableway.scene.task import Task
+from cableway.tang2025.planning.config import PathSetConfig
 
 
 def transferred_paths(

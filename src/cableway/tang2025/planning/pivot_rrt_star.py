@@ -26,6 +26,9 @@ except ImportError as error:
         "pivot method 'rrt_star' needs OMPL, which is published for Linux only; use method 'grid'"
     ) from error
 
+REACH = 0.1
+"""Longest edge of the tree [m]: a third of the usual cable."""
+
 
 def rrt_star_path(
     scene: Scene,
@@ -42,7 +45,7 @@ def rrt_star_path(
         start: (2,) [m], in free space.
         goal: (2,) [m], in free space.
         radius: Distance [m] to keep from everything.
-        config: Weights, iterations and longest edge.
+        config: Weights and iterations.
         seed: The same seed gives the same path.
 
     Raises:
@@ -85,7 +88,7 @@ def _solve(
     problem.setStartAndGoalStates(_state(space, start), _state(space, goal), 1e-9)
     problem.setOptimizationObjective(_Objective(information, world, config))
     planner = geometric.RRTstar(information)
-    planner.setRange(config.reach)
+    planner.setRange(REACH)
     planner.setProblemDefinition(problem)
     planner.setup()
     planner.solve(base.PlannerTerminationCondition(lambda: bool(planner.numIterations() >= config.iterations)))

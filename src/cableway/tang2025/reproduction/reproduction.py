@@ -22,10 +22,12 @@ from cableway.core.provenance import describe
 from cableway.figures.learning import horizon_figure
 from cableway.figures.stages import stages_figure
 from cableway.figures.style import save_figure
-from cableway.planning.config import PlannerConfig
-from cableway.planning.initial_trajectories import Guides
+from cableway.planning.config import PivotConfig, PlannerConfig
+from cableway.planning.initial_trajectories import InitialTrajectories
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
+from cableway.tang2025.planning.chain import PaperChain
+from cableway.tang2025.planning.config import PaperPlannerConfig
 from cableway.tang2025.planning.deformation import optimize_deformation
 from cableway.tang2025.reproduction import paper
 from cableway.tang2025.reproduction.sections import LABORATORY, Row, Section, Tell, median_worst, spread, successes
@@ -93,12 +95,13 @@ def planning(folder: Path) -> Section:
     pictures = []
     for name in STAGED:
         task = load_task(name)
-        pivots = {f"k_c = {weight:g} m": _guides(task, weight).pivot for weight in WEIGHTS}
-        sequence, paths = _guides(task).make("head")
-        save_figure(stages_figure(task, pivots, paths, sequence), folder / f"stages-{name}.png")
+        pivots = {f"k_c = {weight:g} m": _chain(task, weight).pivot for weight in WEIGHTS}
+        shapes, stages = _chain(task).deformation("head")
+        save_figure(stages_figure(task, pivots, shapes, stages), folder / f"stages-{name}.png")
         pictures.append(f"stages-{name}.png")
-        lead = sequence.progress[:, -1] - sequence.progress[:, 0]
-        ends = [int(np.argmax(curve >= 0.99)) for curve in (sequence.progress[:, 0], sequence.progress[:, -1])]
+        first, last = stages.progress[:, 0], stages.progress[:, -1]
+        lead = last - first
+        ends = [int(np.argmax(curve >= 0.99)) for curve in (first, last)]
         rows.append((name, number(float(np.abs(lead).max())), str(int(np.abs(lead).argmax())), f"{ends[0]}, {ends[1]}"))
     text = (
         "Pivot paths with different weights, passages and path set, the deformation optimised along it, and sigma over "
@@ -108,9 +111,9 @@ def planning(folder: Path) -> Section:
     return Section("Deformation planning", text, (Table("sigma", tuple(rows)),), tuple(pictures))
 
 
-def _guides(task: Task, weight: float = 1.0) -> Guides:
-    config = PlannerConfig()
-    return Guides(task, replace(config, pivot=replace(config.pivot, clearance_weight=weight)), 0, lambda *_: None)
+def _chain(task: Task, weight: float = 1.0) -> PaperChain:
+    config = PaperPlannerConfig(pivot=PivotConfig(clearance_weight=weight))
+    return PaperChain(task, config, InitialTrajectories(task, config).pivot)
 
 
 def simulated(results: Results) -> Section:
@@ -237,7 +240,7 @@ def cost(repeats: int, tell: Tell) -> Section:
         cable = replace(task.cable, keypoints=count)
         ends = cable.rod.at_keypoints(cable.rod.shapes(np.array([task.start_fit[0], task.goal_fit[0]]))[0])
         task = replace(task, cable=cable, start=ends[0], goal=ends[1], start_poses=None, goal_poses=None)
-        paths = _guides(task).path_set
+        paths = _chain(task).path_set
         table.append([_optimisation_time(paths, task, steps, repeats) for steps in STEPS])
         rows.append((str(count), *(number(seconds) for seconds in table[-1]), number(_slope(STEPS, table[-1]))))
     tell("planning cost", 1.0)
@@ -252,7 +255,7 @@ def cost(repeats: int, tell: Tell) -> Section:
 
 
 def _optimisation_time(paths: Any, task: Task, steps: int, repeats: int) -> float:
-    config = PlannerConfig().deformation
+    config = PaperPlannerConfig().deformation
     config = replace(config, steps=steps, upper_bound=config.upper_bound * config.steps / steps)
     seconds = []
     for _ in range(repeats):

@@ -1,0 +1,118 @@
+"""What can be chosen in the paper's planner: its path set, its deformation, and the values of its table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from cableway.core.checks import require_choice, require_not_negative, require_range
+from cableway.core.errors import InputError
+from cableway.planning.config import InitialName, PivotConfig, PlannerConfig
+from cableway.planning.projection import RealizationConfig
+
+PathSetKind = Literal["homotopic", "transfer"]
+Interpolation = Literal["spline", "sigmoid"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathSetConfig:
+    """How the pivot path becomes one path per keypoint.
+
+    Attributes:
+        kind: "homotopic": along the start cable, the pivot path and the goal cable, then tightened in free space;
+            "transfer": linear transfer with redistribution in the passages, the paper's.
+        waypoints: M, points of each path.
+        margin: Clearance [m] beyond the cable's radius that tightening leaves where there was that much before.
+        spread: alpha: width over which the paths spread in a passage, over the cable's length, at most.
+        shrink: gamma: scale of the end shapes that set the order in the passages ("transfer").
+    """
+
+    kind: PathSetKind = "homotopic"
+    waypoints: int = 201
+    margin: float = 0.01
+    spread: float = 0.5
+    shrink: float = 0.1
+
+    def __post_init__(self) -> None:
+        require_choice("path set", self.kind, PathSetKind)
+        require_range(self, 8, 10000, "waypoints")
+        require_not_negative(self, "margin")
+        require_range(self, 0, 1, "spread", "shrink")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeformationConfig:
+    """The optimisation of progress along the path set.
+
+    Attributes:
+        steps: T; paper's table: 50.
+        near_stiffness: k1, springs between neighbouring keypoints [N/m]. The paper's 2 does not hold the length.
+        far_stiffness: k2, springs between every second keypoint [N/m]; paper's table: 1.
+        step_stiffness: k3, springs between a keypoint and itself one step later [N/m]; 0 in the paper, whose
+            sequences may therefore wait and jump.
+        lower_bound: lb, least progress of a keypoint in a step. The paper's 0.01 with T = 50 leaves keypoints no
+            room to be more than half a path apart.
+        upper_bound: ub, most progress of a keypoint in a step; paper's table: 0.1.
+        interpolation: "spline": a C2 cubic spline through each path; "sigmoid": the paper's weighted segments.
+        sharpness: a of the paper's sigmoid, per segment.
+        iterations: Iterations allowed to Ipopt; when they are used up, the last iterate is taken.
+    """
+
+    steps: int = 50
+    near_stiffness: float = 100.0
+    far_stiffness: float = 1.0
+    step_stiffness: float = 0.1
+    lower_bound: float = 0.0
+    upper_bound: float = 0.1
+    interpolation: Interpolation = "spline"
+    sharpness: float = 10.0
+    iterations: int = 100
+
+    def __post_init__(self) -> None:
+        require_choice("interpolation", self.interpolation, Interpolation)
+        require_range(self, 2, 10000, "steps")
+        require_range(self, 0, 1e9, "near_stiffness", "far_stiffness", "step_stiffness")
+        require_range(self, 0, 1, "lower_bound", "upper_bound")
+        require_range(self, 0.1, 1e4, "sharpness")
+        require_range(self, 1, 10**6, "iterations")
+        if not self.lower_bound * self.steps <= 1 <= self.upper_bound * self.steps:
+            raise InputError(
+                f"progress cannot reach 1 in {self.steps} steps of {self.lower_bound:g} to {self.upper_bound:g}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperPlannerConfig(PlannerConfig):
+    """All stages of the paper's planner, with our values; `paper_planner` has the paper's.
+
+    Attributes:
+        path_set: One path per keypoint.
+        deformation: Progress of the keypoints along their paths.
+        initial_trajectories: As in `PlannerConfig`; here the first guesses of the deformation, one after the other.
+    """
+
+    path_set: PathSetConfig = field(default_factory=PathSetConfig)
+    deformation: DeformationConfig = field(default_factory=DeformationConfig)
+    initial_trajectories: tuple[InitialName, ...] = ("head", "tail", "uniform")
+
+
+def paper_planner(*, refined: bool = False) -> PaperPlannerConfig:
+    """The values and variants of the paper (table of key hyperparameters), and nothing else.
+
+    Args:
+        refined: Whether our projection to equilibria and trajectory optimisation follow.
+    """
+    return PaperPlannerConfig(
+        pivot=PivotConfig(method="rrt_star"),
+        path_set=PathSetConfig(kind="transfer"),
+        deformation=DeformationConfig(
+            near_stiffness=2.0,
+            far_stiffness=1.0,
+            step_stiffness=0.0,
+            lower_bound=0.01,
+            upper_bound=0.1,
+            interpolation="sigmoid",
+        ),
+        initial_trajectories=("uniform",),
+        projection=RealizationConfig(kind="refine" if refined else "none"),
+    )
