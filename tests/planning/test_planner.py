@@ -156,3 +156,9 @@ def test_a_plan_keeps_the_grippers_apart_and_the_bends_wide():
     broken = {check.name for check in verify_plan(plan(free), task).failures()}
     assert broken >= {"gripper separation", "curvature"}
     assert verify_plan(plan(task), task).passed
+
+
+def test_old_names_of_the_settings_go_on_working():
+    with pytest.warns(DeprecationWarning, match="'guides' is now 'initial_trajectories'"):
+        config = PlannerConfig(guides=("slide-head",))  # pyright: ignore[reportCallIssue]
+    assert config == PlannerConfig(initial_trajectories=("slide-head",))

@@ -7,6 +7,7 @@ from pkgutil import resolve_name
 from typing import Literal, get_args
 
 from cableway.core.checks import require_choice, require_range
+from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.planning.projection import RealizationConfig
 from cableway.planning.rrt_connect import ExploreConfig
@@ -120,3 +121,16 @@ class PlannerConfig:
                 return PlannerConfig(initial_trajectories=("anywhere",), projection=RealizationConfig(kind="fit"))
             case _:
                 raise UnknownNameError("planner", name, PLANNERS)
+
+
+PlannerConfig.__init__ = renamed_keywords(
+    explore="rrt_connect", guides="initial_trajectories", realization="projection"
+)(PlannerConfig.__init__)
+
+__getattr__ = renamed(
+    __name__,
+    {
+        "DeformationConfig": "tang2025.planning.config.DeformationConfig",
+        "PathSetConfig": "tang2025.planning.config.PathSetConfig",
+    },
+)
