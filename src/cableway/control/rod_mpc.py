@@ -240,7 +240,7 @@ class RodMPC(Controller[RodMPCState]):
         return SE2.compose(before + moved, SE2.inverse(theta[GRASPS].reshape(2, 3))) - commanded
 
 
-def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "T+1 6"]:
+def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
     """Rod coordinates of a plan's rows, running on from row to row, turned on with its gripper poses.
 
     The plan's own where they are shapes of this rod, to `SAME`; otherwise each row is fitted.

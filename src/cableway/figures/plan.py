@@ -71,7 +71,7 @@ def alternatives_figure(task: Task, motions: Sequence[Float[np.ndarray, "k n 2"]
     return figure
 
 
-def _draw_stages(ax: Axes, task: Task, stages: PaperStages | None, shapes: Float[np.ndarray, "T+1 n 2"] | None) -> None:
+def _draw_stages(ax: Axes, task: Task, stages: PaperStages | None, shapes: Float[np.ndarray, "t n 2"] | None) -> None:
     """The stages of the paper's planner; where there are none, the paths that the keypoints take."""
     if stages is not None:
         draw_routes(ax, task, stages.pivot, stages.path_set, stages.passages)

@@ -22,7 +22,7 @@ LEFT, BETWEEN, BELOW, CURVES = 0.7, 0.9, 1.1, 4.0
 def stages_figure(
     task: Task,
     pivots: Mapping[str, Float[np.ndarray, "P 2"]],
-    shapes: Float[np.ndarray, "T+1 n 2"],
+    shapes: Float[np.ndarray, "t n 2"],
     stages: PaperStages,
 ) -> Figure:
     """Pivot paths, path set, deformation along it, and the progress of each keypoint over time.

@@ -48,10 +48,10 @@ class InitialTrajectory:
         stages: What the paper's chain made on the way, if it made them; progress (R+1, n) belongs to `shapes`.
     """
 
-    shapes: Float[np.ndarray, "R+1 n 2"]
+    shapes: Float[np.ndarray, "r n 2"]
     stages: PaperStages | None = None
 
-    def stages_at(self, places: Float[np.ndarray, "T+1"]) -> PaperStages | None:
+    def stages_at(self, places: Float[np.ndarray, "t"]) -> PaperStages | None:
         """The stages with the progress at fractional rows of `shapes`."""
         return None if self.stages is None else replace(self.stages, progress=between(self.stages.progress, places))
 
@@ -80,7 +80,7 @@ class InitialTrajectories:
     ) -> None:
         self.task, self.config, self.seed, self.progress = task, config, seed, progress
         self._route, self._previous = route, previous
-        self._slides: dict[End, Float[np.ndarray, "R+1 n 2"]] = {}
+        self._slides: dict[End, Float[np.ndarray, "r n 2"]] = {}
 
     def make(self, name: InitialName) -> InitialTrajectory:
         """The initial trajectory of that name.
@@ -123,7 +123,7 @@ class InitialTrajectories:
     def _paper_chain(self) -> Any:
         return resolve_name(PAPER_CHAIN)(self.task, self.config, self.pivot, self.progress)
 
-    def _rest(self) -> Float[np.ndarray, "R+1 n 2"]:
+    def _rest(self) -> Float[np.ndarray, "r n 2"]:
         """What is left of the previous plan, from the row nearest to the start on."""
         if self._previous is None:
             raise PlanningError("there is no previous plan")
@@ -131,12 +131,12 @@ class InitialTrajectories:
         first = int(np.argmin(np.linalg.norm(old - self.task.start, axis=2).sum(1)))
         return np.concatenate([self.task.start[None], old[first + 1 : -1], self.task.goal[None]])
 
-    def _slide(self, leading: End) -> Float[np.ndarray, "R+1 n 2"]:
+    def _slide(self, leading: End) -> Float[np.ndarray, "r n 2"]:
         if leading not in self._slides:
             self._slides[leading] = slide(self.task, leading, self.config.pivot, seed=self.seed)
         return self._slides[leading]
 
-    def _search(self, name: InitialName) -> Float[np.ndarray, "R+1 n 2"]:
+    def _search(self, name: InitialName) -> Float[np.ndarray, "r n 2"]:
         task, config = self.task, self.config.rrt_connect
         if name == "corridor":
             sampler = rrt_connect.about_path(task, self.pivot, config)
@@ -154,7 +154,7 @@ class InitialTrajectories:
         return np.ascontiguousarray(rod.at_keypoints(rod.shapes(q)[0]))
 
 
-def straight(task: Task) -> Float[np.ndarray, "R+1 n 2"]:
+def straight(task: Task) -> Float[np.ndarray, "r n 2"]:
     """Each keypoint goes straight from start to goal: no shapes of a cable in between, nothing avoided."""
     shares = np.linspace(0.0, 1.0, STRAIGHT_STEPS + 1)[:, None, None]
     return (1 - shares) * task.start + shares * task.goal

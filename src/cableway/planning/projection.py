@@ -81,16 +81,16 @@ class RealizedSequence:
         node_places: (R+1,) their places in the initial trajectory.
     """
 
-    shapes: Float[np.ndarray, "T+1 n 2"]
-    poses: Float[np.ndarray, "T+1 2 3"]
-    places: Float[np.ndarray, "T+1"]
-    q: Float[np.ndarray, "T+1 dof"] | None = None
-    nodes: Float[np.ndarray, "R+1 dof"] | None = None
-    node_places: Float[np.ndarray, "R+1"] | None = None
+    shapes: Float[np.ndarray, "t n 2"]
+    poses: Float[np.ndarray, "t 2 3"]
+    places: Float[np.ndarray, "t"]
+    q: Float[np.ndarray, "t dof"] | None = None
+    nodes: Float[np.ndarray, "r dof"] | None = None
+    node_places: Float[np.ndarray, "r"] | None = None
 
 
 def realize(
-    shapes: Float[np.ndarray, "R+1 n 2"],
+    shapes: Float[np.ndarray, "r n 2"],
     task: Task,
     config: RealizationConfig,
     progress: Callable[[float], None] = lambda _: None,
@@ -115,8 +115,8 @@ def realize(
 
 
 def stepped(
-    nodes: Float[np.ndarray, "R+1 dof"],
-    node_places: Float[np.ndarray, "R+1"],
+    nodes: Float[np.ndarray, "r dof"],
+    node_places: Float[np.ndarray, "r"],
     task: Task,
     config: RealizationConfig,
 ) -> RealizedSequence:
@@ -129,7 +129,7 @@ def stepped(
     return RealizedSequence(shapes, poses, places, q, nodes, node_places)
 
 
-def _as_it_is(shapes: Float[np.ndarray, "R+1 n 2"], task: Task, config: RealizationConfig) -> RealizedSequence:
+def _as_it_is(shapes: Float[np.ndarray, "r n 2"], task: Task, config: RealizationConfig) -> RealizedSequence:
     """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
     at = np.linspace(0, len(shapes) - 1, 8 * (len(shapes) - 1) + 1)
     fine = between(shapes, at)

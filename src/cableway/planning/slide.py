@@ -26,7 +26,7 @@ ROW_STEP = 0.012
 """Advance along the curve from shape to shape [m]: half a keypoint spacing of a 0.3 m cable."""
 
 
-def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> Float[np.ndarray, "R+1 n 2"]:
+def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> Float[np.ndarray, "r n 2"]:
     """Shapes of a cable that slides from start to goal.
 
     Args:

@@ -48,7 +48,7 @@ class PaperChain:
         self.progress("path set", 1.0)
         return paths
 
-    def deformation(self, guess: Guess) -> tuple[Float[np.ndarray, "T+1 n 2"], PaperStages]:
+    def deformation(self, guess: Guess) -> tuple[Float[np.ndarray, "t n 2"], PaperStages]:
         """The shapes [m] optimised from a first guess, and all that was made on the way.
 
         Raises:

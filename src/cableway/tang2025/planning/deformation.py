@@ -36,8 +36,8 @@ class DeformationSequence:
         progress: (T+1, n): sigma of each keypoint along its path, 0 at the start, 1 at the goal, never falling.
     """
 
-    shapes: Float[np.ndarray, "T+1 n 2"]
-    progress: Float[np.ndarray, "T+1 n"]
+    shapes: Float[np.ndarray, "t n 2"]
+    progress: Float[np.ndarray, "t n"]
 
 
 def optimize_deformation(
