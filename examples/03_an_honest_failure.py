@@ -1,8 +1,8 @@
 """What cableway does when it finds no plan, and why it may find none where one exists.
 
-The only route passes through a slit. The cable is 8 mm thick and the slit 14 mm wide, so the cable fits through it. But a
-plan must keep 4 mm of clearance on either side, which takes 16 mm here, so there is none: the planner reports what cannot
-pass and where, instead of returning a plan that scrapes along the wall. With 60 mm the same task is easy.
+The only route passes through a slit. The cable is 8 mm thick and the slit 14 mm wide, so the cable fits through it.
+But a plan must keep 4 mm of clearance on either side, which takes 16 mm here, so there is none: the planner reports
+what cannot pass and where, instead of returning a plan that scrapes along the wall. With 60 mm the same task is easy.
 """
 
 import cableway as cw

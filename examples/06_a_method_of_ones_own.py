@@ -1,7 +1,8 @@
 """Your own controller in the benchmark: one file, one row in the table.
 
-Each gripper gets feedback of the mean error of its half of the cable, on top of the plan's motion. `METHOD` is all that
-the benchmark needs; `cableway bench clutter --methods examples/06_a_method_of_ones_own.py:METHOD,open-loop` runs it on a whole suite.
+Each gripper gets feedback of the mean error of its half of the cable, on top of the plan's motion. `METHOD` is all
+that the benchmark needs; run it on a suite with
+`cableway bench clutter --methods examples/06_a_method_of_ones_own.py:METHOD,open-loop`.
 """
 
 import types
