@@ -1,8 +1,8 @@
 """Replay a recorded run to other controllers, and compare their actions.
 
 A plant need not be a simulator: this one is a recording. It returns the recorded observations step by step, whatever
-the actions. The result is the action that a controller would have taken in each situation, but not how the cable would have
-responded. The controller that made the recording takes the same actions again, bit for bit.
+the actions. The result is the action that a controller would have taken in each situation, but not how the cable
+would have responded. The controller that made the recording takes the same actions again, bit for bit.
 
     python 04_replay_a_recording.py [FOLDER]     # of `cableway run`; without it, the script makes a run first
 """
