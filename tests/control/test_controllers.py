@@ -73,6 +73,7 @@ WITHOUT_KEYPOINTS = {
 PARTLY = {"one missing": at(0, shift=only(4, np.nan)), "one jumped": at(0, shift=only(4, 0.2))}
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize("name", FEEDBACK)
 @pytest.mark.parametrize("what", [*WITHOUT_POSES, *WITHOUT_KEYPOINTS])
 def test_what_shows_nothing_is_led_through_for_a_while_then_the_grippers_stop(

@@ -219,6 +219,7 @@ def test_a_rod_that_is_none_is_refused(length: float, keypoints: int):
         PlanarRod(length, keypoints)
 
 
+@pytest.mark.wrong_types
 def test_coordinates_of_the_wrong_shape_are_refused():
     with pytest.raises(InputError, match=r"shape \(t, 6\), got \(6,\)"):
         PlanarRod(1.0).shapes(np.zeros(6))

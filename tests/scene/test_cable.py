@@ -71,6 +71,7 @@ def test_ranges_of_ones_own():
     assert drawn == dataclasses.replace(Cable(), length=drawn.length, drag=2.0)
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("ranges", "said"),
     [

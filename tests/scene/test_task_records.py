@@ -50,6 +50,7 @@ def test_tasks_are_equal_by_value():
     assert task() != "made"
 
 
+@pytest.mark.wrong_types
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
