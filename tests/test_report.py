@@ -178,7 +178,7 @@ def test_the_text_names_every_figure_with_its_unit(recorded: tuple[Task, Plan, R
 def test_the_floor_is_what_no_gripper_poses_go_below(recorded: tuple[Task, Plan, Rollout]):
     """Nothing for the task's own cable, the nearest shape of a rod that is 3% short for such a cable."""
     task = recorded[0]
-    goal = task.cable.rod.at_keypoints(task.cable.rod.shapes(task.goal_fit[0][None])[0])[0]
+    goal = task.cable.rod.at_keypoints(task.cable.rod.shapes(task.goal_equilibrium[None])[0])[0]
     assert shape_error_floor(task.cable, goal) == pytest.approx(0.0, abs=1e-6)
     short = replace(task.cable, length=0.97 * task.cable.length)
     assert shape_error_floor(short, goal) == pytest.approx(fit_keypoints(short.rod, goal)[1], rel=1e-4)

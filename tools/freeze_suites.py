@@ -93,7 +93,7 @@ def described(task: str, plant: str, seed: int) -> list[str]:
         SimulationError: The plant can't take its start.
     """
     made = make_task(task)
-    shapes = made.cable.rod.shapes(np.array([made.start_fit[0], made.goal_fit[0]]))[0]
+    shapes = made.cable.rod.shapes(np.array([made.start_equilibrium, made.goal_equilibrium]))[0]
     room = float(polyline_distance(shapes, made.scene.world)[0].min()) - max(made.cable.radius, made.grippers.radius)
     if room < LEAST_ROOM:
         raise InputError(f"the ends of {task} have {1000 * room:.1f} mm of clearance")

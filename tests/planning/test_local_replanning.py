@@ -26,7 +26,7 @@ def grazing() -> Task:
 
 def across(task) -> np.ndarray:
     """Straight from start to goal, whatever lies in between."""
-    return problems.line_in_q(task.cable.rod, task.start_fit[0], task.goal_fit[0], 60)
+    return problems.line_in_q(task.cable.rod, task.start_equilibrium, task.goal_equilibrium, 60)
 
 
 def moves(task, q: np.ndarray) -> np.ndarray:

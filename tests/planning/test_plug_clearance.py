@@ -53,7 +53,7 @@ def test_the_slope_of_the_shortfall_is_that_of_differences(task: Task):
 
 
 def test_the_gradient_of_the_refinement_has_the_plug_in_it(task: Task):
-    q = np.linspace(task.start_fit[0], task.goal_fit[0], 30)
+    q = np.linspace(task.start_equilibrium, task.goal_equilibrium, 30)
     problem = _Problem(task, RefinementConfig(), 1.0, len(q))
     normal = problem.linearise(q)
     assert normal.cost == pytest.approx(problem.cost(q), rel=1e-12)
@@ -65,12 +65,12 @@ def test_the_gradient_of_the_refinement_has_the_plug_in_it(task: Task):
 
 def test_the_search_refuses_what_the_plug_touches_and_no_more(task: Task):
     bare = replace(task, plug=None, port=None)
-    rod, ends = task.cable.rod, np.array([task.start_fit[0], task.goal_fit[0]])
+    rod, ends = task.cable.rod, np.array([task.start_equilibrium, task.goal_equilibrium])
     about = np.random.default_rng(2).normal(size=(200, 6)) * [0.05, 0.05, 0.4, 0.0, 0.0, 0.0]
     q = ends[np.arange(200) % 2] + about
     allowed, also_bare = (free(t, q, _limits(t, ExploreConfig())) for t in (task, bare))
     assert task.plug is not None
-    plug = task.scene.clearance(task.plug.placed(rod.shapes(q)[1][:, 1], 0.04), 0.0)
+    plug = task.scene.clearance(task.plug.body.placed(rod.shapes(q)[1][:, 1], 0.04), 0.0)
     assert [a and c >= ExploreConfig().margin for a, c in zip(also_bare, plug, strict=True)] == allowed
     assert sum(also_bare) > sum(allowed)
 

@@ -23,8 +23,8 @@ def test_every_shape_on_the_way_is_free_and_stable(name):
     task = problems.SOLVABLE[name]()
     q = explore(task, anywhere(task, CONFIG), CONFIG)
     rod = task.cable.rod
-    np.testing.assert_allclose(q[0], task.start_fit[0])
-    np.testing.assert_allclose(rod.shapes(q[-1:])[0], rod.shapes(task.goal_fit[0][None])[0], atol=1e-9)
+    np.testing.assert_allclose(q[0], task.start_equilibrium)
+    np.testing.assert_allclose(rod.shapes(q[-1:])[0], rod.shapes(task.goal_equilibrium[None])[0], atol=1e-9)
     between = 0.5 * (q[:-1] + q[1:])
     for rows in (q, between):
         stations, poses = rod.shapes(rows)
@@ -85,7 +85,7 @@ def test_samples_lie_where_they_are_asked_for():
     off = rows[:, None, :2] - path
     assert np.sqrt(np.mean(np.min(np.sum(off**2, axis=2), axis=1) / 2)) == pytest.approx(CONFIG.corridor, rel=0.15)
     assert (rows[:, 3:].std(0) > 0.9 * np.array(CONFIG.load_spread)).all()
-    near = about_shapes(task.start_fit[0][None], CONFIG)(rng, 4000) - task.start_fit[0]
+    near = about_shapes(task.start_equilibrium[None], CONFIG)(rng, 4000) - task.start_equilibrium
     np.testing.assert_allclose(near.std(0), np.array(CONFIG.tube) * np.sqrt(4 / 3), rtol=0.1)
 
 

@@ -24,7 +24,7 @@ def insertion() -> Task:
 
 
 def test_the_outline_goes_round_once_in_steps_no_longer_than_asked():
-    line = PLUG.outline(0.003)
+    line = PLUG.body.boundary(0.003)
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     assert steps.max() <= 0.003 + 1e-12
     assert steps.sum() == pytest.approx(2 * (0.04 + 0.012))
@@ -36,7 +36,7 @@ def test_the_plug_moves_with_its_rear_as_one():
     lines = PLUG.placed(poses, 0.005)
     for pose, line in zip(poses, lines, strict=True):
         c, s = np.cos(pose[2]), np.sin(pose[2])
-        np.testing.assert_allclose(line, PLUG.outline(0.005) @ [[c, s], [-s, c]] + pose[:2], atol=1e-15)
+        np.testing.assert_allclose(line, PLUG.body.boundary(0.005) @ [[c, s], [-s, c]] + pose[:2], atol=1e-15)
 
 
 @pytest.mark.parametrize("depth", [-0.015, 0.0, 0.012])

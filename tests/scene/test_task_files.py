@@ -121,7 +121,7 @@ def test_gripper_poses_with_a_side_are_solved_by_the_rod(tmp_path: Path, bend: s
     task = load_task(write(tmp_path, at("start", {"grippers": poses.tolist(), "bend": bend})))
     assert task.start_poses is not None
     np.testing.assert_array_equal(task.start_poses, poses)
-    q, distance = task.start_fit
+    q, distance = task.start_equilibrium, task.equilibrium_distances[0]
     assert distance < 1e-6
     np.testing.assert_allclose(SE2.distance(PlanarRod(0.3).shapes(q[None])[1][0], poses), 0, atol=1e-5)
     assert (polyline.signed_area(task.start) > 0) == (bend == "left")

@@ -35,7 +35,7 @@ def test_starts_at_the_tasks_start(task_at):
     assert seen.time == 0.0
     assert plant.control_step == 0.1
     np.testing.assert_allclose(seen.keypoints, task.start, atol=1e-6)
-    np.testing.assert_allclose(seen.poses, task.cable.rod.shapes(task.start_fit[0][None])[1][0], atol=1e-12)
+    np.testing.assert_allclose(seen.poses, task.cable.rod.shapes(task.start_equilibrium[None])[1][0], atol=1e-12)
     assert truth.centreline.shape == (task.cable.rod.hinges + 2, 2)
     assert truth.clearance == pytest.approx(task.scene.clearance(truth.centreline[None], task.cable.radius)[0])
 

@@ -48,7 +48,7 @@ def test_clearance_is_that_of_the_rectangle(task: Task):
     for _ in range(5):
         poses = np.array([[0.3, 0.45, 0.4]]) + rng.uniform(-1, 1, (3, 3)) * [0.04, 0.02, 0.4]
         least = np.inf
-        for a, b in pairwise(task.plug.placed(poses, 0.04)):
+        for a, b in pairwise(task.plug.body.placed(poses, 0.04)):
             for f in np.linspace(0, 1, 200):
                 area = shapely.Polygon(a + f * (b - a))
                 least = min(least, area.distance(walls), *(area.distance(solid) for solid in task.scene.solids))

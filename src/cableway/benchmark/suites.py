@@ -180,7 +180,7 @@ def make_task(reference: str) -> Task:
 
 def _with_cable(task: Task, cable: Cable, name: str) -> Task:
     """With another cable, whose ends have the same loads, made dimensionless, and the same centre and direction."""
-    q = np.array([task.start_fit[0], task.goal_fit[0]])
+    q = np.array([task.start_equilibrium, task.goal_equilibrium])
     start, goal = cable.rod.at_keypoints(cable.rod.shapes(q)[0]).round(END_DECIMALS)
     return replace(task, name=name, cable=cable, start=start, goal=goal, start_poses=None, goal_poses=None)
 

@@ -104,7 +104,7 @@ def draw_grippers(ax: Axes, points: Float[np.ndarray, "k 2"], radius: float, **o
 def plug_corners(task: Task, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 2"]:
     """Corners [m] of the plug ahead of the right gripper at `pose`."""
     assert task.plug is not None
-    return task.plug.placed(pose, task.plug.length)[:-1]
+    return task.plug.body.placed(pose, task.plug.length)[:-1]
 
 
 def draw_end_shapes(ax: Axes, task: Task, letters: bool = True) -> None:

@@ -141,7 +141,7 @@ class InitialTrajectories:
         if name == "corridor":
             sampler = rrt_connect.about_path(task, self.pivot, config)
         elif name == "tube":
-            ends = task.start_fit[0], task.goal_fit[0]
+            ends = task.start_equilibrium, task.goal_equilibrium
             q = fit_sequence(task.cable.rod, self._slide("head"), *ends, rrt_connect.TUBE_STEP)[0]
             sampler = rrt_connect.about_shapes(q, config)
         else:

@@ -47,7 +47,7 @@ def plan_push(task: Task, limits: VerificationLimits | None = None) -> Plan:
     reasons, attempt = [], None
     for share, name in SHARES.items():
         poses = _poses(task, share)
-        led = lead(task.cable.rod, task.goal_fit[0], poses)
+        led = lead(task.cable.rod, task.goal_equilibrium, poses)
         if led.snap is not None:
             reasons.append(f"the cable snaps at row {led.snap:.1f} of {len(poses) - 1} if the left gripper {name}")
             continue
@@ -64,7 +64,7 @@ def _poses(task: Task, share: float) -> Float[np.ndarray, "t 2 3"]:
     """Gripper poses: the right one onto the axis and along it, the left one doing `share` of its travel."""
     assert task.plug is not None
     assert task.port is not None
-    first = task.cable.rod.shapes(task.goal_fit[0][None])[1][0]
+    first = task.cable.rod.shapes(task.goal_equilibrium[None])[1][0]
     before = first[1] + SE2.minus(task.port.pose(task.plug, -task.port.standoff), first[1])
     after = before + task.port.pose(task.plug, task.port.depth) - task.port.pose(task.plug, -task.port.standoff)
     right = np.vstack([_straight(task, first[1], before), _straight(task, before, after)[1:]])

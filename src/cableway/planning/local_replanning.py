@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from cableway.core.errors import PlanningError
+from cableway.motion.validity import FreeSpace
 from cableway.planning import rrt_connect
 from cableway.planning.projection import RealizationConfig, RealizedSequence, between, evenly_moved, stepped
 from cableway.planning.trajectory_optimization import refine
@@ -85,7 +86,7 @@ def repair(
     """
     places = evenly_moved(task.cable.rod, q, config.step)
     q = between(q, places)
-    free = rrt_connect.are_free(q, task, config)
+    free = FreeSpace.of(task, config.margins).are_free(q)
     if free.all():
         raise PlanningError("there is nothing to repair")
     if not (free[0] and free[-1]):

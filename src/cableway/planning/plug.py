@@ -33,7 +33,7 @@ def plug_shortfall(
     if task.plug is None:
         return np.empty((len(poses), 0)), np.empty((len(poses), 0, 3))
     ends = poses[:, 1]
-    points = task.plug.placed(ends, SPACING)[:, :-1]
+    points = task.plug.body.placed(ends, SPACING)[:, :-1]
     distance, slope, _ = convex.signed_distance(points, task.scene.world, margin)
     short = np.maximum(0.0, margin - distance)
     slope = -slope * (short > 0)[..., None]

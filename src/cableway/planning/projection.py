@@ -152,15 +152,13 @@ def end_equilibria(task: Task, config: RealizationConfig) -> tuple[Float[np.ndar
     Raises:
         PlanningError: One of them is farther than `config.fit_tolerance` from its shape.
     """
-    ends = []
-    for name, (q, distance) in (("start", task.start_fit), ("goal", task.goal_fit)):
+    for name, distance in zip(("start", "goal"), task.equilibrium_distances, strict=True):
         if distance > config.fit_tolerance:
             raise PlanningError(
                 f"the {name} is no shape that the cable takes by itself: the nearest one is {1000 * distance:.1f} mm "
                 f"away (stacked), more than {1000 * config.fit_tolerance:.0f} mm"
             )
-        ends.append(q)
-    return ends[0], ends[1]
+    return task.start_equilibrium, task.goal_equilibrium
 
 
 def fit_sequence(

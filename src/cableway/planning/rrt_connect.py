@@ -12,17 +12,17 @@ Note:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from cableway.core.checks import require_range
 from cableway.core.errors import PlanningError
+from cableway.motion.limits import Margins
+from cableway.motion.validity import FreeSpace, task_ends
 from cableway.planning import rrt_connect_kernels
-from cableway.planning.trajectory_optimization import bend_limit
 from cableway.scene.task import Task
 
 Sampler = Callable[[np.random.Generator, int], Float[np.ndarray, "k 6"]]
@@ -42,33 +42,25 @@ class ExploreConfig:
     Attributes:
         samples: Most samples, over both trees.
         step: Largest move of a point of the rod between two shapes that are checked [m].
-        margin: Clearance of cable, gripper discs and plug [m]; less where start or goal have less.
-        stability: Least stability margin.
-        chord: Greatest distance of the grippers over the cable's length.
+        margins: What shapes keep; less where start or goal keep less.
         load_spread: Least standard deviation of sampled loads (a_x, a_y, m); more where start or goal have more.
         corridor: Standard deviation [m] of the cable's centre about a path.
         tube: Standard deviations about the shapes of another trajectory [m, m, rad, -, -, -].
-        self_distance: Distance that the cable's surface keeps from itself [m]; less where start or goal have less.
         shortcuts: Attempts to replace a stretch of the path found by a straight one.
     """
 
     samples: int = 6000
     step: float = 0.006
-    margin: float = 0.005
-    stability: float = 15.0
-    chord: float = 0.985
+    margins: Margins = field(default_factory=Margins)
     load_spread: tuple[float, float, float] = (8.0, 8.0, 2.0)
     corridor: float = 0.05
     tube: tuple[float, float, float, float, float, float] = (0.03, 0.03, 0.4, 6.0, 6.0, 1.5)
-    self_distance: float = 0.001
     shortcuts: int = 100
 
     def __post_init__(self) -> None:
         require_range(self, 1, 10**7, "samples")
         require_range(self, 1e-4, 1, "step")
-        require_range(self, 0, 1, "margin", "corridor", "self_distance")
-        require_range(self, 0, 40, "stability")
-        require_range(self, 1e-3, 1, "chord")
+        require_range(self, 0, 1, "corridor")
         require_range(self, 0, 10**6, "shortcuts")
 
 
@@ -130,43 +122,34 @@ def explore(
         PlanningError: The samples are used up.
     """
     rng = np.random.default_rng(seed)
-    rod, world = (task.cable.length, task.cable.rod.hinges), task.scene.world.arrays
-    start, goal = _task_ends(task) if ends is None else ends
-    limits = _limits(task, config)
-    trees, shapes = (
-        np.empty((2, config.samples + 4, 6)),
-        np.empty((2, config.samples + 4, 2 * rrt_connect_kernels.FEATURES)),
-    )
-    parents, counts = np.full((2, config.samples + 4), -1), np.ones(2, dtype=np.int64)
+    rod, space = task.cable.rod, FreeSpace.of(task, config.margins).arrays
+    start, goal = task_ends(task) if ends is None else ends
+    rows = config.samples + 4
+    trees, shapes = np.empty((2, rows, rod.dof)), np.empty((2, rows, 2 * rrt_connect_kernels.FEATURES))
+    parents, counts = np.full((2, rows), -1), np.ones(2, dtype=np.int64)
     for side, root in enumerate((start, goal)):
         trees[side, 0] = root
-        rrt_connect_kernels.features(root, *rod, shapes[side, 0])
+        rrt_connect_kernels.features(root, rod.length, rod.hinges, shapes[side, 0])
     for first in range(0, config.samples, BATCH):
         if progress is not None:
             progress(first / config.samples)
         samples = np.vstack([sampler(rng, BATCH - 1), goal]) if first == 0 else sampler(rng, BATCH)
-        met = rrt_connect_kernels.connect(samples, trees, shapes, parents, counts, rod, world, limits, config.step)
+        met = rrt_connect_kernels.connect(samples, trees, shapes, parents, counts, space, config.step)
         if met[0] >= 0:
             path = np.vstack([_branch(trees[0], parents[0], met[0])[::-1], _branch(trees[1], parents[1], met[1])[1:]])
             pairs = rng.uniform(size=(config.shortcuts, 2))
-            return _dense(rrt_connect_kernels.shortcut(path, pairs, rod, world, limits, config.step), task, config.step)
+            return _dense(rrt_connect_kernels.shortcut(path, pairs, space, config.step), task, config.step)
     raise PlanningError(f"the search found no way with {config.samples} samples")
-
-
-def are_free(q: Float[np.ndarray, "k 6"], task: Task, config: ExploreConfig) -> Bool[np.ndarray, "k"]:
-    """Which equilibria a path of `explore` may go through."""
-    rod, world, limits = (task.cable.length, task.cable.rod.hinges), task.scene.world.arrays, _limits(task, config)
-    return np.array([rrt_connect_kernels.is_free(row, rod, world, limits) for row in q])
 
 
 def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:
     """Angles of the centre all around, about that of the start."""
-    return task.start_fit[0][2] + rng.uniform(-np.pi, np.pi, count)
+    return task.start_equilibrium[2] + rng.uniform(-np.pi, np.pi, count)
 
 
 def _loads(task: Task, config: ExploreConfig) -> Sampler:
     """Loads about those of start and goal, spread at least by `load_spread`."""
-    ends = np.array([task.start_fit[0][3:], task.goal_fit[0][3:]])
+    ends = np.array([task.start_equilibrium[3:], task.goal_equilibrium[3:]])
     spread = np.maximum(config.load_spread, np.abs(ends).max(0))
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -174,47 +157,6 @@ def _loads(task: Task, config: ExploreConfig) -> Sampler:
         return middle + spread * rng.normal(size=(count, 3))
 
     return draw
-
-
-def _task_ends(task: Task) -> tuple[np.ndarray, np.ndarray]:
-    """Start and goal, the shorter turn apart."""
-    start, goal = task.start_fit[0], task.goal_fit[0].copy()
-    goal[2] = start[2] + (goal[2] - start[2] + np.pi) % (2 * np.pi) - np.pi
-    return start, goal
-
-
-def _limits(task: Task, config: ExploreConfig) -> np.ndarray:
-    """What `is_free` asks for; never more than start and goal have."""
-    rod, ends = task.cable.rod, np.array(_task_ends(task))
-    stations, poses = rod.shapes(ends)
-    cable = task.scene.signed_distance(stations).min() - 1e-6
-    grippers = task.scene.signed_distance(poses[..., :2]).min() - 1e-6
-    chords = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
-    gripper_radius = max(task.grippers.radius, task.cable.radius)
-    places = math.ceil(math.pi * task.cable.radius * 2 * rod.hinges / rod.length) + 1
-    selves = min(rrt_connect_kernels.self_distance(shape, places) for shape in stations) - 1e-9
-    turns = [rrt_connect_kernels.sharpest_turn(shape, rod.length, rod.hinges) for shape in stations]
-    return np.array(
-        [
-            min(task.cable.radius + config.margin, cable),
-            min(gripper_radius + config.margin, grippers),
-            min(config.stability, rod.stability(ends)[0].min() - 1e-6),
-            max(config.chord * rod.length, chords.max() + 1e-9),
-            min(task.grippers.separation, chords.min() - 1e-9),
-            max(bend_limit(task), *turns),
-            places,
-            min(2 * task.cable.radius + config.self_distance, selves),
-            *_plug_limits(task, poses[:, 1], config),
-        ]
-    )
-
-
-def _plug_limits(task: Task, ends: Float[np.ndarray, "k 3"], config: ExploreConfig) -> tuple[float, float, float]:
-    """Length and half width of the plug and the distance it keeps; no more than at the right ends of start and goal."""
-    if task.plug is None:
-        return 0.0, 0.0, 0.0
-    room = task.scene.clearance(task.plug.placed(ends, task.plug.length), 0.0).min() - 1e-6
-    return task.plug.length, task.plug.width / 2, min(config.margin, room)
 
 
 def _branch(tree: np.ndarray, parents: np.ndarray, node: int) -> np.ndarray:

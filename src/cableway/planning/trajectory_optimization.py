@@ -18,7 +18,6 @@ Note:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -28,6 +27,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from cableway.core.compiled import kernel
 from cableway.geometry import convex
+from cableway.motion.limits import sharpest_turn_of
 from cableway.planning.plug import plug_shortfall
 from cableway.scene.task import Task
 
@@ -118,7 +118,7 @@ class _Problem:
         self.smooth = tuple(np.diagonal(smooth, d).copy() for d in range(3))
         loads = first.T @ first / config.load_step_scale**2
         self.loads = tuple(np.diagonal(loads, d).copy() for d in range(3))
-        self.sharpest = config.bend_share * bend_limit(task)
+        self.sharpest = config.bend_share * sharpest_turn_of(task)
 
     def cost(self, q: Float[np.ndarray, "t 6"]) -> float:
         """The cost alone, for trial steps."""
@@ -215,12 +215,6 @@ class _Problem:
         slopes = (_cross(dbefore, after) + _cross(before, dafter)) * np.sign(sine)
         slopes /= (self.rod.length / (2 * self.rod.hinges)) ** 2 * self.config.bend_scale
         return slopes * (self._bends(stations) > 0)[..., None]
-
-
-def bend_limit(task: Task) -> float:
-    """Greatest sine of the turn at a hinge that the cable's least bend radius allows; infinite where it has none."""
-    radius, rod = task.cable.min_bend_radius, task.cable.rod
-    return math.sin(min(math.pi / 2, rod.length / rod.hinges / radius)) if radius > 0 else math.inf
 
 
 def _half_links(stations: Float[np.ndarray, "t s 2 ..."]) -> tuple[np.ndarray, np.ndarray]:

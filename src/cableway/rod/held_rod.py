@@ -93,6 +93,10 @@ class HeldRod(ABC):
     def continued(self, q: Float[np.ndarray, "d"], poses: Float[np.ndarray, "2 pose"]) -> Float[np.ndarray, "d"]:
         """The same shape in the coordinates whose gripper poses are written most like `poses`."""
 
+    @abstractmethod
+    def written_near(self, q: Float[np.ndarray, "d"], near: Float[np.ndarray, "d"]) -> Float[np.ndarray, "d"]:
+        """The same configuration in the coordinates nearest to `near`: angles do not jump by full turns."""
+
     def between(
         self, a: Float[np.ndarray, "... d"], b: Float[np.ndarray, "... d"], share: Float[np.ndarray, "..."] | float
     ) -> Float[np.ndarray, "... d"]:

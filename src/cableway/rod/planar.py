@@ -136,6 +136,12 @@ class PlanarRod(HeldRod):
         turns = poses[:, 2] - self.end_poses(q[None])[0, :, 2]
         return q + [0.0, 0.0, 2 * np.pi * np.round(turns.mean() / (2 * np.pi)), 0.0, 0.0, 0.0]
 
+    def written_near(self, q: Float[np.ndarray, "6"], near: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
+        """See `HeldRod.written_near`."""
+        out = q.copy()
+        out[2] = near[2] + (q[2] - near[2] + np.pi) % (2 * np.pi) - np.pi
+        return out
+
     def energy(self, q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t"]:
         """Bending energy in units of EI/L: N/2 times the sum of the squared bends."""
         stations, poses = self.shapes(q)

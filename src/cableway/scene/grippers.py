@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import se2
 from cableway.scene import checks
+from cableway.scene.bodies import RIGHT, Body
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,25 +57,10 @@ class Plug:
         for name in ("length", "width"):
             object.__setattr__(self, name, checks.real(getattr(self, name), ("plug", name), positive=True))
 
-    def outline(self, spacing: float) -> Float[np.ndarray, "k 2"]:
-        """Points [m] at most `spacing` apart round the plug, the last one the first again, in the frame of its rear.
-
-        >>> Plug(length=0.04, width=0.01).outline(0.04).tolist()
-        [[0.0, -0.005], [0.04, -0.005], [0.04, 0.005], [0.0, 0.005], [0.0, -0.005]]
-        """
-        half = self.width / 2
-        corners = np.array([[0.0, -half], [self.length, -half], [self.length, half], [0.0, half], [0.0, -half]])
-        sides = []
-        for a, b in pairwise(corners):
-            count = int(np.ceil(np.linalg.norm(b - a) / spacing - 1e-9))
-            sides.append(a + np.arange(count)[:, None] / count * (b - a))
-        return np.vstack([*sides, corners[:1]])
-
-    def placed(self, poses: Float[np.ndarray, "... 3"], spacing: float) -> Float[np.ndarray, "... k 2"]:
-        """The outline [m] with the rear at `poses` [m, m, rad]."""
-        poses = np.asarray(poses, float)[..., None, :]
-        x, y = self.outline(spacing).T[..., None]
-        return poses[..., :2] + x * se2.direction(poses[..., 2]) + y * se2.direction(poses[..., 2] + np.pi / 2)
+    @property
+    def body(self) -> Body:
+        """The plug as a body on the right gripper."""
+        return Body.box("plug", RIGHT, self.length, self.width)
 
 
 @dataclass(frozen=True)

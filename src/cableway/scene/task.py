@@ -14,6 +14,7 @@ from jaxtyping import Float
 from cableway.core.errors import TaskError
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene import checks, validity
+from cableway.scene.bodies import LEFT, RIGHT, Body
 from cableway.scene.cable import Cable
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.scene import Scene
@@ -120,16 +121,33 @@ class Task:
         if self.plug is None or self.port is None:
             return ()
         depth = max(self.port.depth, MOUTH)
-        inside = replace(self.plug, length=depth).placed(self.port.pose(self.plug, self.plug.length), depth)
+        inside = replace(self.plug, length=depth).body.placed(self.port.pose(self.plug, self.plug.length), depth)
         area = shapely.Polygon(inside)
         return tuple(index for index, solid in enumerate(self.scene.solids) if solid.intersects(area))
 
     @cached_property
-    def start_fit(self) -> tuple[Float[np.ndarray, "6"], float]:
-        """The equilibrium nearest to the start and its stacked distance [m]."""
-        return fit_keypoints(self.cable.rod, self.start)
+    def bodies(self) -> tuple[Body, ...]:
+        """What moves with the grippers: their discs, and the plug where there is one."""
+        radius = self.grippers.radius
+        discs = (Body.disc("left gripper", LEFT, radius), Body.disc("right gripper", RIGHT, radius))
+        return discs if self.plug is None else (*discs, self.plug.body)
+
+    @property
+    def start_equilibrium(self) -> Float[np.ndarray, "dof"]:
+        """Rod coordinates of the equilibrium nearest to the start."""
+        return self._nearest_equilibria[0][0]
+
+    @property
+    def goal_equilibrium(self) -> Float[np.ndarray, "dof"]:
+        """Rod coordinates of the equilibrium nearest to the goal."""
+        return self._nearest_equilibria[1][0]
+
+    @property
+    def equilibrium_distances(self) -> tuple[float, float]:
+        """Stacked distances [m] of start and goal from the equilibria nearest to them."""
+        (_, start), (_, goal) = self._nearest_equilibria
+        return start, goal
 
     @cached_property
-    def goal_fit(self) -> tuple[Float[np.ndarray, "6"], float]:
-        """The equilibrium nearest to the goal and its stacked distance [m]."""
-        return fit_keypoints(self.cable.rod, self.goal)
+    def _nearest_equilibria(self) -> tuple[tuple[Float[np.ndarray, "dof"], float], ...]:
+        return fit_keypoints(self.cable.rod, self.start), fit_keypoints(self.cable.rod, self.goal)

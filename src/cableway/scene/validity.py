@@ -93,7 +93,7 @@ def check_plug(end: str, pose: Float[np.ndarray, "3"], plug: Plug, scene: Scene)
     Raises:
         TaskError: The plug overlaps an obstacle or a wall.
     """
-    line = plug.placed(pose, PLUG_SPACING)
+    line = plug.body.placed(pose, PLUG_SPACING)
     depth, index = scene.overlap(line, 0.0)
     met = np.flatnonzero(shapely.intersects(shapely.Polygon(line), np.array(scene.solids, dtype=object)))
     if depth > 0 or len(met):

@@ -307,7 +307,7 @@ def start_equilibrium(task: Task, cable: Cable) -> Float[np.ndarray, "6"]:
         raise InputError(
             f"the plant's cable has {cable.keypoints} keypoints, the task's {task.cable.keypoints}; they must agree"
         )
-    q = task.start_fit[0]
+    q = task.start_equilibrium
     if cable.rod == task.cable.rod:
         return q
     stations, poses = task.cable.rod.shapes(q[None])

@@ -71,7 +71,7 @@ def plug_clearance(
     """
     if task.plug is None:
         return []
-    lines = task.plug.placed(poses, OUTLINE_SPACING)
+    lines = task.plug.body.placed(poses, OUTLINE_SPACING)
     if not inserting:
         return [_clearance("plug clearance", lines, task, range(len(task.scene.obstacles)), limit)]
     assert task.port is not None

@@ -104,7 +104,7 @@ def find_blockage(task: Task, clearance: float = 0.0) -> Blockage | None:
 
 def _bodies(task: Task) -> list[_Body]:
     rod, middle = task.cable.rod, pivot_keypoint(task.cable.keypoints)
-    start, goal = rod.at_keypoints(rod.shapes(np.array([task.start_fit[0], task.goal_fit[0]]))[0])
+    start, goal = rod.at_keypoints(rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[0])
     return [
         _Body("the left gripper", task.grippers.radius, start[0], goal[0]),
         _Body("the right gripper", task.grippers.radius, start[-1], goal[-1]),

@@ -120,7 +120,7 @@ def _displaced(obstacle: Obstacle, by: tuple[float, float]) -> Obstacle:
 def _start_between(task: Task, offsets: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:
     """Keypoints [m] of the stable shape between the displaced grippers that is nearest to the task's start."""
     rod = task.cable.rod
-    poses = rod.shapes(task.start_fit[0][None])[1][0] + offsets
+    poses = rod.shapes(task.start_equilibrium[None])[1][0] + offsets
     found = equilibria_at(rod, poses)
     if not len(found):
         raise SimulationError("the cable has no stable shape between the displaced grippers")

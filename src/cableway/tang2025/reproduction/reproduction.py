@@ -238,7 +238,7 @@ def cost(repeats: int, tell: Tell) -> Section:
         tell("planning cost", place / len(COUNTS))
         task = load_task("multi-obstacle-1")
         cable = replace(task.cable, keypoints=count)
-        ends = cable.rod.at_keypoints(cable.rod.shapes(np.array([task.start_fit[0], task.goal_fit[0]]))[0])
+        ends = cable.rod.at_keypoints(cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[0])
         task = replace(task, cable=cable, start=ends[0], goal=ends[1], start_poses=None, goal_poses=None)
         paths = _chain(task).path_set
         table.append([_optimisation_time(paths, task, steps, repeats) for steps in STEPS])

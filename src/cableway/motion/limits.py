@@ -1,0 +1,70 @@
+"""The limits of a held cable's shapes: what is asked for, and what a task allows.
+
+`Margins` are chosen; `ShapeLimits` are what they come to for one task, as numbers that the compiled kernels read.
+A new constraint is one more field here and one more line in `motion.validity`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cableway.core.checks import require_range
+from cableway.scene.task import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margins:
+    """What a shape keeps beyond not touching and not snapping.
+
+    Attributes:
+        clearance: Of cable and bodies from obstacles and walls [m].
+        stability: Least stability margin.
+        gripper_span: Greatest distance of the grippers, in lengths of the cable.
+        self_distance: Of the cable's surface from itself [m].
+    """
+
+    clearance: float = 0.005
+    stability: float = 15.0
+    gripper_span: float = 0.985
+    self_distance: float = 0.001
+
+    def __post_init__(self) -> None:
+        require_range(self, 0, 1, "clearance", "self_distance")
+        require_range(self, 0, 40, "stability")
+        require_range(self, 1e-3, 1, "gripper_span")
+
+
+class ShapeLimits(NamedTuple):
+    """What a shape of one task must keep.
+
+    Attributes:
+        cable_distance: Of the centre line from obstacles and walls [m].
+        stability: Least stability margin.
+        least_span: Least distance of the grippers [m].
+        most_span: Greatest distance of the grippers [m].
+        sharpest_turn: Greatest sine of the turn at a hinge.
+        apart: Stations along the rod from which on it could touch itself.
+        self_distance: Of such stations from each other [m].
+    """
+
+    cable_distance: float
+    stability: float
+    least_span: float
+    most_span: float
+    sharpest_turn: float
+    apart: int
+    self_distance: float
+
+
+def sharpest_turn_of(task: Task) -> float:
+    """Greatest sine of the turn at a hinge that the cable's least bend radius allows; infinite where it has none."""
+    radius, rod = task.cable.min_bend_radius, task.cable.rod
+    return math.sin(min(math.pi / 2, rod.length / rod.hinges / radius)) if radius > 0 else math.inf
+
+
+def stations_apart(task: Task) -> int:
+    """Stations along the rod from which on it could touch itself: half a turn of the cable's own thickness."""
+    rod = task.cable.rod
+    return math.ceil(math.pi * task.cable.radius * 2 * rod.hinges / rod.length) + 1

@@ -1,0 +1,88 @@
+"""Where a held cable may be.
+
+A configuration q of the rod is free where cable and bodies keep their distances from obstacles and walls, the rod is
+stable, the grippers are neither too far apart nor too near, no hinge bends too sharply, and the cable keeps away from
+itself. `FreeSpace` asks that of the shapes of one task; between two configurations every shape is an equilibrium
+(`cableway.rod.planar`), so a motion is checked at shapes a few millimetres apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from cableway.motion import kernels
+from cableway.motion.limits import Margins, ShapeLimits, sharpest_turn_of, stations_apart
+from cableway.rod.held_rod import HeldRod
+from cableway.scene.bodies import Body, pack
+from cableway.scene.scene import Scene
+from cableway.scene.task import Task
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """The configurations of a task's cable that are free.
+
+    Attributes:
+        rod: The rod.
+        arrays: What the kernels take as `space`.
+    """
+
+    rod: HeldRod
+    arrays: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, task: Task, margins: Margins) -> FreeSpace:
+        """What a task allows with some margins: never more than its own start and goal keep."""
+        rod, ends = task.cable.rod, np.array(task_ends(task))
+        stations, poses = rod.shapes(ends)
+        spans = gripper_spans(poses)
+        turns = [kernels.sharpest_turn(shape, rod.length, rod.hinges) for shape in stations]
+        apart = stations_apart(task)
+        selves = min(kernels.self_distance(shape, apart) for shape in stations)
+        limits = ShapeLimits(
+            cable_distance=min(
+                task.cable.radius + margins.clearance, float(task.scene.signed_distance(stations).min()) - 1e-6
+            ),
+            stability=min(margins.stability, float(rod.stability(ends)[0].min()) - 1e-6),
+            least_span=min(task.grippers.separation, float(spans.min()) - 1e-9),
+            most_span=max(margins.gripper_span * rod.length, float(spans.max()) + 1e-9),
+            sharpest_turn=max(sharpest_turn_of(task), *turns),
+            apart=apart,
+            self_distance=min(2 * task.cable.radius + margins.self_distance, selves - 1e-9),
+        )
+        kept = [_body_distance(body, poses, task, margins) for body in task.bodies]
+        return cls(rod, ((rod.length, rod.hinges), task.scene.world.arrays, limits, pack(task.bodies, kept)))
+
+    def are_free(self, q: Float[np.ndarray, "k dof"]) -> Bool[np.ndarray, "k"]:
+        """Which configurations are free."""
+        return kernels.are_free(np.ascontiguousarray(q, float), self.arrays)
+
+
+def task_ends(task: Task) -> tuple[Float[np.ndarray, "dof"], Float[np.ndarray, "dof"]]:
+    """The equilibria of start and goal, the shorter turn apart."""
+    start, goal = task.start_equilibrium, task.goal_equilibrium
+    return start, task.cable.rod.written_near(goal, start)
+
+
+def gripper_spans(poses: Float[np.ndarray, "t 2 pose"]) -> Float[np.ndarray, "t"]:
+    """Distance [m] between the grippers in each row."""
+    return np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+
+
+def body_clearance(body: Body, poses: Float[np.ndarray, "t 2 pose"], scene: Scene) -> Float[np.ndarray, "t"]:
+    """Clearance [m] of a body from obstacles and walls in each row of gripper poses."""
+    outline = body.placed(poses[:, body.side])
+    if outline.shape[-2] == 1:
+        return scene.signed_distance(outline[:, 0]) - body.rounding
+    return scene.clearance(outline, body.rounding)
+
+
+def _body_distance(body: Body, ends: Float[np.ndarray, "2 2 pose"], task: Task, margins: Margins) -> float:
+    """Distance [m] that the outline of a body keeps; a disc at the cable's end is at least as thick as the cable."""
+    rounding = max(body.rounding, task.cable.radius) if len(body.outline) == 1 else body.rounding
+    least = float(body_clearance(body, ends, task.scene).min()) + body.rounding - 1e-6
+    return min(rounding + margins.clearance, least)
