@@ -8,11 +8,12 @@ import pytest
 
 from cableway.benchmark.suites import make_task
 from cableway.core.errors import PlanningError
+from cableway.motion.validity import FreeSpace
 from cableway.planning.config import PlannerConfig
 from cableway.planning.local_replanning import repair
 from cableway.planning.planner import plan
 from cableway.planning.projection import RealizationConfig
-from cableway.planning.rrt_connect import ExploreConfig, are_free
+from cableway.planning.rrt_connect import ExploreConfig
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 
@@ -37,10 +38,10 @@ def moves(task, q: np.ndarray) -> np.ndarray:
 def test_leaves_the_sequence_only_where_it_is_not_free():
     task = grazing()
     given = across(task)
-    blocked = np.flatnonzero(~are_free(given, task, CONFIG))
+    blocked = np.flatnonzero(~FreeSpace.of(task, CONFIG.margins).are_free(given))
     assert len(blocked) > 5
     q, places = repair(given, task, CONFIG)
-    assert are_free(q, task, CONFIG).all()
+    assert FreeSpace.of(task, CONFIG.margins).are_free(q).all()
     assert (places[0], places[-1]) == (0, len(given) - 1)
     assert (np.diff(places) > 0).all()
     far = (places < blocked[0] - 10) | (places > blocked[-1] + 10)

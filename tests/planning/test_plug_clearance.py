@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
-from cableway.planning import rrt_connect_kernels
+from cableway.motion.limits import Margins
+from cableway.motion.terms import body_shortfall
+from cableway.motion.validity import FreeSpace
 from cableway.planning.planner import plan
-from cableway.planning.plug import plug_shortfall
-from cableway.planning.rrt_connect import ExploreConfig, _limits
 from cableway.planning.trajectory_optimization import RefinementConfig, _Problem
 from cableway.records import Plan
 from cableway.scene.files.loading import load_task
@@ -28,11 +29,6 @@ def found(task: Task) -> Plan:
     return plan(task)
 
 
-def free(task: Task, q: np.ndarray, limits: np.ndarray) -> list[bool]:
-    rod, world = task.cable.rod, task.scene.world.arrays
-    return [rrt_connect_kernels.is_free(row, (rod.length, rod.hinges), world, limits) for row in q]
-
-
 def near_obstacles(task: Task) -> np.ndarray:
     """Poses with the plug at, in and away from obstacles."""
     rng = np.random.default_rng(5)
@@ -41,15 +37,15 @@ def near_obstacles(task: Task) -> np.ndarray:
 
 def test_the_slope_of_the_shortfall_is_that_of_differences(task: Task):
     poses, h = near_obstacles(task), 1e-6
-    short, slope = plug_shortfall(task, poses, 0.02)
-    assert (short > 0).any(axis=1).sum() > 10
-    for k in range(3):
+    short, slope = body_shortfall(task, poses, 0.02)
+    assert (short[:, 2:] > 0).any(axis=1).sum() > 10
+    for side, k in product(range(2), range(3)):
         step = np.zeros((2, 3))
-        step[1, k] = h
-        ahead, behind = (plug_shortfall(task, poses + sign * step, 0.02)[0] for sign in (1, -1))
+        step[side, k] = h
+        ahead, behind = (body_shortfall(task, poses + sign * step, 0.02)[0] for sign in (1, -1))
         smooth = (short > 1e-4) & (ahead > 0) & (behind > 0)
         numeric = (ahead - behind) / (2 * h)
-        assert np.quantile(np.abs(numeric - slope[..., k])[smooth], 0.95) < 1e-4
+        assert np.quantile(np.abs(numeric - slope[..., side, k])[smooth], 0.95) < 1e-4
 
 
 def test_the_gradient_of_the_refinement_has_the_plug_in_it(task: Task):
@@ -68,10 +64,10 @@ def test_the_search_refuses_what_the_plug_touches_and_no_more(task: Task):
     rod, ends = task.cable.rod, np.array([task.start_equilibrium, task.goal_equilibrium])
     about = np.random.default_rng(2).normal(size=(200, 6)) * [0.05, 0.05, 0.4, 0.0, 0.0, 0.0]
     q = ends[np.arange(200) % 2] + about
-    allowed, also_bare = (free(t, q, _limits(t, ExploreConfig())) for t in (task, bare))
+    allowed, also_bare = (FreeSpace.of(t, Margins()).are_free(q).tolist() for t in (task, bare))
     assert task.plug is not None
     plug = task.scene.clearance(task.plug.body.placed(rod.shapes(q)[1][:, 1], 0.04), 0.0)
-    assert [a and c >= ExploreConfig().margin for a, c in zip(also_bare, plug, strict=True)] == allowed
+    assert [a and c >= Margins().clearance for a, c in zip(also_bare, plug, strict=True)] == allowed
     assert sum(also_bare) > sum(allowed)
 
 

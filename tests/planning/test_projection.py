@@ -10,9 +10,9 @@ import pytest
 
 from cableway.core.errors import PlanningError
 from cableway.geometry.groups import SE2
+from cableway.motion.interpolation import rows_at
 from cableway.planning.projection import (
     RealizationConfig,
-    between,
     end_equilibria,
     fit_sequence,
     realize,
@@ -34,7 +34,7 @@ def test_shapes_of_equilibria_are_fitted_exactly(line):
     rod = task.cable.rod
     shapes = rod.at_keypoints(rod.shapes(q)[0])
     fitted, rows = fit_sequence(rod, shapes, q[0], q[-1], row_step=0.012)
-    wanted = rod.shapes(between(q, rows))[0]
+    wanted = rod.shapes(rows_at(q, rows))[0]
     assert np.abs(rod.shapes(fitted)[0] - wanted).max() < 2e-4
     assert rows[0] == 0
     assert rows[-1] == len(q) - 1

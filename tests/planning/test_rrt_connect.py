@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from cableway.core.errors import InputError, PlanningError
-from cableway.planning import rrt_connect_kernels
+from cableway.motion import kernels
 from cableway.planning.planner import plan
 from cableway.planning.rrt_connect import ExploreConfig, about_path, about_shapes, anywhere, explore
 
@@ -30,8 +30,8 @@ def test_every_shape_on_the_way_is_free_and_stable(name):
         stations, poses = rod.shapes(rows)
         lines = shapely.linestrings(stations)
         gaps = [np.asarray(shapely.distance(lines, solid)).min() for solid in task.scene.solids]
-        assert min(gaps, default=1.0) > task.cable.radius + 0.8 * CONFIG.margin
-        assert rod.stability(rows)[0].min() > 0.8 * CONFIG.stability
+        assert min(gaps, default=1.0) > task.cable.radius + 0.8 * CONFIG.margins.clearance
+        assert rod.stability(rows)[0].min() > 0.8 * CONFIG.margins.stability
         assert shapely.is_simple(lines).all()
         assert (np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1) < 0.99 * rod.length).all()
 
@@ -44,7 +44,7 @@ def test_keeps_the_grippers_apart_and_the_bends_wide():
     def extremes(task):
         q = explore(task, anywhere(task, CONFIG), CONFIG, seed=1)
         stations, poses = rod.shapes(q)
-        turns = [rrt_connect_kernels.sharpest_turn(row, rod.length, rod.hinges) for row in stations]
+        turns = [kernels.sharpest_turn(row, rod.length, rod.hinges) for row in stations]
         return np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1).min(), max(turns) * rod.hinges / rod.length
 
     apart, sharpest = extremes(free)
@@ -93,7 +93,7 @@ def test_self_crossing_agrees_with_shapely():
     rod = problems.free().cable.rod
     rng = np.random.default_rng(0)
     stations = rod.shapes(np.column_stack([np.zeros((300, 3)), rng.normal(0, [30, 30, 8], (300, 3))]))[0]
-    crossed = np.array([rrt_connect_kernels.crosses_itself(row) for row in stations])
+    crossed = np.array([kernels.crosses_itself(row) for row in stations])
     simple = shapely.is_simple(shapely.linestrings(stations[:, ::2]))
     assert np.array_equal(crossed, ~simple)
     assert 20 < crossed.sum() < 280
@@ -111,7 +111,7 @@ def test_the_plan_names_the_guide_and_shows_its_paths():
     [
         ({"samples": 0}, r"explore\.samples must be from 1 to 1e\+07, got 0"),
         ({"step": float("nan")}, r"explore\.step must be from"),
-        ({"chord": 1.1}, r"explore\.chord must be from"),
+        ({"corridor": 1.1}, r"explore\.corridor must be from"),
     ],
 )
 def test_a_bad_configuration_is_refused(values, message):

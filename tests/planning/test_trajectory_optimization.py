@@ -23,7 +23,7 @@ def crossing():
 def test_gradient_is_that_of_the_cost(crossing):
     """The gradient from the Jacobians equals finite differences of the cost, for every term at once."""
     task, q = crossing
-    config = RefinementConfig(stability_wanted=60.0, chord_wanted=0.9)
+    config = RefinementConfig(stability_wanted=60.0, span_wanted=0.9)
     problem = _Problem(task, config, 1.0, len(q))
     normal = problem.linearise(q)
     assert normal.cost == pytest.approx(problem.cost(q), rel=1e-12)
@@ -42,7 +42,7 @@ def test_gradient_with_all_limits_of_the_task(crossing):
     task = replace(task, grippers=grippers, cable=cable)
     problem = _Problem(task, RefinementConfig(separation_margin=0.02, bend_share=0.5), 1.0, len(q))
     assert problem._bends(problem.rod.shapes(q)[0]).any()
-    assert problem._chord(problem.rod.shapes(q)[1])[0][:, 1].any()
+    assert problem._span(problem.rod.shapes(q)[1])[0][:, 1].any()
     normal = problem.linearise(q)
     assert normal.cost == pytest.approx(problem.cost(q), rel=1e-12)
     direction = np.random.default_rng(1).normal(size=q.shape) * [0.01, 0.01, 0.1, 1, 1, 0.3]

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cableway.core.checks import require_range
+from cableway.scene.bodies import Body
+from cableway.scene.cable import Cable
 from cableway.scene.task import Task
 
 
@@ -68,3 +70,8 @@ def stations_apart(task: Task) -> int:
     """Stations along the rod from which on it could touch itself: half a turn of the cable's own thickness."""
     rod = task.cable.rod
     return math.ceil(math.pi * task.cable.radius * 2 * rod.hinges / rod.length) + 1
+
+
+def body_rounding(body: Body, cable: Cable) -> float:
+    """By how much a body's outline is grown [m]: a disc about the cable's end is at least as thick as the cable."""
+    return max(body.rounding, cable.radius) if len(body.outline) == 1 else body.rounding

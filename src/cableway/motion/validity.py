@@ -8,17 +8,19 @@ itself. `FreeSpace` asks that of the shapes of one task; between two configurati
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from cableway.geometry.convex import ConvexWorld, polyline_distance
 from cableway.motion import kernels
-from cableway.motion.limits import Margins, ShapeLimits, sharpest_turn_of, stations_apart
+from cableway.motion.clearance import body_clearance
+from cableway.motion.limits import Margins, ShapeLimits, body_rounding, sharpest_turn_of, stations_apart
 from cableway.rod.held_rod import HeldRod
 from cableway.scene.bodies import Body, pack
-from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 
 
@@ -62,6 +64,42 @@ class FreeSpace:
         return kernels.are_free(np.ascontiguousarray(q, float), self.arrays)
 
 
+def first_fault(
+    rod: HeldRod,
+    q: Float[np.ndarray, "t dof"],
+    *,
+    stability: float,
+    most_span: Float[np.ndarray, "t"] | float,
+    least_span: float = 0.0,
+    most_energy: float = math.inf,
+    room: tuple[ConvexWorld, float] | None = None,
+) -> str:
+    """What is wrong with some shapes of a rod that are wanted for random tasks or data, or "".
+
+    Args:
+        rod: The rod.
+        q: Its shapes.
+        stability: Least stability margin.
+        most_span: Greatest distance of the grippers [m].
+        least_span: Least distance of the grippers [m].
+        most_energy: Greatest bending energy [EI/L].
+        room: Obstacles and walls, and the distance [m] that the centre line keeps from them.
+    """
+    stations, poses = rod.shapes(q)
+    spans = gripper_spans(poses)
+    if (spans > most_span).any():
+        return "taut"
+    if (spans < least_span).any():
+        return "grippers meet"
+    if rod.stability(q, ceiling=stability)[0].min() < stability:
+        return "unstable"
+    if math.isfinite(most_energy) and rod.energy(q).max() > most_energy:
+        return "wound up"
+    if room is not None and polyline_distance(stations, room[0])[0].min() < room[1]:
+        return "touches a wall"
+    return "crosses itself" if any(kernels.crosses_itself(shape) for shape in stations) else ""
+
+
 def task_ends(task: Task) -> tuple[Float[np.ndarray, "dof"], Float[np.ndarray, "dof"]]:
     """The equilibria of start and goal, the shorter turn apart."""
     start, goal = task.start_equilibrium, task.goal_equilibrium
@@ -73,16 +111,7 @@ def gripper_spans(poses: Float[np.ndarray, "t 2 pose"]) -> Float[np.ndarray, "t"
     return np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
 
 
-def body_clearance(body: Body, poses: Float[np.ndarray, "t 2 pose"], scene: Scene) -> Float[np.ndarray, "t"]:
-    """Clearance [m] of a body from obstacles and walls in each row of gripper poses."""
-    outline = body.placed(poses[:, body.side])
-    if outline.shape[-2] == 1:
-        return scene.signed_distance(outline[:, 0]) - body.rounding
-    return scene.clearance(outline, body.rounding)
-
-
 def _body_distance(body: Body, ends: Float[np.ndarray, "2 2 pose"], task: Task, margins: Margins) -> float:
-    """Distance [m] that the outline of a body keeps; a disc at the cable's end is at least as thick as the cable."""
-    rounding = max(body.rounding, task.cable.radius) if len(body.outline) == 1 else body.rounding
+    """Distance [m] that the outline of a body keeps."""
     least = float(body_clearance(body, ends, task.scene).min()) + body.rounding - 1e-6
-    return min(rounding + margins.clearance, least)
+    return min(body_rounding(body, task.cable) + margins.clearance, least)

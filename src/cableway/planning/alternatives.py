@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cableway.geometry import polyline
+from cableway.motion.clearance import cable_clearance
 from cableway.planning.candidates import OutOfTime, Search
 from cableway.planning.initial_trajectories import PIVOTED
 from cableway.planning.routes.homotopy import different_routes, motion_class
@@ -21,7 +21,7 @@ CLEARANCE_WEIGHT = 0.001
 def plan_cost(plan: Plan, task: Task) -> float:
     """What alternatives are ranked by: travel of both grippers [m] + 0.001 m^2 / least clearance of the cable."""
     travel = float(np.linalg.norm(np.diff(plan.poses[:, :, :2], axis=0), axis=2).sum())
-    clearance = float(task.scene.clearance(polyline.spline(plan.shapes, 4), task.cable.radius).min())
+    clearance = float(cable_clearance(plan.shapes, task).min())
     return travel + CLEARANCE_WEIGHT / max(clearance, 1e-4)
 
 

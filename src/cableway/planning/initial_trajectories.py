@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import PlanningError
+from cableway.motion.interpolation import rows_at
 from cableway.planning import rrt_connect
 from cableway.planning.config import InitialName, PlannerConfig
-from cableway.planning.projection import between, fit_sequence
+from cableway.planning.projection import fit_sequence
 from cableway.planning.routes.pivot import pivot_keypoint, plan_pivot_path
 from cableway.planning.slide import End, slide
 from cableway.records import PaperStages, Plan
@@ -53,7 +54,7 @@ class InitialTrajectory:
 
     def stages_at(self, places: Float[np.ndarray, "t"]) -> PaperStages | None:
         """The stages with the progress at fractional rows of `shapes`."""
-        return None if self.stages is None else replace(self.stages, progress=between(self.stages.progress, places))
+        return None if self.stages is None else replace(self.stages, progress=rows_at(self.stages.progress, places))
 
 
 class InitialTrajectories:

@@ -17,9 +17,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from cableway.core.errors import PlanningError
+from cableway.motion.interpolation import evenly_moved, rows_at
 from cableway.motion.validity import FreeSpace
 from cableway.planning import rrt_connect
-from cableway.planning.projection import RealizationConfig, RealizedSequence, between, evenly_moved, stepped
+from cableway.planning.projection import RealizationConfig, RealizedSequence, stepped
 from cableway.planning.trajectory_optimization import refine
 from cableway.scene.task import Task
 
@@ -57,7 +58,7 @@ def repaired(
     q, places = repair(realised.nodes, task, search, seed=seed, progress=lambda share: progress(share / 2))
     at = evenly_moved(task.cable.rod, q, config.row_step)
     rows = np.interp(np.interp(at, np.arange(len(q)), places), np.arange(len(realised.nodes)), realised.node_places)
-    q = refine(between(q, at), task, config.refinement, lambda share: progress((1 + share) / 2))
+    q = refine(rows_at(q, at), task, config.refinement, lambda share: progress((1 + share) / 2))
     return stepped(q, rows, task, config)
 
 
@@ -85,7 +86,7 @@ def repair(
         PlanningError: A stretch was not got round, or there is none that is not free.
     """
     places = evenly_moved(task.cable.rod, q, config.step)
-    q = between(q, places)
+    q = rows_at(q, places)
     free = FreeSpace.of(task, config.margins).are_free(q)
     if free.all():
         raise PlanningError("there is nothing to repair")

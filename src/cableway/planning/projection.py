@@ -19,7 +19,8 @@ from jaxtyping import Float
 from cableway.core.checks import require_choice, require_range
 from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
-from cableway.geometry.groups import SE2
+from cableway.motion.interpolation import evenly_moved, rows_at, subdivided
+from cableway.motion.time_parametrization import at_equal_effort, gripper_effort
 from cableway.planning.trajectory_optimization import RefinementConfig, refine
 from cableway.rod import inverse
 from cableway.rod.lag import lag
@@ -27,6 +28,9 @@ from cableway.rod.planar import PlanarRod
 from cableway.scene.task import CONTROL_STEP, Task
 
 Kind = Literal["repair", "refine", "fit", "none"]
+
+EFFORT_PIECES = 8
+"""Parts of a row between which effort is measured."""
 
 MOST_LAG = 0.05
 """What counts of the lag of one row, at a step as long as tau [m]: shapes about to snap would ask for any time."""
@@ -131,10 +135,10 @@ def stepped(
 
 def _as_it_is(shapes: Float[np.ndarray, "r n 2"], task: Task, config: RealizationConfig) -> RealizedSequence:
     """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
-    at = np.linspace(0, len(shapes) - 1, 8 * (len(shapes) - 1) + 1)
-    fine = between(shapes, at)
-    at = at_equal_effort(at, fine, _tangent_poses(fine), task, config)
-    fine = between(shapes, at)
+    at = subdivided(len(shapes), EFFORT_PIECES)
+    fine = rows_at(shapes, at)
+    at = at_equal_effort(at, _effort(fine, _tangent_poses(fine), task, config), config.limit_share)
+    fine = rows_at(shapes, at)
     return RealizedSequence(fine, _tangent_poses(fine), at)
 
 
@@ -163,11 +167,11 @@ def end_equilibria(task: Task, config: RealizationConfig) -> tuple[Float[np.ndar
 
 def fit_sequence(
     rod: PlanarRod,
-    shapes: Float[np.ndarray, "t n 2"],
+    shapes: Float[np.ndarray, "T+1 n 2"],
     start: Float[np.ndarray, "6"],
     goal: Float[np.ndarray, "6"],
     row_step: float,
-) -> tuple[Float[np.ndarray, "r 6"], Float[np.ndarray, "r"]]:
+) -> tuple[Float[np.ndarray, "R+1 6"], Float[np.ndarray, "R+1"]]:
     """The nearest equilibrium of each shape, resampled so that keypoints move at most about `row_step` [m] a row.
 
     Returns:
@@ -178,63 +182,32 @@ def fit_sequence(
     q[:, 3:] = np.clip(q[:, 3:], -60.0, 60.0)
     q[0, 3:], q[-1, 3:] = start[3:], goal[3:]
     rows = evenly_moved(rod, q, row_step)
-    return between(q, rows), rows
-
-
-def evenly_moved(rod: PlanarRod, q: Float[np.ndarray, "t 6"], row_step: float) -> Float[np.ndarray, "r"]:
-    """Fractional rows, first and last among them, between which keypoints move at most about `row_step` [m]."""
-    moves = np.linalg.norm(np.diff(rod.at_keypoints(rod.shapes(q)[0]), axis=0), axis=2).max(1)
-    arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
-    count = max(8, int(np.ceil(arc[-1] / row_step)))
-    return np.interp(np.linspace(0, arc[-1], count + 1), arc, np.arange(len(q)))
-
-
-def between(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:
-    """Rows at fractional indices; coordinates q run straight between rows, through equilibria."""
-    index, flat = np.arange(len(rows)), rows.reshape(len(rows), -1)
-    return np.column_stack([np.interp(at, index, column) for column in flat.T]).reshape(len(at), *rows.shape[1:])
+    return rows_at(q, rows), rows
 
 
 def step_evenly(
-    q: Float[np.ndarray, "t 6"], task: Task, config: RealizationConfig
-) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k"]]:
+    q: Float[np.ndarray, "T+1 dof"], task: Task, config: RealizationConfig
+) -> tuple[Float[np.ndarray, "K+1 dof"], Float[np.ndarray, "K+1"]]:
     """The same polyline in q with rows at equal effort, none above `limit_share` of the limits.
 
     Returns:
-        q (K+1, 6) and the fractional index of each row in the q given.
+        q (K+1, dof) and the fractional index of each row in the q given.
     """
-    rod, pieces = task.cable.rod, 8
-    fine = np.linspace(0, len(q) - 1, pieces * (len(q) - 1) + 1)
-    stations, poses = rod.shapes(between(q, fine))
+    rod = task.cable.rod
+    fine = subdivided(len(q), EFFORT_PIECES)
+    stations, poses = rod.shapes(rows_at(q, fine))
     trailing = np.minimum(lag(rod, q), MOST_LAG) * config.damping_time / CONTROL_STEP / config.lag
-    at = at_equal_effort(fine, rod.at_keypoints(stations), poses, task, config, np.repeat(trailing / pieces, pieces))
-    return between(q, at), at
+    effort = _effort(rod.at_keypoints(stations), poses, task, config)
+    effort = np.maximum(effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES))
+    at = at_equal_effort(fine, effort, config.limit_share)
+    return rows_at(q, at), at
 
 
-def at_equal_effort(
-    fine: Float[np.ndarray, "f"],
-    shapes: Float[np.ndarray, "f n 2"],
-    poses: Float[np.ndarray, "f 2 3"],
-    task: Task,
-    config: RealizationConfig,
-    trailing: Float[np.ndarray, "f-1"] | float = 0.0,
-) -> Float[np.ndarray, "k"]:
-    """Places among `fine`, increasing, at equal effort, none above `limit_share` of the limits.
-
-    The effort between two shapes is the largest of gripper move, gripper turn and keypoint move, each over its limit,
-    and of `trailing`, the same for the lag of the cable.
-    """
-    move, turn = SE2.distance(poses[:-1], poses[1:])
-    shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
+def _effort(
+    shapes: Float[np.ndarray, "f n 2"], poses: Float[np.ndarray, "f 2 3"], task: Task, config: RealizationConfig
+) -> Float[np.ndarray, "f-1"]:
+    """Largest of gripper move, gripper turn and keypoint move between shapes, each over its limit."""
     limits = task.grippers
-    effort = np.maximum.reduce(
-        [
-            move.max(1) / limits.max_step,
-            turn.max(1) / limits.max_turn,
-            shift / (config.keypoint_step * limits.max_step),
-            np.broadcast_to(trailing, shift.shape),
-        ]
-    )
-    total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
-    count = max(1, int(np.ceil(total[-1] / config.limit_share)))
-    return np.interp(np.linspace(0, total[-1], count + 1), total, fine)
+    shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
+    moved = gripper_effort(poses, limits.max_step, limits.max_turn)
+    return np.maximum(moved, shift / (config.keypoint_step * limits.max_step))

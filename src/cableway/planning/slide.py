@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import polyline
+from cableway.motion.clearance import PIECES
 from cableway.planning.config import PivotConfig
 from cableway.planning.routes.pivot import plan_pivot_path
 from cableway.scene.task import Task
@@ -44,8 +45,8 @@ def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> Fl
     start, goal = (task.start, task.goal) if leading == "head" else (task.start[::-1], task.goal[::-1])
     radius = max(task.cable.radius, task.grippers.radius)
     path = plan_pivot_path(task.scene, start[-1], goal[0], radius, config, seed=seed)
-    curve = polyline.remove_repeated(np.vstack([polyline.spline(start, 4), path, polyline.spline(goal, 4)]))
-    first, last = (float(polyline.length(polyline.spline(shape, 4))) for shape in (start, goal))
+    curve = polyline.remove_repeated(np.vstack([polyline.spline(start, PIECES), path, polyline.spline(goal, PIECES)]))
+    first, last = (float(polyline.length(polyline.spline(shape, PIECES))) for shape in (start, goal))
     travel = float(polyline.length(curve)) - last
     shares = np.linspace(0.0, 1.0, max(8, int(np.ceil(travel / ROW_STEP))) + 1)
     along = np.linspace(0.0, 1.0, len(start))

@@ -26,9 +26,8 @@ from jaxtyping import Float
 from scipy.linalg import LinAlgError, solveh_banded
 
 from cableway.core.compiled import kernel
-from cableway.geometry import convex
+from cableway.motion import terms
 from cableway.motion.limits import sharpest_turn_of
-from cableway.planning.plug import plug_shortfall
 from cableway.scene.task import Task
 
 
@@ -46,8 +45,8 @@ class RefinementConfig:
         load_step_scale: Of its change from row to row.
         stability_wanted: Margin mu under which a shape is pushed back.
         stability_scale: Of that shortfall.
-        chord_wanted: Distance between the grippers over L above which the cable is given slack.
-        chord_scale: Of that excess.
+        span_wanted: Distance between the grippers over L above which the cable is given slack.
+        span_scale: Of that excess.
         separation_margin: Distance between the grippers beyond the least one that the task allows [m].
         bend_share: Of the curvature that the cable allows.
         bend_scale: Of the sine of the turn at a hinge beyond that.
@@ -64,8 +63,8 @@ class RefinementConfig:
     load_step_scale: float = 1.0
     stability_wanted: float = 34.0
     stability_scale: float = 2.0
-    chord_wanted: float = 0.97
-    chord_scale: float = 0.005
+    span_wanted: float = 0.97
+    span_scale: float = 0.005
     separation_margin: float = 0.002
     bend_share: float = 0.95
     bend_scale: float = 0.01
@@ -119,6 +118,7 @@ class _Problem:
         loads = first.T @ first / config.load_step_scale**2
         self.loads = tuple(np.diagonal(loads, d).copy() for d in range(3))
         self.sharpest = config.bend_share * sharpest_turn_of(task)
+        self.clearance_scale = np.sqrt(weight) / config.clearance_scale
 
     def cost(self, q: Float[np.ndarray, "t 6"]) -> float:
         """The cost alone, for trial steps."""
@@ -127,8 +127,8 @@ class _Problem:
         loads = q[:, 3:] / _LOAD_UNITS
         total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
         total += 0.5 * np.sum(loads**2) / self.config.load_scale**2
-        terms = (self._clearance(stations), self._plug(poses), self._chord(poses), self._stability(q))
-        total += sum(0.5 * np.sum(value**2) for value, _ in terms) + 0.5 * np.sum(self._bends(stations) ** 2)
+        residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), self._stability(q))
+        total += sum(0.5 * np.sum(value**2) for value, _ in residuals) + 0.5 * np.sum(self._bends(stations) ** 2)
         return float(total)
 
     def linearise(self, q: Float[np.ndarray, "t 6"]) -> _Normal:
@@ -153,78 +153,44 @@ class _Problem:
         cost += _band_form(self.loads, loads) + 0.5 * np.sum(loads**2) / self.config.load_scale**2
 
         short, slope = self._clearance(stations)
-        rise = np.einsum("tsk,tski->tsi", slope, dstations)
         lack, dlack = self._stability(q)
-        chord, dchord = self._chord(poses)
-        terms = [(short, rise), (lack[:, None], dlack[:, None]), (chord, np.einsum("tckj,tkji->tci", dchord, dposes))]
-        near, dnear = self._plug(poses)
-        terms.append((near, np.einsum("tkj,tji->tki", dnear, dposes[:, 1])))
+        residuals = [(short, np.einsum("tsk,tski->tsi", slope, dstations[:, 1:-1])), (lack[:, None], dlack[:, None])]
+        for value, by_poses in (self._span(poses), self._bodies(poses)):
+            residuals.append((value, np.einsum("tckj,tkji->tci", by_poses, dposes)))
         if np.isfinite(self.sharpest):
-            terms.append((self._bends(stations), self._bend_slopes(stations, dstations)))
-        for value, slopes in terms:
+            slopes = terms.turn_excess_slope(stations, dstations, self.rod, self.sharpest)
+            residuals.append((self._bends(stations), slopes / self.config.bend_scale))
+        for value, slopes in residuals:
             cost += 0.5 * np.sum(value**2)
             gradient += np.einsum("tsi,ts->ti", slopes, value)
             blocks[0] += np.matmul(slopes.transpose(0, 2, 1), slopes)
         return _Normal(float(cost), gradient, (blocks[0], blocks[1], blocks[2]))
 
     def _clearance(self, stations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted shortfall of the clearance at each station, and its slope by the station's position."""
-        wanted = np.full(stations.shape[1], self.config.margin + self.task.cable.radius)
-        wanted[[0, -1]] = self.config.margin + max(self.task.grippers.radius, self.task.cable.radius)
-        distance, slope, _ = convex.signed_distance(stations, self.task.scene.world, float(wanted.max()))
-        scale = np.sqrt(self.weight) / self.config.clearance_scale
-        short = np.maximum(0.0, wanted - distance)
-        return scale * short, -scale * slope * (short > 0)[..., None]
+        """Weighted shortfall of the clearance at each station but the ends, the grippers, and its slope."""
+        wanted = self.config.margin + self.task.cable.radius
+        short, slope = terms.clearance_shortfall(stations[:, 1:-1], self.task.scene.world, wanted)
+        return self.clearance_scale * short, self.clearance_scale * slope
 
-    def _plug(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for points round the plug, and its slope (t, k, 3) by the pose of the right end."""
-        short, slope = plug_shortfall(self.task, poses, self.config.margin)
-        scale = np.sqrt(self.weight) / self.config.clearance_scale
-        return scale * short, scale * slope
+    def _bodies(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for points round the bodies, and its slope (t, k, 2, 3) by the gripper poses."""
+        short, slope = terms.body_shortfall(self.task, poses, self.config.margin)
+        return self.clearance_scale * short, self.clearance_scale * slope
 
     def _stability(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        mu, dmu = self.rod.stability(q, ceiling=self.config.stability_wanted)
-        lack = np.maximum(0.0, self.config.stability_wanted - mu) / self.config.stability_scale
-        return lack, -dmu * (lack > 0)[:, None] / self.config.stability_scale
+        lack, slope = terms.stability_shortfall(self.rod, q, self.config.stability_wanted)
+        return lack / self.config.stability_scale, slope / self.config.stability_scale
 
-    def _chord(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Excess and shortfall (t, 2) of the chord between the grippers, and their slopes (t, 2, 2, 3) by the poses."""
-        length, scale = self.rod.length, self.config.chord_scale
-        chord = poses[:, 1, :2] - poses[:, 0, :2]
-        reach = np.linalg.norm(chord, axis=1)
-        least = self.task.grippers.separation
+    def _span(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Excess and shortfall (t, 2) of the gripper span, and their slopes (t, 2, 2, 3) by the poses."""
+        length, least = self.rod.length, self.task.grippers.separation
         least += self.config.separation_margin if least else 0.0
-        over = np.column_stack([reach - self.config.chord_wanted * length, least - reach]) / (length * scale)
-        slope = np.zeros((len(poses), 2, 2, 3))
-        unit = chord / np.maximum(reach, 1e-12)[:, None] / (length * scale)
-        slope[:, 0, 1, :2], slope[:, 1, 1, :2] = unit, -unit
-        slope[:, :, 0] = -slope[:, :, 1]
-        return np.maximum(0.0, over), slope * (over > 0)[..., None, None]
+        over, slope = terms.span_excess(poses, self.config.span_wanted * length, least)
+        return over / (length * self.config.span_scale), slope / (length * self.config.span_scale)
 
     def _bends(self, stations: np.ndarray) -> np.ndarray:
         """Excess (t, hinges) of the sine of the turn at each hinge over the greatest wanted."""
-        before, after = _half_links(stations)
-        sines = np.abs(_cross(before, after)) / (self.rod.length / (2 * self.rod.hinges)) ** 2
-        return np.maximum(0.0, sines - self.sharpest) / self.config.bend_scale
-
-    def _bend_slopes(self, stations: np.ndarray, dstations: np.ndarray) -> np.ndarray:
-        """Slopes (t, hinges, 6) of `_bends` by q."""
-        before, after = (part[..., None] for part in _half_links(stations))
-        dbefore, dafter = _half_links(dstations)
-        sine = _cross(before, after)
-        slopes = (_cross(dbefore, after) + _cross(before, dafter)) * np.sign(sine)
-        slopes /= (self.rod.length / (2 * self.rod.hinges)) ** 2 * self.config.bend_scale
-        return slopes * (self._bends(stations) > 0)[..., None]
-
-
-def _half_links(stations: Float[np.ndarray, "t s 2 ..."]) -> tuple[np.ndarray, np.ndarray]:
-    """The half links before and after each hinge, which are the stations of odd number."""
-    halves = np.diff(stations, axis=1)
-    return halves[:, ::2], halves[:, 1::2]
-
-
-def _cross(a: Float[np.ndarray, "t k 2 ..."], b: Float[np.ndarray, "t k 2 ..."]) -> np.ndarray:
-    return a[:, :, 0] * b[:, :, 1] - a[:, :, 1] * b[:, :, 0]
+        return terms.turn_excess(stations, self.rod, self.sharpest) / self.config.bend_scale
 
 
 _LOAD_UNITS = np.array([10.0, 10.0, 3.0])

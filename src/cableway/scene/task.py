@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import TaskError
@@ -22,9 +21,6 @@ from cableway.scene.validity import SPLINE_PIECES as SPLINE_PIECES
 
 CONTROL_STEP = 0.1
 """Time [s] of one control step, to which the gripper limits refer."""
-
-MOUTH = 0.001
-"""Distance [m] before the mouth of a port up to which what the port is in counts as an obstacle for the plug."""
 
 NAME = re.compile(r"\w[\w .+-]*")
 """A task's name; it becomes part of the names of folders."""
@@ -114,16 +110,6 @@ class Task:
         return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a is b or a == b for a, b in pairs)
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
-
-    @cached_property
-    def port_obstacles(self) -> tuple[int, ...]:
-        """Indices of the obstacles that the port is in: those that the plug reaches into when it is in."""
-        if self.plug is None or self.port is None:
-            return ()
-        depth = max(self.port.depth, MOUTH)
-        inside = replace(self.plug, length=depth).body.placed(self.port.pose(self.plug, self.plug.length), depth)
-        area = shapely.Polygon(inside)
-        return tuple(index for index, solid in enumerate(self.scene.solids) if solid.intersects(area))
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:

@@ -22,10 +22,12 @@ from jaxtyping import Float
 
 from cableway.core.checks import require_not_negative, require_positive
 from cableway.core.errors import InputError
+from cableway.motion.time_parametrization import gripper_effort
+from cableway.motion.validity import first_fault
 from cableway.rod.planar import PlanarRod
 from cableway.scene.grippers import Grippers
 from cableway.scene.scene import Scene
-from cableway.simulation.shapes import Kind, kinds_of, self_crossings
+from cableway.simulation.shapes import Kind, kinds_of
 
 CHECKS = 12
 """Shapes along a line at which stability, stretch and self-crossing are checked."""
@@ -221,16 +223,14 @@ class _Course(NamedTuple):
         )
 
     def _allows(self, line: Float[np.ndarray, "t 6"]) -> bool:
-        rod, config = self.rod, self.config
-        stations, poses = rod.shapes(line)
-        chords = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
-        if chords.max() > config.most_stretch * rod.length:
-            return False
-        if rod.stability(line, config.least_stability)[0].min() < config.least_stability:
-            return False
-        if self.surroundings is not None and self.surroundings.clearance(stations).min() < config.clearance[0]:
-            return False
-        return not self_crossings(stations[:, ::2]).any()
+        around = self.surroundings
+        return not first_fault(
+            self.rod,
+            line,
+            stability=self.config.least_stability,
+            most_span=self.config.most_stretch * self.rod.length,
+            room=None if around is None else (around.scene.world, around.radius + self.config.clearance[0]),
+        )
 
 
 def _line(q: Float[np.ndarray, "6"], target: Float[np.ndarray, "6"]) -> Float[np.ndarray, "t 6"]:
@@ -246,16 +246,14 @@ def _timed(
 ) -> Float[np.ndarray, "k 2 3"]:
     """Gripper poses after each control step along the line from q to target, at one cruising speed with ramps."""
     grid = np.linspace(0, 1, 101)
-    steps = np.diff(rod.shapes(q + grid[:, None] * (target - q))[1], axis=0)
-    moves = np.linalg.norm(steps[..., :2], axis=-1) / config.max_step
-    efforts = np.maximum(moves, np.abs(steps[..., 2]) / config.max_turn).max(axis=1)
+    efforts = gripper_effort(rod.shapes(rod.between(q, target, grid))[1], config.max_step, config.max_turn)
     effort = np.concatenate([[0.0], np.cumsum(efforts)])
     count = math.ceil(effort[-1] / rng.uniform(*config.speed)) + RAMP
     k = np.arange(count)
     speed = np.minimum(1.0, np.minimum(k + 1, count - k) / RAMP)
     reached = effort[-1] * np.cumsum(speed) / speed.sum()
     share = np.interp(reached, effort, grid) if effort[-1] > 0 else np.ones(count)
-    return rod.shapes(q + share[:, None] * (target - q))[1]
+    return rod.shapes(rod.between(q, target, share))[1]
 
 
 def _shaken(

@@ -12,13 +12,14 @@ from jaxtyping import Float
 from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.geometry import se2
 from cableway.geometry.convex import polyline_distance
+from cableway.motion.sweeps import swept_shapes
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tasks.blocked import blocked
 from cableway.tasks.clutter import clutter, dense, sizes
 from cableway.tasks.ends import s_shaped, straight, table
 from cableway.tasks.maze import maze
-from cableway.tasks.motion import in_steps, swept_lines
+from cableway.tasks.motion import SWEEP_STEP, in_steps
 from cableway.tasks.open import far, near
 from cableway.tasks.passages import corridor, slot
 from cableway.tasks.serpentine import serpentine
@@ -154,5 +155,5 @@ def _in_the_way(scene: Scene, setup: Setup, ends: Float[np.ndarray, "2 6"]) -> b
     """Whether the cable hits something on the straight line in q, turning the short way."""
     straight = ends.copy()
     straight[1, 2] = straight[0, 2] + se2.wrap_angle(straight[1, 2] - straight[0, 2])
-    lines = swept_lines(straight, setup.rod)
+    lines = swept_shapes(setup.rod, straight, SWEEP_STEP)
     return bool(polyline_distance(lines, scene.world)[0].min() < setup.cable.radius)

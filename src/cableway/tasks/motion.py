@@ -10,12 +10,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import shapely
 from jaxtyping import Float
 
 from cableway.geometry import polyline, se2
 from cableway.geometry.convex import ConvexWorld, polyline_distance, signed_distance
-from cableway.geometry.groups import SE2
+from cableway.motion import terms
+from cableway.motion.interpolation import rows_at, subdivided
+from cableway.motion.sweeps import swept_shapes
+from cableway.motion.time_parametrization import at_equal_effort, gripper_effort
+from cableway.motion.validity import first_fault
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.planar import PlanarRod
 from cableway.scene.grippers import Grippers
@@ -28,7 +31,7 @@ LEAST_STABILITY = 25.0
 HELD_STABILITY = 38.0
 """Stability margin below which a shape that is led along a curve leaves the curve."""
 
-HELD_CHORD = 0.975
+HELD_SPAN = 0.975
 """Distance between the grippers, in lengths of the cable, above which it leaves the curve too."""
 
 SLACK_BEND = 0.5
@@ -47,7 +50,7 @@ SWEEP_STEP = 0.0015
 MOST_ENERGY = 25.0
 """Largest bending energy [EI/L]: that of a full circle is 20."""
 
-LONGEST_CHORD = 0.994
+LONGEST_SPAN = 0.994
 """Largest distance between the grippers, in lengths of the cable: tauter cables amplify every error of length."""
 
 
@@ -66,33 +69,11 @@ class Walls:
     least: float
 
 
-def interpolate(q: Float[np.ndarray, "t 6"], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 6"]:
-    """Rows of q at fractional indices."""
-    return np.column_stack([np.interp(at, np.arange(len(q)), column) for column in q.T])
-
-
-def in_steps(q: Float[np.ndarray, "t 6"], rod: PlanarRod, grippers: Grippers) -> Float[np.ndarray, "k 6"]:
+def in_steps(q: Float[np.ndarray, "t dof"], rod: PlanarRod, grippers: Grippers) -> Float[np.ndarray, "k dof"]:
     """The same polyline in q with rows that take at most `LIMIT_SHARE` of the gripper limits each."""
-    fine = np.linspace(0, len(q) - 1, 8 * (len(q) - 1) + 1)
-    poses = rod.shapes(interpolate(q, fine))[1]
-    move, turn = SE2.distance(poses[:-1], poses[1:])
-    effort = np.maximum(move.max(1) / grippers.max_step, turn.max(1) / grippers.max_turn) / LIMIT_SHARE
-    return _at_even(q, fine, effort)
-
-
-def swept_lines(q: Float[np.ndarray, "t 6"], rod: PlanarRod) -> Float[np.ndarray, "k s 2"]:
-    """Stations [m] of shapes along a motion, no station more than `SWEEP_STEP` from one to the next."""
-    fine = np.linspace(0, len(q) - 1, 4 * (len(q) - 1) + 1)
-    lines = rod.shapes(interpolate(q, fine))[0]
-    moves = np.linalg.norm(np.diff(lines, axis=0), axis=2).max(1)
-    return rod.shapes(_at_even(q, fine, moves / SWEEP_STEP))[0]
-
-
-def _at_even(q: np.ndarray, fine: np.ndarray, effort: np.ndarray) -> np.ndarray:
-    """Rows of q at equal shares, none above 1, of an effort stated between the indices `fine`."""
-    total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
-    count = max(1, int(np.ceil(total[-1])))
-    return interpolate(q, np.interp(np.linspace(0, total[-1], count + 1), total, fine))
+    fine = subdivided(len(q), 8)
+    effort = gripper_effort(rod.shapes(rows_at(q, fine))[1], grippers.max_step, grippers.max_turn)
+    return rows_at(q, at_equal_effort(fine, effort / LIMIT_SHARE))
 
 
 def joined(*motions: Float[np.ndarray, "_ 6"]) -> Float[np.ndarray, "t 6"]:
@@ -106,28 +87,28 @@ def require_sound(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float) -> N
     """Reject a motion that is unstable, taut or crossing itself somewhere, or nearer than `margin` [m] to a wall."""
     rod = setup.rod
     rows = in_steps(q, rod, setup.grippers)
-    if rod.stability(rows, ceiling=LEAST_STABILITY)[0].min() < LEAST_STABILITY:
-        raise Rejected("unstable")
-    if rod.energy(rows).max() > MOST_ENERGY:
-        raise Rejected("wound up")
-    lines, poses = rod.shapes(rows)
+    most_span = np.full(len(rows), LONGEST_SPAN * rod.length)
+    most_span[[0, -1]] = np.inf
+    fault = first_fault(
+        rod,
+        rows,
+        stability=LEAST_STABILITY,
+        most_span=most_span,
+        least_span=max(2 * setup.thickness + margin, setup.grippers.separation),
+        most_energy=MOST_ENERGY,
+    )
+    if fault:
+        raise Rejected(fault)
+    lines = rod.shapes(rows)[0]
     low, high = lines.min(axis=(0, 1)), lines.max(axis=(0, 1))
     keep = setup.thickness + margin
     if (low < keep).any() or (high > np.array(setup.size) - keep).any():
         raise Rejected("outside")
-    curves = np.asarray(shapely.linestrings(lines))
-    if not shapely.is_simple(curves).all():
-        raise Rejected("crosses itself")
-    apart = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
-    if apart.min() < max(2 * setup.thickness + margin, setup.grippers.separation):
-        raise Rejected("grippers meet")
-    if apart[1:-1].max(initial=0.0) > LONGEST_CHORD * rod.length:
-        raise Rejected("taut")
 
 
 def require_free(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin: float) -> None:
     """Reject a motion on which cable or grippers come nearer than `margin` [m] to an obstacle or wall."""
-    lines = swept_lines(q, setup.rod)
+    lines = swept_shapes(setup.rod, q, SWEEP_STEP)
     slack = margin + SWEEP_STEP / 2
     cable = polyline_distance(lines, scene.world)[0] - setup.cable.radius
     tips = signed_distance(lines[:, [0, -1]], scene.world)[0] - setup.grippers.radius
@@ -235,44 +216,40 @@ def _first_guess(rod: PlanarRod, target: np.ndarray) -> np.ndarray:
 
 def _flaw(rod: PlanarRod, q: np.ndarray, walls: Walls | None) -> str:
     """Why a shape will not do, or nothing."""
-    if walls is not None and polyline_distance(rod.shapes(q[None])[0], walls.world)[0][0] < walls.least:
-        return "touches a wall"
-    if rod.energy(q[None])[0] > MOST_ENERGY:
-        return "wound up"
-    ends = rod.shapes(q[None])[1][0, :, :2]
-    if np.linalg.norm(ends[1] - ends[0]) > LONGEST_CHORD * rod.length:
-        return "taut"
-    return "unstable" if rod.stability(q[None], ceiling=LEAST_STABILITY)[0][0] < LEAST_STABILITY else ""
+    return first_fault(
+        rod,
+        q[None],
+        stability=LEAST_STABILITY,
+        most_span=LONGEST_SPAN * rod.length,
+        most_energy=MOST_ENERGY,
+        room=None if walls is None else (walls.world, walls.least),
+    )
 
 
 def _fit(rod: PlanarRod, q: np.ndarray, target: np.ndarray, walls: Walls | None, iterations: int = 20) -> np.ndarray:
     """Damped Gauss-Newton steps from q towards keypoints `target`, kept stable and off walls."""
-    scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
+    scale, loads = rod.units, rod.loads
     for _ in range(iterations):
         stations, dstations, poses, dposes = rod.jacobians(q[None])
-        miss = ((rod.at_keypoints(stations)[0] - target) / rod.length).ravel()
-        rows = rod.at_keypoints(dstations)[0].reshape(-1, 6) * scale / rod.length
+        missed = (rod.at_keypoints(stations)[0] - target).ravel() / rod.length
+        lack, by_q = terms.stability_shortfall(rod, q[None], HELD_STABILITY)
+        over, by_poses = terms.span_excess(poses, HELD_SPAN * rod.length, 0.0)
+        rows = [
+            (missed, rod.at_keypoints(dstations)[0].reshape(len(missed), -1) / rod.length),
+            (PULL * q[loads] / scale[loads], PULL * np.diag(1 / scale)[loads]),
+            (STIFFEN * lack / HELD_STABILITY, STIFFEN * by_q / HELD_STABILITY),
+            (SLACKEN * over[0] / rod.length, SLACKEN * np.einsum("ckj,kji->ci", by_poses[0], dposes[0]) / rod.length),
+        ]
         if walls is not None:
-            d, gradient, _ = signed_distance(stations[0], walls.world)
-            near = d < walls.keep
-            push = PUSH * (d[near] - walls.keep) / rod.length
-            slope = PUSH * np.einsum("sk,skj->sj", gradient[near], dstations[0, near]) * scale / rod.length
-            miss, rows = np.concatenate([miss, push]), np.vstack([rows, slope])
-        margin, dmargin = rod.stability(q[None], ceiling=HELD_STABILITY)
-        miss = np.concatenate([miss, PULL * q[3:] / scale[3:]])
-        rows = np.vstack([rows, PULL * np.eye(6)[3:]])
-        miss = np.append(miss, STIFFEN * (margin[0] - HELD_STABILITY) / HELD_STABILITY)
-        rows = np.vstack([rows, STIFFEN * dmargin[0] * scale / HELD_STABILITY])
-        across = poses[0, 1, :2] - poses[0, 0, :2]
-        chord = np.linalg.norm(across)
-        if chord > HELD_CHORD * rod.length:
-            miss = np.append(miss, SLACKEN * (chord / rod.length - HELD_CHORD))
-            drow = across / chord @ (dposes[0, 1, :2] - dposes[0, 0, :2])
-            rows = np.vstack([rows, SLACKEN * drow * scale / rod.length])
-        normal = rows.T @ rows + 1e-5 * np.eye(6)
-        step = -scale * np.linalg.solve(normal, rows.T @ miss)
-        q = q + step * min(1.0, 0.5 / float(np.abs(step / scale).max() + 1e-12))
-        if np.abs(step / scale).max() < 1e-5:
+            short, slope = terms.clearance_shortfall(stations[0], walls.world, walls.keep)
+            rows.append((PUSH * short / rod.length, PUSH * np.einsum("sk,skj->sj", slope, dstations[0]) / rod.length))
+        residual, jacobian = (np.concatenate(part) for part in zip(*rows, strict=True))
+        jacobian = jacobian * scale
+        normal = jacobian.T @ jacobian + 1e-5 * np.eye(rod.dof)
+        step = -np.linalg.solve(normal, jacobian.T @ residual)
+        longest = float(np.abs(step).max())
+        q = q + scale * step * min(1.0, 0.5 / (longest + 1e-12))
+        if longest < 1e-5:
             break
     return q
 

@@ -8,8 +8,9 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from cableway.motion.sweeps import swept_shapes
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon, to_shapely
-from cableway.tasks.motion import SWEEP_STEP, swept_lines
+from cableway.tasks.motion import SWEEP_STEP
 from cableway.tasks.setup import GAP, MARGIN, Rejected, Setup
 
 DECIMALS = 4
@@ -18,7 +19,7 @@ DECIMALS = 4
 
 def swept_region(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float = MARGIN) -> shapely.Geometry:
     """What cable and grippers sweep on a motion, grown by `margin` [m]."""
-    lines = swept_lines(q, setup.rod)
+    lines = swept_shapes(setup.rod, q, SWEEP_STEP)
     cable = shapely.linestrings(lines)
     tips = np.asarray(shapely.points(lines[:, [0, -1]])).ravel()
     grown = [

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import number_fields, require_not_negative
 from cableway.core.errors import PlanningError, TaskError
-from cableway.geometry import polyline
+from cableway.motion.clearance import clearances
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
 from cableway.tracking.loop import BLOCKED, LOST, Loop
@@ -24,9 +24,6 @@ IN_THE_WAY = "something stands in the way"
 
 ELSEWHERE = "the cable lies elsewhere"
 """Why a plan was made anew before anything moved."""
-
-PIECES = 4
-"""Into how many pieces the cable between two keypoints is taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,9 +87,7 @@ class Watch:
     def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
         """Whether what is left of a plan after a share of it leads into something."""
         row = int(progress * plan.steps)
-        cable = task.scene.clearance(polyline.spline(plan.shapes[row:], PIECES), task.cable.radius).min()
-        grippers = task.scene.signed_distance(plan.poses[row:, :, :2]).min() - task.grippers.radius
-        return min(float(cable), float(grippers)) < -self._recovery.room
+        return float(clearances(plan.shapes[row:], plan.poses[row:], task).min()) < -self._recovery.room
 
     def recover(self, loop: Loop, why: str = LEFT) -> str | None:
         """Stand still, plan anew from where the cable is and follow that; how the run ended, if it did."""

@@ -27,15 +27,14 @@ from cableway.control.limits import exceeds_limits, within_limits
 from cableway.core.checks import number_fields, require_not_negative, require_positive
 from cableway.core.errors import ControlError
 from cableway.estimation.gating import FAR, poses_usable
-from cableway.geometry import polyline
+from cableway.geometry.groups import SE2
+from cableway.motion.clearance import clearances
+from cableway.motion.validity import gripper_spans
 from cableway.records import Observation
 from cableway.scene.task import Task
 
 COASTED = 0.5
 """Share of the motion before that is made in place of a missed one."""
-
-PIECES = 3
-"""Points that are checked per segment between keypoints."""
 
 CUT = "; cut to the limits"
 """How the status of a step ends in which the controller asked for more than the grippers' limits."""
@@ -105,7 +104,7 @@ class Guard:
         self._missed = 0
         self._late, self._failed, self._cut = 0, 0, 0
         self._reason: str | None = None
-        self._nearest(task.start, task.start[[0, -1]])  # compiles what it needs
+        clearances(task.start[None], np.zeros((1, 2, 3)), task)  # compiles what it needs
 
     @property
     def outcome(self) -> str | None:
@@ -168,18 +167,11 @@ class Guard:
         if np.shape(keypoints) != self.task.start.shape or not np.isfinite(keypoints).all():
             return False
         moved = keypoints + (blend_jacobian(keypoints, poses) @ action.ravel()).reshape(-1, 2)
-        now, then = self._nearest(keypoints, poses[:, :2]), self._nearest(moved, (poses + action)[:, :2])
-        gaps = [float(np.linalg.norm(ends[1, :2] - ends[0, :2])) for ends in (poses, poses + action)]
-        apart = gaps[1] >= min(self.task.grippers.separation, gaps[0])
-        return apart and bool((then >= np.minimum(self._watchdog.margin, now)).all())
-
-    def _nearest(
-        self, keypoints: Float[np.ndarray, "n 2"], grippers: Float[np.ndarray, "2 2"]
-    ) -> Float[np.ndarray, "2"]:
-        """Clearance [m] of the cable and of the gripper discs."""
-        scene, task = self.task.scene, self.task
-        cable = scene.clearance(polyline.spline(keypoints, PIECES)[None], task.cable.radius)[0]
-        return np.array([cable, scene.signed_distance(grippers).min() - task.grippers.radius])
+        ends = np.stack([poses, SE2.plus(poses, action)])
+        now, then = clearances(np.stack([keypoints, moved]), ends, self.task)
+        span, span_after = gripper_spans(ends)
+        apart = span_after >= min(self.task.grippers.separation, span)
+        return bool(apart) and bool((then >= np.minimum(self._watchdog.margin, now)).all())
 
 
 def _usable(action: Any, state: ControllerState) -> tuple[Float[np.ndarray, "2 3"], ControllerState]:

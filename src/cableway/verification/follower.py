@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.compiled import kernel
-from cableway.geometry import polyline, se2
-from cableway.geometry.groups import SE2
+from cableway.verification.geometry import curve_through, turn
 
 LINKS_PER_SEGMENT = 4
 """Links between two keypoints: twice as fine as the planner's chain."""
@@ -53,7 +52,8 @@ def follow(
     angles = chain.angles_of(shapes[0])
     rows, pose, lost_at = [], poses[0], None
     for t in range(len(shapes)):
-        target = SE2.plus(pose, SE2.minus(poses[t], pose))
+        target = poses[t].copy()
+        target[:, 2] = pose[:, 2] + turn(target[:, 2] - pose[:, 2])
         reached = _continue(chain, angles, pose, target, halvings)
         if reached is None:
             lost_at = t
@@ -84,6 +84,10 @@ def _continue(
     return None if half is None else _continue(chain, half[0], middle, target, halvings - 1)
 
 
+CURVE_PIECES = 20
+"""Segments between two keypoints of the curve that the first angles are taken from."""
+
+
 class _Chain:
     """A chain of `hinges` hinges; its state is the angles of the links between the two half links at the ends."""
 
@@ -99,7 +103,8 @@ class _Chain:
         return np.concatenate([ends[:1], angles, ends[1:]])
 
     def vertices(self, pose: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        steps = self.links[:, None] * se2.direction(self.full(pose, angles))
+        directions = self.full(pose, angles)
+        steps = self.links[:, None] * np.column_stack([np.cos(directions), np.sin(directions)])
         return np.vstack([pose[0, :2], pose[0, :2] + np.cumsum(steps, axis=0)])
 
     def keypoints(self, vertices: np.ndarray, count: int) -> np.ndarray:
@@ -108,7 +113,7 @@ class _Chain:
 
     def angles_of(self, keypoints: np.ndarray) -> np.ndarray:
         """Angles of the free links along a smooth curve through keypoints."""
-        curve = polyline.spline(keypoints, 20)
+        curve = curve_through(keypoints, CURVE_PIECES)
         arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
         joints = np.column_stack([np.interp(self.arc[1:-1] * arc[-1] / self.length, arc, c) for c in curve.T])
         steps = np.diff(joints, axis=0)

@@ -9,13 +9,15 @@ import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
-from cableway.geometry import polyline
-from cableway.geometry.groups import SE2
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification.follower import Followed, follow
+from cableway.verification.geometry import curve_through, pose_distance
 from cableway.verification.plug import insertion_checks, plug_clearance, require_port
 from cableway.verification.swept import closest_approach
+
+PIECES = 4
+"""Segments of the cable between two keypoints."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +84,7 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
     """What any plan must keep, wherever it begins and ends."""
     if plan.shapes.shape[1] != task.cable.keypoints:
         raise InputError(f"the plan has {plan.shapes.shape[1]} keypoints, the task {task.cable.keypoints}")
-    lines = polyline.spline(plan.shapes, 4)
+    lines = curve_through(plan.shapes, PIECES)
     followed = follow(plan.shapes, plan.poses, task.cable.length)
     return [
         cable_clearance(lines, task, limits.clearance),
@@ -166,7 +168,7 @@ def _poses(name: str, poses: np.ndarray, wanted: np.ndarray | None, limits: Veri
     """Where a task states gripper poses, the plan must have them."""
     if wanted is None:
         return []
-    gap, turn = SE2.distance(poses, wanted)
+    gap, turn = pose_distance(poses, wanted)
     return [
         at_most(f"gripper distance to {name}", gap[None].max(1), "m", limits.pose),
         at_most(f"gripper angle to {name}", turn[None].max(1), "rad", limits.pose_angle),
@@ -184,7 +186,7 @@ def _grasp(plan: Plan, limits: VerificationLimits) -> Check:
 
 
 def _gripper_motion(poses: np.ndarray, task: Task) -> list[Check]:
-    move, turn = SE2.distance(poses[:-1], poses[1:])
+    move, turn = pose_distance(poses[:-1], poses[1:])
     return [
         at_most("gripper step", move.max(1), "m", task.grippers.max_step),
         at_most("gripper turn", turn.max(1), "rad", task.grippers.max_turn),

@@ -6,12 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.records import PORT_ANGLE, PORT_DEPTH, PORT_LATERAL, Check
-from cableway.scene.task import MOUTH, Task
+from cableway.scene.task import Task
+from cableway.verification.geometry import alignment, plug_outline
 from cableway.verification.swept import closest_approach
+
+MOUTH = 0.001
+"""Distance [m] before the mouth of a port up to which what the port is in counts as an obstacle for the plug."""
 
 OUTLINE_SPACING = 0.002
 """Distance [m] of the vertices round a plug: the depth of an overlap is that of the deepest of them."""
@@ -71,16 +76,17 @@ def plug_clearance(
     """
     if task.plug is None:
         return []
-    lines = task.plug.body.placed(poses, OUTLINE_SPACING)
+    lines = plug_outline(task.plug, poses, OUTLINE_SPACING)
     if not inserting:
         return [_clearance("plug clearance", lines, task, range(len(task.scene.obstacles)), limit)]
     assert task.port is not None
-    others = [i for i in range(len(task.scene.obstacles)) if i not in task.port_obstacles]
-    inside = task.port.alignment(task.plug, poses).depth > -MOUTH
+    around = port_obstacles(task)
+    others = [i for i in range(len(task.scene.obstacles)) if i not in around]
+    inside = alignment(task.plug, task.port, poses).depth > -MOUTH
     before = int(np.argmax(inside)) if inside.any() else len(poses)
     checks = [_clearance("plug clearance", lines, task, others, limit)]
-    if before and task.port_obstacles:
-        checks.append(_clearance("plug clearance before the port", lines[:before], task, task.port_obstacles, 0.0))
+    if before and around:
+        checks.append(_clearance("plug clearance before the port", lines[:before], task, around, 0.0))
     return checks
 
 
@@ -93,7 +99,7 @@ def measure_insertion(poses: Float[np.ndarray, "t 3"], task: Task) -> Inserted:
     """
     assert task.plug is not None
     assert task.port is not None
-    seen = task.port.alignment(task.plug, poses)
+    seen = alignment(task.plug, task.port, poses)
     depth, lateral, angle = seen.depth, np.abs(seen.lateral), np.abs(seen.angle)
     reached = np.flatnonzero(depth >= 0)
     aligned, mouth = False, (None, None)
@@ -113,7 +119,7 @@ def insertion_checks(poses: Float[np.ndarray, "t 3"], task: Task) -> list[Check]
     """Checks of depth and alignment; those of the whole way from the mouth on."""
     assert task.plug is not None
     assert task.port is not None
-    found, seen = measure_insertion(poses, task), task.port.alignment(task.plug, poses)
+    found, seen = measure_insertion(poses, task), alignment(task.plug, task.port, poses)
     inside = seen.depth >= 0
     wanted = task.port.depth - PORT_DEPTH
     checks = [Check("inserted depth", found.depth, "m", wanted, found.depth >= wanted)]
@@ -124,6 +130,15 @@ def insertion_checks(poses: Float[np.ndarray, "t 3"], task: Task) -> list[Check]
         worst = max(float(np.abs(values[inside]).max()), at_mouth) if at_mouth is not None else float("nan")
         checks.append(Check(name, worst, unit, limit, worst <= limit, "" if inside.any() else "never reached the port"))
     return checks
+
+
+def port_obstacles(task: Task) -> list[int]:
+    """Indices of the obstacles that the port is in: those that the plug reaches into when it is in."""
+    if task.plug is None or task.port is None:
+        return []
+    depth, rear = max(task.port.depth, MOUTH), np.array([[*task.port.position, task.port.angle]])
+    area = shapely.Polygon(plug_outline(replace(task.plug, length=depth), rear, depth)[0])
+    return [index for index, solid in enumerate(task.scene.solids) if solid.intersects(area)]
 
 
 def _clearance(name: str, lines: np.ndarray, task: Task, obstacles: Sequence[int], limit: float) -> Check:

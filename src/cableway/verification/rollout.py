@@ -6,9 +6,9 @@ import numpy as np
 import shapely
 
 from cableway.core.errors import InputError
-from cableway.geometry.groups import SE2
 from cableway.records import SUCCESS_ERROR, Check, Rollout, Verdict
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.verification.geometry import pose_distance
 from cableway.verification.plan import at_most, cable_clearance, gripper_clearance
 from cableway.verification.plug import insertion_checks, plug_clearance, require_port
 
@@ -83,7 +83,7 @@ def _motion(rollout: Rollout, task: Task, tolerance: float = 1.05) -> list[Check
     backwards = int(np.sum(steps <= 0))
     checks = [Check("rows out of time", float(backwards), "", 0.0, backwards == 0)]
     if rollout.steps and not backwards:
-        move, turn = SE2.distance(rollout.poses[:-1], rollout.poses[1:])
+        move, turn = pose_distance(rollout.poses[:-1], rollout.poses[1:])
         share = (CONTROL_STEP / steps)[:, None]
         checks += [
             at_most("gripper step", (move * share).max(1), "m", tolerance * task.grippers.max_step),

@@ -26,11 +26,9 @@ from cableway.planning.routes.pivot import pivot_keypoint
 from cableway.planning.routes.pivot_grid import subdivide
 from cableway.records import Passage
 from cableway.scene.task import Task
+from cableway.scene.validity import SPLINE_PIECES
 from cableway.tang2025.planning.config import PathSetConfig
 from cableway.tang2025.planning.path_transfer import transferred_paths
-
-PIECES = 6
-"""Vertices of the cable's curve for each segment between keypoints."""
 
 SPACING = 0.006
 """Distance [m] between vertices while paths are shortened: fine against cables of some 0.3 m."""
@@ -165,11 +163,11 @@ def _initial_paths(
     n, middle = task.cable.keypoints, pivot_keypoint(task.cable.keypoints)
     cuts = [0.0, *(arc for arc, _ in places), float(polyline.length(pivot))]
     stretches = [_stretch(pivot, a, b) for a, b in pairwise(cuts)]
-    start, goal = polyline.spline(task.start, PIECES), polyline.spline(task.goal, PIECES)
+    start, goal = polyline.spline(task.start, SPLINE_PIECES), polyline.spline(task.goal, SPLINE_PIECES)
     paths = []
     for i in range(n):
-        ahead = _between(start, i * PIECES, middle * PIECES)
-        behind = _between(goal, middle * PIECES, i * PIECES)
+        ahead = _between(start, i * SPLINE_PIECES, middle * SPLINE_PIECES)
+        behind = _between(goal, middle * SPLINE_PIECES, i * SPLINE_PIECES)
         marks = [ahead, *(place[i : i + 1] for _, place in places), behind]
         pieces = [
             np.vstack([first, stretch, last])
@@ -205,7 +203,7 @@ def _places(
         the start or the goal cable straddles is left out: its keypoints are already on both sides.
     """
     middle, total = pivot_keypoint(task.cable.keypoints), float(polyline.length(pivot))
-    shapes = [polyline.spline(task.start, PIECES), polyline.spline(task.goal, PIECES)]
+    shapes = [polyline.spline(task.start, SPLINE_PIECES), polyline.spline(task.goal, SPLINE_PIECES)]
     found = []
     for passage, arc in traversed:
         if any(len(crossings(shape, passage.ends)[0]) for shape in shapes):

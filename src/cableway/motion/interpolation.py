@@ -1,0 +1,30 @@
+"""Rows between rows: a polyline in rod coordinates, or of shapes, at other places along it."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.rod.held_rod import HeldRod
+
+FEWEST_ROWS = 8
+"""Least number of steps that a motion is resampled to."""
+
+
+def rows_at(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:
+    """Rows at fractional indices; coordinates q run straight between rows, through equilibria."""
+    index, flat = np.arange(len(rows)), rows.reshape(len(rows), -1)
+    return np.column_stack([np.interp(at, index, column) for column in flat.T]).reshape(len(at), *rows.shape[1:])
+
+
+def subdivided(rows: int, pieces: int) -> Float[np.ndarray, "k"]:
+    """Fractional indices of `rows` rows, with each step in `pieces` equal parts."""
+    return np.linspace(0, rows - 1, pieces * (rows - 1) + 1)
+
+
+def evenly_moved(rod: HeldRod, q: Float[np.ndarray, "t dof"], step: float) -> Float[np.ndarray, "k"]:
+    """Fractional indices, first and last among them, between which keypoints move at most about `step` [m]."""
+    moves = np.linalg.norm(np.diff(rod.at_keypoints(rod.shapes(q)[0]), axis=0), axis=2).max(1)
+    arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
+    count = max(FEWEST_ROWS, int(np.ceil(arc[-1] / step)))
+    return np.interp(np.linspace(0, arc[-1], count + 1), arc, np.arange(len(q)))
