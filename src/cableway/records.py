@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -290,8 +291,66 @@ class Estimate:
 SUCCESS_ERROR = 0.03
 """Stacked error [m] below which the goal counts as reached (Tang et al., Section VI)."""
 
-SETTLED, TIME_OUT = "settled", "time ran out"
-"""How a run ends that was led to its end: `metadata["outcome"]` of a rollout."""
+
+class Outcome(StrEnum):
+    """How a run, or a part of it, ended; each member has a `sentence`.
+
+    The value is what result files, reports and the metadata of a rollout hold. What was particular to one run is a
+    separate text, its `detail`.
+
+    >>> Outcome("left plan").sentence
+    'The cable left its plan and could not be brought back.'
+    """
+
+    sentence: str
+
+    def __new__(cls, value: str, sentence: str) -> Outcome:
+        member = str.__new__(cls, value)
+        member._value_, member.sentence = value, sentence
+        return member
+
+    SUCCESS = "success", "The goal is reached, nothing was touched, and where there is a port the plug is in it."
+    SETTLED = "settled", "The plan was followed to its end and the cable came to rest."
+    MISSED_GOAL = "missed goal", "The cable ended too far from its goal."
+    CONTACT = "contact", "The cable, a gripper or the plug touched something."
+    NOT_VERIFIED = "not verified", "The independent check found a fault that the run did not report."
+    NOT_INSERTED = "not inserted", "The plug is not in its port."
+    LEFT_PLAN = "left plan", "The cable left its plan and could not be brought back."
+    BLOCKED_WAY = "blocked way", "Something stood in the way, and no way round it was found."
+    CONTROLLER_FAILED = "controller failed", "The controller missed too many steps in a row."
+    PLANT_FAILED = "plant failed", "The plant could not go on, or could not start."
+    NO_PLAN = "no plan", "No plan was found, though there may be one."
+    INFEASIBLE = "infeasible", "No plan exists: a gripper or the cable cannot pass."
+    NOT_CERTIFIED = "not certified", "No plan exists, and the planner did not say so."
+    TIMED_OUT = "timed out", "The time limit ran out."
+    INTERRUPTED = "interrupted", "The run was cancelled."
+    CRASHED = "crashed", "The method raised an error or its process died."
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run was led to its end, whatever it came to there."""
+        return self in (Outcome.SETTLED, Outcome.TIMED_OUT)
+
+    @classmethod
+    def read(cls, text: str) -> tuple[Outcome, str]:
+        """The outcome and the detail in "outcome: detail", as files of version 0.1 have them in one text.
+
+        Raises:
+            InputError: There is no such outcome; the message lists them.
+        """
+        value, _, detail = text.partition(": ")
+        value = _OUTCOMES_0_1.get(value, value)
+        if value not in cls._value2member_map_:
+            raise InputError(f"outcome must be one of {', '.join(map(str, cls))}, got {text!r}")
+        return cls(value), detail
+
+
+_OUTCOMES_0_1 = {
+    "time ran out": "timed out",
+    "the cable left its plan": "left plan",
+    "something stands in the way": "blocked way",
+}
+"""Outcomes of rollouts that version 0.1 wrote, where they are called otherwise now."""
 
 PORT_LATERAL = 0.002
 """Largest distance [m] of a plug's tip from the axis of its port with which it goes in."""
@@ -319,7 +378,7 @@ class Rollout(ArrayRecord):
         status: (K,) short strings.
         clearance: (K+1,) least clearance of the cable's surface since the row before [m].
         gripper_clearance: (K+1,) the same for the gripper discs [m].
-        metadata: Seed, versions and the resolved configuration; where there are estimates, `metadata["estimates"]` says
+        metadata: Seed, versions, the resolved configuration, `outcome` and `detail`; where there are estimates, `metadata["estimates"]` says
             of each what it is: the fields of `Estimate` that stay the same, with its name.
         estimates: (K, m) what the controller believed of the cable after each step; None where it believes nothing.
         deviations: (K, m) standard deviations of that.
@@ -348,6 +407,7 @@ class Rollout(ArrayRecord):
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         for name in ("times", "keypoints", "poses", "centreline", "actions"):
             _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
+        Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))
         _require((self.estimates is None) == (self.deviations is None), "estimates and deviations go together")
         if self.estimates is not None and self.deviations is not None:
             for name, values in (("estimates", self.estimates), ("deviations", self.deviations)):
@@ -371,10 +431,14 @@ class Rollout(ArrayRecord):
         return float(min(self.clearance.min(), self.gripper_clearance.min()))
 
     @property
-    def gave_up(self) -> str | None:
-        """Why the run was not led to its end, in a sentence; None where it was, or where nothing is said of it."""
-        outcome = str(self.metadata.get("outcome", SETTLED))
-        return None if outcome in (SETTLED, TIME_OUT) else outcome
+    def outcome(self) -> Outcome:
+        """How the run ended; `SETTLED` where the metadata say nothing of it."""
+        return Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))[0]
+
+    @property
+    def detail(self) -> str:
+        """What was particular to that end; "" where nothing was."""
+        return self.metadata.get("detail") or Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))[1]
 
     def shape_error(self, goal: Float[np.ndarray, "n 2"]) -> float:
         """Stacked distance of the last keypoints from a goal [m]."""

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from cableway.core.provenance import describe, versions
 from cableway.metrics import METRICS
-from cableway.records import SUCCESS_ERROR, Attempt, Estimate, Plan, Rollout, Verdict
+from cableway.records import SUCCESS_ERROR, Attempt, Estimate, Outcome, Plan, Rollout, Verdict
 from cableway.rod.adapted import nearest_shape
 from cableway.scene.cable import Cable
 from cableway.scene.task import Task
@@ -48,9 +48,8 @@ class Report:
 
     Attributes:
         task: Its name.
-        success: For a run: the final stacked error is below 3 cm and nothing was touched, by the simulator and by
-            independent verification; where the task has a port, the plug is in besides. For a plan alone: it verified.
-        failure: Why not, in a sentence.
+        outcome: How it ended; see `judge`.
+        failure: Why it did not succeed, in a sentence; None where it did.
         seed: Of everything random.
         shape_error: Stacked distance of the final keypoints from the goal [m].
         shape_error_floor: Least stacked distance from the goal [m] that any gripper poses reach with the plant's cable
@@ -79,7 +78,7 @@ class Report:
     """
 
     task: str
-    success: bool
+    outcome: Outcome
     failure: str | None = None
     seed: int | None = None
     shape_error: float | None = None
@@ -106,9 +105,14 @@ class Report:
     versions: Mapping[str, str] = field(default_factory=dict)
     configuration: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def success(self) -> bool:
+        """Whether the task succeeded; see `judge`."""
+        return self.outcome is Outcome.SUCCESS
+
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON, without the figures that there are none for; no number in it is not finite."""
-        content: dict[str, Any] = {}
+        content: dict[str, Any] = {"success": self.success}
         for entry in fields(self):
             value = getattr(self, entry.name)
             if isinstance(value, Verdict):
@@ -192,7 +196,8 @@ def summarize(
     notes: Sequence[str] = (),
     limits: VerificationLimits | None = None,
     cable: Cable | None = None,
-    problem: str | None = None,
+    actual: Task | None = None,
+    problem: tuple[Outcome, str] | None = None,
 ) -> Report:
     """Judge and measure what became of a task.
 
@@ -209,22 +214,27 @@ def summarize(
         notes: Sentences for the reader.
         limits: What the plan had to keep, where that is not the default.
         cable: The plant's cable where it is not the task's.
-        problem: What stopped planning or tracking, where something did.
+        actual: The task as the plant has it, where start or obstacles differ; the rollout is judged by it.
+        problem: What stopped planning or tracking, where something did, and a sentence on it.
     """
+    actual = actual or task
     plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
     length = None if cable is None else cable.length
-    rollout_verdict = None if rollout is None else verify_rollout(rollout, task, length=length)
+    rollout_verdict = None if rollout is None else verify_rollout(rollout, actual, length=length)
     push_verdict = None if push is None else verify_push(push, task, limits)
-    insertion_verdict = None if insertion is None else verify_insertion(insertion, task, length=length)
+    insertion_verdict = None if insertion is None else verify_insertion(insertion, actual, length=length)
     parts = {"plan": plan, "rollout": rollout, "push": push, "insertion": insertion}
     recorded = {name: record.metadata for name, record in parts.items() if record is not None}
-    failure = problem or _failure(task, plan, rollout, attempt, plan_verdict, rollout_verdict)
-    if failure is None and task.port is not None:
-        failure = _port_failure(rollout, push_verdict, insertion_verdict)
+    outcome, failure = problem or judge(
+        actual, rollout, plan=plan_verdict, rollout_verdict=rollout_verdict, push=push_verdict,
+        insertion=insertion_verdict,
+    )  # fmt: skip
+    if plan is None and problem is None:
+        outcome, failure = Outcome.NO_PLAN, "no plan was found" + (f": {attempt.reason}" if attempt else "")
     return Report(
         task=task.name,
-        success=failure is None,
-        failure=failure,
+        outcome=outcome,
+        failure=failure or None,
         seed=next((r["seed"] for r in recorded.values() if "seed" in r), None) if seed is None else seed,
         plug_clearance=_checked(rollout_verdict, "plug clearance"),
         gripper_travel=None if plan is None else _travel(plan.poses if rollout is None else rollout.poses),
@@ -302,37 +312,60 @@ def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
     return float(left), float(right)
 
 
-def _failure(
+def judge(
     task: Task,
-    plan: Plan | None,
     rollout: Rollout | None,
-    attempt: Attempt | None,
-    plan_verdict: Verdict | None,
-    rollout_verdict: Verdict | None,
-) -> str | None:
-    """Why the task did not succeed, or None where it did."""
-    if plan is None:
-        return "no plan was found" + (f": {attempt.reason}" if attempt is not None else "")
-    if rollout is None or rollout_verdict is None:
-        return None if plan_verdict is None or plan_verdict.passed else f"the plan does not verify: {plan_verdict}"
-    reasons = []
-    if rollout.gave_up is not None:
-        reasons.append(rollout.gave_up)
+    *,
+    plan: Verdict | None = None,
+    rollout_verdict: Verdict | None = None,
+    push: Verdict | None = None,
+    insertion: Verdict | None = None,
+) -> tuple[Outcome, str]:
+    """What became of a task, and a sentence on why it did not succeed. This is the one definition of success.
+
+    A run succeeded where it was led to its end, the final stacked error is below 3 cm, and neither the simulator nor
+    the independent check found a contact; where the task has a port, the plug is in it besides. A plan alone succeeded
+    where it verified. What there is no figure for is no success.
+
+    Args:
+        task: As the plant has it.
+        rollout: What happened; None where the plan was not tracked.
+        plan: Checks of the plan.
+        rollout_verdict: Checks of the rollout.
+        push: Checks of the plan of the insertion.
+        insertion: Checks of the insertion.
+    """
+    if rollout is None:
+        if plan is None or not plan.passed:
+            return Outcome.NOT_VERIFIED, f"the plan does not verify: {plan}"
+    elif (failed := _run_failure(task, rollout, rollout_verdict)) is not None:
+        return failed
+    if task.port is None:
+        return Outcome.SUCCESS, ""
+    if push is not None and not push.passed:
+        return Outcome.NOT_VERIFIED, f"the plan of the push does not verify: {push}"
+    if rollout is None or (insertion is not None and insertion.passed):
+        return Outcome.SUCCESS, ""
+    why = "the plug was not pushed into the port" if insertion is None else f"the plug is not in: {insertion}"
+    return Outcome.NOT_INSERTED, why
+
+
+def _run_failure(task: Task, rollout: Rollout, verdict: Verdict | None) -> tuple[Outcome, str] | None:
+    """Why a run did not lead the cable to its goal; the worst outcome with all reasons, None where it did."""
+    found: list[tuple[Outcome, str]] = []
+    if not rollout.outcome.finished:
+        found.append((rollout.outcome, f"{rollout.outcome}: {rollout.detail}" if rollout.detail else rollout.outcome))
     error = rollout.shape_error(task.goal)
     if not error < SUCCESS_ERROR:
-        reasons.append(f"the final shape error is {_millimetres(error)}, not below {_millimetres(SUCCESS_ERROR)}")
+        text = f"the final shape error is {_millimetres(error)}, not below {_millimetres(SUCCESS_ERROR)}"
+        found.append((Outcome.MISSED_GOAL, text))
     for what, clearance in (("cable", rollout.clearance), ("grippers", rollout.gripper_clearance)):
         if not clearance.min() > 0:
-            reasons.append(f"contact: the least clearance of the {what} is {_millimetres(float(clearance.min()))}")
-    if not reasons and not rollout_verdict.passed:
-        reasons.append(f"the rollout does not verify: {rollout_verdict}")
-    return "; ".join(reasons) or None
-
-
-def _port_failure(rollout: Rollout | None, push: Verdict | None, insertion: Verdict | None) -> str | None:
-    """Why the plug is not in its port, or cannot come there, or None where it is or can."""
-    if push is not None and not push.passed:
-        return f"the plan of the push does not verify: {push}"
-    if rollout is None or (insertion is not None and insertion.passed):
+            text = f"contact: the least clearance of the {what} is {_millimetres(float(clearance.min()))}"
+            found.append((Outcome.CONTACT, text))
+    if not found and (verdict is None or not verdict.passed):
+        found.append((Outcome.NOT_VERIFIED, f"the rollout does not verify: {verdict}"))
+    if not found:
         return None
-    return "the plug was not pushed into the port" if insertion is None else f"the plug is not in: {insertion}"
+    touched = any(outcome is Outcome.CONTACT for outcome, _ in found)
+    return Outcome.CONTACT if touched else found[0][0], "; ".join(text for _, text in found)

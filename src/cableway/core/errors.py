@@ -72,11 +72,16 @@ class PlanningError(CablewayError):
 
     Attributes:
         attempt: The closest attempt as an unverified `cableway.records.Attempt`, or None.
+        outcome: Value of a `cableway.records.Outcome`: "no plan", "infeasible" where none exists, "timed out".
     """
 
-    def __init__(self, message: str, attempt: Any = None) -> None:
+    def __init__(self, message: str, attempt: Any = None, outcome: str = "no plan") -> None:
         super().__init__(message)
-        self.attempt = attempt
+        self.attempt, self.outcome = attempt, outcome
+
+
+class Cancelled(CablewayError):
+    """Raised by a callback that is told of progress, to stop what is under way."""
 
 
 class PlanningInterrupted(PlanningError):

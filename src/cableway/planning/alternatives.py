@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cableway.core.errors import Cancelled
 from cableway.motion.clearance import cable_clearance
 from cableway.planning.candidates import OutOfTime, Search
 from cableway.planning.initial_trajectories import PIVOTED
@@ -48,7 +49,7 @@ def find_alternatives(search: Search, count: int) -> tuple[Plan, ...]:
                 found[motion_class(task, plan.shapes)] = plan
             if len(found) == count:
                 break
-    except (OutOfTime, KeyboardInterrupt):
+    except (OutOfTime, Cancelled, KeyboardInterrupt):
         if not found:
             raise
     if not found:

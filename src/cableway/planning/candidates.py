@@ -15,7 +15,7 @@ from cableway.planning.initial_trajectories import InitialTrajectories, InitialT
 from cableway.planning.local_replanning import repaired
 from cableway.planning.projection import RealizedSequence, realize
 from cableway.planning.routes.infeasibility import find_blockage
-from cableway.records import Attempt, Plan, Verdict
+from cableway.records import Attempt, Outcome, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 
@@ -90,7 +90,7 @@ class Search:
         if blockage is None:
             return None
         attempt = Attempt(str(blockage)) if self.best is None else replace(self.best, reason=str(blockage))
-        return PlanningError(f"there is no plan: {blockage}", attempt)
+        return PlanningError(f"there is no plan: {blockage}", attempt, Outcome.INFEASIBLE)
 
     def nothing(self, tried: str) -> PlanningError:
         """The error that says what was tried, and why the closest attempt is no plan."""

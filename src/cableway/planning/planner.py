@@ -10,14 +10,14 @@ from typing import overload
 
 from threadpoolctl import threadpool_limits
 
-from cableway.core.errors import InputError, PlanningError, PlanningInterrupted
+from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningInterrupted
 from cableway.planning.alternatives import find_alternatives
 from cableway.planning.candidates import OutOfTime, Search
 from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import PIVOTED, Progress
 from cableway.planning.projection import end_equilibria
 from cableway.planning.routes.homotopy import requested_route, unmet_request
-from cableway.records import Passage, Plan
+from cableway.records import Outcome, Passage, Plan
 from cableway.scene.task import Task
 
 
@@ -95,12 +95,12 @@ def plan(
         return find_alternatives(search, alternatives)
     except OutOfTime:
         reason = f"; what came closest: {search.best.reason}" if search.best else ""
-        raise PlanningError(f"the time limit ran out before a plan was found{reason}", search.best) from None
-    except KeyboardInterrupt:
+        raise PlanningError(f"the time limit ran out before a plan was found{reason}", search.best, Outcome.TIMED_OUT) from None
+    except (Cancelled, KeyboardInterrupt):
         if search.best is None:
             raise
         reason = f"interrupted before a plan was found; what came closest: {search.best.reason}"
-        raise PlanningInterrupted(reason, search.best) from None
+        raise PlanningInterrupted(reason, search.best, Outcome.INTERRUPTED) from None
 
 
 def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage], previous: Plan | None) -> Plan:

@@ -9,13 +9,13 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from cableway.control.base import Controller
-from cableway.core.errors import InputError
+from cableway.core.errors import Cancelled, InputError
 from cableway.core.provenance import describe
-from cableway.records import Plan, Rollout
+from cableway.records import Outcome, Plan, Rollout
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
-from cableway.tracking.recovery import ELSEWHERE, IN_THE_WAY, Recovery, Watch
-from cableway.tracking.stopping import TrackConfig
+from cableway.tracking.recovery import Recovery, Watch
+from cableway.tracking.stopping import Ending, TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
 Progress = Callable[[str, float], None]
@@ -45,16 +45,15 @@ def track(
         recovery: What to do when the cable does not lie at the plan's start or leaves the plan, or the scene of the
             plant's task has something in its way; nothing where None.
         watchdog: When a controller's step counts as missed, and what then; no deadline where None.
-        progress: Told how far along the plan the run is.
+        progress: Called after every control step with the share of the plan that is done; a `Cancelled` that it raises
+            ends the run there.
         seed: For the record.
 
     Returns:
-        All that happened. `metadata["outcome"]` says how it ended, which is "settled", "time ran out", "the cable left
-        its plan: ..." or "something stands in the way: ..." with why it was not brought back, "controller failed: ..."
-        where it missed too many steps in a row, or, where the plant gave up, "plant failed: ..." with its reason, which
-        the last status says too; the rollout then ends with the last state before that. `metadata["recovered"]` has the
-        times [s] from which a new plan was followed, `metadata["watchdog"]` how many steps were late, failed, or cut to
-        the limits.
+        All that happened. `outcome` says how it ended: settled, timed out, left plan, blocked way, controller failed,
+        plant failed or interrupted; `detail` says why. Where the plant failed, the rollout ends with the last state
+        before that. `metadata["recovered"]` has the times [s] from which a new plan was followed,
+        `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
 
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.
@@ -68,28 +67,37 @@ def track(
         )
     loop = Loop(plant, controller, plan, config, watchdog or Watchdog())
     watch = Watch(recovery, plant.control_step) if recovery is not None else None
-    outcome = None
-    if watch is not None and watch.is_elsewhere(loop.observation, plan.shapes[0]):
-        outcome = watch.recover(loop, ELSEWHERE)
-    while outcome is None:
-        anew = loop.looked_round()
-        if anew and watch is not None and watch.is_blocked(plant.task, loop.plan, loop.state.progress):
-            outcome = watch.recover(loop, IN_THE_WAY)
-            continue
-        outcome = loop.step()
-        if outcome is None and watch is not None and watch.is_lost(loop.observation, loop.state.reference):
-            outcome = watch.recover(loop)
-        if progress is not None:
-            progress("track", 1.0 if outcome else min(loop.state.progress, 0.99))
+    ending = None
+    try:
+        if watch is not None and watch.is_elsewhere(loop.observation, plan.shapes[0]):
+            ending = watch.recover(loop, None)
+        while ending is None:
+            ending = _advance(loop, watch)
+            if progress is not None:
+                progress("track", 1.0 if ending else min(loop.state.progress, 0.99))
+    except Cancelled as error:
+        ending = Ending(Outcome.INTERRUPTED, str(error))
     recovered = watch.recovered if watch is not None else []
     happened = {"recovered": recovered, "watchdog": loop.guard.record()}
-    return loop.log.rollout(_metadata(controller, config, outcome, seed) | happened)
+    return loop.log.rollout(_metadata(controller, config, ending, seed) | happened)
 
 
-def _metadata(controller: Controller[Any], config: TrackConfig, outcome: str, seed: int) -> dict[str, Any]:
+def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
+    """One control step, or a recovery; how the run ended, if it did."""
+    changed = loop.looked_round()
+    if changed and watch is not None and watch.is_blocked(loop.plant.task, loop.plan, loop.state.progress):
+        return watch.recover(loop, Outcome.BLOCKED_WAY)
+    ending = loop.step()
+    if ending is None and watch is not None and watch.is_lost(loop.observation, loop.state.reference):
+        return watch.recover(loop, Outcome.LEFT_PLAN)
+    return ending
+
+
+def _metadata(controller: Controller[Any], config: TrackConfig, ending: Ending, seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
-        "outcome": outcome,
+        "outcome": ending.outcome.value,
+        "detail": ending.detail,
         "controller": {"name": type(controller).__name__, "config": describe(controller.config)},
         "track": describe(config),
     }

@@ -82,4 +82,4 @@ def push_in(
 
 def may_push(rollout: Rollout, task: Task) -> bool:
     """Whether a run along the plan has ended so near to its goal that the plug can be aligned from there."""
-    return rollout.gave_up is None and rollout.shape_error(task.goal) < SUCCESS_ERROR
+    return rollout.outcome.finished and rollout.shape_error(task.goal) < SUCCESS_ERROR

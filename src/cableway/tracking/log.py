@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from cableway.core.errors import SimulationError
-from cableway.records import Estimate, Measurement, Observation, Rollout
+from cableway.records import Estimate, Measurement, Observation, Outcome, Rollout
+from cableway.tracking.stopping import Ending
 
 
 class Log:
@@ -43,12 +44,12 @@ class Log:
         self.solve_time.append(solve_time)
         self.status.append(status)
 
-    def end_early(self, error: SimulationError) -> str:
+    def end_early(self, error: SimulationError) -> Ending:
         """Leave out the step that failed and say so in the status of the one before."""
         self.status.pop()
         if self.status:
             self.status[-1] += "; then the plant failed"
-        return f"plant failed: {error}"
+        return Ending(Outcome.PLANT_FAILED, str(error))
 
     def rollout(self, metadata: dict[str, Any]) -> Rollout:
         """The record of it all."""

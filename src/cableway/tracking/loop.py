@@ -13,7 +13,7 @@ from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.log import Log
 from cableway.tracking.plant import Plant
-from cableway.tracking.stopping import StopRule, TrackConfig
+from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.watchdog import Guard, Watchdog
 
 LOST = "off the plan: stopped"
@@ -56,7 +56,7 @@ class Loop:
         self.state = self._controller.in_scene(self.state, task)
         return True
 
-    def step(self) -> str | None:
+    def step(self) -> Ending | None:
         """One control step; how the run ended, if it did."""
         before = self.log.actions[-1] if self.log.actions else np.zeros((2, 3))
         answer = self.guard.step(self.state, self.observation, before)
@@ -64,12 +64,12 @@ class Loop:
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
 
-    def stand(self, status: str = LOST) -> str | None:
+    def stand(self, status: str = LOST) -> Ending | None:
         """One control step without motion."""
         self.log.act(np.zeros((2, 3)), 0.0, status, self.state.estimates())
         return self._move(np.zeros((2, 3)))
 
-    def _move(self, action: np.ndarray) -> str | None:
+    def _move(self, action: np.ndarray) -> Ending | None:
         try:
             self.observation = self.plant.step(action)
             now = len(self.log.times) * self.plant.control_step

@@ -10,20 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import number_fields, require_not_negative
-from cableway.core.errors import PlanningError, TaskError
+from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
 from cableway.motion.clearance import clearances
-from cableway.records import Observation, Plan
+from cableway.records import Observation, Outcome, Plan
 from cableway.scene.task import Task
 from cableway.tracking.loop import BLOCKED, LOST, Loop
-
-LEFT = "the cable left its plan"
-"""How the outcome of a run begins that was not brought back."""
-
-IN_THE_WAY = "something stands in the way"
-"""The same of a run that found no way round."""
-
-ELSEWHERE = "the cable lies elsewhere"
-"""Why a plan was made anew before anything moved."""
+from cableway.tracking.stopping import Ending
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,22 +81,29 @@ class Watch:
         row = int(progress * plan.steps)
         return float(clearances(plan.shapes[row:], plan.poses[row:], task).min()) < -self._recovery.room
 
-    def recover(self, loop: Loop, why: str = LEFT) -> str | None:
-        """Stand still, plan anew from where the cable is and follow that; how the run ended, if it did."""
+    def recover(self, loop: Loop, why: Outcome | None) -> Ending | None:
+        """Stand still, replan from where the cable is and follow the new plan; how the run ended, if it did.
+
+        Args:
+            loop: The run.
+            why: How the run ends where it cannot go on; None where the first plan may still be followed.
+        """
         if len(self.recovered) >= self._recovery.times:
-            return None if why == ELSEWHERE else f"{why}: already planned anew {len(self.recovered)} times"
+            return why and Ending(why, f"already replanned {len(self.recovered)} times")
         keypoints = np.full_like(loop.observation.keypoints, np.nan)
         for _ in range(self._rest):
-            outcome = loop.stand(BLOCKED if why == IN_THE_WAY else LOST)
-            if outcome is not None:
-                return outcome
+            ending = loop.stand(BLOCKED if why is Outcome.BLOCKED_WAY else LOST)
+            if ending is not None:
+                return ending
             seen = loop.observation.keypoints
             keypoints = np.where(np.isfinite(seen), seen, keypoints)
         try:
             task = loop.plant.task.resumed_from(keypoints)
             loop.follow(task, self._recovery.replan(task, loop.plan))
+        except PlanningInterrupted as error:
+            return Ending(Outcome.INTERRUPTED, str(error))
         except (TaskError, PlanningError) as error:
-            return None if why == ELSEWHERE else f"{why}: {error}"
+            return why and Ending(why, str(error))
         self._off = 0
         self.recovered.append(loop.time)
         return None

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from cableway.control.base import ControllerState
 from cableway.core.checks import number_fields, require_not_negative
-from cableway.records import SETTLED, TIME_OUT, Observation, Plan
+from cableway.records import Observation, Outcome, Plan
+
+
+class Ending(NamedTuple):
+    """How a run ended, and what was particular to it."""
+
+    outcome: Outcome
+    detail: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,15 +55,15 @@ class StopRule:
         self._steps = 0
         self._errors: list[float] = []
 
-    def outcome(self, state: ControllerState, observation: Observation) -> str | None:
+    def outcome(self, state: ControllerState, observation: Observation) -> Ending | None:
         """How the run ended, if it did."""
         self._steps += 1
         if state.progress >= 1.0:
             error = float(np.linalg.norm(observation.keypoints - self._goal))
             self._errors.append(error if math.isfinite(error) else math.inf)
             if self._settled():
-                return SETTLED
-        return TIME_OUT if self._steps >= self._most_steps else None
+                return Ending(Outcome.SETTLED)
+        return Ending(Outcome.TIMED_OUT) if self._steps >= self._most_steps else None
 
     def _settled(self) -> bool:
         errors, patience = self._errors, self._patience_steps

@@ -30,17 +30,15 @@ from cableway.estimation.gating import FAR, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
 from cableway.motion.validity import gripper_spans
-from cableway.records import Observation
+from cableway.records import Observation, Outcome
 from cableway.scene.task import Task
+from cableway.tracking.stopping import Ending
 
 COASTED = 0.5
 """Share of the motion before that is made in place of a missed one."""
 
 CUT = "; cut to the limits"
 """How the status of a step ends in which the controller asked for more than the grippers' limits."""
-
-GIVEN_UP = "controller failed"
-"""How the outcome of a run begins that its controller ended."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,11 +105,12 @@ class Guard:
         clearances(task.start[None], np.zeros((1, 2, 3)), task)  # compiles what it needs
 
     @property
-    def outcome(self) -> str | None:
+    def outcome(self) -> Ending | None:
         """How the run ended, if the controller ended it."""
         if self._missed < self._most:
             return None
-        return f"{GIVEN_UP}: {self._missed} steps in a row were missed; {self._reason or 'all of them were late'}"
+        reason = self._reason or "all of them were late"
+        return Ending(Outcome.CONTROLLER_FAILED, f"{self._missed} steps in a row were missed; {reason}")
 
     def record(self) -> dict[str, Any]:
         """Plain data on what was missed."""
