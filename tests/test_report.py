@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from recorded import moved_aside, moved_plan, perfect_rollout
 
-from cableway.records import Attempt, Check, Plan, Rollout, Verdict
+from cableway.records import Attempt, Check, Outcome, Plan, Rollout, Verdict
 from cableway.report import Report, shape_error_floor, summarize
 from cableway.rod.adapted import nearest_shape
 from cableway.rod.inverse import fit_keypoints
@@ -99,13 +99,19 @@ def test_what_the_simulator_does_not_see_the_verification_does(recorded: tuple[T
     assert "keypoints off the cable" in report.failure
 
 
-@pytest.mark.parametrize("outcome", ["plant failed: the grasp slipped", "something stands in the way: no plan"])
-def test_why_a_run_ended_early_is_said_first(recorded: tuple[Task, Plan, Rollout], outcome: str):
+@pytest.mark.parametrize(
+    ("outcome", "failure"),
+    [
+        ("plant failed: the grasp slipped", "plant failed: the grasp slipped"),
+        ("something stands in the way: no plan", "blocked way: no plan"),
+    ],
+)
+def test_why_a_run_ended_early_is_said_first(recorded: tuple[Task, Plan, Rollout], outcome: str, failure: str):
     task, plan, rollout = recorded
     report = summarize(task, plan, replace(rollout, metadata={"outcome": outcome}))
-    assert report.failure == outcome
+    assert report.failure == failure
     ended = replace(rollout, metadata={"outcome": "time ran out"})
-    assert ended.gave_up is None
+    assert ended.outcome.finished
     assert summarize(task, plan, ended).success
 
 
@@ -140,7 +146,10 @@ def test_a_failed_planning_is_reported_with_its_reason_and_checks(recorded: tupl
 
 def test_what_stopped_it_is_the_failure(recorded: tuple[Task, Plan, Rollout]):
     task, plan, _ = recorded
-    assert summarize(task, plan, problem="tracking failed: no start").failure == "tracking failed: no start"
+    assert (
+        summarize(task, plan, problem=(Outcome.PLANT_FAILED, "tracking failed: no start")).failure
+        == "tracking failed: no start"
+    )
 
 
 def test_the_report_is_json_whatever_is_not_finite(recorded: tuple[Task, Plan, Rollout]):

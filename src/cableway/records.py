@@ -304,7 +304,7 @@ class Outcome(StrEnum):
 
     sentence: str
 
-    def __new__(cls, value: str, sentence: str) -> Outcome:
+    def __new__(cls, value: str, sentence: str) -> Outcome:  # noqa: D102
         member = str.__new__(cls, value)
         member._value_, member.sentence = value, sentence
         return member
@@ -378,8 +378,8 @@ class Rollout(ArrayRecord):
         status: (K,) short strings.
         clearance: (K+1,) least clearance of the cable's surface since the row before [m].
         gripper_clearance: (K+1,) the same for the gripper discs [m].
-        metadata: Seed, versions, the resolved configuration, `outcome` and `detail`; where there are estimates, `metadata["estimates"]` says
-            of each what it is: the fields of `Estimate` that stay the same, with its name.
+        metadata: Seed, versions, the resolved configuration, `outcome` and `detail`; where there are estimates,
+            `metadata["estimates"]` says of each what it is: the fields of `Estimate` that stay the same, with its name.
         estimates: (K, m) what the controller believed of the cable after each step; None where it believes nothing.
         deviations: (K, m) standard deviations of that.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 
-from cableway.benchmark.methods import Method, default_planner, planner_of
+from cableway.benchmark.methods import Method
 from cableway.control.open_loop import OpenLoop
 from cableway.core.errors import PlanningError
 
@@ -23,7 +23,7 @@ def raising(task, seed):
 
 
 def telling(task, seed):
-    raise PlanningError("there is no plan: the gap is too narrow")
+    raise PlanningError("there is no plan: the gap is too narrow", outcome="infeasible")
 
 
 class Breaks(OpenLoop):
@@ -42,13 +42,14 @@ HANGS = Method(name="hangs", description="never returns", controller=OpenLoop, p
 DIES = Method(name="dies", description="ends its process", controller=OpenLoop, planner=dying)
 RAISES = Method(name="raises", description="raises", controller=OpenLoop, planner=raising)
 TELLS = Method(name="tells", description="always says that there is no plan", controller=OpenLoop, planner=telling)
-NO_METHOD = default_planner
+NO_METHOD = hanging
 BREAKS = Method(name="breaks", description="raises in every step", controller=Breaks, recovers=False)
 STAYS = Method(name="stays", description="never moves", controller=Stays, recovers=False)
 THROUGH = Method(
     name="through",
     description="straight to the goal, whatever stands there",
     controller=OpenLoop,
-    planner=planner_of("straight", unverified=True),
+    planner="straight",
+    follows_unverified=True,
     recovers=False,
 )

@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 from commands import Command
 
-from cableway.cli import planning
 from cableway.control.open_loop import OpenLoop
-from cableway.core import compiled
 from cableway.core.errors import SimulationError
 from cableway.core.files import read_arrays
 from cableway.figures import video
-from cableway.planning import candidates, compilation
+from cableway.planning import candidates
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import load_task
 from cableway.verification import VerificationLimits, verify_plan, verify_rollout
+from cableway.workflow import find
 
 PLANNED = {"plan.npz", "plan.png", "report.json", "task.yaml"}
 TRACKED = PLANNED | {"rollout.npz", "rollout.png", "rollout.mp4"}
@@ -163,9 +162,9 @@ def test_compilation_does_not_count_against_the_time_limit(
 ):
     """By a clock that stands still but for an hour of compiling."""
     now = [0.0]
-    monkeypatch.setattr(planning, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(compiled, "is_compiled", lambda part: False)
-    monkeypatch.setattr(compilation, "compile_kernels", lambda: now.__setitem__(0, 3600.0))
+    monkeypatch.setattr(find, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(find, "is_compiled", lambda part: False)
+    monkeypatch.setattr(find, "compile_kernels", lambda: now.__setitem__(0, 3600.0))
     done = cableway("plan", moved_file, "--out", "o", "--time-limit", "1")
     assert done.status == 0
     assert "Before planning, kernels were compiled for 3600 s, which happens once." in report(Path("o"))["notes"]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from cableway.cli.options import Options
-from cableway.cli.terminal import StageTimer, Terminal
+from cableway.cli.terminal import Terminal
+from cableway.workflow.timing import StageTimer
 
 
 def test_every_second_is_counted_to_one_stage():

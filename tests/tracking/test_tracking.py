@@ -140,7 +140,7 @@ def test_the_same_run_twice_is_the_same(mpc: NeuralMPC, shifted: Rollout) -> Non
 def test_a_plant_that_fails_leaves_the_rollout_so_far(fails_after: int) -> None:
     rollout = track(plant(fails_after=fails_after), EAGER, PLAN)
     assert rollout.steps == fails_after
-    assert rollout.metadata["outcome"] == "plant failed: the chain came apart"
+    assert (rollout.outcome, rollout.detail) == ("plant failed", "the chain came apart")
     assert [status for status in rollout.status.tolist() if "failed" in status] == (
         ["tracking; then the plant failed"] if fails_after else []
     )
@@ -154,7 +154,7 @@ def test_a_plant_that_reports_nonsense_has_failed() -> None:
 
     rollout = track(Nonsense(TASK, START, ROD), EAGER, PLAN)
     assert rollout.steps == 3
-    assert rollout.metadata["outcome"] == "plant failed: the plant reported keypoints that are not finite"
+    assert (rollout.outcome, rollout.detail) == ("plant failed", "the plant reported keypoints that are not finite")
 
 
 def test_a_plant_that_cannot_start_is_an_error() -> None:
@@ -194,7 +194,7 @@ def test_a_controller_that_sees_nothing_stops_and_time_runs_out(mpc: NeuralMPC) 
             return replace(seen, keypoints=np.full_like(seen.keypoints, np.nan))
 
     rollout = track(Dark(TASK, START, ROD), mpc, PLAN, config=TrackConfig(overtime=1.0))
-    assert rollout.metadata["outcome"] == "time ran out"
+    assert rollout.metadata["outcome"] == "timed out"
     assert rollout.steps == PLAN.steps + 10
     assert rollout.status[-1] == "unseen: stopped"
     np.testing.assert_array_equal(rollout.actions[-1], 0.0)
@@ -261,7 +261,7 @@ def test_a_cable_that_snaps_again_and_again_is_given_up() -> None:
     plant = Snapping(CARRIED_TASK, ARC, ROD)
     plant.snaps = (15, 30)
     rollout = track(plant, EAGER, CARRIED, recovery=Recovery(replan=planned_back, times=1))
-    assert rollout.metadata["outcome"] == "the cable left its plan: already planned anew 1 times"
+    assert (rollout.outcome, rollout.detail) == ("left plan", "already replanned 1 times")
     assert len(rollout.metadata["recovered"]) == 1
 
 
@@ -270,7 +270,7 @@ def test_a_cable_that_cannot_be_brought_back_is_a_clean_failure() -> None:
         raise PlanningError("there is no plan")
 
     rollout = track(Snapping(CARRIED_TASK, ARC, ROD), EAGER, CARRIED, recovery=Recovery(replan=nowhere))
-    assert rollout.metadata["outcome"] == "the cable left its plan: there is no plan"
+    assert (rollout.outcome, rollout.detail) == ("left plan", "there is no plan")
     assert not rollout.metadata["recovered"]
     np.testing.assert_array_equal(rollout.actions[-1], 0.0)
 
@@ -332,7 +332,7 @@ def test_where_there_is_no_way_round_the_run_ends_standing(rod_mpc: RodMPC) -> N
         raise PlanningError("there is no plan: walled in")
 
     rollout = track(Uncovered(1.0), rod_mpc, CARRIED, recovery=Recovery(replan=nowhere))
-    assert rollout.metadata["outcome"] == "something stands in the way: there is no plan: walled in"
+    assert (rollout.outcome, rollout.detail) == ("blocked way", "there is no plan: walled in")
     assert rollout.clearance.min() > 0
 
 

@@ -10,35 +10,25 @@ from typing import Any
 
 import numpy as np
 
-from cableway.benchmark.methods import DEFAULT, Method, default_planner, load_method, made_by
+from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
 from cableway.benchmark.suites import Episode
 from cableway.control.base import Controller
-from cableway.core.errors import PlanningError
 from cableway.planning.compilation import EXAMPLE
-from cableway.records import SUCCESS_ERROR, Attempt, Plan, Rollout
-from cableway.report import Report, summarize
+from cableway.planning.planner import plan as find_plan
+from cableway.records import Attempt, Outcome, Plan
+from cableway.report import Report
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.variants import named_perturbation
-from cableway.tracking import Recovery, track
-from cableway.tracking.recovery import IN_THE_WAY, LEFT
-from cableway.tracking.watchdog import GIVEN_UP
+from cableway.workflow.run import Run
+from cableway.workflow.solve import solve
 
 STRICT_ERROR = 0.01
 """Stacked shape error [m] below which an episode is a success by the strict rule."""
 
-GAVE_UP = {"plant failed": "plant failed", GIVEN_UP: "controller failed", LEFT: "left plan", IN_THE_WAY: "left plan"}
-"""Outcomes of runs that ended early, by how the rollout's own outcome begins."""
-
-MISSED = "missed goal"
-"""Outcome of a run to its end that did not come to the goal."""
-
 BLOCKED = "blocked"
 """The suite of tasks without a solution."""
-
-IMPOSSIBLE = "there is no plan"
-"""How the message begins of a planner that says that no cable can get there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +44,9 @@ class Result:
         seed: Of planner and noise.
         digest: Of the task.
         made_by: What else it depends on, see `methods.made_by`.
-        outcome: "success", or what went wrong, in two words.
-        detail: In a sentence.
-        success: The final stacked error is below 3 cm and neither cable nor grippers touched anything; of a blocked
-            task: it was said that there is no plan.
+        outcome: Value of an `Outcome`.
+        detail: Why it was no success, in a sentence.
+        success: As `cableway.report.judge` has it; of a blocked task: the planner said that no plan exists.
         strict: The same with 1 cm.
         contact: Whether something was touched.
         verified: Whether the independent judge found nothing wrong with the rollout.
@@ -106,7 +95,7 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Scored:
     """A result and, where the episode failed, its picture.
 
     Attributes:
@@ -145,7 +134,7 @@ def jobs_of(source: str, episodes: Iterable[Episode]) -> list[Job]:
     return [Job(episode, source, method.name, maker) for episode in episodes]
 
 
-def run_job(job: Job) -> Outcome:
+def run_job(job: Job) -> Scored:
     """Run an episode.
 
     Raises:
@@ -153,31 +142,21 @@ def run_job(job: Job) -> Outcome:
     """
     warm_up(job.source)
     reference = reference_time()
-    outcome = _run(job)
-    return replace(outcome, result=replace(outcome.result, reference_time=reference))
+    scored = _score(job)
+    return replace(scored, result=replace(scored.result, reference_time=reference))
 
 
-def _run(job: Job) -> Outcome:
-    episode, method, task = job.episode, _method(job.source), job.episode.load()
-    start = time.perf_counter()
-    try:
-        plan = method.planner(task, episode.seed)
-    except PlanningError as error:
-        return _unplanned(job, task, error, time.perf_counter() - start)
-    planning_time = time.perf_counter() - start
-    if episode.suite == BLOCKED:
-        return Outcome(Result(**_known(job), outcome="not told", detail="a plan was returned"))
+def _score(job: Job) -> Scored:
+    episode, task = job.episode, job.episode.load()
     perturbation = named_perturbation(episode.plant, task, episode.seed)
-    true_task = perturbation.true_task(task)
-    rollout = _follow(job, method, task, plan, perturbation)
-    report = summarize(true_task, None, rollout, cable=perturbation.cable)
-    result = _tracked(job, report, rollout, planning_time)
-    if result.success:
-        return Outcome(result)
-    from cableway.figures.rollout import rollout_figure
-    from cableway.figures.style import figure_png
-
-    return Outcome(result, figure_png(rollout_figure(true_task, rollout)))
+    options = _method(job.source).options(
+        controller=_controller(job.source), perturbation=perturbation, seed=episode.seed, track=episode.suite != BLOCKED
+    )
+    run = solve(task, options)
+    if episode.suite == BLOCKED:
+        return Scored(_certified(job, run))
+    result = _measured(job, run)
+    return Scored(result, None if result.success else _picture(run, perturbation))
 
 
 def reference_time() -> float:
@@ -198,19 +177,19 @@ def warm_up(source: str = DEFAULT) -> None:
     _controller(source).init(load_task(EXAMPLE), _example_plan())
 
 
-def died(job: Job, outcome: str, detail: str) -> Outcome:
+def died(job: Job, outcome: Outcome, detail: str) -> Scored:
     """The outcome of an episode in which the method died: the cable was not moved."""
     from cableway.figures.scene import task_figure
     from cableway.figures.style import figure_png
 
     task = job.episode.load()
     result = Result(**_known(job), outcome=outcome, detail=detail, **_unmoved(task))
-    return Outcome(result, figure_png(task_figure(task)))
+    return Scored(result, figure_png(task_figure(task)))
 
 
 @cache
 def _example_plan() -> Plan:
-    return default_planner(load_task(EXAMPLE), 0)
+    return find_plan(load_task(EXAMPLE))
 
 
 @cache
@@ -220,19 +199,7 @@ def _method(source: str) -> Method:
 
 @cache
 def _controller(source: str) -> Controller[Any]:
-    return _method(source).controller()
-
-
-def _follow(job: Job, method: Method, task: Task, plan: Plan, perturbation: Perturbation) -> Rollout:
-    """The rollout.
-
-    Raises:
-        SimulationError: The plant cannot take the start.
-    """
-    recovery, seed = None, job.episode.seed
-    if method.recovers:
-        recovery = Recovery(replan=lambda changed, _: method.planner(changed, seed))
-    return track(perturbation.build(task, seed), _controller(job.source), plan, recovery=recovery, seed=seed)
+    return _method(source).make_controller()
 
 
 def _known(job: Job) -> dict[str, Any]:
@@ -249,45 +216,66 @@ def _unmoved(task: Task) -> dict[str, Any]:
     }
 
 
-def _unplanned(job: Job, task: Task, error: PlanningError, seconds: float) -> Outcome:
-    """No plan: right where there is none, a failure elsewhere."""
-    told = str(error).startswith(IMPOSSIBLE)
-    known = _known(job) | {"detail": str(error), "planning_time": seconds}
-    if job.episode.suite == BLOCKED:
-        outcome = "success" if told else "not told"
-        return Outcome(Result(**known, outcome=outcome, success=told, strict=told))
-    from cableway.figures.plan import attempt_figure
-    from cableway.figures.style import figure_png
-
-    picture = figure_png(attempt_figure(task, error.attempt or Attempt(str(error))))
-    return Outcome(Result(**known, outcome="no plan", **_unmoved(task)), picture)
-
-
-def _tracked(job: Job, report: Report, rollout: Rollout, planning_time: float) -> Result:
-    clearance, error = rollout.least_clearance, float(report.shape_error or 0.0)
-    contact = not clearance > 0
-    ended = str(rollout.metadata["outcome"])
-    success = error < SUCCESS_ERROR and not contact and rollout.gave_up is None
-    outcome = "contact" if contact else next((n for begins, n in GAVE_UP.items() if ended.startswith(begins)), MISSED)
-    times = report.control_time
+def _certified(job: Job, run: Run) -> Result:
+    """Of a task without a solution: a success where the planner says so."""
+    told = run.report.outcome is Outcome.INFEASIBLE
     return Result(
         **_known(job),
-        outcome="success" if success else outcome,
-        detail="" if success else f"{ended}; final error {1000 * error:.1f} mm, clearance {1000 * clearance:.1f} mm",
-        success=success,
-        strict=success and error < STRICT_ERROR,
-        contact=contact,
+        outcome=Outcome.SUCCESS if told else Outcome.NOT_CERTIFIED,
+        detail=run.report.failure or "a plan was returned",
+        success=told,
+        strict=told,
+        planning_time=run.report.planning_time,
+    )
+
+
+def _measured(job: Job, run: Run) -> Result:
+    report, rollout = run.report, run.rollout
+    known = _known(job) | {
+        "outcome": report.outcome,
+        "detail": _detail(report),
+        "success": report.success,
+        "planning_time": report.planning_time,
+    }
+    if rollout is None:
+        return Result(**known, **_unmoved(run.task))
+    times, clearance = report.control_time, rollout.least_clearance
+    return Result(
+        **known,
+        strict=report.success and report.shape_error is not None and report.shape_error < STRICT_ERROR,
+        contact=not clearance > 0,
         verified=None if report.rollout_verdict is None else report.rollout_verdict.passed,
-        shape_error=error,
+        shape_error=report.shape_error,
         floor=report.shape_error_floor,
         mean_keypoint_error=report.mean_keypoint_error,
         clearance=clearance,
         deviation=report.largest_deviation,
-        gripper_travel=float(np.linalg.norm(np.diff(rollout.poses[..., :2], axis=0), axis=2).sum()),
+        gripper_travel=None if report.gripper_travel is None else sum(report.gripper_travel),
         steps=report.steps,
         recovered=len(rollout.metadata.get("recovered", [])),
-        planning_time=planning_time,
         control_median=times.median if times else None,
         control_p99=times.p99 if times else None,
         control_max=times.max if times else None,
     )
+
+
+def _detail(report: Report) -> str:
+    """Why an episode was no success, with the figures where it was tracked."""
+    if report.shape_error is None or report.min_clearance is None or report.gripper_clearance is None:
+        return report.failure or ""
+    if report.success:
+        return ""
+    clearance = min(report.min_clearance, report.gripper_clearance)
+    figures = f"final error {1000 * report.shape_error:.1f} mm, clearance {1000 * clearance:.1f} mm"
+    return f"{report.failure}; {figures}"
+
+
+def _picture(run: Run, perturbation: Perturbation) -> bytes:
+    """A PNG file of what went wrong."""
+    from cableway.figures.plan import attempt_figure
+    from cableway.figures.rollout import rollout_figure
+    from cableway.figures.style import figure_png
+
+    if run.rollout is not None:
+        return figure_png(rollout_figure(perturbation.true_task(run.task), run.rollout))
+    return figure_png(attempt_figure(run.task, run.attempt or Attempt(run.report.failure or "")))

@@ -1,51 +1,28 @@
-"""Methods: what plans and what controls. Ours, the paper's, its baselines; others come as plug-ins."""
+"""Methods: a planner, a controller and its model. Ours, the paper's, its baselines; others come as plug-ins."""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from cableway.control.base import Controller
-from cableway.core.errors import InputError, PlanningError, UnknownNameError
+from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.provenance import PACKAGE, versions
 from cableway.records import Plan
 from cableway.scene.task import Task
-from cableway.workflow.registry import make_controller, make_planner
+from cableway.workflow.registry import DEFAULT_CONTROLLER, DEFAULT_PLANNER, make_controller
+from cableway.workflow.run import SolveOptions
 
 GROUP = "cableway.methods"
 """Group of the entry points with which a package offers methods: each names a `Method`."""
 
 DEFAULT = "cableway"
 """The method that is run unless others are asked for."""
-
-TIME_LIMIT = 30.0
-"""Time [s] that our planners search."""
-
-
-class Planner(Protocol):
-    """What finds a plan."""
-
-    def __call__(self, task: Task, seed: int) -> Plan:
-        """The plan.
-
-        Raises:
-            PlanningError: There is none.
-        """
-        ...
-
-
-def default_planner(task: Task, seed: int) -> Plan:
-    """Our planner, its plan rehearsed where the cable asks for it."""
-    from cableway.workflow.rehearsal import rehearsed_plan
-
-    find = planner_of("default")
-    return rehearsed_plan(task, lambda seed: find(task, seed), seed=seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,20 +32,46 @@ class Method:
     Attributes:
         name: In tables and files.
         description: One sentence.
-        controller: Makes what leads the grippers; called once in every process.
-        planner: Makes the plan.
-        recovers: Whether a cable that left its plan is stopped and led on by a new one.
+        controller: A name of `registry.CONTROLLERS`, or a function that makes a controller; called once in every
+            process.
+        planner: A name of `registry.PLANNERS`, or a `function(task, seed)` that returns a plan or raises
+            `PlanningError`.
+        model: Name or file of the deformation model, for a controller named that has one.
+        rehearses: Whether plans are rehearsed where the cable asks for it; those of a function never are.
+        recovers: Whether a cable that left its plan is stopped and replanned for.
+        follows_unverified: Whether the closest attempt is followed where no plan verifies.
     """
 
     name: str
     description: str
-    controller: Callable[[], Controller[Any]]
-    planner: Planner = default_planner
+    controller: str | Callable[[], Controller[Any]] = DEFAULT_CONTROLLER
+    planner: str | Callable[[Task, int], Plan] = DEFAULT_PLANNER
+    model: str | None = None
+    rehearses: bool = True
     recovers: bool = True
+    follows_unverified: bool = False
 
     def __post_init__(self) -> None:
         if not self.name or not all(letter.isalnum() or letter in "-_." for letter in self.name):
             raise InputError(f"a method's name must be of letters, digits, '-', '_' and '.', got {self.name!r}")
+
+    def make_controller(self) -> Controller[Any]:
+        """The controller.
+
+        Raises:
+            UnknownNameError: There is none of that name, or no such model; the message lists them.
+        """
+        return make_controller(self.controller, self.model) if isinstance(self.controller, str) else self.controller()
+
+    def options(self, **options: Any) -> SolveOptions:
+        """Options with which `solve` runs the method, and those given."""
+        return SolveOptions(
+            planner=self.planner,
+            rehearse=self.rehearses and isinstance(self.planner, str),
+            recover=self.recovers,
+            follow_unverified=self.follows_unverified,
+            **options,
+        )
 
 
 def load_method(source: str) -> Method:
@@ -140,70 +143,32 @@ def _require_method(value: Any, source: str) -> Method:
 
 
 # ------------------------------------------------------------------------------------------------ ours
-def planner_of(name: str, unverified: bool = False) -> Planner:
-    """A planner of the registry; with `unverified`, its closest attempt where there is no verified plan.
-
-    Its time limit does not count the compilation of the kernels.
-    """
-
-    def find(task: Task, seed: int) -> Plan:
-        from cableway.planning.compilation import compile_kernels
-
-        compile_kernels()
-        deadline, planner = time.monotonic() + TIME_LIMIT, make_planner(name)
-        try:
-            return planner.find(task, seed=seed, config=planner.config, expired=lambda: time.monotonic() > deadline)
-        except PlanningError as error:
-            if unverified and error.attempt is not None and error.attempt.poses is not None:
-                return _as_plan(error.attempt)
-            raise
-
-    return find
-
-
-def _as_plan(attempt: Any) -> Plan:
-    return Plan(attempt.shapes, attempt.poses, stages=attempt.stages, metadata={"unverified": attempt.reason})
-
-
-def controller_of(name: str, model: str | None = None) -> Callable[[], Controller[Any]]:
-    """Makes a controller of the registry, with a deformation model in place of its own where one is given."""
-    return lambda: make_controller(name, model)
-
-
 def _all() -> tuple[Method, ...]:
     ours, paper = "our plan", "the paper's plan, followed though it does not verify"
     simpler = {
         "straight": "each keypoint straight to its goal",
         "slide": "the cable slid along one curve",
-        "rrt-connect": "RRT-Connect among equilibria, not refined",
-        "paper-refined": "the paper's chain with our realisation",
+        "rrt-connect": "RRT-Connect among equilibria, not optimised",
+        "paper-refined": "the paper's chain with our trajectory optimisation",
     }
-    rod_mpc = controller_of("rod-mpc")
+    neural = {"tdm-mpc": ("the Transformer", "transformer"), "cdm-mpc": ("the convolutional model", "conv"),
+              "bdm-mpc": ("the bidirectional LSTM", "bilstm")}  # fmt: skip
     return (
-        Method(name=DEFAULT, description=f"{ours}, adaptive rod MPC", controller=rod_mpc),
-        Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", controller=rod_mpc,
-               planner=planner_of("default")),
-        Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative",
-               controller=controller_of("rod-jacobian")),
+        Method(name=DEFAULT, description=f"{ours}, adaptive rod MPC"),
+        Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", rehearses=False),
+        Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative", controller="rod-jacobian"),
         Method(name="broyden", description=f"{ours}, feedback by a learned derivative (the paper's Jacob-IK)",
-               controller=controller_of("broyden")),
-        Method(name="open-loop", description=f"{ours}, followed blindly", controller=controller_of("open-loop"),
-               recovers=False),
-        Method(name="tdm-mpc", description=f"{ours}, our neural MPC with the Transformer",
-               controller=controller_of("neural-mpc", "transformer")),
-        Method(name="cdm-mpc", description=f"{ours}, our neural MPC with the convolutional model",
-               controller=controller_of("neural-mpc", "conv")),
-        Method(name="bdm-mpc", description=f"{ours}, our neural MPC with the bidirectional LSTM",
-               controller=controller_of("neural-mpc", "bilstm")),
-        Method(name="paper-tracking", description=f"{ours}, neural MPC as in the paper",
-               controller=controller_of("neural-mpc-paper", "transformer")),
-        Method(name="paper", description=f"{paper}; neural MPC as in the paper",
-               controller=controller_of("neural-mpc-paper", "transformer"),
-               planner=planner_of("paper", unverified=True), recovers=False),
-        *(Method(name=f"{name}-plan", description=f"{text}; adaptive rod MPC", controller=rod_mpc,
-                 planner=planner_of(name)) for name, text in simpler.items()),
-        Method(name="paper-plan", description=f"{paper}; adaptive rod MPC", controller=rod_mpc,
-               planner=planner_of("paper", unverified=True)),
+               controller="broyden"),
+        Method(name="open-loop", description=f"{ours}, followed blindly", controller="open-loop", recovers=False),
+        *(Method(name=name, description=f"{ours}, our neural MPC with {what}", controller="neural-mpc", model=model)
+          for name, (what, model) in neural.items()),
+        Method(name="paper-tracking", description=f"{ours}, neural MPC as in the paper", controller="neural-mpc-paper"),
+        Method(name="paper", description=f"{paper}; neural MPC as in the paper", controller="neural-mpc-paper",
+               planner="paper", rehearses=False, recovers=False, follows_unverified=True),
+        *(Method(name=f"{name}-plan", description=f"{text}; adaptive rod MPC", planner=name, rehearses=False)
+          for name, text in simpler.items()),
+        Method(name="paper-plan", description=f"{paper}; adaptive rod MPC", planner="paper", rehearses=False,
+               follows_unverified=True),
     )  # fmt: skip
 
 

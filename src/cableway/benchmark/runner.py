@@ -14,10 +14,11 @@ from typing import Any
 
 import pebble
 
-from cableway.benchmark.episode import Job, Outcome, Result, died, run_job, warm_up
+from cableway.benchmark.episode import Job, Result, Scored, died, run_job, warm_up
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.core.executors import EXECUTORS, begin_worker, cores, open_executor
 from cableway.core.files import write_atomically, write_json
+from cableway.records import Outcome
 
 EPISODES, FAILURES = "episodes", "failures"
 """Folders of results and of pictures of what failed."""
@@ -94,7 +95,7 @@ def run_jobs(
         done(outcome.result)
 
 
-def _locally(jobs: Sequence[Job], workers: int | None, time_limit: float) -> Iterator[tuple[Job, Outcome]]:
+def _locally(jobs: Sequence[Job], workers: int | None, time_limit: float) -> Iterator[tuple[Job, Scored]]:
     count = workers or cores()
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update({name: value for name, value in ONE_THREAD.items() if before[name] is None})
@@ -121,7 +122,7 @@ def _begin() -> None:
     warm_up()
 
 
-def _on_ray(jobs: Sequence[Job], workers: int | None, time_limit: float) -> Iterator[tuple[Job, Outcome]]:
+def _on_ray(jobs: Sequence[Job], workers: int | None, time_limit: float) -> Iterator[tuple[Job, Scored]]:
     """On a Ray cluster; what hangs ends itself there, as nobody outside can reach it."""
     with open_executor("ray", workers) as cluster, ThreadPoolExecutor(2 * cluster.workers) as waiting:
         yield from _as_they_end(
@@ -132,7 +133,7 @@ def _on_ray(jobs: Sequence[Job], workers: int | None, time_limit: float) -> Iter
         )
 
 
-def _limited(job: Job, time_limit: float) -> Outcome:
+def _limited(job: Job, time_limit: float) -> Scored:
     import faulthandler
 
     faulthandler.dump_traceback_later(time_limit, exit=True)
@@ -144,7 +145,7 @@ def _limited(job: Job, time_limit: float) -> Outcome:
 
 def _as_they_end(
     jobs: Sequence[Job], ahead: int, submit: Callable[[Job], Future[Any]], time_limit: float
-) -> Iterator[tuple[Job, Outcome]]:
+) -> Iterator[tuple[Job, Scored]]:
     """Jobs with what became of them, at most `ahead` of them begun or waiting at a time."""
     remaining = iter(jobs)
     running = {submit(job): job for job in islice(remaining, ahead)}
@@ -155,12 +156,12 @@ def _as_they_end(
             yield job, _outcome(job, future, time_limit)
 
 
-def _outcome(job: Job, future: Future[Any], time_limit: float) -> Outcome:
+def _outcome(job: Job, future: Future[Any], time_limit: float) -> Scored:
     """What an episode came to; one that died costs itself alone."""
     try:
         return future.result()
     except TimeoutError:
-        outcome, detail = "timed out", f"not done within {time_limit:g} s"
+        outcome, detail = Outcome.TIMED_OUT, f"not done within {time_limit:g} s"
     except (Exception, pebble.ProcessExpired) as error:
-        outcome, detail = "crashed", f"{type(error).__name__}: {' '.join(str(error).split())[:500]}"
+        outcome, detail = Outcome.CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())[:500]}"
     return died(job, outcome, detail)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cableway.cli import outputs
-from cableway.cli.planning import PlanOptions, plan_into
-from cableway.cli.terminal import Terminal, pairs
+from cableway.cli.planning import PlanOptions
+from cableway.cli.terminal import Terminal
 from cableway.core.errors import InputError
 
 
@@ -26,10 +25,6 @@ class Plan(PlanOptions):
         """Carry the command out and return its exit status."""
         from cableway.scene.files.loading import load_task
 
-        terminal, task = Terminal(self), load_task(self.task)
+        task = load_task(self.task)
         folder = self.folder(task.name)
-        with terminal.progress() as tell:
-            report = plan_into(folder, task, self, terminal, tell, alternatives=self.alternatives).report
-        outputs.announce(terminal, folder, report)
-        terminal.result(report.as_dict(), pairs(report.rows()))
-        return 0 if report.success else 1
+        return self.solve(Terminal(self), folder, task, track=False, rehearse=False, alternatives=self.alternatives)

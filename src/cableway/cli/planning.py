@@ -1,9 +1,7 @@
-"""Planning at the edge, shared by `plan` and `run`: options, stage times, and the files that are left."""
+"""What `plan` and `run` share: the options, and the files that a run leaves as it goes."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,15 +10,18 @@ import tyro
 
 from cableway.cli import outputs
 from cableway.cli.options import Options
-from cableway.cli.terminal import StageTimer, Tell, Terminal
-from cableway.core.errors import InputError, PlanningError, PlanningInterrupted
+from cableway.cli.terminal import Tell, Terminal, pairs
+from cableway.core.errors import InputError
+from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, PLANNERS, Planner, make_planner
 
 if TYPE_CHECKING:
-    from cableway.planning.config import PlannerConfig
     from cableway.records import Plan
-    from cableway.report import Report
     from cableway.scene.task import Task
-    from cableway.verification import VerificationLimits
+    from cableway.workflow.events import OnEvent
+    from cableway.workflow.run import Run
+
+CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + "}"
+PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,194 +31,114 @@ class PlanOptions(Options):
     task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="TASK")]
     """Name in the catalogue, or a YAML file."""
 
-    planner: Annotated[str, tyro.conf.arg(metavar="NAME")] = "default"
-    """default, paper, or one to compare with: paper-refined, straight, slide, rrt-connect."""
+    planner: Annotated[str, tyro.conf.arg(metavar=PLANNER_NAMES)] = DEFAULT_PLANNER
+    """The planner; paper is that of the paper, the others but default are to compare with."""
 
     pivot: Annotated[str | None, tyro.conf.arg(metavar="{grid,rrt_star}")] = None
     """How the pivot path is found; as the planner has it unless given."""
 
     time_limit: float = 30.0
-    """Seconds after which the search for a plan ends; a search that it does not cut short gives the same plan."""
+    """Seconds after which a search for a plan ends; one that it does not cut short gives the same plan."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.time_limit > 0:
             raise InputError(f"--time-limit must be positive, got {self.time_limit}")
 
-    def planner_config(self) -> PlannerConfig:
-        """The planner's configuration that the options ask for.
+    def chosen_planner(self) -> Planner:
+        """The planner that the options ask for.
 
         Raises:
             UnknownNameError: There is no such planner or pivot method; the message lists them.
         """
-        from cableway.workflow.registry import make_planner
+        planner = make_planner(self.planner)
+        if self.pivot is None:
+            return planner
+        pivot: Any = replace(planner.config.pivot, method=self.pivot)
+        return replace(planner, config=replace(planner.config, pivot=pivot))
 
-        config = make_planner(self.planner).config
-        return config if self.pivot is None else replace(config, pivot=_with_method(config.pivot, self.pivot))
+    def solve(self, terminal: Terminal, folder: Path, task: Task, *, video: bool = False, **options: Any) -> int:
+        """Solve the task, leave its files in a folder, show the report and return the exit status."""
+        from cableway.workflow.run import SolveOptions
+        from cableway.workflow.solve import solve
+
+        chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=self.time_limit, **options)
+        with terminal.progress() as tell:
+            run = solve(task, chosen, _shown(terminal, tell, folder))
+            if video and run.rollout is not None:
+                from cableway.figures.video import write_video
+
+                write_video(folder / outputs.VIDEO, task, run.rollout, progress=tell)
+        outputs.announce(terminal, folder, run.report)
+        terminal.result(run.report.as_dict(), pairs(run.report.rows()))
+        return 0 if run.success else 1
 
 
-def _with_method(pivot: Any, method: str) -> Any:
-    return replace(pivot, method=method)
+def _shown(terminal: Terminal, tell: Tell, folder: Path) -> OnEvent:
+    """Shows a run at the terminal and leaves its files in a folder as they come.
 
-
-@dataclass(frozen=True, kw_only=True)
-class Planned:
-    """What planning gave.
-
-    Attributes:
-        plan: The plan, or None where there is none.
-        report: Of planning alone.
-        timings: Wall time of each stage [s].
-        config: The planner's configuration.
-        notes: Sentences for the reader of the report.
-        push: Where the task has a port, the plan of the push into it.
+    The folder stays as it was until there is something to write, so that an interrupt costs nothing.
     """
+    from cableway.workflow.events import Event, Finished, Note, Planned, Progress
 
-    plan: Plan | None
-    report: Report
-    timings: Mapping[str, float]
-    config: PlannerConfig
-    notes: tuple[str, ...]
-    push: Plan | None = None
+    def on_event(event: Event) -> None:
+        match event:
+            case Progress(stage, share):
+                tell(stage, share)
+            case Note(text):
+                terminal.note(text)
+            case Planned(run) if run.plan is not None:
+                _write_plans(folder, run, run.plan)
+            case Planned(run):
+                _write_attempt(folder, run)
+            case Finished(run):
+                _write_rollouts(folder, run)
 
-
-def plan_into(
-    folder: Path,
-    task: Task,
-    options: PlanOptions,
-    terminal: Terminal,
-    tell: Tell,
-    *,
-    alternatives: int = 1,
-    rehearsal: bool = False,
-) -> Planned:
-    """Plan a task and leave plan, picture, report and task in a folder, in place of what was there.
-
-    With more than one of `alternatives` there are also the other plans and a picture of all of them; with `rehearsal`
-    the plan is tried in simulation where the cable asks for it.
-
-    A folder is left as it was until there is something to write, so an interrupt costs nothing.
-    """
-    from cableway.core.provenance import describe
-    from cableway.planning.planner import plan as find_plan
-    from cableway.report import summarize
-
-    config, seed = options.planner_config(), options.seed or 0
-    notes = _compile(terminal, tell)
-    timer = StageTimer(tell)
-    timer("set up", 0.0)
-    common: dict[str, Any] = {"timings": timer.seconds, "seed": seed, "notes": notes, "limits": config.limits}
-    try:
-        deadline = time.monotonic() + options.time_limit
-        search: dict[str, Any] = {"seed": seed, "config": config, "progress": timer}
-        search["expired"] = lambda: time.monotonic() > deadline
-        push = _plan_push(task, config.limits, timer)
-        if alternatives > 1:
-            plans = find_plan(task, alternatives=alternatives, **search)
-        else:
-            plans = [_plan(task, search, timer, rehearsal)]
-    except PlanningError as error:
-        timer.stop()
-        configuration = {"plan": {"planner": describe(config)}}
-        report = summarize(task, None, attempt=error.attempt, problem=str(error), configuration=configuration, **common)
-        _write_attempt(folder, task, report, error)
-        if isinstance(error, PlanningInterrupted):
-            raise KeyboardInterrupt from None
-        return Planned(plan=None, report=report, timings=timer.seconds, config=config, notes=notes)
-    if len(plans) < alternatives:
-        common["notes"] = notes = (*notes, f"Of {alternatives} alternatives {len(plans)} were found.")
-    common["notes"] = notes = (*notes, *_rehearsal_notes(plans[0]))
-    report = summarize(task, plans[0], push=push, **common)
-    _write_plans(folder, task, report, plans)
-    if push is not None:
-        push.save(folder / outputs.PUSH)
-    return Planned(plan=plans[0], report=report, timings=timer.seconds, config=config, notes=notes, push=push)
+    return on_event
 
 
-def _plan(task: Task, search: Mapping[str, Any], tell: Tell, rehearsal: bool) -> Plan:
-    """One plan, rehearsed where that is wanted and the cable asks for it.
-
-    Raises:
-        PlanningError: There is none.
-    """
-    from cableway.planning.planner import plan
-
-    if not rehearsal:
-        return plan(task, **search)
-    from cableway.workflow.rehearsal import rehearsed_plan
-
-    return rehearsed_plan(task, lambda seed: plan(task, **{**search, "seed": seed}), seed=search["seed"], progress=tell)
-
-
-def _rehearsal_notes(plan: Plan) -> tuple[str, ...]:
-    """What the rehearsal came to, for the reader of the report."""
-    record = plan.metadata.get("rehearsal")
-    if record is None:
-        return ()
-    deviation, clearance = (f"{1000 * record[name]:.1f} mm" for name in ("deviation", "clearance"))
-    went = f"largest deviation {deviation}, clearance {clearance}, final error {1000 * record['shape_error']:.1f} mm"
-    if record["passed"]:
-        return (f"The plan is number {record['plans']} of those rehearsed on the simulated cable: {went}.",)
-    return (f"None of {record['plans']} plans went well in rehearsal on the simulated cable; the best: {went}.",)
-
-
-def _plan_push(task: Task, limits: VerificationLimits, tell: Tell) -> Plan | None:
-    """The push into the task's port, if it has one.
-
-    Raises:
-        PlanningError: None verifies.
-    """
-    if task.port is None:
-        return None
-    from cableway.planning.insertion import plan_push
-
-    tell("push", 0.0)
-    push = plan_push(task, limits)
-    tell("push", 1.0)
-    return push
-
-
-def _compile(terminal: Terminal, tell: Tell) -> tuple[str, ...]:
-    """Compile the kernels where that is yet to be done; what the report is to say about it."""
-    from cableway.core.compiled import is_compiled
-
-    if is_compiled("planning"):
-        return ()
-    from cableway.planning.compilation import compile_kernels
-
-    terminal.note("Compiling the planner's kernels; this happens once, the next run finds them in your cache folder.")
-    tell("compilation", 0.0)
-    start = time.monotonic()
-    compile_kernels()
-    tell("compilation", 1.0)
-    return (f"Before planning, kernels were compiled for {time.monotonic() - start:.0f} s, which happens once.",)
-
-
-def _write_plans(folder: Path, task: Task, report: Report, plans: Sequence[Plan]) -> None:
+def _write_plans(folder: Path, run: Run, plan: Plan) -> None:
     from cableway.figures.plan import alternatives_figure, plan_figure
     from cableway.figures.style import save_figure
     from cableway.scene.files.saving import save_task
 
-    figure = plan_figure(task, plans[0])
-    together = alternatives_figure(task, [plan.shapes for plan in plans]) if len(plans) > 1 else None
+    plans, figure, together = [plan, *run.alternatives], plan_figure(run.task, plan), None
+    if run.alternatives:
+        together = alternatives_figure(run.task, [each.shapes for each in plans])
     outputs.clear(folder)
-    for place, plan in enumerate(plans, start=1):
-        plan.save(folder / outputs.alternative(place))
-    save_task(task, folder / outputs.TASK)
-    outputs.write_report(folder, report)
+    for place, each in enumerate(plans, start=1):
+        each.save(folder / outputs.alternative(place))
+    if run.insertion_plan is not None:
+        run.insertion_plan.save(folder / outputs.PUSH)
+    save_task(run.task, folder / outputs.TASK)
+    outputs.write_report(folder, run.report)
     save_figure(figure, folder / outputs.PLAN_PICTURE)
     if together is not None:
         save_figure(together, folder / outputs.ALTERNATIVES_PICTURE)
 
 
-def _write_attempt(folder: Path, task: Task, report: Report, error: PlanningError) -> None:
+def _write_attempt(folder: Path, run: Run) -> None:
     from cableway.figures.plan import attempt_figure
     from cableway.figures.style import save_figure
     from cableway.records import Attempt
     from cableway.scene.files.saving import save_task
 
-    figure = attempt_figure(task, error.attempt or Attempt(reason=str(error)))
+    figure = attempt_figure(run.task, run.attempt or Attempt(reason=run.report.failure or ""))
     outputs.clear(folder)
-    save_task(task, folder / outputs.TASK)
-    outputs.write_report(folder, report)
+    save_task(run.task, folder / outputs.TASK)
+    outputs.write_report(folder, run.report)
     save_figure(figure, folder / outputs.PLAN_PICTURE)
+
+
+def _write_rollouts(folder: Path, run: Run) -> None:
+    from cableway.figures.insertion import insertion_figure
+    from cableway.figures.rollout import rollout_figure
+    from cableway.figures.style import save_figure
+
+    if run.rollout is not None:
+        run.rollout.save(folder / outputs.ROLLOUT)
+        save_figure(rollout_figure(run.task, run.rollout), folder / outputs.ROLLOUT_PICTURE)
+    if run.insertion is not None:
+        run.insertion.save(folder / outputs.INSERTION)
+        save_figure(insertion_figure(run.task, run.insertion), folder / outputs.INSERTION_PICTURE)
+    outputs.write_report(folder, run.report)

@@ -95,7 +95,8 @@ def plan(
         return find_alternatives(search, alternatives)
     except OutOfTime:
         reason = f"; what came closest: {search.best.reason}" if search.best else ""
-        raise PlanningError(f"the time limit ran out before a plan was found{reason}", search.best, Outcome.TIMED_OUT) from None
+        message = f"the time limit ran out before a plan was found{reason}"
+        raise PlanningError(message, search.best, Outcome.TIMED_OUT) from None
     except (Cancelled, KeyboardInterrupt):
         if search.best is None:
             raise

@@ -89,7 +89,7 @@ class Watch:
             why: How the run ends where it cannot go on; None where the first plan may still be followed.
         """
         if len(self.recovered) >= self._recovery.times:
-            return why and Ending(why, f"already replanned {len(self.recovered)} times")
+            return Ending(why, f"already replanned {len(self.recovered)} times") if why else None
         keypoints = np.full_like(loop.observation.keypoints, np.nan)
         for _ in range(self._rest):
             ending = loop.stand(BLOCKED if why is Outcome.BLOCKED_WAY else LOST)
@@ -103,7 +103,7 @@ class Watch:
         except PlanningInterrupted as error:
             return Ending(Outcome.INTERRUPTED, str(error))
         except (TaskError, PlanningError) as error:
-            return why and Ending(why, str(error))
+            return Ending(why, str(error)) if why else None
         self._off = 0
         self.recovered.append(loop.time)
         return None

@@ -15,7 +15,6 @@ from cableway.core.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
     from cableway.control.base import Controller
-    from cableway.records import Plan
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Planner:
     """
 
     config: Any
-    find: Callable[..., Plan]
+    find: Callable[..., Any]
 
 
 @dataclass(frozen=True)

@@ -9,31 +9,35 @@ from typing import Any
 
 import numpy as np
 
-from cableway.benchmark.methods import load_method
 from cableway.benchmark.suites import make_task
 from cableway.benchmark.tables import Table, number
 from cableway.control.base import Controller
+from cableway.control.rod_mpc import RodMPC
+from cableway.core.errors import PlanningError
 from cableway.figures.stages import followers_figure
 from cableway.figures.style import save_figure
-from cableway.records import SUCCESS_ERROR, Rollout
+from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import cable_from_preset, load_task
+from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.reproduction import paper
 from cableway.tang2025.reproduction.sections import LABORATORY, Row, Section, Tell, median_worst, spread
-from cableway.tracking import track
+from cableway.workflow.run import Run, SolveOptions
+from cableway.workflow.solve import solve
 
 
 def one_plan(folder: Path) -> Section:
     """One plan that all cables follow from starts that differ."""
-    method = load_method("cableway")
     thickest = make_task("real-single~rubber-0.34")
-    plan, controller = method.planner(thickest, 0), method.controller()
+    plan, controller = _planned(thickest), RodMPC()
     rollouts: dict[str, Rollout] = {}
     rows: list[Row] = [("cable", "error [cm]", "largest deviation [cm]", "least clearance [cm]")]
     for seed, cable in enumerate(paper.CONTROL_BY_CABLE):
         task = make_task(f"real-single~{cable}-0.34")
-        rollout = track(named_perturbation("laid", task, seed).build(task, seed), controller, plan, seed=seed)
+        rollout = _followed(task, plan, controller, "laid", seed).rollout
+        if rollout is None:
+            continue
         rollouts[cable] = rollout
         deviation = float(rollout.deviations_from_reference.max())
         values = (rollout.shape_error(task.goal), deviation, rollout.least_clearance)
@@ -41,6 +45,24 @@ def one_plan(folder: Path) -> Section:
     save_figure(followers_figure(thickest, rollouts), folder / "one-plan.png")
     text = f"The plan of the thickest cable, tracked with all four from starts off by 5 mm and 3 degrees; {LABORATORY}."
     return Section("One plan for all cables", text, (Table("one plan", tuple(rows)),), ("one-plan.png",))
+
+
+def _planned(task: Task) -> Plan:
+    """The plan of a task, rehearsed where its cable asks for it.
+
+    Raises:
+        PlanningError: There is none.
+    """
+    run = solve(task, SolveOptions(track=False))
+    if run.plan is None:
+        raise PlanningError(f"{task.name}: {run.report.failure}", run.attempt, run.report.outcome)
+    return run.plan
+
+
+def _followed(task: Task, plan: Plan, controller: Controller[Any], plant: str, seed: int) -> Run:
+    """A run along a plan on the plant of a name."""
+    perturbation = named_perturbation(plant, task, seed)
+    return solve(task, SolveOptions(plan=plan, controller=controller, perturbation=perturbation, seed=seed))
 
 
 @dataclass(frozen=True)
@@ -83,20 +105,19 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
         str(way): NeuralMPC(models[way.cable], MPCConfig(adapt_every=ADAPT_EVERY if way.adapted else 0))
         for way in LEARNERS
     }
-    controllers["no model: adaptive rod MPC"] = load_method("cableway").controller()
+    controllers["no model: adaptive rod MPC"] = RodMPC()
     rows: list[Row] = [("model identified on", "success", "error [cm]", "largest error [cm]",
                         "largest deviation, median / worst [cm]", "least clearance [cm]",
                         "model changes taken / refused")]  # fmt: skip
     tasks = [make_task(f"{name}~silicone-0.27") for name in ("real-single", "real-multi")]
-    plans = [load_method("cableway").planner(task, 0) for task in tasks]
+    plans = [_planned(task) for task in tasks]
     for place, (name, controller) in enumerate(controllers.items()):
-        rollouts = []
+        runs = []
         for trial in range(trials * len(tasks)):
             tell("silicone tube", (place + trial / (trials * len(tasks))) / len(controllers))
             which = trial % len(tasks)
-            plant = named_perturbation("laid", tasks[which], trial).build(tasks[which], trial)
-            rollouts.append((tasks[which].goal, track(plant, controller, plans[which], seed=trial)))
-        rows.append((name, *_led(rollouts)))
+            runs.append(_followed(tasks[which], plans[which], controller, "laid", trial))
+        rows.append((name, *_cells(runs)))
     text = (
         "The silicone tube, 0.27 m, on real-single and real-multi with end shapes scaled to its length, under neural "
         f"MPC ({KIND}) with a model identified on {transitions} transitions of the simulated HDMI cable of 0.25 m, "
@@ -132,39 +153,31 @@ def _identified(cable: str, folder: Path, transitions: int, tell: Tell) -> Defor
     return load_model(str(path))
 
 
-def _led(rollouts: Sequence[tuple[np.ndarray, Rollout]]) -> tuple[str, ...]:
-    """The cells of some rollouts, each with its goal."""
-    errors = np.array([100 * run.shape_error(goal) for goal, run in rollouts])
-    deviations = [100 * float(run.deviations_from_reference.max()) for _, run in rollouts]
-    clearances = [100 * run.least_clearance for _, run in rollouts]
-    good = [error < 100 * SUCCESS_ERROR and clear > 0 for error, clear in zip(errors, clearances, strict=True)]
-    changes = [[entry.value for entry in run.estimated().values()] for _, run in rollouts]
+def _cells(runs: Sequence[Run]) -> tuple[str, ...]:
+    """The cells of some runs."""
+    rollouts = [run.rollout for run in runs if run.rollout is not None]
+    errors = np.array([100 * run.report.shape_error for run in runs if run.report.shape_error is not None])
+    deviations = [100 * float(rollout.deviations_from_reference.max()) for rollout in rollouts]
+    clearances = [100 * rollout.least_clearance for rollout in rollouts]
+    changes = [[entry.value for entry in rollout.estimated().values()] for rollout in rollouts]
     taken = "{:.0f} / {:.0f}".format(*np.sum(changes, axis=0)) if len(changes[0]) == 2 else "-"
     return (
-        f"{sum(good)}/{len(good)}", spread((float(errors.mean()), float(errors.std()))), number(float(errors.max())),
+        f"{sum(run.success for run in runs)}/{len(runs)}",
+        spread((float(errors.mean()), float(errors.std()))), number(float(errors.max())),
         median_worst(deviations), number(min(clearances)), taken,
     )  # fmt: skip
 
 
 def insertion(trials: int, tell: Tell) -> Section:
     """The case study of an HDMI cable plugged in on a cluttered table."""
-    from cableway.control.insertion import PlugPush
-    from cableway.planning.insertion import plan_push
-    from cableway.report import summarize
-    from cableway.tracking import may_push, push_in
-
-    task, method = load_task("insertion"), load_method("cableway")
-    plan, push, controller, pusher = method.planner(task, 0), plan_push(task), method.controller(), PlugPush()
+    task, controller = load_task("insertion"), RodMPC()
+    plan = _planned(task)
     rows: list[Row] = [
         ("trial", "plugged in", "off the axis [mm]", "turned [deg]", "depth [mm]", "least clearance [mm]")
     ]
     for seed in range(trials):
         tell("insertion", seed / trials)
-        plant = named_perturbation("hdmi", task, seed).build(task, seed)
-        rollout, inserted = track(plant, controller, plan, seed=seed), None
-        if may_push(rollout, task):
-            inserted = push_in(plant, push, controller=pusher, seed=seed)
-        report = summarize(task, plan, rollout, push=push, insertion=inserted)
+        report = _followed(task, plan, controller, "hdmi", seed).report
         found, clearance = report.insertion, report.min_clearance
         figures = (
             (found.lateral_at_mouth, 1000), (found.angle_at_mouth, 180 / np.pi), (found.depth, 1000)

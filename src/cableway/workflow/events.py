@@ -1,0 +1,100 @@
+"""What a run reports while it lasts, for a terminal, a notebook or a browser.
+
+`solve` calls its `on_event` with each event, in order, from the thread it was called in. The callback stops the run by
+returning `CANCEL` or raising `Cancelled`; the run then ends at the next report of progress, with what is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cableway.core.errors import Cancelled
+
+if TYPE_CHECKING:
+    from cableway.workflow.run import Run
+
+CANCEL = "cancel"
+"""Returned by a callback to stop the run."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A stage goes on.
+
+    Attributes:
+        stage: Its name.
+        share: How much of it is done, 0 where that is not known yet, 1 at its end.
+    """
+
+    stage: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something worth knowing while waiting.
+
+    Attributes:
+        text: In a sentence.
+    """
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Planning is over; what follows may take longer.
+
+    Attributes:
+        run: So far: the plan and its report, or the closest attempt where no plan was found.
+    """
+
+    run: Run
+
+
+@dataclass(frozen=True)
+class Finished:
+    """The run is over.
+
+    Attributes:
+        run: What `solve` returns.
+    """
+
+    run: Run
+
+
+Event = Progress | Note | Planned | Finished
+OnEvent = Callable[[Event], Any]
+
+
+class Listener:
+    """Passes events on, and remembers a request to stop.
+
+    Args:
+        on_event: Called with each event; nothing is where None.
+    """
+
+    def __init__(self, on_event: OnEvent | None) -> None:
+        self._on_event = on_event
+        self.cancelled = False
+
+    def tell(self, event: Event) -> None:
+        """Pass an event on."""
+        if self._on_event is None:
+            return
+        try:
+            self.cancelled = self._on_event(event) == CANCEL or self.cancelled
+        except Cancelled:
+            self.cancelled = True
+
+    def progress(self, stage: str, share: float) -> None:
+        """Pass progress on.
+
+        Raises:
+            Cancelled: The run is to stop.
+        """
+        self.tell(Progress(stage, share))
+        if self.cancelled:
+            raise Cancelled(f"cancelled in the stage {stage!r}")

@@ -1,0 +1,133 @@
+"""The first half of a run: a plan, rehearsed where the cable asks for it, the plan of the insertion, their report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from cableway.core.compiled import is_compiled
+from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted
+from cableway.core.provenance import describe
+from cableway.planning.compilation import compile_kernels
+from cableway.planning.insertion import plan_push
+from cableway.records import Outcome, Plan
+from cableway.report import summarize
+from cableway.scene.task import Task
+from cableway.workflow.events import Listener, Note, Planned, Progress
+from cableway.workflow.registry import Planner
+from cableway.workflow.rehearsal import rehearsed_plan
+from cableway.workflow.run import Run, SolveOptions
+from cableway.workflow.timing import StageTimer
+
+COMPILING = "Compiling the planner's kernels; this happens once, the next run finds them in your cache folder."
+
+
+def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
+    """Plan a task.
+
+    Returns:
+        The run so far: the plan with its report, or the closest attempt and why it is no plan.
+
+    Raises:
+        KeyboardInterrupt: The search was interrupted from the keyboard; the listener was told what came closest.
+    """
+    planner, notes, insertion_plan = options.resolved_planner(), _compile(listener), None
+    timer = StageTimer(listener.progress)
+    limits = None if planner.config is None else planner.config.limits
+    common: dict[str, Any] = {"timings": timer.seconds, "seed": options.seed, "limits": limits}
+    try:
+        timer("set up", 0.0)
+        if task.port is not None:
+            timer("insertion plan", 0.0)
+            insertion_plan = plan_push(task, limits)
+            timer("insertion plan", 1.0)
+        plans = _plans(task, options, planner, timer)
+    except (PlanningError, Cancelled) as error:
+        timer.stop()
+        run = _without_plan(task, planner, error, {**common, "notes": notes})
+        if isinstance(error, PlanningInterrupted) and not listener.cancelled:
+            listener.tell(Planned(run))
+            raise KeyboardInterrupt from None
+        return run
+    if len(plans) < options.alternatives:
+        notes = (*notes, f"Of {options.alternatives} alternatives {len(plans)} were found.")
+    report = summarize(task, plans[0], push=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), **common)
+    return Run(
+        task=task, report=report, plan=plans[0], alternatives=tuple(plans[1:]), insertion_plan=insertion_plan,
+        timings=timer.seconds,
+    )  # fmt: skip
+
+
+def search(
+    task: Task, options: SolveOptions, planner: Planner, progress: Any, seed: int, previous: Plan | None = None
+) -> Plan:
+    """One search for a plan, with its own time limit.
+
+    Raises:
+        PlanningError: There is none.
+    """
+    deadline = time.monotonic() + options.time_limit
+    try:
+        return planner.find(
+            task, config=planner.config, seed=seed, progress=progress, previous=previous,
+            expired=lambda: time.monotonic() > deadline,
+        )  # fmt: skip
+    except PlanningInterrupted:
+        raise
+    except PlanningError as error:
+        attempt = error.attempt
+        if not options.follow_unverified or attempt is None or attempt.poses is None:
+            raise
+        return Plan(attempt.shapes, attempt.poses, stages=attempt.stages, metadata={"unverified": attempt.reason})
+
+
+def _plans(task: Task, options: SolveOptions, planner: Planner, timer: StageTimer) -> Sequence[Plan]:
+    if options.plan is not None:
+        return [options.plan]
+    if options.alternatives > 1:
+        deadline = time.monotonic() + options.time_limit
+        return planner.find(
+            task, config=planner.config, seed=options.seed, progress=timer, alternatives=options.alternatives,
+            expired=lambda: time.monotonic() > deadline,
+        )  # fmt: skip
+    one = partial(search, task, options, planner, timer)
+    if options.rehearse:
+        return [rehearsed_plan(task, one, seed=options.seed, progress=timer)]
+    return [one(options.seed)]
+
+
+def _without_plan(task: Task, planner: Planner, error: PlanningError | Cancelled, common: dict[str, Any]) -> Run:
+    attempt, outcome = None, Outcome.INTERRUPTED
+    if isinstance(error, PlanningError):
+        attempt, outcome = error.attempt, Outcome(error.outcome)
+    configuration = {"plan": {"planner": describe(planner.config)}}
+    report = summarize(
+        task, None, attempt=attempt, problem=(outcome, str(error)), configuration=configuration, **common
+    )
+    return Run(task=task, report=report, attempt=attempt, timings=common["timings"])
+
+
+def _compile(listener: Listener) -> tuple[str, ...]:
+    """Compile the planner's kernels before the clock of a search runs; what the report is to say about it."""
+    if is_compiled("planning"):
+        return ()
+    listener.tell(Note(COMPILING))
+    listener.tell(Progress("compilation", 0.0))
+    start = time.monotonic()
+    compile_kernels()
+    listener.tell(Progress("compilation", 1.0))
+    return (f"Before planning, kernels were compiled for {time.monotonic() - start:.0f} s, which happens once.",)
+
+
+def _rehearsed(plan: Plan) -> tuple[str, ...]:
+    """How the rehearsal went, for the reader of the report."""
+    record = plan.metadata.get("rehearsal")
+    if record is None:
+        return ()
+    deviation, clearance = (f"{1000 * record[name]:.1f} mm" for name in ("deviation", "clearance"))
+    went = f"largest deviation {deviation}, clearance {clearance}, final error {1000 * record['shape_error']:.1f} mm"
+    if record["passed"]:
+        return (f"The plan is number {record['plans']} of those rehearsed on the simulated cable: {went}.",)
+    return (f"None of {record['plans']} plans went well in rehearsal on the simulated cable; the best: {went}.",)

@@ -1,0 +1,105 @@
+"""The second half of a run: the plan is tracked, with recoveries, the plug inserted, and all of it judged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from cableway.control.base import Controller
+from cableway.core.compiled import mark_compiled
+from cableway.core.errors import ControlError, SimulationError
+from cableway.core.provenance import versions
+from cableway.records import Outcome, Plan, Rollout
+from cableway.report import summarize
+from cableway.scene.task import Task
+from cableway.tracking import Recovery, Watchdog, may_push, push_in, track
+from cableway.workflow.events import Listener, Note
+from cableway.workflow.find import search
+from cableway.workflow.registry import CONTROLLERS, controller_is_compiled, make_controller
+from cableway.workflow.run import Run, SolveOptions
+
+COMPILING = "The controller is compiled once before it starts; the next run finds it in your cache folder."
+
+
+def prepare_controller(options: SolveOptions, listener: Listener) -> Controller[Any]:
+    """The controller that the options ask for.
+
+    Raises:
+        UnknownNameError: There is none of that name, or no such model; the message lists them.
+        InputError: A model is given for a controller that has none.
+    """
+    if not isinstance(options.controller, str):
+        return options.controller
+    controller = make_controller(options.controller, options.model, options.adapt)
+    if not controller_is_compiled(options.controller):
+        listener.tell(Note(COMPILING))
+    return controller
+
+
+def follow(run: Run, options: SolveOptions, controller: Controller[Any], listener: Listener) -> Run:
+    """Track the plan of a run and, where the goal of a task with a port is reached, insert the plug."""
+    assert run.plan is not None
+    task, perturbation, watchdog = run.task, options.perturbation, Watchdog(deadline=options.deadline)
+    rollout = insertion = problem = None
+    actual, notes = task, ()
+    try:
+        actual = perturbation.true_task(task)
+        plant = perturbation.build(task, options.seed)
+        notes = plant.plant.unmodelled
+        rollout = track(
+            plant, controller, run.plan, recovery=_recovery(options), watchdog=watchdog, progress=listener.progress,
+            seed=options.seed,
+        )  # fmt: skip
+        if run.insertion_plan is not None and may_push(rollout, task):
+            insertion = push_in(
+                plant, run.insertion_plan, watchdog=watchdog, seed=options.seed,
+                progress=lambda _, share: listener.progress("insertion", share),
+            )  # fmt: skip
+    except (SimulationError, ControlError) as error:
+        problem = (Outcome.PLANT_FAILED, f"tracking failed: {error}")
+    if listener.cancelled:
+        problem = (Outcome.INTERRUPTED, "the run was cancelled")
+    if isinstance(options.controller, str) and CONTROLLERS[options.controller].model is None:
+        mark_compiled("control")
+    made_by = _made_by(task, options)
+    rollout, insertion = _with(rollout, made_by), _with(insertion, made_by)
+    report = summarize(
+        task, run.plan, rollout, push=run.insertion_plan, insertion=insertion, timings=run.timings, seed=options.seed,
+        notes=(*run.report.notes, *perturbation.notes, *notes), limits=_limits(options), cable=perturbation.cable,
+        actual=actual, problem=problem,
+    )  # fmt: skip
+    return replace(run, report=report, rollout=rollout, insertion=insertion)
+
+
+def cancelled(run: Run) -> Run:
+    """A run that was stopped after planning."""
+    return replace(run, report=replace(run.report, outcome=Outcome.INTERRUPTED, failure="the run was cancelled"))
+
+
+def _recovery(options: SolveOptions) -> Recovery | None:
+    """Replanning from where the cable is: first along what is left of the plan, without a rehearsal."""
+    if not options.recovers:
+        return None
+    planner = options.resolved_planner()
+
+    def replan(task: Task, left: Plan) -> Plan:
+        return search(task, options, planner, None, options.seed, previous=left)
+
+    return Recovery(replan=replan)
+
+
+def _made_by(task: Task, options: SolveOptions) -> dict[str, Any]:
+    """What the rollouts come from."""
+    made_by: dict[str, Any] = {"versions": versions(), "plant": options.perturbation.as_dict(task)}
+    if isinstance(options.controller, str) and (model := CONTROLLERS[options.controller].model) is not None:
+        made_by["model"] = options.model or model
+    return made_by
+
+
+def _with(rollout: Rollout | None, made_by: dict[str, Any]) -> Rollout | None:
+    return None if rollout is None else replace(rollout, metadata={**made_by, **rollout.metadata})
+
+
+def _limits(options: SolveOptions) -> Any:
+    config = options.resolved_planner().config
+    return None if config is None else config.limits

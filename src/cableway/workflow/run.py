@@ -1,0 +1,126 @@
+"""What a run is asked for, and what it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from cableway.control.base import Controller
+from cableway.core.checks import require_positive
+from cableway.core.errors import InputError
+from cableway.planning.config import PlannerConfig
+from cableway.planning.planner import plan as find_plan
+from cableway.records import Attempt, Plan, Rollout
+from cableway.report import Report
+from cableway.scene.task import Task
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.tracking import Watchdog
+from cableway.workflow.registry import CONTROLLERS, DEFAULT_CONTROLLER, DEFAULT_PLANNER, Planner, make_planner
+
+TIME_LIMIT = 30.0
+"""Time [s] after which a search for a plan ends."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolveOptions:
+    """How a task is solved.
+
+    Attributes:
+        planner: A name of `registry.PLANNERS`, a configuration of the default planner, a `Planner`, or any
+            `function(task, seed)` that returns a plan or raises `PlanningError`.
+        controller: A name of `registry.CONTROLLERS`, or a controller.
+        model: Name or file of the deformation model, for a controller named that has one.
+        adapt: Whether that model is adapted to the cable while it runs.
+        plan: Followed in place of one that is sought.
+        alternatives: Number of plans wanted that go round the obstacles in different ways; the first is followed.
+        perturbation: How the simulated plant differs from the task.
+        seed: Of everything random.
+        time_limit: Wall time [s] after which each search for a plan ends: the first one, those of a rehearsal, and
+            those of a recovery.
+        rehearse: Whether plans for a cable that is no uniform elastic rod, or lies with friction, are tried in
+            simulation first.
+        follow_unverified: Whether the closest attempt is followed where no plan verifies.
+        track: Whether the plan is followed.
+        recover: Whether a cable that left its plan is stopped and replanned for; None for all controllers but one named
+            that ignores observations.
+        deadline: Wall time [s] after which a control step counts as missed, as on a robot; never where None.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    planner: str | PlannerConfig | Planner | Callable[[Task, int], Plan] = DEFAULT_PLANNER
+    controller: str | Controller[Any] = DEFAULT_CONTROLLER
+    model: str | None = None
+    adapt: bool = False
+    plan: Plan | None = None
+    alternatives: int = 1
+    perturbation: Perturbation = field(default_factory=Perturbation)
+    seed: int = 0
+    time_limit: float = TIME_LIMIT
+    rehearse: bool = True
+    follow_unverified: bool = False
+    track: bool = True
+    recover: bool | None = None
+    deadline: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(self, "time_limit")
+        Watchdog(deadline=self.deadline)  # checks it
+        if self.alternatives < 1:
+            raise InputError(f"alternatives must be 1 or more, got {self.alternatives}")
+
+    def resolved_planner(self) -> Planner:
+        """The planner.
+
+        Raises:
+            UnknownNameError: There is none of that name; the message lists them.
+        """
+        chosen = self.planner
+        if isinstance(chosen, str):
+            return make_planner(chosen)
+        if isinstance(chosen, Planner):
+            return chosen
+        if isinstance(chosen, PlannerConfig):
+            return Planner(chosen, find_plan)
+        return Planner(None, lambda task, *, seed, **_: chosen(task, seed))
+
+    @property
+    def recovers(self) -> bool:
+        """Whether a cable that left its plan is replanned for."""
+        if self.recover is not None:
+            return self.recover
+        return not (isinstance(self.controller, str) and CONTROLLERS[self.controller].follows_blindly)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A task with what became of it; None for what it did not come to.
+
+    Attributes:
+        task: The task.
+        report: The verdict with all figures.
+        plan: What was followed.
+        alternatives: Further plans, best first.
+        attempt: What came closest to a plan, where none was found.
+        rollout: What happened along the plan.
+        insertion_plan: Where the task has a port, the plan of the insertion.
+        insertion: What happened in the insertion.
+        timings: Wall time [s] of each stage of planning.
+    """
+
+    task: Task
+    report: Report
+    plan: Plan | None = None
+    alternatives: tuple[Plan, ...] = ()
+    attempt: Attempt | None = None
+    rollout: Rollout | None = None
+    insertion_plan: Plan | None = None
+    insertion: Rollout | None = None
+    timings: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def success(self) -> bool:
+        """Whether the task succeeded; see `cableway.report.judge`."""
+        return self.report.success

@@ -1,0 +1,34 @@
+"""One run of a task, from the plan to the report. Command line, benchmark, studies and scripts all go through it."""
+
+from __future__ import annotations
+
+from cableway.scene.task import Task
+from cableway.workflow.events import Finished, Listener, OnEvent, Planned
+from cableway.workflow.find import find
+from cableway.workflow.follow import cancelled, follow, prepare_controller
+from cableway.workflow.run import Run, SolveOptions
+
+
+def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | None = None) -> Run:
+    """Solve a task: plan, rehearse, track and recover, insert, verify, report.
+
+    Args:
+        task: The task.
+        options: How; the defaults where None.
+        on_event: Told of progress and partial results, see `cableway.workflow.events`; it may stop the run.
+
+    Returns:
+        All there is. `report.outcome` says how it ended, also where no plan was found, the plant failed or the run was
+        cancelled; `report.failure` says why.
+
+    Raises:
+        InputError: The options name something that is not known, or do not fit the task.
+    """
+    options, listener = options or SolveOptions(), Listener(on_event)
+    controller = prepare_controller(options, listener) if options.track else None
+    run = find(task, options, listener)  # plan, rehearsal, plan of the insertion, verification
+    listener.tell(Planned(run))
+    if controller is not None and run.plan is not None:
+        run = cancelled(run) if listener.cancelled else follow(run, options, controller, listener)
+    listener.tell(Finished(run))
+    return run
