@@ -1,24 +1,30 @@
-"""Plan a cable past an obstacle and lead it there.
+"""Solve a task: plan a cable past an obstacle and lead it there.
 
-The planner returns a plan only when an independent judge has passed it; here the judge is asked once more, so that its
-checks can be seen. Then a simulated cable is led along the plan in closed loop.
+`solve` plans, rehearses where the cable asks for it, tracks, replans if the cable leaves its plan, and judges the run.
+It reports what it does as events; here the plan is looked at as soon as it is there.
 """
 
 from pathlib import Path
 
 import cableway as cw
+from cableway.workflow.events import Event, Planned
 
 task = cw.load_task("single-obstacle-2")
-plan = cw.plan(task, seed=0)
-print(f"planned {plan.steps} control steps")
-for check in cw.verify_plan(plan, task).checks:
-    print(f"  {check.name:28} {check.value:10.4g} {check.unit:4} limit {check.limit:g}")
 
-controller = cw.RodMPC()
-rollout = cw.track(cw.CableSimulator(task), controller, plan)
-print(cw.summarize(task, plan, rollout))
+
+def on_event(event: Event) -> None:
+    """Show the plan with the checks that it passed."""
+    if isinstance(event, Planned) and event.run.plan is not None:
+        print(f"planned {event.run.plan.steps} control steps")
+        for check in cw.verify_plan(event.run.plan, task).checks:
+            print(f"  {check.name:28} {check.value:10.4g} {check.unit:4} limit {check.limit:g}")
+
+
+run = cw.solve(task, on_event=on_event)
+print(run.report)
 
 out = Path("out")
-plan.save(out / "plan.npz")
-rollout.save(out / "rollout.npz")
+if run.plan is not None and run.rollout is not None:
+    run.plan.save(out / "plan.npz")
+    run.rollout.save(out / "rollout.npz")
 print("wrote", *sorted(out.iterdir()))

@@ -18,7 +18,7 @@ import numpy as np
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import SimulationError
 from cableway.planning.planner import plan
-from cableway.records import SUCCESS_ERROR, Plan
+from cableway.records import SUCCESS_ERROR, Outcome, Plan
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import cable_from_preset, load_task
 from cableway.scene.files.presets import preset_names
@@ -80,7 +80,7 @@ class Loop:
         except SimulationError:
             return np.inf, np.inf, False
         rollout = track(plant, self.controller, self.plan, seed=seed)
-        if rollout.metadata["outcome"].startswith("plant failed"):
+        if rollout.outcome is Outcome.PLANT_FAILED:
             return np.inf, np.inf, False
         error = rollout.shape_error(self.task.goal)
         deviation = float(rollout.deviations_from_reference.max())

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cableway.planning.insertion import plan_push
     from cableway.planning.planner import plan
     from cableway.planning.routes.passages import find_passages
-    from cableway.records import Plan, Rollout, Transitions
+    from cableway.records import Outcome, Plan, Rollout, Transitions
     from cableway.report import summarize
     from cableway.scene.cable import Cable
     from cableway.scene.files.loading import load_task
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from cableway.tracking import Recovery, Watchdog, push_in, track
     from cableway.verification import verify_insertion, verify_plan, verify_push, verify_rollout
     from cableway.workflow.rehearsal import RehearsalConfig, rehearsed_plan
+    from cableway.workflow.run import Run, SolveOptions
+    from cableway.workflow.solve import solve
 
 _HOME = {
     "Box": "scene.obstacles",
@@ -51,6 +53,7 @@ _HOME = {
     "MPCConfig": "tang2025.control.mpc_config",
     "NeuralMPC": "tang2025.control.neural_mpc",
     "OpenLoop": "control.open_loop",
+    "Outcome": "records",
     "Perturbation": "simulation.perturbations.perturbation",
     "Plan": "records",
     "Recovery": "tracking",
@@ -62,8 +65,10 @@ _HOME = {
     "RodMPCConfig": "control.rod_mpc",
     "RehearsalConfig": "workflow.rehearsal",
     "Rollout": "records",
+    "Run": "workflow.run",
     "Scene": "scene.scene",
     "SensedPlant": "simulation.perturbations.sensing",
+    "SolveOptions": "workflow.run",
     "SensingConfig": "simulation.perturbations.sensing",
     "Task": "scene.task",
     "Transitions": "records",
@@ -79,6 +84,7 @@ _HOME = {
     "random_task_with_witness": "tasks.generation",
     "rehearsed_plan": "workflow.rehearsal",
     "shuffled_batches": "datasets.reading",
+    "solve": "workflow.solve",
     "summarize": "report",
     "track": "tracking",
     "verify_insertion": "verification",

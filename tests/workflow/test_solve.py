@@ -1,0 +1,152 @@
+"""Laws of a run: command line, benchmark and Python give the same; events, cancelling, and what is left then."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import cableway as cw
+from cableway.benchmark.episode import jobs_of, run_job
+from cableway.benchmark.suites import Episode, task_digest
+from cableway.cli import main
+from cableway.control.open_loop import OpenLoop
+from cableway.core.errors import Cancelled, InputError, PlanningError
+from cableway.records import Outcome, Plan, Rollout
+from cableway.scene.files.loading import load_task
+from cableway.simulation.perturbations.variants import named_perturbation
+from cableway.workflow.events import CANCEL, Event, Finished, Planned, Progress
+from cableway.workflow.registry import CONTROLLERS, PLANNERS, make_planner
+from cableway.workflow.run import Run, SolveOptions
+from cableway.workflow.solve import solve
+
+TASK = load_task("single-obstacle-2")
+BLIND = SolveOptions(controller=OpenLoop())
+TIMES = {"solve_time", "metadata"}
+
+
+def same(one: Plan | Rollout | None, other: Plan | Rollout | None) -> None:
+    """Bit for bit, apart from times."""
+    assert one is not None
+    assert other is not None
+    for name in set(one.__dataclass_fields__) - TIMES:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def test_command_benchmark_and_python_give_the_same(tmp_path: Path):
+    """On a plant that differs, seen with noise."""
+    perturbation = named_perturbation("hard", TASK)
+    run = cw.solve(TASK, cw.SolveOptions(perturbation=perturbation, seed=3))
+    assert run.rollout is not None
+
+    parts = perturbation.as_dict(TASK)
+    plant = {"cableway": 1, "cable": parts["cable"], "grasp": parts["grasp"], "sensing": parts["sensing"]}
+    plant["cable"] = {key: value for key, value in plant["cable"].items() if value is not None}
+    plant["grasp"] = {key: value for key, value in plant["grasp"].items() if value is not None}
+    (tmp_path / "plant.yaml").write_text(yaml.safe_dump(json.loads(json.dumps(plant))))
+    command = ["run", TASK.name, "--plant", str(tmp_path / "plant.yaml"), "--seed", "3", "--no-video", "--quiet"]
+    status = main([*command, "--out", str(tmp_path / "out")])
+    assert status == (0 if run.success else 1)
+    same(run.plan, Plan.load(tmp_path / "out/plan.npz"))
+    same(run.rollout, Rollout.load(tmp_path / "out/rollout.npz"))
+    report = json.loads((tmp_path / "out/report.json").read_text())
+    assert (report["outcome"], report["shape_error"]) == (run.report.outcome, run.report.shape_error)
+
+    episode = Episode("plants", "here", TASK.name, "hard", 3, task_digest(TASK.name, TASK))
+    result = run_job(jobs_of("cableway", [episode])[0]).result
+    assert (result.outcome, result.shape_error) == (run.report.outcome, run.report.shape_error)
+    assert result.clearance == run.rollout.least_clearance
+    assert result.deviation == run.report.largest_deviation
+    assert result.steps == run.rollout.steps
+
+
+def events_of(options: SolveOptions, stop: type | None = None) -> tuple[list[Event], Run]:
+    told: list[Event] = []
+
+    def on_event(event: Event) -> str | None:
+        told.append(event)
+        return CANCEL if stop is not None and isinstance(event, stop) else None
+
+    return told, solve(TASK, options, on_event)
+
+
+def test_events_come_in_order_and_hold_what_there_is():
+    told, run = events_of(BLIND)
+    halves = [event for event in told if isinstance(event, Planned | Finished)]
+    assert [type(event) for event in halves] == [Planned, Finished]
+    assert told[-1] == Finished(run)
+    assert halves[0].run.plan is run.plan
+    assert halves[0].run.rollout is None
+    stages = [event.stage for event in told if isinstance(event, Progress)]
+    assert stages[-1] == "track"
+    assert {"set up", "verification"} <= set(stages)
+    assert run.success
+    assert run.report.outcome is Outcome.SUCCESS
+
+
+@pytest.mark.parametrize(("stop", "has_plan"), [(Progress, False), (Planned, True)])
+def test_a_cancelled_run_ends_with_what_is_there(stop: type, has_plan: bool):
+    told, run = events_of(BLIND, stop)
+    assert (run.plan is not None, run.rollout) == (has_plan, None)
+    assert run.report.outcome is Outcome.INTERRUPTED
+    assert not run.success
+    assert told[-1] == Finished(run)
+
+
+def test_a_run_cancelled_on_the_way_keeps_its_rollout():
+    plan = solve(TASK, replace(BLIND, track=False)).plan
+
+    def after_a_while(event: Event) -> None:
+        if isinstance(event, Progress) and event.stage == "track" and event.share > 0.4:
+            raise Cancelled
+
+    run = solve(TASK, replace(BLIND, plan=plan), after_a_while)
+    assert run.plan is plan
+    assert run.rollout is not None
+    assert 0 < run.rollout.steps < run.plan.steps
+    assert run.rollout.outcome is run.report.outcome is Outcome.INTERRUPTED
+
+
+def test_a_planner_may_be_a_function_and_its_failure_is_a_value():
+    def nothing(task: cw.Task, seed: int) -> Plan:
+        raise PlanningError("walled in", outcome="infeasible")
+
+    run = solve(TASK, replace(BLIND, planner=nothing))
+    assert (run.report.outcome, run.report.failure, run.plan) == (Outcome.INFEASIBLE, "walled in", None)
+
+
+def test_what_no_one_can_do_is_refused():
+    for options, said in (({"time_limit": 0.0}, "time_limit"), ({"alternatives": 0}, "alternatives")):
+        with pytest.raises(InputError, match=said):
+            SolveOptions(**options)
+    with pytest.raises(InputError, match="unknown controller 'best'"):
+        solve(TASK, SolveOptions(controller="best"))
+    with pytest.raises(InputError, match="unknown planner 'best'"):
+        solve(TASK, replace(BLIND, planner="best"))
+
+
+def test_every_planner_of_the_registry_loads():
+    for name in PLANNERS:
+        assert make_planner(name).config.limits.clearance > 0
+    assert next(iter(CONTROLLERS)) == "rod-mpc"
+
+
+def test_outcomes_of_old_files_are_read():
+    for text, outcome, detail in (
+        ("time ran out", Outcome.TIMED_OUT, ""),
+        ("the cable left its plan: already planned anew 2 times", Outcome.LEFT_PLAN, "already planned anew 2 times"),
+        (
+            "something stands in the way: there is no plan: walled in",
+            Outcome.BLOCKED_WAY,
+            "there is no plan: walled in",
+        ),
+        ("plant failed: the chain came apart", Outcome.PLANT_FAILED, "the chain came apart"),
+    ):
+        assert Outcome.read(text) == (outcome, detail)
+    with pytest.raises(InputError, match="outcome must be one of success, settled"):
+        Outcome.read("lost")
+    assert all(each.sentence.endswith(".") for each in Outcome)
