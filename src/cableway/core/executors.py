@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import itertools
 import multiprocessing
 import os
@@ -9,17 +10,24 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from cableway.core.errors import InputError, SimulationError, UnknownNameError
 
 Result = TypeVar("Result")
-Submit = Callable[..., Callable[[], Any]]
-"""Begins `function(*arguments)`; what it returns waits for the result."""
+Call = TypeVar("Call", bound=tuple[Any, ...])
+
+
+class Pending(Protocol):
+    """A call that was begun."""
+
+    def result(self) -> Any:
+        """Wait for what it returns, or raise what it raised."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -27,11 +35,12 @@ class Executor:
     """Something that works.
 
     Attributes:
-        submit: Begins a call.
+        submit: `submit(function, arguments, time_limit)` begins `function(*arguments)`; where the executor is isolated,
+            a call that takes longer than the limit [s] is ended.
         workers: How many calls run at a time.
     """
 
-    submit: Submit
+    submit: Callable[[Callable[..., Any], tuple[Any, ...], float | None], Any]
     workers: int
 
     def in_order(self, function: Callable[..., Result], calls: Iterable[tuple[Any, ...]]) -> Iterator[Result]:
@@ -41,11 +50,36 @@ class Executor:
         """
         remaining = iter(calls)
         ahead = itertools.islice(remaining, 2 * self.workers)
-        waiting = deque(self.submit(function, *arguments) for arguments in ahead)
+        waiting: deque[Pending] = deque(self.submit(function, arguments, None) for arguments in ahead)
         while waiting:
-            result = waiting.popleft()()
-            waiting.extend(self.submit(function, *arguments) for arguments in itertools.islice(remaining, 1))
+            result = waiting.popleft().result()
+            waiting.extend(self.submit(function, arguments, None) for arguments in itertools.islice(remaining, 1))
             yield result
+
+    def as_they_end(
+        self, function: Callable[..., Any], calls: Iterable[Call], time_limit: float
+    ) -> Iterator[tuple[Call, Pending]]:
+        """Each of `calls` once it ended, at most twice as many as there are workers begun or waiting.
+
+        For isolated executors. The `result` of a call that took too long raises `TimeoutError`, of one whose process
+        died another error that names this.
+        """
+        remaining = iter(calls)
+        ahead = itertools.islice(remaining, 2 * self.workers)
+        running: dict[Future[Any], Call] = {self.submit(function, call, time_limit): call for call in ahead}
+        while running:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                call = running.pop(future)
+                for other in itertools.islice(remaining, 1):
+                    running[self.submit(function, other, time_limit)] = other
+                yield call, future
+
+
+class _Later:
+    """A call that is made when its result is asked for."""
+
+    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...], time_limit: float | None) -> None:
+        self.result = lambda: function(*arguments)
 
 
 def cores() -> int:
@@ -54,13 +88,17 @@ def cores() -> int:
 
 
 @contextmanager
-def open_executor(name: str, workers: int | None) -> Iterator[Executor]:
+def open_executor(
+    name: str, workers: int | None, *, isolated: bool = False, begin: Callable[[], None] | None = None
+) -> Iterator[Executor]:
     """An executor to use in a `with` statement.
 
     Args:
         name: "local" or "ray".
         workers: Calls at a time; all cores of this machine, or of the Ray cluster, where None. More than one local
             worker needs an importable main module (`if __name__ == "__main__"`).
+        isolated: Whether calls can be limited in time, and one whose process dies costs no other.
+        begin: Called in every local process of an isolated executor before its first call.
 
     Raises:
         UnknownNameError: No such executor.
@@ -70,7 +108,8 @@ def open_executor(name: str, workers: int | None) -> Iterator[Executor]:
         raise InputError(f"workers must be at least 1, got {workers!r}")
     if name not in _EXECUTORS:
         raise UnknownNameError("executor", name, _EXECUTORS)
-    with _EXECUTORS[name](workers) as executor:
+    opened = _isolated(workers, begin) if isolated and name == "local" else _EXECUTORS[name](workers)
+    with opened as executor:
         yield executor
 
 
@@ -78,11 +117,11 @@ def open_executor(name: str, workers: int | None) -> Iterator[Executor]:
 def _local(workers: int | None) -> Iterator[Executor]:
     count = workers or cores()
     if count == 1:
-        yield Executor(lambda function, *arguments: lambda: function(*arguments), 1)
+        yield Executor(_Later, 1)
         return
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin_worker)
     try:
-        yield Executor(lambda function, *arguments: pool.submit(function, *arguments).result, count)
+        yield Executor(lambda function, arguments, _: pool.submit(function, *arguments), count)
     except BrokenProcessPool:
         raise SimulationError(
             "a collecting process died: out of memory, stopped from outside, or unable to import the main module "
@@ -92,10 +131,30 @@ def _local(workers: int | None) -> Iterator[Executor]:
         pool.shutdown(cancel_futures=True)
 
 
-def begin_worker() -> None:
+@contextmanager
+def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator[Executor]:
+    """Processes of which each can be ended, and is made again where it died."""
+    import pebble
+
+    count = workers or cores()
+    context = multiprocessing.get_context("spawn")
+    pool = pebble.ProcessPool(count, context=context, initializer=begin_worker, initargs=[begin])
+    try:
+        yield Executor(
+            lambda function, arguments, limit: pool.schedule(function, args=list(arguments), timeout=limit), count
+        )
+        pool.close()
+    finally:
+        pool.stop()
+        pool.join()
+
+
+def begin_worker(begin: Callable[[], None] | None = None) -> None:
     """In a worker: an interrupt is for the main process, and a main process that was killed takes its workers along."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    if begin is not None:
+        begin()
 
 
 def _end_with_parent() -> None:
@@ -120,7 +179,11 @@ def _ray(workers: int | None) -> Iterator[Executor]:
     try:
         call = ray.remote(_call)
         count = workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
-        yield Executor(lambda function, *arguments: _result_of(ray, call.remote(function, *arguments)), count)
+        with ThreadPoolExecutor(2 * count) as waiting:
+            yield Executor(
+                lambda function, arguments, limit: waiting.submit(_get, ray, call.remote(function, arguments, limit)),
+                count,
+            )
     except ray.exceptions.RayError as error:
         raise SimulationError(f"Ray could not carry on: {' '.join(str(error).split())[:300]}") from None
     finally:
@@ -128,18 +191,22 @@ def _ray(workers: int | None) -> Iterator[Executor]:
             ray.shutdown()
 
 
-def _call(function: Callable[..., Any], *arguments: Any) -> Any:
-    return function(*arguments)
+def _call(function: Callable[..., Any], arguments: tuple[Any, ...], time_limit: float | None) -> Any:
+    """What hangs ends itself on a cluster, as nobody outside can reach it."""
+    if time_limit is None:
+        return function(*arguments)
+    faulthandler.dump_traceback_later(time_limit, exit=True)
+    try:
+        return function(*arguments)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
-def _result_of(ray: Any, reference: Any) -> Callable[[], Any]:
-    def result() -> Any:
-        try:
-            return ray.get(reference)
-        except ray.exceptions.RayTaskError as error:
-            raise error.cause from None  # what the function raised, without Ray around it
-
-    return result
+def _get(ray: Any, reference: Any) -> Any:
+    try:
+        return ray.get(reference)
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None  # what the function raised, without Ray around it
 
 
 _EXECUTORS = {"local": _local, "ray": _ray}
