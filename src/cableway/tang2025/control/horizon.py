@@ -45,7 +45,8 @@ class HorizonCost:
 
     def __init__(self, task: Task, config: MPCConfig) -> None:
         self._task, self._config = task, config
-        self._points = polyline.spline(np.eye(task.cable.keypoints)[..., None], config.pieces)[..., 0].T
+        unit = np.repeat(np.eye(task.cable.keypoints)[..., None], 2, axis=-1)
+        self._points = polyline.spline(unit, config.pieces)[..., 0].T
         later = np.tril(np.ones((config.horizon, config.horizon)))
         self._poses_by_actions = np.einsum("kj,gh,xy->kgxjhy", later, np.eye(2), np.eye(3)).reshape(
             config.horizon, 2, 3, -1
