@@ -2,7 +2,7 @@
 
     .venv/bin/python studies/control_pictures.py [--task NAME] [--out FILE]
 
-The cable is 1% short, stiff at one end, held 2 mm and 2 degrees askew, and seen late with 1 mm of noise: the plant
+The cable is 1% short, stiff at one end, held 2 mm and 2 degrees askew, and measured late with 1 mm of noise: the plant
 "hard" of the benchmark.
 """
 
@@ -34,7 +34,7 @@ def rollouts(task: Task) -> dict[str, Rollout]:
     """Of each controller, by name."""
     perturbation, found = named_perturbation("hard", task), plan(task)
     plant, floor = perturbation.build(task, seed=0), shape_error_floor(perturbation.true_cable(task), task.goal) or 0.0
-    print(f"least error possible: {1000 * floor:.1f} mm")
+    print(f"least achievable error: {1000 * floor:.1f} mm")
     return {name: track(plant, make_controller(name), found) for name in CONTROLLERS}
 
 

@@ -2,7 +2,7 @@
 
     .venv/bin/python studies/endurance.py [--controllers A,B] [--steps N]
 
-Twice N steps each, without a plant: along a plan and back, seen with noise; then with hostile observations, of which a
+Twice N steps each, without a plant: along a plan and back, with noise; then with hostile observations, of which a
 fifth each is none or not finite or empty, frozen, swapped end for end, jumped or far away, and seconds late. Printed
 are the resident memory after a tenth, half and all of the steps, the processor time of a step (median / 99th percentile
 / worst), how often each status came, and how many actions were beyond the limits and steps raised.
@@ -27,13 +27,13 @@ from cableway.scene.task import Task
 from cableway.workflow.registry import DEFAULT_CONTROLLER, make_controller
 
 NOISE = 0.001
-"""Standard deviation [m] of what is seen along the plan."""
+"""Standard deviation [m] of the keypoints along the plan."""
 
 Seen = Callable[[int], Observation | None]
 
 
 def along(found: Plan, rng: np.random.Generator) -> Seen:
-    """What is seen there and back along a plan."""
+    """Observations there and back along a plan."""
 
     def seen(step: int) -> Observation:
         row = found.steps - abs(found.steps - step % (2 * found.steps))

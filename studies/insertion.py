@@ -1,8 +1,8 @@
-"""HDMI insertion to the end: how well the plug goes in on plants that differ from what is believed.
+"""HDMI insertion to the end: how well the plug goes in with perturbed plants.
 
     .venv/bin/python studies/insertion.py [--task insertion] [--seeds 10] [--first 100] [--plants hdmi,hard] [--blindly]
 
-Every seed draws a plant of its own and its noise. With `--blindly` the plug is taken to be held as believed, so that
+Every seed draws a plant of its own and its noise. With `--blindly` the nominal grasp is assumed, so that
 the table shows what the estimate of the grasp is worth. Each failure is said.
 """
 

@@ -98,7 +98,7 @@ LONGER: dict[int, dict[str, int]] = {
 """Epochs, models, seeds of the trainings that look for a plateau; each is one of its own, as the rate falls to 0."""
 
 ON_PLANTS = ("rod", "C on rod", "C", "T", "MLP", "linear")
-"""What is judged on cables that differ from those it was trained on."""
+"""Models that are evaluated on perturbed cables."""
 
 ADAPTED = ("rod",)
 ADAPTED_TO = 100
@@ -271,7 +271,7 @@ def draw_of(start: AdaptationState, data: Transitions, draw: int) -> tuple[float
 
 
 def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
-    """Each length left out in turn: models trained on the others, judged on it."""
+    """Each length left out in turn: models trained on the others, evaluated on it."""
     found = {path.name: load_transitions(path) for path in sorted(sets.iterdir()) if path.is_dir()}
     for left_out, data in found.items():
         training = joined([other for name, other in found.items() if name != left_out])
@@ -288,7 +288,7 @@ def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
         models |= {name: [one] for name, one in baselines().items()}
         curves = compare(models, data, 20)
         write_json(folder / f"yu2d-{left_out}.json", {name: asdict(curve) for name, curve in curves.items()})
-        print_curves(f"yu2d, trained without {left_out} m, judged on it", curves, (1, 5, 10, 20))
+        print_curves(f"yu2d, trained without {left_out} m, evaluated on it", curves, (1, 5, 10, 20))
 
 
 def ship_models(folder: Path) -> None:
@@ -332,7 +332,7 @@ STAGES = ("collect", "train", "evaluate", "adapt")
 
 
 def main() -> None:
-    """Carry out the stages asked for."""
+    """Run the chosen stages."""
     parser = argparse.ArgumentParser(description="Compare the deformation models.")
     parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "plateau", "ship", "yu2d", "speed"), default="all")
     parser.add_argument("--out", type=Path, default=Path("runs/comparison"))

@@ -137,12 +137,12 @@ def realisation() -> Figure:
     style.title(left, "initial trajectory: found among equilibria")
     found = cw.plan(task)
     draw_shapes(right, task, found.shapes)
-    style.title(right, f"plan: refined, verified, {found.steps * CONTROL_STEP:.1f} s")
+    style.title(right, f"plan: optimised, verified, {found.steps * CONTROL_STEP:.1f} s")
     return figure
 
 
 def _differing() -> tuple[Task, dict[str, Rollout]]:
-    """One plan, followed with and without looking at a cable that is not as believed."""
+    """One plan, tracked with and without feedback, with a perturbed cable."""
     task = cw.load_task(EXAMPLE)
     found = cw.plan(task)
     cable = replace(task.cable, length=1.01 * task.cable.length, stiffness_profile=(0.5, 2.0))
@@ -156,7 +156,7 @@ def _differing() -> tuple[Task, dict[str, Rollout]]:
 
 
 def tracking() -> Figure:
-    """A cable that differs from the planned one, led along the plan; deviation with and without feedback; clearance."""
+    """A perturbed cable that tracks the plan; deviation with and without feedback; clearance."""
     task, runs = _differing()
     figure, (left, right) = _row(task, (scene.panel_size(task)[0], CURVES), BETWEEN + BAR)
     x0, y0, width, height = right.get_position().bounds
@@ -178,7 +178,7 @@ def tracking() -> Figure:
 
 
 def failure() -> Figure:
-    """The closest attempt of the paper's planner, and what the judge says of it."""
+    """The closest attempt of the paper's planner, and its verdict."""
     task = cw.load_task(EXAMPLE)
     return _attempt(task, cw.PlannerConfig.named("paper"))
 

@@ -2,7 +2,7 @@
 
     .venv/bin/python tools/freeze_suites.py [SUITE ...] [--lines N]
 
-A list that is there is gone on with, never drawn anew: remove its file and raise the suite's version to change it.
+An existing list is continued, never drawn again: remove its file and raise the suite's version to change it.
 Where the cable of a plant can't take the start of a task, as one 3% short between grippers that hold a straight one,
 another task is drawn in its place.
 """
@@ -124,7 +124,7 @@ def freeze(suite: str, most: int) -> None:
 
 
 def main() -> None:
-    """Freeze what is asked for, or everything."""
+    """Freeze the chosen suites, or all."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("suites", nargs="*", metavar="SUITE", default=list(SUITES))
     parser.add_argument("--lines", type=int, default=10**9, help="no more than these of each list")

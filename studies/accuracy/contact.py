@@ -20,7 +20,7 @@ from cableway.simulation.plant import CableSimulator
 from cableway.tracking import track
 
 BEYOND = 0.005
-"""How far [m] the grippers are led past contact."""
+"""How far [m] the grippers move beyond contact."""
 
 STIFFNESSES = (3e-5, 1e-3, 2e-2)
 """Bending stiffnesses EI [N m^2], from a thread to a hose; the middle one is the default."""

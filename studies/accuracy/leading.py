@@ -1,4 +1,4 @@
-"""Random shapes of a cable, plans of the catalogue, and a plant led along them."""
+"""Random shapes of a cable, plans of the catalogue, and a plant that follows them."""
 
 from __future__ import annotations
 

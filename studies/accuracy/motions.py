@@ -18,7 +18,7 @@ DAMPING_TIMES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.5)
 """tau [s]; the last is about the paper's."""
 
 RELAXING = 40
-"""Control steps for which a cable is watched after it was led."""
+"""Control steps for which a cable is observed after its motion."""
 
 
 def by_time_step(seed: int, motions: int = 20, steps: int = 100) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def by_time_step(seed: int, motions: int = 20, steps: int = 100) -> dict[str, An
 
 
 def by_damping_time(seed: int, motions: int = 20) -> dict[str, Any]:
-    """Cables led along lines of equilibria as fast as a gripper may move, then left alone.
+    """Cables moved along lines of equilibria as fast as a gripper may move, then left alone.
 
     Returns:
         `damping_time` [s]; for each of them `moving`, one list per motion: mean distance [m] of the keypoints to the
