@@ -24,6 +24,13 @@ def test_composition_is_associative_and_has_inverses(a: np.ndarray, b: np.ndarra
 
 
 @LAWS
+@given(poses, poses, poses)
+def test_small_steps_in_a_frame_are_turned_into_the_world(a: np.ndarray, b: np.ndarray, step: np.ndarray):
+    moved = SE2.compose(a, b + 1e-6 * step)
+    np.testing.assert_allclose(moved, SE2.compose(a, b) + 1e-6 * SE2.to_world(a) @ step, atol=1e-10)
+
+
+@LAWS
 @given(poses, poses)
 def test_plus_undoes_minus_and_turns_the_short_way(a: np.ndarray, b: np.ndarray):
     step, reached = SE2.minus(b, a), SE2.plus(a, SE2.minus(b, a))

@@ -8,7 +8,8 @@ import pytest
 from cableway.geometry.groups import SE2
 from cableway.rod import adapted
 from cableway.rod.adapted import GRASPS, PARAMETERS, ROD
-from cableway.rod.adapted_kernels import adapted_shape, meet_ends, workspace
+from cableway.rod.fitting import meet_ends, workspace
+from cableway.rod.kernels import held_shape
 from cableway.rod.planar import PlanarRod
 
 RODS = [PlanarRod(0.3, 13), PlanarRod(0.5, 10)]  # 24 hinges, and 27 with one at the centre
@@ -23,7 +24,7 @@ def parameters(rod: PlanarRod, seed: int = 0) -> np.ndarray:
 
 def shape(q: np.ndarray, p: np.ndarray, rod: PlanarRod) -> tuple[np.ndarray, ...]:
     arrays = workspace(adapted.modes(rod))
-    adapted_shape(q, p, adapted.modes(rod), *arrays)
+    held_shape(q, p, adapted.modes(rod), *arrays)
     return arrays
 
 

@@ -51,7 +51,7 @@ class FollowerState(ControllerState):
             "sight": Sight.before(plan.poses[0], task.cable.keypoints),
         }
 
-    def looking(self, observation: Observation | None, grasps: Float[np.ndarray, "6"] = HELD_AS_BELIEVED) -> Self:
+    def looking(self, observation: Observation | None, grasps: Float[np.ndarray, "2 3"] = HELD_AS_BELIEVED) -> Self:
         """With what an observation shows; `grasps` says where the cable is believed to be held, see `rod.adapted`."""
         if observation is None or not poses_usable(observation):
             return replace(self, sight=self.sight.blindly())

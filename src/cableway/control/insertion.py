@@ -24,7 +24,6 @@ from cableway.core.checks import number_fields, require_not_negative, require_ra
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.geometry.groups import SE2
 from cableway.records import Estimate, Observation, Plan
-from cableway.rod.adapted import GRASPS, LENGTH
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
 
@@ -95,7 +94,7 @@ class PlugPush(Controller[PlugPushState]):
         self, state: PlugPushState, observation: Observation | None
     ) -> tuple[Float[np.ndarray, "2 3"], PlugPushState]:
         """See `Controller.step`."""
-        state = state.looking(observation, state.estimate.theta[GRASPS])
+        state = state.looking(observation, state.estimate.grasps)
         if state.sight.blind > self.config.blind_steps:
             return state.sending(np.zeros((2, 3)), Status.STOPPED, math.inf)
         if state.index < state.plan.held_steps:
@@ -103,7 +102,7 @@ class PlugPush(Controller[PlugPushState]):
             action = np.stack([np.zeros(3), self.config.gain * self._misaligned(state)])
         else:
             action = state.plan.actions(state.index, 1)[0]
-        longest = self.config.longest * float(state.estimate.theta[LENGTH])
+        longest = self.config.longest * state.estimate.length
         return state.sending(action, Status.UNSEEN if state.sight.unseen else Status.TRACKING, longest)
 
     def _learning(self, state: PlugPushState) -> PlugPushState:
@@ -112,6 +111,5 @@ class PlugPush(Controller[PlugPushState]):
 
     def _misaligned(self, state: PlugPushState) -> Float[np.ndarray, "3"]:
         """From where the right gripper is to where it has the plug aligned, as the grasp is believed."""
-        grasp = state.estimate.theta[GRASPS].reshape(2, 3)[1]
-        wanted = SE2.compose(state.plan.plan.poses[0, 1], SE2.inverse(grasp))
+        wanted = SE2.compose(state.plan.plan.poses[0, 1], SE2.inverse(state.estimate.grasps[1]))
         return SE2.minus(wanted, state.sight.commanded[1])

@@ -22,14 +22,12 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control import rod_kernels
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import longest_gap
 from cableway.core.checks import number_fields, require_choice, require_not_negative, require_positive
 from cableway.records import Observation, Plan
-from cableway.rod import adapted
-from cableway.rod.inverse import fit_keypoints
+from cableway.rod.inverse import fit_keypoints, motion_jacobian
 from cableway.scene.task import Task
 
 Source = Literal["rod", "broyden"]
@@ -137,9 +135,7 @@ class JacobianFeedback(Controller[JacobianState]):
         if config.source == "rod":
             rod = state.task.cable.rod
             q = fit_keypoints(rod, state.plan.shapes(state.index, 1)[0], state.q)[0]
-            p = adapted.nominal(rod)[adapted.ROD]
-            jacobian = rod_kernels.motion_jacobian(q, p, adapted.modes(rod), rod.stride, rod.keypoints)
-            return replace(state, q=q, jacobian=jacobian, seen=now)
+            return replace(state, q=q, jacobian=motion_jacobian(rod, q), seen=now)
         jacobian = state.jacobian
         if state.seen is not None:
             change, motion = (now[0] - state.seen[0]).ravel(), (now[1] - state.seen[1]).ravel()

@@ -10,34 +10,31 @@ import math
 import numpy as np
 
 from cableway.core.compiled import kernel
-from cableway.estimation.rod_kernels import factorize_squared
 from cableway.geometry.convex import nearest_obstacle
-from cableway.rod.adapted_kernels import (
-    adapted_shape,
-    add_row,
-    clear,
-    copy,
-    end_rates,
-    factorize,
-    longest_of,
-    scaled_shape,
-    scales,
-    substitute,
-    workspace,
-)
+from cableway.rod.fitting import scaled_shape, scales, workspace
+from cableway.rod.least_squares import Rule, add_row, advance, begin
+
+ITERATIONS = 4
+"""Most steps of one optimisation, which goes on from the last one."""
+
+CORRECTION = Rule(least=1e-9, restart=1e-5, most=1e3, fall=1e-4, longest=0.5)
+"""A fall of the cost by less than 0.01% is not worth another step."""
 
 
 @kernel
 def _add_change(normal, gradient, later, earlier, residual, weight, at):
-    """Add one weighted residual: by `later` of the six unknowns from `at` on, less by `earlier` of the six before."""
+    """Add one weighted residual: by `later` of the d unknowns from `at` on, less by `earlier` of the d before."""
     add_row(normal, gradient, later, residual, weight, at)
-    for a in range(6):
+    if at == 0:
+        return
+    d = len(later)
+    for a in range(d):
         wa = weight * earlier[a]
-        gradient[at - 6 + a] -= wa * residual
-        for b in range(6):
+        gradient[at - d + a] -= wa * residual
+        for b in range(d):
             if b <= a:
-                normal[at - 6 + a, at - 6 + b] += wa * earlier[b]
-            normal[at + b, at - 6 + a] -= wa * later[b]
+                normal[at - d + a, at - d + b] += wa * earlier[b]
+            normal[at + b, at - d + a] -= wa * later[b]
 
 
 @kernel
@@ -46,7 +43,7 @@ def _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted,
     cost = 0.0
     for i in range(len(wanted)):
         j = i * stride
-        for k in range(2):
+        for k in range(wanted.shape[1]):
             residual = stations[j, k] + offset[j, k] - wanted[i, k]
             add_row(normal, gradient, dstations[j, k], residual, weight, at)
             cost += weight * residual * residual
@@ -64,7 +61,7 @@ def _add_clearance(normal, gradient, stations, dstations, offset, world, limits,
         distance, gx, gy, _ = nearest_obstacle(x, y, world, threshold + radius)
         short = threshold - (distance - radius)
         if short > 0.0:
-            for a in range(6):
+            for a in range(len(rates)):
                 rates[a] = -gx * dstations[j, 0, a] - gy * dstations[j, 1, a]
             add_row(normal, gradient, rates, short, weight, at)
             cost += weight * short * short
@@ -91,7 +88,7 @@ def _add_motion(normal, gradient, ends, dends, last, dlast, wanted, limits, weig
         dx, dy = ends[side, 0] - last[side, 0], ends[side, 1] - last[side, 1]
         moved = math.hypot(dx, dy)
         if moved > max_step:
-            for a in range(6):
+            for a in range(len(rates)):
                 rates[a] = (dx * dends[side, 0, a] + dy * dends[side, 1, a]) / moved
                 earlier[a] = (dx * dlast[side, 0, a] + dy * dlast[side, 1, a]) / moved
             over = moved - max_step
@@ -107,7 +104,7 @@ def _add_separation(normal, gradient, ends, dends, least, most, weight, rates, a
     gap = max(math.hypot(gx, gy), 1e-9)
     wrong = max(gap - most, 0.0) - max(least - gap, 0.0)
     if wrong != 0.0:
-        for a in range(6):
+        for a in range(len(rates)):
             rates[a] = (gx * (dends[1, 0, a] - dends[0, 0, a]) + gy * (dends[1, 1, a] - dends[0, 1, a])) / gap
         add_row(normal, gradient, rates, wrong, weight, at)
     return weight * wrong * wrong
@@ -119,7 +116,7 @@ def assemble(
 ):
     """Half the sum of the squares over the horizon, its Gauss-Newton matrix (lower) and gradient, see `rod_mpc`.
 
-    The first six unknowns stand for the shape now, which is given; their rows are zero.
+    Unknowns are counted in units of `scales`.
 
     Args:
         q: (H, 6) shapes.
@@ -133,96 +130,49 @@ def assemble(
         world: arrays of `convex.ConvexWorld`.
         limits: largest step, turn; radius of cable, of grippers; clearance wanted; least distance of the grippers.
         weights: tracking, motion, lever of turns, load, clearance, separation, limits.
-        normal: (6 + 6H, 6 + 6H), changed.
-        gradient: (6 + 6H,), changed.
+        normal: (6H, 6H), changed.
+        gradient: (6H,), changed.
     """
     w_track, w_load, w_clear, w_apart = weights[0], weights[3], weights[4], weights[5]
     stations, dstations, ends, dends = workspace(modes)
-    last, dlast, rates, earlier = before.copy(), np.zeros((2, 3, 6)), np.empty(6), np.empty(6)
-    scale = scales(p[0])
-    clear(normal, gradient)
+    d, scale = q.shape[1], scales(p[0])
+    first_load = d - loads.shape[1]
+    last, dlast, rates, earlier = before.copy(), np.zeros_like(dends), np.empty(d), np.empty(d)
+    normal[:] = 0.0
+    gradient[:] = 0.0
     cost = 0.0
     for t in range(len(q)):
-        at = 6 + 6 * t
+        at = d * t
         scaled_shape(q[t], p, modes, scale, stations, dstations, ends, dends)
-        cost += _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted[t], w_track, at)
-        for k in range(3):
-            residual = (q[t, 3 + k] - loads[t, k]) / scale[3 + k]
-            normal[at + 3 + k, at + 3 + k] += w_load
-            gradient[at + 3 + k] += w_load * residual
+        cost += _add_tracking(normal, gradient, stations, dstations[:, :, :d], stride, offset, wanted[t], w_track, at)
+        for k in range(first_load, d):
+            residual = (q[t, k] - loads[t, k - first_load]) / scale[k]
+            normal[at + k, at + k] += w_load
+            gradient[at + k] += w_load * residual
             cost += w_load * residual * residual
         cost += _add_clearance(normal, gradient, stations, dstations, offset, world, limits, w_clear, rates, at)
-        cost += _add_motion(normal, gradient, ends, dends, last, dlast, steps[t], limits, weights, rates, earlier, at)
+        cost += _add_motion(
+            normal, gradient, ends, dends[:, :, :d], last, dlast[:, :, :d], steps[t], limits, weights, rates, earlier,
+            at,
+        )  # fmt: skip
         cost += _add_separation(normal, gradient, ends, dends, limits[5], longest[t], w_apart, rates, at)
-        copy(ends, last)
-        for side in range(2):
-            for k in range(3):
-                for a in range(6):
-                    dlast[side, k, a] = dends[side, k, a]
+        last[:] = ends
+        dlast[:] = dends
     return 0.5 * cost
 
 
 @kernel
-def optimize(
-    q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights, iterations, tolerance
-):
-    """Levenberg-Marquardt on `assemble` from q (H, 6), which it changes. Returns the cost at the start and the end."""
-    size = 6 + q.size
-    normal, gradient, step = np.empty((size, size)), np.empty(size), np.empty(q.size)
-    trial_normal, trial_gradient = np.empty((size, size)), np.empty(size)
-    factor, scale, trial = np.empty((q.size, q.size)), scales(p[0]), q.copy()
-    start, cost, damping, first = 0.0, np.inf, 1e-9, True
-    for _ in range(iterations + 1):
-        trial_cost = np.inf
-        while not trial_cost < cost and damping < 1e3:
-            if not first:
-                factorize(normal[6:, 6:], damping, factor)
-                for a in range(q.size):
-                    step[a] = -gradient[6 + a]
-                substitute(factor, step)
-                share = min(1.0, 0.5 / longest_of(step))
-                for a in range(q.size):
-                    trial[a // 6, a % 6] = q[a // 6, a % 6] + share * scale[a % 6] * step[a]
-            trial_cost = assemble(
-                trial, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights,
-                trial_normal, trial_gradient,
-            )  # fmt: skip
-            if first and not trial_cost < np.inf:
-                return trial_cost, trial_cost
-            damping = max(damping / 10.0, 1e-9) if trial_cost < cost else max(damping, 1e-5) * 10.0
-        if not trial_cost < cost:
+def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights):
+    """Damped least squares on `assemble` from q (H, 6), which it changes."""
+    search, units = begin(q.ravel()), np.empty(q.size)
+    scale = scales(p[0])
+    for a in range(q.size):
+        units[a] = scale[a % len(scale)]
+    while True:
+        cost = assemble(
+            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, steps, loads, longest, world,
+            limits, weights, search.trial_normal, search.trial_gradient,
+        )  # fmt: skip
+        if not advance(search, cost, units, ITERATIONS, CORRECTION):
             break
-        small = cost - trial_cost < tolerance * cost and not first
-        if first:
-            start, first = trial_cost, False
-        cost = trial_cost
-        copy(trial, q)
-        copy(trial_normal, normal)
-        for a in range(size):
-            gradient[a] = trial_gradient[a]
-        if small:
-            break
-    return start, cost
-
-
-@kernel
-def motion_jacobian(q, p, modes, stride, n):
-    """Derivative (2n, 6) of the keypoints [m] by the end poses (x, y, theta left, right) [m, m, rad] at the shape q.
-
-    Near a fold, where shapes run away, it is that of the nearest motions that the rod can make.
-    """
-    stations, dstations, ends, dends = workspace(modes)
-    adapted_shape(q, p, modes, stations, dstations, ends, dends)
-    scale, rates, factor, moved = scales(p[0]), np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    end_rates(dends, p[0], scale, rates)
-    factorize_squared(rates, 1e-4, factor)
-    found = np.zeros((2 * n, 6))
-    for row in range(6):
-        for a in range(6):
-            moved[a] = rates[row, a] / (1.0 if row % 3 == 2 else p[0])
-        substitute(factor, moved)
-        for i in range(n):
-            for k in range(2):
-                for a in range(6):
-                    found[2 * i + k, row] += dstations[i * stride, k, a] * scale[a] * moved[a]
-    return found
+    q[:] = search.x.reshape(q.shape)

@@ -37,11 +37,10 @@ from cableway.control.following import FollowerState
 from cableway.control.limits import longest_gap, within_limits
 from cableway.core.checks import number_fields, require_not_negative, require_positive
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
-from cableway.estimation.rod_kernels import MEETING, held
-from cableway.geometry.groups import SE2
+from cableway.estimation.rod_kernels import MEETING_STEPS
 from cableway.records import Estimate, Observation, Plan
-from cableway.rod.adapted import GRASPS, LENGTH, ROD
-from cableway.rod.adapted_kernels import fit_shapes, meet_ends
+from cableway.rod.adapted import ROD
+from cableway.rod.fitting import fit_shapes, meet_ends
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.planar import PlanarRod
 from cableway.scene.task import Task
@@ -49,7 +48,7 @@ from cableway.scene.task import Task
 FIT_PULL = 1e-8
 """Weight [m^2] of the change of the load in a fit."""
 
-FIT_ITERATIONS = 8
+FIT_STEPS = 8
 
 SAME = 1e-6
 """Distance [m] of a keypoint up to which rod coordinates give a plan's shapes."""
@@ -64,8 +63,6 @@ class RodMPCConfig:
 
     Attributes:
         horizon: H, number of actions looked ahead.
-        iterations: Most steps of the optimiser.
-        tolerance: Relative fall of the cost that is not worth another one.
         tracking_weight: w_s [1/m^2].
         motion_weight: w_m [1/m^2].
         turn_lever: Motion [m] that a turn of 1 rad counts as.
@@ -87,8 +84,6 @@ class RodMPCConfig:
     """
 
     horizon: int = 3
-    iterations: int = 4
-    tolerance: float = 1e-4
     tracking_weight: float = 1.0
     motion_weight: float = 3.0
     turn_lever: float = 0.05
@@ -105,7 +100,7 @@ class RodMPCConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     def __post_init__(self) -> None:
-        require_positive(self, "horizon", "iterations", "tracking_weight", "turn_lever", "stretch", "longest")
+        require_positive(self, "horizon", "tracking_weight", "turn_lever", "stretch", "longest")
         require_not_negative(self, *number_fields(self))
 
     @property
@@ -128,13 +123,13 @@ class Problem:
 
     Attributes:
         estimator: Of the rod's parameters.
-        shapes: (T + 1, 6) shapes of the uniform rod nearest to the plan's rows, from which fits start: loads that
+        shapes: (T + 1, d) shapes of the uniform rod nearest to the plan's rows, from which fits start: loads that
             keypoints cannot tell do not run away from step to step.
         limits: As `rod_kernels.assemble` wants them.
     """
 
     estimator: RodEstimator
-    shapes: Float[np.ndarray, "t 6"]
+    shapes: Float[np.ndarray, "t d"]
     limits: tuple[float, ...]
 
 
@@ -189,7 +184,7 @@ class RodMPC(Controller[RodMPCState]):
 
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""
-        state = state.looking(observation, state.estimate.theta[GRASPS])
+        state = state.looking(observation, state.estimate.grasps)
         sight = state.sight
         if sight.blind > self.config.blind_steps or sight.unseen > self.config.unseen_steps:
             return state.sending(np.zeros((2, 3)), Status.STOPPED, self._longest(state))
@@ -213,31 +208,32 @@ class RodMPC(Controller[RodMPCState]):
             return planned
         slack, deviation = state.problem.estimator.slack(state.estimate, commanded)
         gap = float(np.linalg.norm(commanded[1, :2] - commanded[0, :2]))
-        return max(planned, gap + slack - (1 - share) * state.estimate.theta[LENGTH] - SURE * deviation)
+        return max(planned, gap + slack - (1 - share) * state.estimate.length - SURE * deviation)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion."""
-        config, problem, theta = self.config, state.problem, state.estimate.theta
+        config, problem, estimate = self.config, state.problem, state.estimate
         estimator, count = problem.estimator, config.horizon + 1
-        rod, modes, p = estimator.rod, estimator.modes, theta[ROD]
+        rod, modes, p = estimator.rod, estimator.modes, estimate.theta[ROD]
         rows = state.plan.rows(state.index, count)
-        wanted, fits, ends = state.plan.plan.shapes[rows], problem.shapes[rows], np.empty((count, 2, 3))
-        fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_ITERATIONS, np.empty_like(wanted), ends)
+        wanted, fits, ends = state.plan.plan.shapes[rows], problem.shapes[rows], np.empty((count, *rod.end_shape))
+        fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_STEPS, np.empty_like(wanted), ends)
         commanded = state.sight.commanded
-        before = held(commanded, theta[GRASPS])
-        now = state.estimate.q.copy()
-        meet_ends(now, before, p, modes, MEETING)
+        before = rod.group.compose(commanded, estimate.grasps)
+        now = estimate.q.copy()
+        meet_ends(now, before, p, modes, MEETING_STEPS)
         q = now + fits[1:] - fits[0]
         rod_kernels.optimize(
-            q, before, p, modes, rod.stride, _at_stations(state.estimate.offset, rod.stride), wanted[1:].copy(),
-            np.diff(ends, axis=0), fits[1:, 3:].copy(), longest_gap(ends[1:], theta[LENGTH], config.stretch),
-            state.task.scene.world.arrays, problem.limits, config.weights, config.iterations, config.tolerance,
+            q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), wanted[1:].copy(),
+            np.diff(ends, axis=0), fits[1:, rod.loads].copy(), longest_gap(ends[1:], estimate.length, config.stretch),
+            state.task.scene.world.arrays, problem.limits, config.weights,
         )  # fmt: skip
-        first, reached = q[:1].copy(), np.empty((1, 2, 3))
+        first, reached = q[:1].copy(), np.empty((1, *rod.end_shape))
         fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
-        farthest = float(longest_gap(ends[1:2], theta[LENGTH], config.longest)[0])
+        farthest = float(longest_gap(ends[1:2], estimate.length, config.longest)[0])
         moved = within_limits(reached[0] - before, before, state.task.grippers, farthest)
-        return SE2.compose(before + moved, SE2.inverse(theta[GRASPS].reshape(2, 3))) - commanded
+        grippers = rod.group.compose(rod.group.plus(before, moved), rod.group.inverse(estimate.grasps))
+        return grippers - commanded
 
 
 def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:

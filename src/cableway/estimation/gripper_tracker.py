@@ -10,12 +10,11 @@ from jaxtyping import Float
 
 from cableway.estimation.delay import AGES, Age
 from cableway.estimation.gating import believed_keypoints
-from cableway.estimation.rod_kernels import held
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.cable import Cable
 
-HELD_AS_BELIEVED = np.zeros(6)
+HELD_AS_BELIEVED = np.zeros((2, 3))
 """Grasps without any offset."""
 
 TURN_LEVER = 0.1
@@ -76,7 +75,7 @@ class Sight:
         to_come = self.poses.rows[-1] + np.cumsum(motions, axis=0)
         return np.concatenate([self.then[None], passed, to_come])
 
-    def after(self, observation: Observation, grasps: Float[np.ndarray, "6"], cable: Cable) -> Sight:
+    def after(self, observation: Observation, grasps: Float[np.ndarray, "2 3"], cable: Cable) -> Sight:
         """With one more observation, whose gripper poses are usable.
 
         Args:
@@ -95,7 +94,7 @@ class Sight:
         keypoints = believed_keypoints(observation.keypoints, poses.row, cable)
         shown = np.isfinite(keypoints[[0, -1], 0])
         if shown.any():
-            ends = np.array([held(row, grasps)[:, :2] for row in poses.aged(AGES)])
+            ends = SE2.compose(poses.aged(AGES), grasps)[..., :2]
             poses = poses.judged(np.sum((ends - keypoints[[0, -1]])[:, shown] ** 2, axis=(1, 2)))
         unseen = 0 if np.isfinite(keypoints).any() else self.unseen + 1
         return Sight(poses, sent, keypoints, unseen, started=True)

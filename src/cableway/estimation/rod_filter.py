@@ -17,10 +17,9 @@ from jaxtyping import Float
 
 from cableway.core.checks import number_fields, require_at_least, require_not_negative, require_range
 from cableway.estimation import rod_kernels
-from cableway.geometry import se2
 from cableway.records import Estimate
 from cableway.rod import adapted
-from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, PARAMETERS, STIFFNESS
+from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, PARAMETERS, ROD, STIFFNESS
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.planar import PlanarRod
 
@@ -97,15 +96,25 @@ class RodEstimate:
 
     theta: Float[np.ndarray, "p"]
     covariance: Float[np.ndarray, "p p"]
-    q: Float[np.ndarray, "6"]
+    q: Float[np.ndarray, "d"]
     offset: Float[np.ndarray, "n 2"]
+
+    @property
+    def length(self) -> float:
+        """Of the cable [m]."""
+        return float(self.theta[LENGTH])
+
+    @property
+    def grasps(self) -> Float[np.ndarray, "2 3"]:
+        """Poses of the cable's ends in the frames of the grippers."""
+        return self.theta[GRASPS].reshape(2, -1)
 
 
 @dataclass(frozen=True)
 class _Prediction:
     """Shape q (6,), keypoints (n, 2), their derivative (n, 2, p) by theta, and whether the rod can be held so."""
 
-    q: Float[np.ndarray, "6"]
+    q: Float[np.ndarray, "d"]
     keypoints: Float[np.ndarray, "n 2"]
     by_theta: Float[np.ndarray, "n 2 p"]
     possible: bool
@@ -134,7 +143,7 @@ class RodEstimator:
         self._kept = math.exp(-control_step / config.memory)
         self._lag = config.lag / control_step
 
-    def start(self, q: Float[np.ndarray, "6"]) -> RodEstimate:
+    def start(self, q: Float[np.ndarray, "d"]) -> RodEstimate:
         """Nothing known but the first shape q."""
         return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros((self.rod.keypoints, 2)))
 
@@ -154,15 +163,22 @@ class RodEstimator:
             estimate: What is believed.
             poses: (2, 3) grippers [m, m, rad].
         """
-        ends = rod_kernels.held(poses, estimate.theta[GRASPS])
-        apart = ends[1, :2] - ends[0, :2]
+        ends = self.rod.group.compose(poses, estimate.grasps)[:, : self.rod.group.space]
+        apart = ends[1] - ends[0]
         gap = float(np.linalg.norm(apart))
         toward = apart / max(gap, 1e-9)
-        left, right = (np.array([*(toward @ se2.rotation(pose[2])), 0.0]) for pose in poses)
+        by_grasps = self._by_grasps(poses)
         by_theta = np.zeros(PARAMETERS)
-        by_theta[LENGTH], by_theta[GRASPS] = 1.0, np.concatenate([left, -right])
+        by_theta[LENGTH] = 1.0
+        by_theta[GRASPS] = toward @ (by_grasps[0] - by_grasps[1])[: len(toward)]
         scaled = by_theta * self._prior
-        return float(estimate.theta[LENGTH]) - gap, math.sqrt(float(scaled @ estimate.covariance @ scaled))
+        return estimate.length - gap, math.sqrt(float(scaled @ estimate.covariance @ scaled))
+
+    def _by_grasps(self, poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3 g"]:
+        """Derivative of the ends' poses by the grasps."""
+        left, right = self.rod.group.to_world(poses)
+        nothing = np.zeros_like(left)
+        return np.stack([np.hstack([left, nothing]), np.hstack([nothing, right])])
 
     def update(
         self,
@@ -200,17 +216,19 @@ class RodEstimator:
         return RodEstimate(theta, covariance, corrected.q, offset)
 
     def _predict(
-        self, q: Float[np.ndarray, "6"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 3"]
+        self, q: Float[np.ndarray, "d"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 3"]
     ) -> _Prediction:
         q, n = q.copy(), self.rod.keypoints
         keypoints, by_theta = np.empty((n, 2)), np.empty((n, 2, PARAMETERS))
-        left = rod_kernels.predict(q, poses, theta, self.modes, self.rod.stride, keypoints, by_theta)
+        ends = self.rod.group.compose(poses, theta[GRASPS].reshape(2, -1))
+        by_grasps = self._by_grasps(poses).reshape(ends.size, -1)
+        left = rod_kernels.predict(q, ends, by_grasps, theta[ROD], self.modes, self.rod.stride, keypoints, by_theta)
         finite = bool(np.isfinite(keypoints).all() and np.isfinite(by_theta).all())
         return _Prediction(q, keypoints, by_theta, finite and left < MET)
 
     def _explained(
         self,
-        q: Float[np.ndarray, "6"],
+        q: Float[np.ndarray, "d"],
         theta: Float[np.ndarray, "p"],
         keypoints: Float[np.ndarray, "n 2"],
         poses: Float[np.ndarray, "2 3"],

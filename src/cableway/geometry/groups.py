@@ -21,10 +21,12 @@ class Group(ABC):
     Attributes:
         size: Numbers of a pose.
         dof: Numbers of a step.
+        space: How many of them, the first ones, are a position [m].
     """
 
     size: int
     dof: int
+    space: int
 
     @staticmethod
     @abstractmethod
@@ -57,6 +59,11 @@ class Group(ABC):
 
     @staticmethod
     @abstractmethod
+    def to_world(pose: Float[np.ndarray, "... size"]) -> Float[np.ndarray, "... dof dof"]:
+        """The matrices that turn small steps in the frames at `pose` into the same steps in the world."""
+
+    @staticmethod
+    @abstractmethod
     def distance(
         a: Float[np.ndarray, "... size"], b: Float[np.ndarray, "... size"]
     ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
@@ -84,13 +91,14 @@ class SE2(Group):
 
     size = 3
     dof = 3
+    space = 2
 
     @staticmethod
     def compose(a: Float[np.ndarray, "... 3"], b: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
         """See `Group.compose`."""
         c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
         x, y, turn = np.moveaxis(b, -1, 0)
-        return a + np.stack([c * x - s * y, s * x + c * y, turn], axis=-1)
+        return a + np.stack(np.broadcast_arrays(c * x - s * y, s * x + c * y, turn), axis=-1)
 
     @staticmethod
     def inverse(a: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
@@ -116,6 +124,15 @@ class SE2(Group):
         """See `Group.continued`."""
         out = np.array(pose, float)
         out[..., 2] += 2 * np.pi * np.round((near[..., 2] - out[..., 2]) / (2 * np.pi))
+        return out
+
+    @staticmethod
+    def to_world(pose: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3 3"]:
+        """See `Group.to_world`."""
+        out = np.zeros((*pose.shape, 3))
+        out[..., 0, 0] = out[..., 1, 1] = np.cos(pose[..., 2])
+        out[..., 1, 0] = np.sin(pose[..., 2])
+        out[..., 0, 1], out[..., 2, 2] = -out[..., 1, 0], 1.0
         return out
 
     @staticmethod

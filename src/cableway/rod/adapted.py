@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
 
-from cableway.rod.adapted_kernels import fit_shapes
+from cableway.rod.fitting import fit_shapes
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.planar import PlanarRod
 

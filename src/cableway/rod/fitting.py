@@ -1,87 +1,168 @@
-"""Compiled fit of rod coordinates to keypoints; `cableway.rod.inverse` is what to call."""
+"""Compiled searches for equilibria nearest to keypoints or between given ends; `cableway.rod.inverse` is what to call.
+
+Rods are those of `cableway.rod.kernels`: parameters p (1 + 2K,) and modes (K, N).
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from cableway.core.compiled import kernel
-from cableway.rod.kernels import world_shape, world_shape_jacobian
+from cableway.rod.kernels import held_shape
+from cableway.rod.least_squares import COST, Rule, add_row, advance, begin, clear, factorize, substitute
 
-ITERATIONS = 100
-"""Most trial steps of one fit; a fit takes some ten."""
+LOAD_UNITS = (10.0, 10.0, 3.0)
+"""Units of (a_x, a_y, m) in which steps are measured."""
+
+LOADS = 3
+"""From this coordinate on q holds the load."""
+
+EXACT = Rule(first=1e-3, shrink=5.0, restart=0.0, most=1e12, fall=1e-13, small=1e-10, trials=100, absolute=True)
+"""For a fit to the last digit, from far away: where keypoints cannot tell loads apart, the damping is what is left."""
+
+QUICK = Rule(least=1e-9, restart=1e-5, most=1e3, small=1e-5, longest=0.3)
+"""For a fit that goes on from one near by."""
+
+MEETING = Rule(enough=1e-20)
+"""For ends that can be met."""
 
 
 @kernel
-def fit(keypoints, q, length, hinges, stride):
-    """Levenberg-Marquardt from q (6,), which it changes, to the equilibrium nearest to keypoints (n, 2).
+def workspace(modes):
+    """Empty arrays for `held_shape` with all derivatives."""
+    count, hinges = modes.shape
+    columns = 7 + 2 * count
+    return (
+        np.empty((2 * hinges + 1, 2)),
+        np.empty((2 * hinges + 1, 2, columns)),
+        np.empty((2, 3)),
+        np.empty((2, 3, columns)),
+    )
 
-    Returns half the squared stacked distance, in squared lengths of the rod.
+
+@kernel
+def scales(length):
+    """Units of q in which steps are measured."""
+    return np.array([length, length, 1.0, LOAD_UNITS[0], LOAD_UNITS[1], LOAD_UNITS[2]])
+
+
+@kernel
+def scaled_shape(q, p, modes, scale, stations, dstations, poses, dposes):
+    """`held_shape` with the derivatives by q in units of `scale`."""
+    held_shape(q, p, modes, stations, dstations, poses, dposes)
+    for a in range(len(scale)):
+        dstations[:, :, a] *= scale[a]
+        dposes[:, :, a] *= scale[a]
+
+
+@kernel
+def fit_shape(q, wanted, p, modes, stride, pull, steps, rule):
+    """Move q (6,) to the equilibrium nearest to keypoints (n, 2), in at most so many steps.
+
+    A pull on the change of the load in each step, of weight `pull` in squared lengths, keeps it where keypoints cannot
+    tell. Returns half the squared stacked distance, in squared lengths of the rod.
     """
-    scale = np.array([length, length, 1.0, 10.0, 10.0, 3.0])
-    stations, dstations = np.empty((2 * hinges + 1, 2)), np.empty((2 * hinges + 1, 2, 6))
-    poses, dposes = np.empty((2, 3)), np.empty((2, 3, 6))
-    normal, gradient = np.empty((6, 6)), np.empty(6)
-    damping = 1e-3
-    world_shape(q, length, hinges, stations, poses)
-    cost = _half_square(stations, keypoints, length, stride)
-    fresh = True
-    for _ in range(ITERATIONS):
-        if fresh:
-            world_shape_jacobian(q, length, hinges, stations, dstations, poses, dposes)
-            _normal_equations(stations, dstations, keypoints, scale / length, length, stride, normal, gradient)
-        step = damped_step(normal, gradient, damping)
-        trial = q + scale * step
-        world_shape(trial, length, hinges, stations, poses)
-        changed = _half_square(stations, keypoints, length, stride)
-        fresh = changed < cost
-        small = np.abs(step).max() < 1e-10
-        if fresh:
-            small = small or cost - changed < 1e-13 * cost
-            cost = changed
-            q[:] = trial
-            damping = max(damping / 5.0, 1e-12)
-        else:
-            damping *= 10.0
-        if small or damping > 1e12:
+    stations, poses = np.empty((2 * modes.shape[1] + 1, 2)), np.empty((2, 3))
+    dstations, dposes = np.empty((len(stations), 2, len(q))), np.empty((2, 3, len(q)))
+    no_stations, no_poses = np.empty((len(stations), 2, 0)), np.empty((2, 3, 0))
+    search, scale, length, rates = begin(q), scales(p[0]), p[0], np.empty(len(q))
+    while True:
+        held_shape(search.trial, p, modes, stations, no_stations, poses, no_poses)
+        cost = 0.0
+        for i in range(len(wanted)):
+            for k in range(wanted.shape[1]):
+                cost += ((stations[i * stride, k] - wanted[i, k]) / length) ** 2
+        held_shape(search.trial, p, modes, stations, dstations, poses, dposes)
+        clear(search)
+        for i in range(len(wanted)):
+            for k in range(wanted.shape[1]):
+                residual = (stations[i * stride, k] - wanted[i, k]) / length
+                for a in range(len(q)):
+                    rates[a] = dstations[i * stride, k, a] * (scale[a] / length)
+                add_row(search.trial_normal, search.trial_gradient, rates, residual, 1.0, 0)
+        for a in range(LOADS, len(q)):
+            search.trial_normal[a, a] += pull
+        if not advance(search, 0.5 * cost, scale, steps, rule):
             break
-    return cost
+    q[:] = search.x
+    return search.state[COST]
 
 
 @kernel
-def _half_square(stations, keypoints, length, stride):
-    total = 0.0
-    for i in range(len(keypoints)):
-        for k in range(2):
-            total += ((stations[i * stride, k] - keypoints[i, k]) / length) ** 2
-    return 0.5 * total
+def meet_ends(q, ends, p, modes, steps):
+    """Move q (6,) to the shape with end poses `ends` (2, 3), in at most so many steps.
+
+    Angles count as they are, not modulo a turn. Returns the residual left, in lengths and radians.
+    """
+    stations, dstations, poses, dposes = workspace(modes)
+    search, scale = begin(q), scales(p[0])
+    rates = np.empty((ends.size, len(q)))
+    while True:
+        held_shape(search.trial, p, modes, stations, dstations, poses, dposes)
+        end_rates(dposes, p[0], scale, rates)
+        clear(search)
+        cost = 0.0
+        for row in range(ends.size):
+            side, k = row // ends.shape[1], row % ends.shape[1]
+            residual = (poses[side, k] - ends[side, k]) / end_unit(row, p[0])
+            add_row(search.trial_normal, search.trial_gradient, rates[row], residual, 1.0, 0)
+            cost += residual * residual
+        if not advance(search, cost, scale, steps, MEETING):
+            break
+    q[:] = search.x
+    return math.sqrt(search.state[COST])
 
 
 @kernel
-def _normal_equations(stations, dstations, keypoints, scale, length, stride, normal, gradient):
-    normal[:] = 0.0
-    gradient[:] = 0.0
-    for i in range(len(keypoints)):
-        for k in range(2):
-            residual = (stations[i * stride, k] - keypoints[i, k]) / length
-            row = dstations[i * stride, k] * scale
-            gradient += row * residual
-            for a in range(6):
-                for b in range(a + 1):
-                    normal[a, b] += row[a] * row[b]
+def end_unit(row, length):
+    """Unit of a number of the end poses, which are counted in lengths and radians."""
+    return 1.0 if row % 3 == 2 else length
 
 
 @kernel
-def damped_step(normal, gradient, damping):
-    """Solve (normal + damping) step = -gradient by Cholesky's factors; the lower triangle of `normal` is used."""
-    factor, step = np.zeros((6, 6)), -gradient
-    for a in range(6):
-        for b in range(a + 1):
-            value = normal[a, b] - np.dot(factor[a, :b], factor[b, :b])
-            factor[a, b] = np.sqrt(max(value + damping, 1e-30)) if a == b else value / factor[b, b]
-    for a in range(6):
-        step[a] = (step[a] - np.dot(factor[a, :a], step[:a])) / factor[a, a]
-    for a in range(5, -1, -1):
-        for b in range(a + 1, 6):
-            step[a] -= factor[b, a] * step[b]
-        step[a] /= factor[a, a]
-    return step
+def end_rates(dposes, length, scale, rates):
+    """Derivative (6, 6) of the end poses, in lengths and radians, by q in units of `scale`."""
+    for row in range(len(rates)):
+        for a in range(len(scale)):
+            rates[row, a] = dposes[row // 3, row % 3, a] / end_unit(row, length) * scale[a]
+
+
+@kernel
+def follow_ends(dposes, length, changes, damping):
+    """Changes (d, m) of q that follow changes (6, m) of the end poses [m, rad]; `damping` [1] keeps them finite."""
+    scale = scales(length)
+    d = len(scale)
+    rates, normal, factor, moved = np.empty((len(changes), d)), np.zeros((d, d)), np.empty((d, d)), np.zeros(d)
+    end_rates(dposes, length, scale, rates)
+    for row in range(len(changes)):
+        add_row(normal, moved, rates[row], 0.0, 1.0, 0)
+    factorize(normal, 0.0, damping, factor)
+    followed = np.empty((d, changes.shape[1]))
+    for column in range(changes.shape[1]):
+        for a in range(d):
+            moved[a] = 0.0
+            for row in range(len(changes)):
+                moved[a] += rates[row, a] * changes[row, column] / end_unit(row, length)
+        substitute(factor, moved)
+        for a in range(d):
+            followed[a, column] = scale[a] * moved[a]
+    return followed
+
+
+@kernel
+def fit_shapes(q, wanted, p, modes, stride, pull, steps, keypoints, ends):
+    """`fit_shape` of each row of q (H, 6), which goes on from one near by; `pull` is in [m^2].
+
+    Fills `keypoints` (H, n, 2) and `ends` (H, 2, 3) of the shapes found.
+    """
+    stations, poses = np.empty((2 * modes.shape[1] + 1, 2)), np.empty((2, 3))
+    no_stations, no_poses = np.empty((len(stations), 2, 0)), np.empty((2, 3, 0))
+    for t in range(len(q)):
+        if steps > 0:
+            fit_shape(q[t], wanted[t], p, modes, stride, pull / p[0] ** 2, steps, QUICK)
+        held_shape(q[t], p, modes, stations, no_stations, poses, no_poses)
+        for i in range(wanted.shape[1]):
+            keypoints[t, i, :] = stations[i * stride]
+        ends[t, :, :] = poses

@@ -54,6 +54,11 @@ class HeldRod(ABC):
     def stride(self) -> int:
         """Stations from one keypoint to the next."""
 
+    @property
+    def end_shape(self) -> tuple[int, int]:
+        """Shape of an array with the poses of both grippers."""
+        return 2, self.group.size
+
     @abstractmethod
     def shapes(
         self, q: Float[np.ndarray, "t d"]

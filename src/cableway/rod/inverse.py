@@ -10,7 +10,8 @@ from jaxtyping import Float
 from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
 from cableway.geometry.groups import SE2
-from cableway.rod import fitting
+from cableway.rod import fitting, kernels
+from cableway.rod.held_rod import HeldRod
 from cableway.rod.planar import PlanarRod
 
 Bend = Literal["left", "right"]
@@ -20,6 +21,9 @@ LEAST_AREA = 1e-6
 
 SAME_SHAPE = 1e-4
 """Distance, in lengths of the rod, up to which two shapes count as one."""
+
+FIT_STEPS = 100
+"""Most steps of one fit; a fit takes some ten."""
 
 LOAD_RANGE = (30.0, 30.0, 6.0)
 """Largest |a_x|, |a_y|, |m| of a first guess, beside the turn between the grippers: stable shapes have about these."""
@@ -56,7 +60,8 @@ def fit_sequence(
 def _fit(rod: PlanarRod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tuple[np.ndarray, float]:
     """The best fit from several guesses."""
     keypoints, starts = np.ascontiguousarray(keypoints, dtype=float), [np.array(guess, float) for guess in guesses]
-    costs = [fitting.fit(keypoints, q, rod.length, rod.hinges, rod.stride) for q in starts]
+    p, modes = kernels.uniform(rod.length, rod.hinges)
+    costs = [fitting.fit_shape(q, keypoints, p, modes, rod.stride, 0.0, FIT_STEPS, fitting.EXACT) for q in starts]
     best = int(np.argmin(costs))
     return starts[best], float(np.sqrt(2 * costs[best]) * rod.length)
 
@@ -75,6 +80,22 @@ def _guesses_from_bends(rod: PlanarRod, keypoints: Float[np.ndarray, "t n 2"]) -
     normal = rows.swapaxes(1, 2) @ rows + 0.03**2 * np.eye(3)
     load = np.linalg.solve(normal, rows.swapaxes(1, 2) @ bends[..., None])[..., 0]
     return np.column_stack([centre, theta, np.clip(load, -150, 150)])
+
+
+FOLD_DAMPING = 1e-4
+"""Of `motion_jacobian` near a fold, where shapes run away."""
+
+
+def motion_jacobian(rod: HeldRod, q: Float[np.ndarray, "d"]) -> Float[np.ndarray, "k a"]:
+    """Derivative of all numbers of the keypoints [m] by those of both gripper poses [m, rad] at the shape q.
+
+    Near a fold it is that of the nearest motions that the rod can make.
+    """
+    _, dstations, poses, dposes = rod.jacobians(q[None])
+    units = np.tile(rod.group.step_units(rod.length), poses.shape[1])
+    rates = dposes.reshape(-1, rod.dof) / units[:, None] * rod.units
+    moved = np.linalg.solve(rates.T @ rates + FOLD_DAMPING * np.eye(rod.dof), rates.T / units)
+    return (rod.at_keypoints(dstations) * rod.units).reshape(-1, rod.dof) @ moved
 
 
 def equilibria_at(

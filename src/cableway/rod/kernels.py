@@ -1,5 +1,9 @@
 """Compiled kernels of the rod; `cableway.rod.planar` explains the quantities and is what to call.
 
+One walk serves the uniform rod and any other (`cableway.rod.adapted`), which has K modes (K, N) with parameters p (1 +
+2K,): length L, factors of the modes of the logarithm of the stiffness, and of those of the turn at rest. A uniform rod
+has none.
+
 Station i lies at arc length i L/(2N), i = 0..2N: even stations are the middles of links and the two ends, odd
 stations the hinges. Row 2N + 1 of the arrays here is not a station: it holds the two end angles.
 """
@@ -14,125 +18,142 @@ from cableway.core.compiled import kernel
 
 
 @kernel
-def _walk(side, load, length, hinges, points, jacobian):
+def _walk(side, load, p, modes, points, jacobian):
     """Go outward from the centre to one end (side +1 right, -1 left) in the centre frame.
 
-    Fills `points` (2N+2, 2) and `jacobian` (2N+2, 2, 3), the derivative by (a_x, a_y, m), for that half.
+    Fills `points` (2N+2, 2) and `jacobian` (2N+2, 2, m) for that half: the derivative by the first m of load (a_x,
+    a_y, m), modes of the stiffness and modes of the turn at rest.
     """
+    count, hinges = modes.shape
+    columns, length, row = jacobian.shape[2], p[0], 0 if side < 0 else 1
     half = length / (2 * hinges)
-    x, y, angle = 0.0, 0.0, 0.0
-    dx, dy, dangle = np.zeros(3), np.zeros(3), np.zeros(3)
-    if hinges % 2 == 1:
-        angle = side * load[2] / (2 * hinges)
-        dangle[2] = side / (2 * hinges)
-    station = hinges
-    for _ in range(hinges):
-        c, s = math.cos(angle), math.sin(angle)
-        x += side * half * c
-        y += side * half * s
-        for k in range(3):
-            dx[k] -= side * half * s * dangle[k]
-            dy[k] += side * half * c * dangle[k]
-        station += side
-        points[station, 0], points[station, 1] = x, y
-        jacobian[station, 0, :], jacobian[station, 1, :] = dx, dy
+    end = 2 * hinges + 1
+    x, y, angle, station = 0.0, 0.0, 0.0, hinges
+    for k in range(columns):
+        jacobian[end, row, k] = 0.0
+    for step in range(hinges + 1):
+        share = 0.5  # of the centre hinge's bend that lies on this side, where a hinge is at the centre
+        if step > 0:
+            share = 1.0
+            c, s = math.cos(angle), math.sin(angle)
+            x += side * half * c
+            y += side * half * s
+            before = station
+            station += side
+            points[station, 0], points[station, 1] = x, y
+            for k in range(columns):
+                dangle = jacobian[end, row, k]
+                jacobian[station, 0, k] = jacobian[before, 0, k] - side * half * s * dangle
+                jacobian[station, 1, k] = jacobian[before, 1, k] + side * half * c * dangle
         if station % 2 == 1:
-            bend = (load[2] + (load[0] * y - load[1] * x) / length) / hinges
-            for k in range(3):
-                dbend = (load[0] * dy[k] - load[1] * dx[k]) / length
-                if k == 0:
-                    dbend += y / length
-                elif k == 1:
-                    dbend -= x / length
-                else:
-                    dbend += 1.0
-                dangle[k] += side * dbend / hinges
-            angle += side * bend
-    row = 0 if side < 0 else 1
-    points[2 * hinges + 1, row] = angle
-    jacobian[2 * hinges + 1, row, :] = dangle
+            hinge = station // 2
+            softness, rest = 1.0, 0.0
+            if count > 0:
+                stiffness = 0.0
+                for k in range(count):
+                    stiffness += p[1 + k] * modes[k, hinge]
+                    rest += p[1 + count + k] * modes[k, hinge]
+                softness = math.exp(-stiffness)
+            moment = load[2] + (load[0] * y - load[1] * x) / length
+            own = (y / length, -x / length, 1.0)
+            for k in range(columns):
+                rate = (load[0] * jacobian[station, 1, k] - load[1] * jacobian[station, 0, k]) / length
+                if k < 3:
+                    rate += own[k]
+                elif k < 3 + count:
+                    rate -= modes[k - 3, hinge] * moment
+                rate *= softness
+                if k >= 3 + count:
+                    rate += modes[k - 3 - count, hinge]
+                jacobian[end, row, k] += side * share * rate / hinges
+            angle += side * share * ((softness * moment + rest) / hinges)
+    points[end, row] = angle
 
 
 @kernel
-def local_shape(load, length, hinges, points, jacobian):
-    """Stations and end angles in the centre frame, with their derivative by the load (a_x, a_y, m)."""
+def local_shape(load, p, modes, points, jacobian):
+    """Stations and end angles in the centre frame, with their derivatives as in `_walk`."""
+    hinges = modes.shape[1]
     points[hinges, :] = 0.0
     jacobian[hinges, :, :] = 0.0
-    _walk(1, load, length, hinges, points, jacobian)
-    _walk(-1, load, length, hinges, points, jacobian)
+    _walk(1, load, p, modes, points, jacobian)
+    _walk(-1, load, p, modes, points, jacobian)
 
 
 @kernel
-def world_shape(q, length, hinges, stations, poses):
-    """Stations (2N+1, 2) and gripper poses (2, 3) of q in the world frame."""
-    points, jacobian = np.empty((2 * hinges + 2, 2)), np.empty((2 * hinges + 2, 2, 3))
-    local_shape(q[3:], length, hinges, points, jacobian)
+def held_shape(q, p, modes, stations, dstations, poses, dposes):
+    """Stations (2N+1, 2) and gripper poses (2, 3) of q in the world frame, with their derivatives.
+
+    `dstations` (2N+1, 2, m) and `dposes` (2, 3, m) get the derivatives by the first m of q (6,) and p (1 + 2K,): m is
+    0, 6 or 7 + 2K.
+    """
+    hinges, columns = modes.shape[1], dstations.shape[2]
+    inner = min(columns, 3) + max(columns - 7, 0)
+    points, jacobian = np.empty((2 * hinges + 2, 2)), np.empty((2 * hinges + 2, 2, inner))
+    local_shape(q[3:], p, modes, points, jacobian)
     c, s = math.cos(q[2]), math.sin(q[2])
     for i in range(2 * hinges + 1):
-        stations[i, 0] = q[0] + c * points[i, 0] - s * points[i, 1]
-        stations[i, 1] = q[1] + s * points[i, 0] + c * points[i, 1]
-    for k in range(2):
-        i = 2 * hinges * k
-        poses[k, 0], poses[k, 1] = stations[i, 0], stations[i, 1]
-        poses[k, 2] = q[2] + points[2 * hinges + 1, k]
-
-
-@kernel
-def world_shape_jacobian(q, length, hinges, stations, dstations, poses, dposes):
-    """As `world_shape`, with derivatives by q: (2N+1, 2, 6) and (2, 3, 6)."""
-    points, jacobian = np.empty((2 * hinges + 2, 2)), np.empty((2 * hinges + 2, 2, 3))
-    local_shape(q[3:], length, hinges, points, jacobian)
-    c, s = math.cos(q[2]), math.sin(q[2])
-    for i in range(2 * hinges + 1):
+        if columns == 0:
+            stations[i, 0] = q[0] + c * points[i, 0] - s * points[i, 1]
+            stations[i, 1] = q[1] + s * points[i, 0] + c * points[i, 1]
+            continue
         rx = c * points[i, 0] - s * points[i, 1]
         ry = s * points[i, 0] + c * points[i, 1]
         stations[i, 0], stations[i, 1] = q[0] + rx, q[1] + ry
         dstations[i, 0, 0], dstations[i, 1, 0] = 1.0, 0.0
         dstations[i, 0, 1], dstations[i, 1, 1] = 0.0, 1.0
         dstations[i, 0, 2], dstations[i, 1, 2] = -ry, rx
-        for k in range(3):
-            dstations[i, 0, 3 + k] = c * jacobian[i, 0, k] - s * jacobian[i, 1, k]
-            dstations[i, 1, 3 + k] = s * jacobian[i, 0, k] + c * jacobian[i, 1, k]
-    for k in range(2):
-        i = 2 * hinges * k
-        poses[k, :2] = stations[i]
-        poses[k, 2] = q[2] + points[2 * hinges + 1, k]
-        dposes[k, :2, :] = dstations[i]
-        dposes[k, 2, :] = 0.0
-        dposes[k, 2, 2] = 1.0
-        dposes[k, 2, 3:] = jacobian[2 * hinges + 1, k]
+        if columns > 6:
+            dstations[i, 0, 6], dstations[i, 1, 6] = rx / p[0], ry / p[0]
+        for k in range(inner):
+            column = 3 + k if k < 3 else 4 + k
+            dstations[i, 0, column] = c * jacobian[i, 0, k] - s * jacobian[i, 1, k]
+            dstations[i, 1, column] = s * jacobian[i, 0, k] + c * jacobian[i, 1, k]
+    for side in range(2):
+        i = 2 * hinges * side
+        poses[side, 0], poses[side, 1] = stations[i, 0], stations[i, 1]
+        poses[side, 2] = q[2] + points[2 * hinges + 1, side]
+        for a in range(columns):
+            dposes[side, 0, a], dposes[side, 1, a] = dstations[i, 0, a], dstations[i, 1, a]
+            dposes[side, 2, a] = 1.0 if a == 2 else 0.0
+        for k in range(inner):
+            dposes[side, 2, 3 + k if k < 3 else 4 + k] = jacobian[2 * hinges + 1, side, k]
 
 
 @kernel
-def batch_shapes(q, length, hinges):
-    """`world_shape` over rows of q (T, 6)."""
-    stations, poses = np.empty((len(q), 2 * hinges + 1, 2)), np.empty((len(q), 2, 3))
-    for t in range(len(q)):
-        world_shape(q[t], length, hinges, stations[t], poses[t])
-    return stations, poses
+def uniform(length, hinges):
+    """p (1,) and modes (0, N) of a uniform rod."""
+    return np.array([length]), np.empty((0, hinges))
 
 
 @kernel
-def batch_jacobians(q, length, hinges):
-    """`world_shape_jacobian` over rows of q (T, 6)."""
-    rows, count = len(q), 2 * hinges + 1
-    stations, dstations = np.empty((rows, count, 2)), np.empty((rows, count, 2, 6))
-    poses, dposes = np.empty((rows, 2, 3)), np.empty((rows, 2, 3, 6))
+def world_shape(q, length, hinges, stations, poses):
+    """`held_shape` of a uniform rod, without derivatives."""
+    p, modes = uniform(length, hinges)
+    held_shape(q, p, modes, stations, np.empty((2 * hinges + 1, 2, 0)), poses, np.empty((2, 3, 0)))
+
+
+@kernel
+def batch_shapes(q, p, modes, columns):
+    """`held_shape` over rows of q (T, 6): stations, m = `columns` derivatives, poses and their derivatives."""
+    rows, count = len(q), 2 * modes.shape[1] + 1
+    stations, dstations = np.empty((rows, count, 2)), np.empty((rows, count, 2, columns))
+    poses, dposes = np.empty((rows, 2, 3)), np.empty((rows, 2, 3, columns))
     for t in range(rows):
-        world_shape_jacobian(q[t], length, hinges, stations[t], dstations[t], poses[t], dposes[t])
+        held_shape(q[t], p, modes, stations[t], dstations[t], poses[t], dposes[t])
     return stations, dstations, poses, dposes
 
 
 @kernel
-def _link_angles(load, length, hinges, points, jacobian, angles, dangles):
-    """Angles of the N - 1 free links in the centre frame and their derivative (N-1, 3) by the load."""
-    local_shape(load, length, hinges, points, jacobian)
+def _link_angles(points, jacobian, length, angles, dangles):
+    """Angles of the N - 1 free links in the centre frame and their derivative (N-1, m) by the load."""
+    hinges = len(angles) + 1
     link = length / hinges
     for i in range(hinges - 1):
         ux = points[2 * i + 3, 0] - points[2 * i + 1, 0]
         uy = points[2 * i + 3, 1] - points[2 * i + 1, 1]
         angles[i] = math.atan2(uy, ux)
-        for k in range(3):
+        for k in range(dangles.shape[1]):
             vx = jacobian[2 * i + 3, 0, k] - jacobian[2 * i + 1, 0, k]
             vy = jacobian[2 * i + 3, 1, k] - jacobian[2 * i + 1, 1, k]
             dangles[i, k] = (ux * vy - uy * vx) / (link * link)
@@ -223,9 +244,10 @@ def stability(load, length, hinges, ceiling, gradient):
     not computed: it comes back as `ceiling`, with derivative zero.
     """
     free = hinges - 1
-    points, jacobian = np.empty((2 * hinges + 2, 2)), np.empty((2 * hinges + 2, 2, 3))
-    angles, dangles = np.empty(free), np.empty((free, 3))
-    _link_angles(load, length, hinges, points, jacobian, angles, dangles)
+    points, no_jacobian = np.empty((2 * hinges + 2, 2)), np.empty((2 * hinges + 2, 2, 0))
+    angles, (p, modes) = np.empty(free), uniform(length, hinges)
+    local_shape(load, p, modes, points, no_jacobian)
+    _link_angles(points, no_jacobian, length, angles, np.empty((free, 0)))
     ca, cb = -np.sin(angles), np.cos(angles)
     diagonal = 2.0 * hinges * hinges + load[0] * cb - load[1] * ca
     off = -float(hinges * hinges)
@@ -236,6 +258,9 @@ def stability(load, length, hinges, ceiling, gradient):
     gradient[:] = 0.0
     if not _any_below(diagonal, off, u, w, rank, ceiling, pivots, zu, zw, schur):
         return ceiling
+    jacobian, dangles = np.empty((2 * hinges + 2, 2, 3)), np.empty((free, 3))
+    local_shape(load, p, modes, points, jacobian)
+    _link_angles(points, jacobian, length, angles, dangles)
     reach = math.sqrt(load[0] ** 2 + load[1] ** 2)
     low, high = -reach, min(ceiling, 160.0 + reach)
     while high - low > 1e-8 * (1.0 + reach):

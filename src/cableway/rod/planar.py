@@ -35,15 +35,11 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2, Group
-from cableway.rod import kernels
+from cableway.rod import fitting, kernels
 from cableway.rod.held_rod import HeldRod
 
 STRAIGHT_STABILITY = 4 * np.pi**2
 """Stability margin of the straight unloaded rod, the largest scale to compare margins with."""
-
-
-LOAD_UNITS = (10.0, 10.0, 3.0)
-"""Units of (a_x, a_y, m) in which steps are measured."""
 
 
 def hinge_count(keypoints: int) -> int:
@@ -82,7 +78,7 @@ class PlanarRod(HeldRod):
     @property
     def units(self) -> Float[np.ndarray, "6"]:
         """See `HeldRod.units`; loads are about as large over the shapes of a cable bent by less than half a turn."""
-        return np.array([self.length, self.length, 1.0, *LOAD_UNITS])
+        return np.array([self.length, self.length, 1.0, *fitting.LOAD_UNITS])
 
     @property
     def loads(self) -> slice:
@@ -101,7 +97,8 @@ class PlanarRod(HeldRod):
 
     def shapes(self, q: Float[np.ndarray, "t 6"]) -> tuple[Float[np.ndarray, "t s 2"], Float[np.ndarray, "t 2 3"]]:
         """Stations [m] and gripper poses [m, m, rad] of each row of q. The angles are not wrapped."""
-        return kernels.batch_shapes(_rows(q), self.length, self.hinges)
+        stations, _, poses, _ = kernels.batch_shapes(_rows(q), *kernels.uniform(self.length, self.hinges), 0)
+        return stations, poses
 
     def jacobians(
         self, q: Float[np.ndarray, "t 6"]
@@ -112,7 +109,7 @@ class PlanarRod(HeldRod):
         Float[np.ndarray, "t 2 3 6"],
     ]:
         """Stations and gripper poses of each row of q, each followed by its derivative by q."""
-        return kernels.batch_jacobians(_rows(q), self.length, self.hinges)
+        return kernels.batch_shapes(_rows(q), *kernels.uniform(self.length, self.hinges), self.dof)
 
     def stability(
         self, q: Float[np.ndarray, "t 6"], ceiling: float = 1e9

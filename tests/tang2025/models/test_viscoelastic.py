@@ -10,7 +10,8 @@ import pytest
 
 from cableway.geometry import se2
 from cableway.rod import adapted
-from cableway.rod.adapted_kernels import adapted_shape, workspace
+from cableway.rod.fitting import workspace
+from cableway.rod.kernels import held_shape
 from cableway.rod.planar import PlanarRod
 from cableway.tang2025.models.rod_parameters import RodParameters
 from cableway.tang2025.models.viscoelastic import link_angles, rod_step
@@ -50,7 +51,7 @@ def test_a_rod_that_is_not_uniform_is_the_adapted_rod(keypoints):
     shapes, poses = [], []
     for q in (FROM, TO):
         stations, _, ends, _ = arrays = workspace(adapted.modes(rod))
-        adapted_shape(q, p, adapted.modes(rod), *arrays)
+        held_shape(q, p, adapted.modes(rod), *arrays)
         shapes.append(rod.at_keypoints(stations[None])[0])
         poses.append(ends)
     parameters = RodParameters(1e-4)
