@@ -238,11 +238,15 @@ class Observation:
         time: [s] since the start of the run.
         keypoints: (n, 2) measured keypoints [m], NaN where nothing was seen.
         poses: (2, 3) measured gripper poses [m, m, rad].
+        taken: [s] when the keypoints were seen, on the same clock as `time`; None where unknown, it is then estimated.
+        confidence: (n,) from 0 (not seen) to 1, by which each keypoint counts; None where all count the same.
     """
 
     time: float
     keypoints: Float[np.ndarray, "n 2"]
     poses: Float[np.ndarray, "2 3"]
+    taken: float | None = None
+    confidence: Float[np.ndarray, "n"] | None = None
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,10 @@ class PlugPush(Controller[PlugPushState]):
 
     def _learning(self, state: PlugPushState) -> PlugPushState:
         sight = state.sight
-        return replace(state, estimate=state.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed))
+        return replace(
+            state,
+            estimate=state.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed, sight.confidence),
+        )
 
     def _misaligned(self, state: PlugPushState) -> Float[np.ndarray, "3"]:
         """From where the right gripper is to where it has the plug aligned, as the grasp is believed."""

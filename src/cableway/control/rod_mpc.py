@@ -188,7 +188,9 @@ class RodMPC(Controller[RodMPCState]):
         sight = state.sight
         if sight.blind > self.config.blind_steps or sight.unseen > self.config.unseen_steps:
             return state.sending(np.zeros((2, 3)), Status.STOPPED, self._longest(state))
-        estimate = state.problem.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed)
+        estimate = state.problem.estimator.update(
+            state.estimate, sight.keypoints, sight.then, sight.speed, sight.confidence
+        )
         state = replace(state, estimate=estimate)
         action, longest = self._solve(state), self._longest(state)
         if not np.isfinite(action).all():

@@ -66,6 +66,10 @@ class Age:
         newer = self.rows[len(self.rows) - whole :].sum(axis=0)
         return newer + (self.value - whole) * self.rows[-1 - whole]
 
+    def known(self, age: float) -> Age:
+        """With an age that is known [control steps] and need not be found."""
+        return replace(self, value=float(np.clip(age, 0.0, OLDEST)))
+
     def judged(self, misses: Float[np.ndarray, "A"]) -> Age:
         """After an observation that each of `AGES` misses by so much [m^2]."""
         total = KEPT * self.misses + misses + RESOLUTION**2

@@ -13,6 +13,7 @@ from cableway.estimation.gating import believed_keypoints
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.cable import Cable
+from cableway.scene.task import CONTROL_STEP
 
 HELD_AS_BELIEVED = np.zeros((2, 3))
 """Grasps without any offset."""
@@ -33,6 +34,7 @@ class Sight:
         unseen: Control steps since the last keypoint that was believed.
         blind: Control steps since the last gripper poses that were usable.
         started: Whether the grippers were seen yet.
+        confidence: (n,) by which each keypoint counts; None where all count the same.
     """
 
     poses: Age
@@ -41,6 +43,7 @@ class Sight:
     unseen: int = 0
     blind: int = 0
     started: bool = False
+    confidence: Float[np.ndarray, "n"] | None = None
 
     @classmethod
     def before(cls, poses: Float[np.ndarray, "2 3"], keypoints: int) -> Sight:
@@ -91,13 +94,17 @@ class Sight:
         unlike[:, 2] *= TURN_LEVER
         sent = self.sent.judged(np.sum(unlike**2, axis=(0, 1)))
         poses = self.poses.with_row(last + step)
+        if observation.taken is not None:
+            poses = poses.known((observation.time - observation.taken) / CONTROL_STEP)
         keypoints = believed_keypoints(observation.keypoints, poses.row, cable)
+        if observation.confidence is not None:
+            keypoints = np.where(observation.confidence[:, None] > 0, keypoints, np.nan)
         shown = np.isfinite(keypoints[[0, -1], 0])
-        if shown.any():
+        if shown.any() and observation.taken is None:
             ends = SE2.compose(poses.aged(AGES), grasps)[..., :2]
             poses = poses.judged(np.sum((ends - keypoints[[0, -1]])[:, shown] ** 2, axis=(1, 2)))
         unseen = 0 if np.isfinite(keypoints).any() else self.unseen + 1
-        return Sight(poses, sent, keypoints, unseen, started=True)
+        return Sight(poses, sent, keypoints, unseen, started=True, confidence=observation.confidence)
 
     def blindly(self) -> Sight:
         """After an observation that told nothing: the grippers are taken to do what they were sent."""

@@ -186,6 +186,7 @@ class RodEstimator:
         keypoints: Float[np.ndarray, "n 2"],
         poses: Float[np.ndarray, "2 3"],
         speed: float,
+        confidence: Float[np.ndarray, "n"] | None = None,
     ) -> RodEstimate:
         """The estimate after an observation; as it was where the rod cannot explain it.
 
@@ -194,6 +195,7 @@ class RodEstimator:
             keypoints: (n, 2) [m], NaN where not seen.
             poses: (2, 3) grippers at the time the keypoints were seen [m, m, rad].
             speed: Of the faster gripper then [m per control step].
+            confidence: (n,) from 0 to 1, by which each keypoint counts; None where all count the same.
         """
         seen = np.isfinite(keypoints[:, 0])
         if not seen.any():
@@ -201,7 +203,7 @@ class RodEstimator:
         expected = self._explained(estimate.q, estimate.theta, keypoints, poses)
         if not expected.possible:
             return estimate
-        theta, covariance = self._corrected(estimate, expected, keypoints, speed)
+        theta, covariance = self._corrected(estimate, expected, keypoints, speed, confidence)
         corrected = self._explained(expected.q, theta, keypoints, poses)
         for _ in range(HALVINGS):
             if corrected.possible:
@@ -244,14 +246,20 @@ class RodEstimator:
         return anew if float(anew.distances(keypoints).mean()) < 0.5 * missed else going_on
 
     def _corrected(
-        self, estimate: RodEstimate, expected: _Prediction, keypoints: Float[np.ndarray, "n 2"], speed: float
+        self,
+        estimate: RodEstimate,
+        expected: _Prediction,
+        keypoints: Float[np.ndarray, "n 2"],
+        speed: float,
+        confidence: Float[np.ndarray, "n"] | None,
     ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
         """One step of the filter: theta and its covariance in units of the prior."""
         config, kept, nominal, prior = self._config, self._kept, self._nominal, self._prior
         distance = np.linalg.norm(keypoints - expected.keypoints, axis=1)
         deviation = math.hypot(config.noise, self._lag * speed)
         certainty = 1.0 / np.maximum(1.0, distance / (config.outlier * deviation)) / deviation**2
-        weights = np.repeat(np.where(np.isfinite(distance), certainty, 0.0), 2)
+        certainty = certainty if confidence is None else certainty * confidence
+        weights = np.repeat(np.where(np.isfinite(distance), certainty, 0.0), keypoints.shape[1])
         error = np.nan_to_num(keypoints - expected.keypoints).ravel()
         rows = (expected.by_theta * prior).reshape(-1, PARAMETERS)
         theta = nominal + kept * (estimate.theta - nominal)

@@ -87,7 +87,7 @@ class Search(NamedTuple):
 
 
 COST, DAMPING, TAKEN, TRIED, LONGEST, DONE = range(6)
-"""Places in the state: cost of the best point, d, steps taken, steps tried, largest number of the last, 1 at the end."""
+"""Places in the state: least cost, d, steps taken, steps tried, largest number of the last step, 1 at the end."""
 
 
 @kernel

@@ -1,0 +1,50 @@
+"""What estimators make of an observation's time and confidence where they are given."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cableway.estimation.gripper_tracker import HELD_AS_BELIEVED, Sight
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
+from cableway.records import Observation
+from cableway.rod.inverse import shape_between
+from cableway.rod.planar import PlanarRod
+from cableway.scene.cable import Cable
+
+ROD, CABLE = PlanarRod(0.3), Cable()
+POSES = np.array([[0.2, 0.3, 0.5], [0.42, 0.3, -0.5]])
+Q = shape_between(ROD, POSES, "left")
+SHAPE = ROD.at_keypoints(ROD.shapes(Q[None])[0])[0]
+
+
+def test_a_time_that_is_known_is_used_and_not_estimated():
+    """Grippers that move 1 cm in each control step: a frame of 0.15 s ago shows them 1.5 cm behind."""
+    sight = Sight.before(POSES, 13)
+    for step in range(3):
+        moved = POSES + [0.01 * step, 0.0, 0.0]
+        sight = sight.after(Observation(0.1 * step, SHAPE, moved, taken=0.1 * step - 0.15), HELD_AS_BELIEVED, CABLE)
+    assert sight.poses.value == pytest.approx(1.5)
+    np.testing.assert_allclose(sight.then[:, 0], POSES[:, 0] + 0.005)
+
+
+def test_keypoints_without_confidence_are_not_seen():
+    confidence = np.ones(13)
+    confidence[4] = 0.0
+    observation = Observation(0.0, SHAPE, POSES, confidence=confidence)
+    sight = Sight.before(POSES, 13).after(observation, HELD_AS_BELIEVED, CABLE)
+    assert np.isnan(sight.keypoints[4]).all()
+    assert np.isfinite(np.delete(sight.keypoints, 4, axis=0)).all()
+
+
+def test_confidence_scales_how_much_keypoints_count():
+    """Full confidence changes nothing; with a little of it the same difference moves the estimate less."""
+    estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
+    seen = SHAPE + 0.002 * np.sin(np.arange(26)).reshape(13, 2)
+    start = estimator.start(Q)
+    plain, full, little = (
+        estimator.update(start, seen, POSES, 0.0, confidence).theta - start.theta
+        for confidence in (None, np.ones(13), np.full(13, 0.01))
+    )
+    np.testing.assert_array_equal(plain, full)
+    assert 0 < np.linalg.norm(little[1:]) < np.linalg.norm(plain[1:])
