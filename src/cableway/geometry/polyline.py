@@ -37,7 +37,7 @@ def resample(points: Float[np.ndarray, "m 2"], count: int) -> Float[np.ndarray, 
     return point_at(points, np.linspace(0.0, float(length(points)), count))
 
 
-def spline(points: Float[np.ndarray, "... m 2"], pieces: int) -> Float[np.ndarray, "... k 2"]:
+def spline(points: Float[np.ndarray, "... m space"], pieces: int) -> Float[np.ndarray, "... k space"]:
     """A cubic spline through the vertices, `pieces` segments for each one given: the cable between keypoints.
 
     >>> spline(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]), 2).shape
