@@ -52,7 +52,7 @@ EXAMPLE = "multi-obstacle-1"
 PIXELS, DOTS_PER_INCH = 1500, 125
 """Most pixels across a picture, and in an inch of it."""
 
-WEIGHTS = ((0.0, "#8a6d3b"), (0.01, style.LEFT), (0.1, style.GUIDE), (1.0, style.PIVOT))
+WEIGHTS = ((0.0, "#8a6d3b"), (0.01, style.LEFT), (0.1, style.PATHS), (1.0, style.PIVOT))
 """Clearance weights k_c [m] of the pivot paths shown, with their colours."""
 
 MARGIN, BETWEEN, BAR, CURVES = 0.7, 1.0, 0.8, 4.2
@@ -128,7 +128,7 @@ def deformation() -> Figure:
     return figure
 
 
-def realisation() -> Figure:
+def projection() -> Figure:
     """What the search among equilibria finds, and the plan made of it."""
     task = cw.load_task(EXAMPLE)
     side = scene.panel_size(task)[0]
@@ -226,7 +226,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "method-pivot": pivot,
     "method-path-set": path_set,
     "method-deformation": deformation,
-    "method-realisation": realisation,
+    "method-projection": projection,
     "method-tracking": tracking,
     "method-failure": failure,
     "tutorial-task": lambda: scene.task_figure(shown_task("post.yaml")),

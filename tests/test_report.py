@@ -40,7 +40,7 @@ def recorded() -> tuple[Task, Plan, Rollout]:
 
 def test_a_perfect_run_succeeds_and_its_figures_are_those_of_the_records(recorded: tuple[Task, Plan, Rollout]):
     task, plan, rollout = recorded
-    report = summarize(task, plan, rollout, timings={"pivot path": 0.25, "realisation": 1.5}, notes=["A note."])
+    report = summarize(task, plan, rollout, timings={"pivot path": 0.25, "projection": 1.5}, notes=["A note."])
     assert report.success
     assert report.failure is None
     assert report.seed == 7

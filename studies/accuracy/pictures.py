@@ -40,7 +40,7 @@ def settled(results: Results) -> Figure:
     style.title(right, "worst keypoint of each shape")
     for name, colour, label in (
         ("any-poses", style.GOAL, "any gripper poses"),
-        ("along-plans", style.GUIDE, "along plans"),
+        ("along-plans", style.PATHS, "along plans"),
         ("after-motions", style.START, "after random motions"),
     ):
         worst = 1000 * shapes.errors(results[name]).max(axis=1)
@@ -91,7 +91,7 @@ def convergence(results: Results) -> Figure:
     sizes, off = 1000 * np.array(steps["time_step"][:-1]), 1000 * np.array(steps["to_finest"][:-1])
     for values, colour, label in (
         (off.mean(axis=1), style.START, "mean"),
-        (np.percentile(off, 95, axis=1), style.GUIDE, "95%"),
+        (np.percentile(off, 95, axis=1), style.PATHS, "95%"),
         (off.max(axis=1), style.GOAL, "worst"),
     ):
         right.loglog(sizes, values, "o-", color=colour, markersize=4, label=label)
@@ -111,7 +111,7 @@ def lag(results: Results) -> Figure:
     moving = [1000 * np.concatenate(rows) for rows in result["moving"]]
     figure, (left, right) = _panels(WIDE, WIDE)
     style.title(left, "lag behind equilibrium at full speed")
-    for share, colour, label in ((50, style.START, "median"), (95, style.GUIDE, "95%"), (100, style.GOAL, "worst")):
+    for share, colour, label in ((50, style.START, "median"), (95, style.PATHS, "95%"), (100, style.GOAL, "worst")):
         values = [np.percentile(each, share) for each in moving]
         left.loglog(taus, values, "o-", color=colour, markersize=4, label=label)
     style.curve_axes(left, "damping time τ [s]", "mean over keypoints [mm]")

@@ -146,7 +146,7 @@ def test_an_interrupt_while_planning_leaves_what_was_there(
 def test_an_interrupt_after_a_failed_attempt_leaves_its_picture(
     cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """The first guide's plan is refused, what comes next is interrupted."""
+    """The plan of the first initial trajectory is refused, what comes next is interrupted."""
     judge = candidates.verify_plan
     strict = VerificationLimits(clearance=0.5)
     verdicts = iter([lambda plan, task, limits: judge(plan, task, strict), interrupt])

@@ -71,3 +71,18 @@ def test_renamed_keywords_are_passed_on():
     assert caught[0].filename == __file__
     with pytest.raises(TypeError, match="its old name"):
         plant(nominal=1, believed=2)  # pyright: ignore[reportCallIssue]
+
+
+def test_planning_keeps_the_names_of_its_settings():
+    from cableway.planning import projection, rrt_connect, trajectory_optimization
+
+    for module, old, new in (
+        (projection, "RealizationConfig", "ProjectionConfig"),
+        (rrt_connect, "ExploreConfig", "RRTConnectConfig"),
+        (trajectory_optimization, "RefinementConfig", "TrajectoryOptimizationConfig"),
+    ):
+        with pytest.warns(DeprecationWarning, match=rf"{old} is now .*\.{new}"):
+            assert getattr(module, old) is getattr(module, new)
+    wanted = trajectory_optimization.TrajectoryOptimizationConfig(iterations=3)
+    with pytest.warns(DeprecationWarning, match="'refinement' is now 'optimization'"):
+        assert projection.ProjectionConfig(refinement=wanted).optimization is wanted  # pyright: ignore[reportCallIssue]

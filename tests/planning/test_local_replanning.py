@@ -1,4 +1,4 @@
-"""Repair: only what is not free is left, and what a guide all but found becomes a plan."""
+"""Local replanning leaves only what is not free, and makes a plan of a trajectory that is all but one."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from cableway.benchmark.suites import make_task
 from cableway.core.errors import PlanningError
 from cableway.motion.validity import FreeSpace
 from cableway.planning.config import PlannerConfig
-from cableway.planning.local_replanning import repair
+from cableway.planning.local_replanning import replan_locally
 from cableway.planning.planner import plan
-from cableway.planning.projection import RealizationConfig
-from cableway.planning.rrt_connect import ExploreConfig
+from cableway.planning.projection import ProjectionConfig
+from cableway.planning.rrt_connect import RRTConnectConfig
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 
-CONFIG = ExploreConfig()
+CONFIG = RRTConnectConfig()
 
 
 def grazing() -> Task:
@@ -40,7 +40,7 @@ def test_leaves_the_sequence_only_where_it_is_not_free():
     given = across(task)
     blocked = np.flatnonzero(~FreeSpace.of(task, CONFIG.margins).are_free(given))
     assert len(blocked) > 5
-    q, places = repair(given, task, CONFIG)
+    q, places = replan_locally(given, task, CONFIG)
     assert FreeSpace.of(task, CONFIG.margins).are_free(q).all()
     assert (places[0], places[-1]) == (0, len(given) - 1)
     assert (np.diff(places) > 0).all()
@@ -54,13 +54,13 @@ def test_leaves_the_sequence_only_where_it_is_not_free():
 
 def test_what_is_free_needs_no_repair():
     task = problems.moved()
-    with pytest.raises(PlanningError, match="nothing to repair"):
-        repair(across(task), task, CONFIG)
+    with pytest.raises(PlanningError, match="nothing to replan"):
+        replan_locally(across(task), task, CONFIG)
 
 
 def test_the_same_seed_gives_the_same_way():
     task = grazing()
-    one, again, other = (repair(across(task), task, CONFIG, seed=seed)[0] for seed in (3, 3, 4))
+    one, again, other = (replan_locally(across(task), task, CONFIG, seed=seed)[0] for seed in (3, 3, 4))
     np.testing.assert_array_equal(one, again)
     assert one.shape != other.shape or not np.array_equal(one, other)
 
@@ -68,7 +68,7 @@ def test_the_same_seed_gives_the_same_way():
 def test_a_wall_without_a_door_is_not_got_round():
     task = problems.sealed()
     with pytest.raises(PlanningError, match="no way was found round rows"):
-        repair(across(task), task, CONFIG)
+        replan_locally(across(task), task, CONFIG)
 
 
 def test_progress_can_stop_it():
@@ -77,13 +77,13 @@ def test_progress_can_stop_it():
 
     task = grazing()
     with pytest.raises(KeyboardInterrupt):
-        repair(across(task), task, CONFIG, progress=stop)
+        replan_locally(across(task), task, CONFIG, progress=stop)
 
 
 def test_a_corner_that_refinement_cannot_turn_is_repaired():
     task = make_task("maze-20079@0.07")
-    refined = PlannerConfig(initial_trajectories=("slide-head",), projection=RealizationConfig(kind="refine"))
+    optimized = PlannerConfig(initial_trajectories=("slide-head",), projection=ProjectionConfig(kind="optimize"))
     with pytest.raises(PlanningError, match="clearance"):
-        plan(task, config=refined)
+        plan(task, config=optimized)
     found = plan(task, config=PlannerConfig(initial_trajectories=("slide-head",)))
     assert found.metadata["initial_trajectory"] == "slide-head"

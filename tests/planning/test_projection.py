@@ -1,4 +1,4 @@
-"""Realisation: equilibria in, steps within limits out."""
+"""Projection: shapes in, equilibria at steps within limits out."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cableway.core.errors import PlanningError
 from cableway.geometry.groups import SE2
 from cableway.motion.interpolation import rows_at
 from cableway.planning.projection import (
-    RealizationConfig,
+    ProjectionConfig,
     end_equilibria,
     fit_sequence,
-    realize,
+    project,
     step_evenly,
 )
 from cableway.rod.lag import lag
@@ -41,19 +41,19 @@ def test_shapes_of_equilibria_are_fitted_exactly(line):
     assert (np.diff(rows) > 0).all()
 
 
-def test_only_what_is_to_be_refined_is_refined(line):
-    """ "fit" leaves the nearest equilibria as they are; "refine" moves them, but not the ends."""
+def test_only_what_is_to_be_optimized_is_optimized(line):
+    """ "fit" leaves the nearest equilibria as they are; "optimize" moves them, but not the ends."""
     task, q = line
     rod = task.cable.rod
     q = q + np.sin(np.linspace(0, np.pi, len(q)))[:, None] * [0.03, 0, 0, 0, 0, 0]
     shapes = rod.at_keypoints(rod.shapes(q)[0])
-    fitted, refined = (realize(shapes, task, RealizationConfig(kind=kind)) for kind in ("fit", "refine"))
-    ends = end_equilibria(task, RealizationConfig())
-    stepped, _ = step_evenly(fit_sequence(rod, shapes, *ends, 0.012)[0], task, RealizationConfig())
-    assert realize(shapes, task, RealizationConfig(kind="none")).q is None, "these are no equilibria"
+    fitted, optimized = (project(shapes, task, ProjectionConfig(kind=kind)) for kind in ("fit", "optimize"))
+    ends = end_equilibria(task, ProjectionConfig())
+    stepped, _ = step_evenly(fit_sequence(rod, shapes, *ends, 0.012)[0], task, ProjectionConfig())
+    assert project(shapes, task, ProjectionConfig(kind="none")).q is None, "these are no equilibria"
     assert np.array_equal(fitted.shapes, rod.at_keypoints(rod.shapes(stepped)[0]))
-    assert np.abs(refined.shapes[len(refined.shapes) // 2] - fitted.shapes[len(fitted.shapes) // 2]).max() > 0.005
-    np.testing.assert_allclose(refined.shapes[[0, -1]], fitted.shapes[[0, -1]], atol=1e-9)
+    assert np.abs(optimized.shapes[len(optimized.shapes) // 2] - fitted.shapes[len(fitted.shapes) // 2]).max() > 0.005
+    np.testing.assert_allclose(optimized.shapes[[0, -1]], fitted.shapes[[0, -1]], atol=1e-9)
 
 
 def test_angles_run_on_through_a_full_turn(line):
@@ -73,7 +73,7 @@ def test_no_step_exceeds_its_share_of_the_limits(line, limits):
     """Whatever the limits, every row keeps to 70% of them, and the ends are kept."""
     task, q = line
     limited = replace(task, grippers=limits)
-    stepped, at = step_evenly(q, limited, RealizationConfig())
+    stepped, at = step_evenly(q, limited, ProjectionConfig())
     poses = task.cable.rod.shapes(stepped)[1]
     move, turn = SE2.distance(poses[:-1], poses[1:])
     assert move.max() <= 0.7 * limits.max_step * (1 + 1e-6)
@@ -87,7 +87,7 @@ def test_a_sluggish_cable_is_not_left_behind():
     """With quick grippers the lag sets the pace; a cable that does not lag goes as fast as they do."""
     task = replace(problems.free(), grippers=Grippers(max_step=0.04, max_turn=0.4))
     q = np.linspace([0.3, 0.3, 0.2, 3.0, 9.0, -1.5], [0.4, 0.35, -0.4, -24.0, 9.0, 1.5], 31)
-    config = RealizationConfig()
+    config = ProjectionConfig()
     stepped, _ = step_evenly(q, task, config)
     trailing = lag(task.cable.rod, stepped) * config.damping_time / CONTROL_STEP
     assert trailing.max() == pytest.approx(config.limit_share * config.lag, rel=0.1)
@@ -103,4 +103,4 @@ def test_an_end_that_is_no_shape_of_the_cable_is_refused():
     curve = np.cumsum(np.column_stack([np.cos(angle), np.sin(angle)]), axis=0) * (fine[1] - fine[0])
     odd = replace(task, goal=curve[::100] + [0.2, 0.4])
     with pytest.raises(PlanningError, match="the goal is no shape that the cable takes by itself"):
-        end_equilibria(odd, RealizationConfig())
+        end_equilibria(odd, ProjectionConfig())

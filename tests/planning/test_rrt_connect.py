@@ -12,16 +12,16 @@ import shapely
 from cableway.core.errors import InputError, PlanningError
 from cableway.motion import kernels
 from cableway.planning.planner import plan
-from cableway.planning.rrt_connect import ExploreConfig, about_path, about_shapes, anywhere, explore
+from cableway.planning.rrt_connect import RRTConnectConfig, about_path, about_shapes, anywhere, rrt_connect_path
 
-CONFIG = ExploreConfig()
+CONFIG = RRTConnectConfig()
 
 
 @pytest.mark.parametrize("name", problems.SOLVABLE)
 def test_every_shape_on_the_way_is_free_and_stable(name):
     """Clearance judged with Shapely, between the rows too; ends at start and goal."""
     task = problems.SOLVABLE[name]()
-    q = explore(task, anywhere(task, CONFIG), CONFIG)
+    q = rrt_connect_path(task, anywhere(task, CONFIG), CONFIG)
     rod = task.cable.rod
     np.testing.assert_allclose(q[0], task.start_equilibrium)
     np.testing.assert_allclose(rod.shapes(q[-1:])[0], rod.shapes(task.goal_equilibrium[None])[0], atol=1e-9)
@@ -42,7 +42,7 @@ def test_keeps_the_grippers_apart_and_the_bends_wide():
     rod = free.cable.rod
 
     def extremes(task):
-        q = explore(task, anywhere(task, CONFIG), CONFIG, seed=1)
+        q = rrt_connect_path(task, anywhere(task, CONFIG), CONFIG, seed=1)
         stations, poses = rod.shapes(q)
         turns = [kernels.sharpest_turn(row, rod.length, rod.hinges) for row in stations]
         return np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1).min(), max(turns) * rod.hinges / rod.length
@@ -58,23 +58,23 @@ def test_keeps_the_grippers_apart_and_the_bends_wide():
 
 def test_rows_are_near_each_other():
     task = problems.doorway()
-    q = explore(task, anywhere(task, CONFIG), CONFIG)
+    q = rrt_connect_path(task, anywhere(task, CONFIG), CONFIG)
     moves = np.linalg.norm(np.diff(task.cable.rod.shapes(q)[0], axis=0), axis=2).max(1)
     assert moves.max() < 2 * CONFIG.step
 
 
 def test_same_seed_same_way_and_another_seed_another():
     task = problems.doorway()
-    first, again, other = (explore(task, anywhere(task, CONFIG), CONFIG, seed=seed) for seed in (1, 1, 2))
+    first, again, other = (rrt_connect_path(task, anywhere(task, CONFIG), CONFIG, seed=seed) for seed in (1, 1, 2))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 
 
 def test_behind_a_wall_the_samples_are_used_up():
     task = problems.sealed()
-    config = ExploreConfig(samples=400)
+    config = RRTConnectConfig(samples=400)
     with pytest.raises(PlanningError, match="400 samples"):
-        explore(task, anywhere(task, config), config)
+        rrt_connect_path(task, anywhere(task, config), config)
 
 
 def test_samples_lie_where_they_are_asked_for():
@@ -109,11 +109,11 @@ def test_the_plan_names_the_guide_and_shows_its_paths():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"samples": 0}, r"explore\.samples must be from 1 to 1e\+07, got 0"),
-        ({"step": float("nan")}, r"explore\.step must be from"),
-        ({"corridor": 1.1}, r"explore\.corridor must be from"),
+        ({"samples": 0}, r"rrt_connect\.samples must be from 1 to 1e\+07, got 0"),
+        ({"step": float("nan")}, r"rrt_connect\.step must be from"),
+        ({"corridor": 1.1}, r"rrt_connect\.corridor must be from"),
     ],
 )
 def test_a_bad_configuration_is_refused(values, message):
     with pytest.raises(InputError, match=message):
-        ExploreConfig(**values)
+        RRTConnectConfig(**values)

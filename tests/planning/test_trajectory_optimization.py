@@ -1,4 +1,4 @@
-"""Refinement lowers a cost whose gradient is exact, and leaves the ends alone."""
+"""Trajectory optimisation lowers a cost whose gradient is exact, and leaves the ends alone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import problems
 import pytest
 
-from cableway.planning.trajectory_optimization import RefinementConfig, _Problem, refine
+from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig, _Problem, optimize_trajectory
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def crossing():
 def test_gradient_is_that_of_the_cost(crossing):
     """The gradient from the Jacobians equals finite differences of the cost, for every term at once."""
     task, q = crossing
-    config = RefinementConfig(stability_wanted=60.0, span_wanted=0.9)
+    config = TrajectoryOptimizationConfig(stability_wanted=60.0, span_wanted=0.9)
     problem = _Problem(task, config, 1.0, len(q))
     normal = problem.linearise(q)
     assert normal.cost == pytest.approx(problem.cost(q), rel=1e-12)
@@ -40,7 +40,7 @@ def test_gradient_with_all_limits_of_the_task(crossing):
     task, q = crossing
     grippers, cable = replace(task.grippers, separation=0.26), replace(task.cable, min_bend_radius=0.11)
     task = replace(task, grippers=grippers, cable=cable)
-    problem = _Problem(task, RefinementConfig(separation_margin=0.02, bend_share=0.5), 1.0, len(q))
+    problem = _Problem(task, TrajectoryOptimizationConfig(separation_margin=0.02, bend_share=0.5), 1.0, len(q))
     assert problem._bends(problem.rod.shapes(q)[0]).any()
     assert problem._span(problem.rod.shapes(q)[1])[0][:, 1].any()
     normal = problem.linearise(q)
@@ -56,17 +56,17 @@ def test_moves_the_cable_out_of_the_way_and_keeps_the_ends(crossing):
     task, q = crossing
     rod, radius = task.cable.rod, task.cable.radius
     assert task.scene.clearance(rod.shapes(q)[0], radius).min() < -0.05
-    moved = refine(q, task, RefinementConfig())
+    moved = optimize_trajectory(q, task, TrajectoryOptimizationConfig())
     assert task.scene.clearance(rod.shapes(moved)[0], radius).min() > 0.008
     assert np.array_equal(moved[[0, -1]], q[[0, -1]])
 
 
 def test_cost_never_rises(crossing):
-    """At the last clearance weight the refined sequence costs less than the one given."""
+    """At the last clearance weight the optimised sequence costs less than the one given."""
     task, q = crossing
-    config = RefinementConfig()
+    config = TrajectoryOptimizationConfig()
     problem = _Problem(task, config, config.clearance_weights[-1], len(q))
-    assert problem.cost(refine(q, task, config)) < problem.cost(q)
+    assert problem.cost(optimize_trajectory(q, task, config)) < problem.cost(q)
 
 
 def test_raises_the_stability_margin():
@@ -74,22 +74,25 @@ def test_raises_the_stability_margin():
     task = problems.free()
     q = problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.HIGH_ARC, 30)
     q[10:20, 3] = -75.0
-    config = RefinementConfig()
+    config = TrajectoryOptimizationConfig()
     before = task.cable.rod.stability(q)[0].min()
-    after = task.cable.rod.stability(refine(q, task, config))[0].min()
+    after = task.cable.rod.stability(optimize_trajectory(q, task, config))[0].min()
     assert before < 30 < after
 
 
 def test_same_input_same_output(crossing):
     """Two calls give the same numbers, bit for bit."""
     task, q = crossing
-    assert np.array_equal(refine(q, task, RefinementConfig()), refine(q, task, RefinementConfig()))
+    assert np.array_equal(
+        optimize_trajectory(q, task, TrajectoryOptimizationConfig()),
+        optimize_trajectory(q, task, TrajectoryOptimizationConfig()),
+    )
 
 
 def test_progress_rises_and_can_end_the_refinement(crossing):
     task, q = crossing
     shares: list[float] = []
-    refine(q, task, RefinementConfig(iterations=5), shares.append)
+    optimize_trajectory(q, task, TrajectoryOptimizationConfig(iterations=5), shares.append)
     assert shares[0] == 0
     assert shares == sorted(shares)
     assert 2 / 3 <= shares[-1] < 1
@@ -98,4 +101,4 @@ def test_progress_rises_and_can_end_the_refinement(crossing):
         raise TimeoutError
 
     with pytest.raises(TimeoutError):
-        refine(q, task, RefinementConfig(), enough)
+        optimize_trajectory(q, task, TrajectoryOptimizationConfig(), enough)

@@ -10,7 +10,7 @@ import pytest
 
 from cableway.core.errors import InputError
 from cableway.geometry import se2
-from cableway.planning.projection import RealizationConfig, step_evenly
+from cableway.planning.projection import ProjectionConfig, step_evenly
 from cableway.records import Plan
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Box, Disc
@@ -30,7 +30,7 @@ def plan_of(q: np.ndarray, task: Task) -> Plan:
 def good() -> tuple[Task, Plan]:
     task = problems.moved()
     q = problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.MOVED_ARC, 30)
-    return task, plan_of(step_evenly(q, task, RealizationConfig())[0], task)
+    return task, plan_of(step_evenly(q, task, ProjectionConfig())[0], task)
 
 
 def failed(plan: Plan, task: Task) -> set[str]:

@@ -31,8 +31,10 @@ def section(kind: type) -> str:
 
     >>> section(type("PathSetConfig", (), {}))
     'path_set'
+    >>> section(type("RRTConnectConfig", (), {}))
+    'rrt_connect'
     """
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__.removesuffix("Config")).lower()
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", kind.__name__.removesuffix("Config")).lower()
 
 
 def number_fields(config: Any) -> tuple[str, ...]:

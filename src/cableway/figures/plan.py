@@ -96,8 +96,8 @@ def draw_routes(
     handles: list[Any] = scene.end_handles()
     if paths is not None:
         for path in paths:
-            ax.plot(*path.T, color=style.GUIDE, linewidth=0.9, alpha=0.75, zorder=3)
-        handles.append(Line2D([], [], color=style.GUIDE, linewidth=1.2, label="keypoint paths"))
+            ax.plot(*path.T, color=style.PATHS, linewidth=0.9, alpha=0.75, zorder=3)
+        handles.append(Line2D([], [], color=style.PATHS, linewidth=1.2, label="keypoint paths"))
     if passages is not None and len(passages):
         for ends in passages:
             ax.plot(

@@ -12,8 +12,8 @@ from cableway.core.errors import PlanningError
 from cableway.core.provenance import describe, versions
 from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import InitialTrajectories, InitialTrajectory, Progress
-from cableway.planning.local_replanning import repaired
-from cableway.planning.projection import RealizedSequence, realize
+from cableway.planning.local_replanning import replanned
+from cableway.planning.projection import ProjectedTrajectory, project
 from cableway.planning.routes.infeasibility import find_blockage
 from cableway.records import Attempt, Outcome, Plan, Verdict
 from cableway.scene.task import Task
@@ -100,25 +100,25 @@ class Search:
     def _project(self, initial: InitialTrajectory) -> Plan | Attempt:
         task, config = self.task, self.config
         self.report("projection", 0.0)
-        realised = realize(initial.shapes, task, config.projection, lambda share: self.report("projection", share))
+        projected = project(initial.shapes, task, config.projection, lambda share: self.report("projection", share))
         self.report("projection", 1.0)
-        found = self._judge(realised, initial)
-        if isinstance(found, Plan) or config.projection.kind != "repair":
+        found = self._judge(projected, initial)
+        if isinstance(found, Plan) or config.projection.kind != "replan":
             return found
         self._fail(found)  # now, because the time may run out within the local replanning
         try:
-            realised = repaired(
-                realised, task, config.projection, config.rrt_connect,
+            projected = replanned(
+                projected, task, config.projection, config.rrt_connect,
                 seed=self.seed, progress=lambda share: self.report("local replanning", share),
             )  # fmt: skip
         except PlanningError:
             return found
         self.report("local replanning", 1.0)
-        again = self._judge(realised, initial)
+        again = self._judge(projected, initial)
         return again if isinstance(again, Plan) or _faults(again) < _faults(found) else found
 
-    def _judge(self, realised: RealizedSequence, initial: InitialTrajectory) -> Plan | Attempt:
-        plan = Plan(realised.shapes, realised.poses, realised.q, initial.stages_at(realised.places))
+    def _judge(self, projected: ProjectedTrajectory, initial: InitialTrajectory) -> Plan | Attempt:
+        plan = Plan(projected.shapes, projected.poses, projected.q, initial.stages_at(projected.places))
         self.report("verification", 0.0)
         verdict = verify_plan(plan, self.task, self.config.limits)
         self.report("verification", 1.0)

@@ -9,8 +9,8 @@ from typing import Literal, get_args
 from cableway.core.checks import require_choice, require_range
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import InputError, UnknownNameError
-from cableway.planning.projection import RealizationConfig
-from cableway.planning.rrt_connect import ExploreConfig
+from cableway.planning.projection import ProjectionConfig
+from cableway.planning.rrt_connect import RRTConnectConfig
 from cableway.verification import VerificationLimits
 
 PivotMethod = Literal["grid", "rrt_star"]
@@ -72,9 +72,9 @@ class PlannerConfig:
     """
 
     pivot: PivotConfig = field(default_factory=PivotConfig)
-    rrt_connect: ExploreConfig = field(default_factory=ExploreConfig)
+    rrt_connect: RRTConnectConfig = field(default_factory=RRTConnectConfig)
     initial_trajectories: tuple[InitialName, ...] = ("corridor", "tube", "slide-head", "slide-tail", "anywhere")
-    projection: RealizationConfig = field(default_factory=RealizationConfig)
+    projection: ProjectionConfig = field(default_factory=ProjectionConfig)
     limits: VerificationLimits = field(default_factory=VerificationLimits)
 
     def __post_init__(self) -> None:
@@ -112,13 +112,13 @@ class PlannerConfig:
             case "paper" | "paper-refined":
                 return resolve_name(PAPER_PLANNER)(refined=name == "paper-refined")
             case "straight":
-                return PlannerConfig(initial_trajectories=("straight",), projection=RealizationConfig(kind="none"))
+                return PlannerConfig(initial_trajectories=("straight",), projection=ProjectionConfig(kind="none"))
             case "slide":
                 return PlannerConfig(
-                    initial_trajectories=("slide-head", "slide-tail"), projection=RealizationConfig(kind="fit")
+                    initial_trajectories=("slide-head", "slide-tail"), projection=ProjectionConfig(kind="fit")
                 )
             case "rrt-connect":
-                return PlannerConfig(initial_trajectories=("anywhere",), projection=RealizationConfig(kind="fit"))
+                return PlannerConfig(initial_trajectories=("anywhere",), projection=ProjectionConfig(kind="fit"))
             case _:
                 raise UnknownNameError("planner", name, PLANNERS)
 

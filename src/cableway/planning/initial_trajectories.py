@@ -151,7 +151,7 @@ class InitialTrajectories:
         def report(share: float) -> None:
             self.progress("initial trajectory", share)
 
-        rod, q = task.cable.rod, rrt_connect.explore(task, sampler, config, seed=self.seed, progress=report)
+        rod, q = task.cable.rod, rrt_connect.rrt_connect_path(task, sampler, config, seed=self.seed, progress=report)
         return np.ascontiguousarray(rod.at_keypoints(rod.shapes(q)[0]))
 
 

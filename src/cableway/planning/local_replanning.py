@@ -1,8 +1,8 @@
-"""Repair: where a refined sequence is still not free, a search finds a way round within that stretch.
+"""Local replanning: where an optimised trajectory is still not free, RRT-Connect finds a way round.
 
-A guide through narrow ways is often good but for a corner or two that the refinement, which goes downhill, can't get
-the cable round. From the last free shape before such a stretch to the first one after it, two trees of equilibria meet
-quickly, because the shapes of the stretch show them where to look.
+An initial trajectory through narrow ways is often good but for a corner or two that the optimisation, which goes
+downhill, can't get the cable round. From the last free shape before such a stretch to the first one after it, two trees
+of equilibria meet quickly, because the shapes of the stretch show them where to look.
 
 Note:
     Not in the paper (Tang et al.).
@@ -20,8 +20,8 @@ from cableway.core.errors import PlanningError
 from cableway.motion.interpolation import evenly_moved, rows_at
 from cableway.motion.validity import FreeSpace
 from cableway.planning import rrt_connect
-from cableway.planning.projection import RealizationConfig, RealizedSequence, stepped
-from cableway.planning.trajectory_optimization import refine
+from cableway.planning.projection import ProjectedTrajectory, ProjectionConfig, stepped
+from cableway.planning.trajectory_optimization import optimize_trajectory
 from cableway.scene.task import Task
 
 SAMPLES = 4000
@@ -31,21 +31,21 @@ ROOM = (1, 10, 60)
 """Rows by which a stretch is widened on both sides, one after the other, until the search succeeds."""
 
 
-def repaired(
-    realised: RealizedSequence,
+def replanned(
+    projected: ProjectedTrajectory,
     task: Task,
-    config: RealizationConfig,
-    search: rrt_connect.ExploreConfig,
+    config: ProjectionConfig,
+    search: rrt_connect.RRTConnectConfig,
     *,
     seed: int = 0,
     progress: Callable[[float], None] = lambda _: None,
-) -> RealizedSequence:
-    """A realised sequence with what is not free repaired, refined again and stepped.
+) -> ProjectedTrajectory:
+    """A projected trajectory, replanned where it is not free, then optimised and stepped again.
 
     Args:
-        realised: Equilibria made of an initial trajectory.
+        projected: Equilibria made of an initial trajectory.
         task: The task.
-        config: How it was realised.
+        config: How it was projected.
         search: What is free, and how trees grow.
         seed: Same seed, same sequence.
         progress: Called with the share that is done; it may raise to stop.
@@ -53,19 +53,19 @@ def repaired(
     Raises:
         PlanningError: A stretch was not got round, or there is none that is not free.
     """
-    assert realised.nodes is not None
-    assert realised.node_places is not None
-    q, places = repair(realised.nodes, task, search, seed=seed, progress=lambda share: progress(share / 2))
+    assert projected.nodes is not None
+    assert projected.node_places is not None
+    q, places = replan_locally(projected.nodes, task, search, seed=seed, progress=lambda share: progress(share / 2))
     at = evenly_moved(task.cable.rod, q, config.row_step)
-    rows = np.interp(np.interp(at, np.arange(len(q)), places), np.arange(len(realised.nodes)), realised.node_places)
-    q = refine(rows_at(q, at), task, config.refinement, lambda share: progress((1 + share) / 2))
+    rows = np.interp(np.interp(at, np.arange(len(q)), places), np.arange(len(projected.nodes)), projected.node_places)
+    q = optimize_trajectory(rows_at(q, at), task, config.optimization, lambda share: progress((1 + share) / 2))
     return stepped(q, rows, task, config)
 
 
-def repair(
+def replan_locally(
     q: Float[np.ndarray, "t 6"],
     task: Task,
-    config: rrt_connect.ExploreConfig,
+    config: rrt_connect.RRTConnectConfig,
     *,
     seed: int = 0,
     progress: Callable[[float], None] = lambda _: None,
@@ -89,7 +89,7 @@ def repair(
     q = rows_at(q, places)
     free = FreeSpace.of(task, config.margins).are_free(q)
     if free.all():
-        raise PlanningError("there is nothing to repair")
+        raise PlanningError("there is nothing to replan")
     if not (free[0] and free[-1]):
         raise PlanningError("start or goal is not free")
     taken, kept, at = [], [], 0
@@ -107,7 +107,7 @@ def _way_round(
     free: Bool[np.ndarray, "t"],
     at: int,
     task: Task,
-    config: rrt_connect.ExploreConfig,
+    config: rrt_connect.RRTConnectConfig,
     seed: int,
 ) -> tuple[int, int, Float[np.ndarray, "k 6"]]:
     """Round the first stretch after row `at`, a free one, that is not free: from which row to which, and how.
@@ -127,7 +127,7 @@ def _way_round(
             return (
                 begin,
                 end,
-                rrt_connect.explore(task, sampler, few, seed=(seed, first, room), ends=(q[begin], q[end])),
+                rrt_connect.rrt_connect_path(task, sampler, few, seed=(seed, first, room), ends=(q[begin], q[end])),
             )
         except PlanningError:
             continue

@@ -1,7 +1,7 @@
-"""Realisation: from a sequence of keypoint shapes to one that the cable really takes.
+"""Projection of a sequence of keypoint shapes to equilibria of the rod, and its time parametrisation.
 
-Each shape is replaced by the nearest equilibrium of the rod, the sequence is refined, and then stepped so that no
-row asks more of the grippers than one control step allows.
+Each shape is replaced by the nearest equilibrium, the trajectory is optimised, and then stepped so that no row
+asks more of the grippers than one control step allows.
 
 Note:
     Not in the paper (Tang et al.), whose planned shapes are tracked as they are.
@@ -17,17 +17,18 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import require_choice, require_range
+from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
 from cableway.motion.interpolation import evenly_moved, rows_at, subdivided
 from cableway.motion.time_parametrization import at_equal_effort, gripper_effort
-from cableway.planning.trajectory_optimization import RefinementConfig, refine
+from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig, optimize_trajectory
 from cableway.rod import inverse
 from cableway.rod.lag import lag
 from cableway.rod.planar import PlanarRod
 from cableway.scene.task import CONTROL_STEP, Task
 
-Kind = Literal["repair", "refine", "fit", "none"]
+Kind = Literal["replan", "optimize", "fit", "none"]
 
 EFFORT_PIECES = 8
 """Parts of a row between which effort is measured."""
@@ -37,15 +38,15 @@ MOST_LAG = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class RealizationConfig:
-    """How a sequence of shapes is made true.
+class ProjectionConfig:
+    """How a sequence of shapes becomes one that the cable takes.
 
     Attributes:
-        kind: "repair": nearest equilibria, refined, and where that does not verify, repaired and refined again;
-            "refine": refined; "fit": nearest equilibria; "none": the shapes as they are, the grippers along the
-            tangents at their ends, as in the paper.
-        refinement: Weights of the refinement.
-        row_step: Largest move of a keypoint between rows during refinement [m].
+        kind: "replan": nearest equilibria, optimised, and where that does not verify, replanned locally and
+            optimised again; "optimize": optimised; "fit": nearest equilibria; "none": the shapes as they are, the
+            grippers along the tangents at their ends, as in the paper.
+        optimization: Weights of the trajectory optimisation.
+        row_step: Largest move of a keypoint between rows during the optimisation [m].
         limit_share: Share of the gripper limits, and of `lag`, that a plan uses; the rest is left to the controller.
         keypoint_step: Largest move of any keypoint in a control step, in units of the grippers' largest step.
         lag: Largest distance [m] by which a cable of `damping_time` may trail behind its equilibria.
@@ -53,8 +54,8 @@ class RealizationConfig:
         fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
     """
 
-    kind: Kind = "repair"
-    refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    kind: Kind = "replan"
+    optimization: TrajectoryOptimizationConfig = field(default_factory=TrajectoryOptimizationConfig)
     row_step: float = 0.012
     limit_share: float = 0.7
     keypoint_step: float = 1.5
@@ -63,7 +64,7 @@ class RealizationConfig:
     fit_tolerance: float = 0.01
 
     def __post_init__(self) -> None:
-        require_choice("realisation", self.kind, Kind)
+        require_choice("projection", self.kind, Kind)
         require_range(self, 1e-4, 1, "row_step")
         require_range(self, 1e-3, 1, "limit_share")
         require_range(self, 1e-3, 1e3, "keypoint_step")
@@ -72,8 +73,11 @@ class RealizationConfig:
         require_range(self, 0, 1, "fit_tolerance")
 
 
+ProjectionConfig.__init__ = renamed_keywords(refinement="optimization")(ProjectionConfig.__init__)
+
+
 @dataclass(frozen=True)
-class RealizedSequence:
+class ProjectedTrajectory:
     """Shapes and the gripper poses that go with them, one row per control step.
 
     Attributes:
@@ -93,19 +97,19 @@ class RealizedSequence:
     node_places: Float[np.ndarray, "r"] | None = None
 
 
-def realize(
+def project(
     shapes: Float[np.ndarray, "r n 2"],
     task: Task,
-    config: RealizationConfig,
+    config: ProjectionConfig,
     progress: Callable[[float], None] = lambda _: None,
-) -> RealizedSequence:
-    """Make a sequence true: fit, refine, step.
+) -> ProjectedTrajectory:
+    """Project a sequence to equilibria: fit, optimise, step.
 
     Args:
         shapes: From start to goal [m], in general not equilibria.
         task: The task.
         config: Configuration.
-        progress: Called with the share of the refinement that is done; it may raise to stop.
+        progress: Called with the share of the optimisation that is done; it may raise to stop.
 
     Raises:
         PlanningError: Start or goal is too far from any shape of the cable.
@@ -114,7 +118,7 @@ def realize(
         return _as_it_is(shapes, task, config)
     q, places = fit_sequence(task.cable.rod, shapes, *end_equilibria(task, config), config.row_step)
     if config.kind != "fit":
-        q = refine(q, task, config.refinement, progress)
+        q = optimize_trajectory(q, task, config.optimization, progress)
     return stepped(q, places, task, config)
 
 
@@ -122,24 +126,24 @@ def stepped(
     nodes: Float[np.ndarray, "r dof"],
     node_places: Float[np.ndarray, "r"],
     task: Task,
-    config: RealizationConfig,
-) -> RealizedSequence:
+    config: ProjectionConfig,
+) -> ProjectedTrajectory:
     """Equilibria with a time parametrisation; `node_places` are their places in the initial trajectory."""
     rod = task.cable.rod
     q, at = step_evenly(nodes, task, config)
     stations, poses = rod.shapes(q)
     places = np.interp(at, np.arange(len(node_places)), node_places)
     shapes = np.ascontiguousarray(rod.at_keypoints(stations))
-    return RealizedSequence(shapes, poses, places, q, nodes, node_places)
+    return ProjectedTrajectory(shapes, poses, places, q, nodes, node_places)
 
 
-def _as_it_is(shapes: Float[np.ndarray, "r n 2"], task: Task, config: RealizationConfig) -> RealizedSequence:
+def _as_it_is(shapes: Float[np.ndarray, "r n 2"], task: Task, config: ProjectionConfig) -> ProjectedTrajectory:
     """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
     at = subdivided(len(shapes), EFFORT_PIECES)
     fine = rows_at(shapes, at)
     at = at_equal_effort(at, _effort(fine, _tangent_poses(fine), task, config), config.limit_share)
     fine = rows_at(shapes, at)
-    return RealizedSequence(fine, _tangent_poses(fine), at)
+    return ProjectedTrajectory(fine, _tangent_poses(fine), at)
 
 
 def _tangent_poses(shapes: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 2 3"]:
@@ -150,7 +154,7 @@ def _tangent_poses(shapes: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 2
     return np.concatenate([shapes[:, [0, -1]], angles[..., None]], axis=2)
 
 
-def end_equilibria(task: Task, config: RealizationConfig) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
+def end_equilibria(task: Task, config: ProjectionConfig) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
     """The equilibria nearest to start and goal.
 
     Raises:
@@ -186,7 +190,7 @@ def fit_sequence(
 
 
 def step_evenly(
-    q: Float[np.ndarray, "T+1 dof"], task: Task, config: RealizationConfig
+    q: Float[np.ndarray, "T+1 dof"], task: Task, config: ProjectionConfig
 ) -> tuple[Float[np.ndarray, "K+1 dof"], Float[np.ndarray, "K+1"]]:
     """The same polyline in q with rows at equal effort, none above `limit_share` of the limits.
 
@@ -204,10 +208,15 @@ def step_evenly(
 
 
 def _effort(
-    shapes: Float[np.ndarray, "f n 2"], poses: Float[np.ndarray, "f 2 3"], task: Task, config: RealizationConfig
+    shapes: Float[np.ndarray, "f n 2"], poses: Float[np.ndarray, "f 2 3"], task: Task, config: ProjectionConfig
 ) -> Float[np.ndarray, "f-1"]:
     """Largest of gripper move, gripper turn and keypoint move between shapes, each over its limit."""
     limits = task.grippers
     shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
     moved = gripper_effort(poses, limits.max_step, limits.max_turn)
     return np.maximum(moved, shift / (config.keypoint_step * limits.max_step))
+
+
+__getattr__ = renamed(
+    __name__, {"RealizationConfig": "ProjectionConfig", "RealizedSequence": "ProjectedTrajectory", "realize": "project"}
+)

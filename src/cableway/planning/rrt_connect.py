@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import require_range
+from cableway.core.deprecation import renamed
 from cableway.core.errors import PlanningError
 from cableway.motion.limits import Margins
 from cableway.motion.validity import FreeSpace, task_ends
@@ -36,7 +37,7 @@ TUBE_STEP = 0.012
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExploreConfig:
+class RRTConnectConfig:
     """How trees of equilibria grow.
 
     Attributes:
@@ -64,7 +65,7 @@ class ExploreConfig:
         require_range(self, 0, 10**6, "shortcuts")
 
 
-def anywhere(task: Task, config: ExploreConfig) -> Sampler:
+def anywhere(task: Task, config: RRTConnectConfig) -> Sampler:
     """Samples all over the workspace, at any angle."""
     loads = _loads(task, config)
 
@@ -75,7 +76,7 @@ def anywhere(task: Task, config: ExploreConfig) -> Sampler:
     return draw
 
 
-def about_path(task: Task, path: Float[np.ndarray, "P 2"], config: ExploreConfig) -> Sampler:
+def about_path(task: Task, path: Float[np.ndarray, "P 2"], config: RRTConnectConfig) -> Sampler:
     """Samples whose centre lies about a path, at any angle."""
     loads = _loads(task, config)
 
@@ -86,7 +87,7 @@ def about_path(task: Task, path: Float[np.ndarray, "P 2"], config: ExploreConfig
     return draw
 
 
-def about_shapes(q: Float[np.ndarray, "t 6"], config: ExploreConfig) -> Sampler:
+def about_shapes(q: Float[np.ndarray, "t 6"], config: RRTConnectConfig) -> Sampler:
     """Samples about the rows of another sequence, at distances from nothing to twice `config.tube`."""
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -96,10 +97,10 @@ def about_shapes(q: Float[np.ndarray, "t 6"], config: ExploreConfig) -> Sampler:
     return draw
 
 
-def explore(
+def rrt_connect_path(
     task: Task,
     sampler: Sampler,
-    config: ExploreConfig,
+    config: RRTConnectConfig,
     *,
     seed: int | tuple[int, ...] = 0,
     progress: Callable[[float], None] | None = None,
@@ -147,7 +148,7 @@ def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:
     return task.start_equilibrium[2] + rng.uniform(-np.pi, np.pi, count)
 
 
-def _loads(task: Task, config: ExploreConfig) -> Sampler:
+def _loads(task: Task, config: RRTConnectConfig) -> Sampler:
     """Loads about those of start and goal, spread at least by `load_spread`."""
     ends = np.array([task.start_equilibrium[3:], task.goal_equilibrium[3:]])
     spread = np.maximum(config.load_spread, np.abs(ends).max(0))
@@ -176,3 +177,6 @@ def _dense(path: np.ndarray, task: Task, step: float) -> np.ndarray:
     counts = np.maximum(1, np.ceil(np.maximum(moves, np.abs(np.diff(path[:, 2])) * rod.length / 2) / step)).astype(int)
     at = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(counts))])
     return np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
+
+
+__getattr__ = renamed(__name__, {"ExploreConfig": "RRTConnectConfig", "explore": "rrt_connect_path"})

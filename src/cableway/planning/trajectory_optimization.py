@@ -1,11 +1,11 @@
-"""Refinement: move a sequence of rod equilibria until it is smooth, clear of obstacles and stable.
+"""Trajectory optimisation: move a sequence of rod equilibria until it is smooth, clear of obstacles and stable.
 
 Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
 
     1/2 sum_t |x_{t+1} - x_t|^2 / v^2 + 1/2 sum_t |x_{t-1} - 2 x_t + x_{t+1}|^2 / u^2      keypoints x, smoothness
     + 1/2 w sum_t sum_i max(0, margin - clearance_{t,i})^2 / e^2                           stations, gripper discs, plug
     + 1/2 sum_t max(0, mu_0 - mu_t)^2 / d^2                                                stability
-    + 1/2 sum_t max(0, chord_t/L - chord_0)^2 / g^2                                        slack, gripper separation
+    + 1/2 sum_t max(0, span_t/L - span_0)^2 / g^2                                          slack, gripper separation
     + 1/2 sum_t sum_j max(0, |sin turn_{t,j}| - turn_0)^2 / b^2                            sharpest bend
     + small pulls on the loads and on their differences,
 
@@ -26,14 +26,15 @@ from jaxtyping import Float
 from scipy.linalg import LinAlgError, solveh_banded
 
 from cableway.core.compiled import kernel
+from cableway.core.deprecation import renamed
 from cableway.motion import terms
 from cableway.motion.limits import sharpest_turn_of
 from cableway.scene.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)
-class RefinementConfig:
-    """Weights and margins of the refinement; a scale is the size of a residual that counts as 1.
+class TrajectoryOptimizationConfig:
+    """Weights and margins of the trajectory optimisation; a scale is the size of a residual that counts as 1.
 
     Attributes:
         margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
@@ -85,10 +86,10 @@ class _Normal:
     ]
 
 
-def refine(
+def optimize_trajectory(
     q: Float[np.ndarray, "t 6"],
     task: Task,
-    config: RefinementConfig,
+    config: TrajectoryOptimizationConfig,
     progress: Callable[[float], None] = lambda _: None,
 ) -> Float[np.ndarray, "t 6"]:
     """The sequence moved to a local minimum of the cost above; its first and last row stay.
@@ -110,7 +111,7 @@ def refine(
 
 
 class _Problem:
-    def __init__(self, task: Task, config: RefinementConfig, weight: float, rows: int) -> None:
+    def __init__(self, task: Task, config: TrajectoryOptimizationConfig, weight: float, rows: int) -> None:
         self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
         first, second = np.diff(np.eye(rows), axis=0), np.diff(np.eye(rows), n=2, axis=0)
         smooth = first.T @ first / config.step_scale**2 + second.T @ second / config.change_scale**2
@@ -261,3 +262,6 @@ def _fill_bands(diagonal, above, further, banded):
                 banded[11 + i - j, 6 * (t + 1) + j] = above[t, i, j]
             for t in range(len(further)):
                 banded[5 + i - j, 6 * (t + 2) + j] = further[t, i, j]
+
+
+__getattr__ = renamed(__name__, {"RefinementConfig": "TrajectoryOptimizationConfig", "refine": "optimize_trajectory"})

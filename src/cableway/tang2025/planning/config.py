@@ -8,7 +8,7 @@ from typing import Literal
 from cableway.core.checks import require_choice, require_not_negative, require_range
 from cableway.core.errors import InputError
 from cableway.planning.config import InitialName, PivotConfig, PlannerConfig
-from cableway.planning.projection import RealizationConfig
+from cableway.planning.projection import ProjectionConfig
 
 PathSetKind = Literal["homotopic", "transfer"]
 Interpolation = Literal["spline", "sigmoid"]
@@ -114,5 +114,5 @@ def paper_planner(*, refined: bool = False) -> PaperPlannerConfig:
             interpolation="sigmoid",
         ),
         initial_trajectories=("uniform",),
-        projection=RealizationConfig(kind="refine" if refined else "none"),
+        projection=ProjectionConfig(kind="optimize" if refined else "none"),
     )

@@ -40,7 +40,7 @@ BENDING = 10.0
 """Weight of bending against length while paths are smoothed, per vertex: rounds corners over a few vertices."""
 
 PULL = 500.0
-"""Weight [1/m^2] of the squared distance to the guide against length: a bend of 5 cm radius is cut by 2 cm."""
+"""Weight [1/m^2] of the squared distance to the reference against length: a bend of 5 cm radius is cut by 2 cm."""
 
 CLEAR = 0.01
 """Weight [m] of 1/clearance against length: at 1 cm from an obstacle a detour of twice the length pays."""
@@ -101,14 +101,17 @@ def _homotopic_paths(
     places = _places(task, pivot, traversed, config)
     paths = []
     for i, pieces in enumerate(_initial_paths(task, pivot, places)):
-        paths.append(_tighten(pieces, _guide(task, pivot, places, i), task, config))
+        paths.append(_tighten(pieces, _reference(task, pivot, places, i), task, config))
     return np.array(paths)
 
 
 def _tighten(
-    pieces: list[Float[np.ndarray, "_ 2"]], guides: list[Float[np.ndarray, "_ 2"]], task: Task, config: PathSetConfig
+    pieces: list[Float[np.ndarray, "_ 2"]],
+    references: list[Float[np.ndarray, "_ 2"]],
+    task: Task,
+    config: PathSetConfig,
 ) -> Float[np.ndarray, "M 2"]:
-    """Shorten the pieces of a path one by one, draw the whole towards the guide, and smooth it."""
+    """Shorten the pieces of a path one by one, draw the whole towards the reference, and smooth it."""
     world, points = task.scene.world.arrays, band.reference_points(task.scene.world)
     keep = task.cable.radius + config.margin
     for piece in pieces:
@@ -116,7 +119,7 @@ def _tighten(
     joined = np.vstack(pieces)
     lengths = [float(polyline.length(piece)) for piece in pieces]
     path = _even(joined, int(np.clip(sum(lengths) / SPACING, 12, config.waypoints)))
-    before, target = path.copy(), _beside(path, lengths, guides)
+    before, target = path.copy(), _beside(path, lengths, references)
     pull = PULL * sum(lengths) / len(path)
     for scale in SCALES:
         band.relax(path, world, keep, target, pull, 1.0, CLEAR, scale * SPACING, 3)
@@ -129,31 +132,31 @@ def _tighten(
     return _even(path, config.waypoints)
 
 
-def _beside(path: np.ndarray, lengths: list[float], guides: list[np.ndarray]) -> np.ndarray:
-    """For each vertex the point of the guide at the same fraction of the same piece."""
+def _beside(path: np.ndarray, lengths: list[float], references: list[np.ndarray]) -> np.ndarray:
+    """For each vertex the point of the reference at the same fraction of the same piece."""
     cuts = np.concatenate([[0.0], np.cumsum(lengths)])
     arcs = np.linspace(0.0, cuts[-1], len(path))
     target = np.empty_like(path)
-    for k, guide in enumerate(guides):
+    for k, reference in enumerate(references):
         chosen = (arcs >= cuts[k]) & (arcs <= cuts[k + 1])
         share = (arcs[chosen] - cuts[k]) / max(lengths[k], 1e-12)
-        target[chosen] = polyline.point_at(guide, share * float(polyline.length(guide)))
+        target[chosen] = polyline.point_at(reference, share * float(polyline.length(reference)))
     return target
 
 
-def _guide(
+def _reference(
     task: Task, pivot: np.ndarray, places: list[tuple[float, Float[np.ndarray, "n 2"]]], i: int
 ) -> list[Float[np.ndarray, "_ 2"]]:
     """The pivot path moved by an offset that is linear between keypoint i's start, places and goal; in pieces."""
     arcs = np.array([0.0, *(arc for arc, _ in places), float(polyline.length(pivot))])
     marks = np.array([task.start[i], *(place[i] for _, place in places), task.goal[i]])
     offsets = marks - polyline.point_at(pivot, arcs)
-    guides = []
+    references = []
     for k in range(len(arcs) - 1):
         share = np.linspace(0.0, 1.0, 50)[:, None]
         along = polyline.point_at(pivot, arcs[k] + share[:, 0] * (arcs[k + 1] - arcs[k]))
-        guides.append(along + (1 - share) * offsets[k] + share * offsets[k + 1])
-    return guides
+        references.append(along + (1 - share) * offsets[k] + share * offsets[k + 1])
+    return references
 
 
 def _initial_paths(
