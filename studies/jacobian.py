@@ -14,8 +14,9 @@ import numpy as np
 from cableway.benchmark.suites import make_task
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
 from cableway.core.errors import CablewayError
+from cableway.outcome import SUCCESS_ERROR
 from cableway.planning.planner import plan
-from cableway.records import SUCCESS_ERROR, Plan
+from cableway.records import Plan
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.variants import named_perturbation

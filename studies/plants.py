@@ -17,8 +17,9 @@ import numpy as np
 
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import SimulationError
+from cableway.outcome import SUCCESS_ERROR, Outcome
 from cableway.planning.planner import plan
-from cableway.records import SUCCESS_ERROR, Outcome, Plan
+from cableway.records import Plan
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import cable_from_preset, load_task
 from cableway.scene.files.presets import preset_names

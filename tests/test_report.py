@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from recorded import moved_aside, moved_plan, perfect_rollout
 
-from cableway.records import Attempt, Check, Outcome, Plan, Rollout, Verdict
+from cableway.outcome import Outcome
+from cableway.records import Attempt, Check, Plan, Rollout, Verdict
 from cableway.report import Report, shape_error_floor, summarize
 from cableway.rod.adapted import nearest_shape
 from cableway.rod.inverse import fit_keypoints

@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from cableway.control.open_loop import OpenLoop
     from cableway.control.rod_mpc import RodMPC, RodMPCConfig
     from cableway.datasets.reading import load_transitions, shuffled_batches
+    from cableway.outcome import Outcome
     from cableway.planning.config import PlannerConfig
     from cableway.planning.insertion import plan_push
     from cableway.planning.planner import plan
     from cableway.planning.routes.passages import find_passages
-    from cableway.records import Outcome, Plan, Rollout, Transitions
+    from cableway.records import Plan, Rollout, Transitions
     from cableway.report import summarize
     from cableway.scene.cable import Cable
     from cableway.scene.files.loading import load_task
@@ -53,7 +54,7 @@ _HOME = {
     "MPCConfig": "tang2025.control.mpc_config",
     "NeuralMPC": "tang2025.control.neural_mpc",
     "OpenLoop": "control.open_loop",
-    "Outcome": "records",
+    "Outcome": "outcome",
     "Perturbation": "simulation.perturbations.perturbation",
     "Plan": "records",
     "Recovery": "tracking",

@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from cableway.core.provenance import describe, versions
 from cableway.metrics import METRICS
-from cableway.records import SUCCESS_ERROR, Attempt, Estimate, Outcome, Plan, Rollout, Verdict
+from cableway.outcome import SUCCESS_ERROR, Outcome
+from cableway.records import Attempt, Estimate, Plan, Rollout, Verdict
 from cableway.rod.adapted import nearest_shape
 from cableway.scene.cable import Cable
 from cableway.scene.task import Task

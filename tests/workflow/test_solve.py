@@ -16,7 +16,8 @@ from cableway.benchmark.suites import Episode, task_digest
 from cableway.cli import main
 from cableway.control.open_loop import OpenLoop
 from cableway.core.errors import Cancelled, InputError, PlanningError
-from cableway.records import Outcome, Plan, Rollout
+from cableway.outcome import Outcome
+from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.workflow.events import CANCEL, Event, Finished, Planned, Progress

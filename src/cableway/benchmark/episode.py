@@ -13,9 +13,10 @@ import numpy as np
 from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
 from cableway.benchmark.suites import Episode
 from cableway.control.base import Controller
+from cableway.outcome import Outcome
 from cableway.planning.compilation import EXAMPLE
 from cableway.planning.planner import plan as find_plan
-from cableway.records import Attempt, Outcome, Plan
+from cableway.records import Attempt, Plan
 from cableway.report import Report
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task

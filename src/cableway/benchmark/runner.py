@@ -13,7 +13,7 @@ from cableway.benchmark.episode import Job, Result, Scored, died, run_job, warm_
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.executors import Pending, open_executor
 from cableway.core.files import write_atomically, write_json
-from cableway.records import Outcome
+from cableway.outcome import Outcome
 
 EPISODES, FAILURES = "episodes", "failures"
 """Folders of results and of pictures of what failed."""

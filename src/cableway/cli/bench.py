@@ -127,7 +127,7 @@ def _write_pictures(results: Results, folder: Path) -> list[str]:
     from cableway.figures.benchmark import error_figure, success_figure
     from cableway.figures.style import save_figure
     from cableway.metrics import METRICS
-    from cableway.records import SUCCESS_ERROR
+    from cableway.outcome import SUCCESS_ERROR
 
     shares = {
         suite: {

@@ -72,7 +72,7 @@ class PlanningError(CablewayError):
 
     Attributes:
         attempt: The closest attempt as an unverified `cableway.records.Attempt`, or None.
-        outcome: Value of a `cableway.records.Outcome`: "no plan", "infeasible" where none exists, "timed out".
+        outcome: Value of a `cableway.outcome.Outcome`: "no plan", "infeasible" where none exists, "timed out".
     """
 
     def __init__(self, message: str, attempt: Any = None, outcome: str = "no plan") -> None:

@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from cableway.figures import scene, style
-from cableway.records import PORT_ANGLE, PORT_LATERAL, Rollout
+from cableway.outcome import PORT_ANGLE, PORT_LATERAL
+from cableway.records import Rollout
 from cableway.scene.task import Task
 
 SIDE = 4.6

@@ -15,7 +15,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from cableway.figures import scene, style
 from cableway.figures.estimates import draw_estimates
 from cableway.figures.plan import ABOVE, BAR, BELOW, LEFT, add_time_bar, draw_clearance, spread_rows
-from cableway.records import SUCCESS_ERROR, Rollout
+from cableway.outcome import SUCCESS_ERROR
+from cableway.records import Rollout
 from cableway.scene.task import Task
 
 SHAPES_SHOWN = 12

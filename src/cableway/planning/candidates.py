@@ -10,12 +10,13 @@ from jaxtyping import Float
 
 from cableway.core.errors import PlanningError
 from cableway.core.provenance import describe, versions
+from cableway.outcome import Outcome
 from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import InitialTrajectories, InitialTrajectory, Progress
 from cableway.planning.local_replanning import replanned
 from cableway.planning.projection import ProjectedTrajectory, project
 from cableway.planning.routes.infeasibility import find_blockage
-from cableway.records import Attempt, Outcome, Plan, Verdict
+from cableway.records import Attempt, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 

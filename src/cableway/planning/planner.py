@@ -11,13 +11,14 @@ from typing import overload
 from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningInterrupted
+from cableway.outcome import Outcome
 from cableway.planning.alternatives import find_alternatives
 from cableway.planning.candidates import OutOfTime, Search
 from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import PIVOTED, Progress
 from cableway.planning.projection import end_equilibria
 from cableway.planning.routes.homotopy import requested_route, unmet_request
-from cableway.records import Outcome, Passage, Plan
+from cableway.records import Passage, Plan
 from cableway.scene.task import Task
 
 

@@ -11,7 +11,8 @@ from threadpoolctl import threadpool_limits
 from cableway.control.base import Controller
 from cableway.core.errors import Cancelled, InputError
 from cableway.core.provenance import describe
-from cableway.records import Outcome, Plan, Rollout
+from cableway.outcome import Outcome
+from cableway.records import Plan, Rollout
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
 from cableway.tracking.recovery import Recovery, Watch

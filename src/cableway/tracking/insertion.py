@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.insertion import PlugPush
-from cableway.records import INSERTION, SUCCESS_ERROR, Measurement, Observation, Plan, Rollout
+from cableway.outcome import SUCCESS_ERROR
+from cableway.records import INSERTION, Measurement, Observation, Plan, Rollout
 from cableway.scene.task import Task
 from cableway.tracking.closed_loop import Progress, track
 from cableway.tracking.plant import Plant

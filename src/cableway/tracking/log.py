@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from cableway.core.errors import SimulationError
-from cableway.records import Estimate, Measurement, Observation, Outcome, Rollout
+from cableway.outcome import Outcome
+from cableway.records import Estimate, Measurement, Observation, Rollout
 from cableway.tracking.stopping import Ending
 
 

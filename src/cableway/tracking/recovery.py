@@ -12,7 +12,8 @@ from jaxtyping import Float
 from cableway.core.checks import number_fields, require_not_negative
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
 from cableway.motion.clearance import clearances
-from cableway.records import Observation, Outcome, Plan
+from cableway.outcome import Outcome
+from cableway.records import Observation, Plan
 from cableway.scene.task import Task
 from cableway.tracking.loop import BLOCKED, LOST, Loop
 from cableway.tracking.stopping import Ending

@@ -10,7 +10,8 @@ import numpy as np
 
 from cableway.control.base import ControllerState
 from cableway.core.checks import number_fields, require_not_negative
-from cableway.records import Observation, Outcome, Plan
+from cableway.outcome import Outcome
+from cableway.records import Observation, Plan
 
 
 class Ending(NamedTuple):

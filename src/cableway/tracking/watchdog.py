@@ -30,7 +30,8 @@ from cableway.estimation.gating import FAR, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
 from cableway.motion.validity import gripper_spans
-from cableway.records import Observation, Outcome
+from cableway.outcome import Outcome
+from cableway.records import Observation
 from cableway.scene.task import Task
 from cableway.tracking.stopping import Ending
 

@@ -10,7 +10,8 @@ import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
-from cableway.records import PORT_ANGLE, PORT_DEPTH, PORT_LATERAL, Check
+from cableway.outcome import PORT_ANGLE, PORT_DEPTH, PORT_LATERAL
+from cableway.records import Check
 from cableway.scene.task import Task
 from cableway.verification.geometry import alignment, plug_outline
 from cableway.verification.swept import closest_approach
@@ -27,7 +28,7 @@ class Inserted:
     """How a plug went into its port.
 
     Attributes:
-        inserted: Whether it is in: aligned (`records.PORT_LATERAL`, `PORT_ANGLE`) from the mouth on, and deep enough.
+        inserted: Whether it is in: aligned (`outcome.PORT_LATERAL`, `PORT_ANGLE`) from the mouth on, and deep enough.
         depth: How far [m] it is in at the end; negative before the mouth.
         lateral_at_mouth: Distance [m] of the tip from the port's axis when it reaches the mouth; None if it never did.
         angle_at_mouth: Turn [rad] from that axis then.

@@ -6,7 +6,8 @@ import numpy as np
 import shapely
 
 from cableway.core.errors import InputError
-from cableway.records import SUCCESS_ERROR, Check, Rollout, Verdict
+from cableway.outcome import SUCCESS_ERROR
+from cableway.records import Check, Rollout, Verdict
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.geometry import pose_distance
 from cableway.verification.plan import at_most, cable_clearance, gripper_clearance

@@ -10,9 +10,10 @@ from typing import Any
 from cableway.core.compiled import is_compiled
 from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted
 from cableway.core.provenance import describe
+from cableway.outcome import Outcome
 from cableway.planning.compilation import compile_kernels
 from cableway.planning.insertion import plan_push
-from cableway.records import Outcome, Plan
+from cableway.records import Plan
 from cableway.report import summarize
 from cableway.scene.task import Task
 from cableway.workflow.events import Listener, Note, Planned, Progress

@@ -9,7 +9,8 @@ from cableway.control.base import Controller
 from cableway.core.compiled import mark_compiled
 from cableway.core.errors import ControlError, SimulationError
 from cableway.core.provenance import versions
-from cableway.records import Outcome, Plan, Rollout
+from cableway.outcome import Outcome
+from cableway.records import Plan, Rollout
 from cableway.report import summarize
 from cableway.scene.task import Task
 from cableway.tracking import Recovery, Watchdog, may_push, push_in, track
