@@ -12,7 +12,12 @@ from cableway.core.errors import PlanningError
 from cableway.core.provenance import describe, versions
 from cableway.outcome import Outcome
 from cableway.planning.config import InitialName, PlannerConfig
-from cableway.planning.initial_trajectories import InitialTrajectories, InitialTrajectory, Progress
+from cableway.planning.initial_trajectories import (
+    RESTARTS,
+    InitialTrajectories,
+    InitialTrajectory,
+    Progress,
+)
 from cableway.planning.local_replanning import replanned
 from cableway.planning.projection import ProjectedTrajectory, project
 from cableway.planning.routes.infeasibility import find_blockage
@@ -73,8 +78,15 @@ class Search:
 
     def follow(self, trajectories: InitialTrajectories, name: InitialName, accept: Accept | None = None) -> Plan | None:
         """The verified plan that an initial trajectory leads to; None where it leads to none that is accepted."""
+        restarts = range(len(RESTARTS) if name == "restarts" else 1)
+        found = (self._follow(trajectories, name, accept, restart) for restart in restarts)
+        return next((plan for plan in found if plan is not None), None)
+
+    def _follow(
+        self, trajectories: InitialTrajectories, name: InitialName, accept: Accept | None, restart: int
+    ) -> Plan | None:
         try:
-            initial = trajectories.make(name)
+            initial = trajectories.make(name, restart)
         except PlanningError as error:
             return self._fail(Attempt(str(error)))
         found = self._project(initial)

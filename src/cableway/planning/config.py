@@ -15,8 +15,9 @@ from cableway.verification import VerificationLimits
 
 PivotMethod = Literal["grid", "rrt_star"]
 InitialName = Literal[
-    "corridor", "tube", "slide-head", "slide-tail", "head", "tail", "uniform", "anywhere", "straight", "previous"
-]
+    "corridor", "tube", "slide-head", "slide-tail", "anywhere", "restarts",
+    "head", "tail", "uniform", "straight", "previous",
+]  # fmt: skip
 
 PLANNERS = ("default", "paper", "paper-refined", "straight", "slide", "rrt-connect")
 """Names of planners, see `PlannerConfig.named`."""
@@ -64,16 +65,19 @@ class PlannerConfig:
         initial_trajectories: What is projected to equilibria, in this order, until a plan verifies: a search among
             equilibria about the pivot path ("corridor"), about the shapes of "slide-head" ("tube") or all over
             ("anywhere"); the cable sliding along one curve, its right ("slide-head") or left end leading
-            ("slide-tail"); each keypoint going straight to its goal ("straight"). Three more are the paper's, and need
-            the extra `tang2025`: the deformation optimised along the path set from a first guess in which the right
-            end ("head"), the left end ("tail") or neither leads ("uniform").
+            ("slide-tail"); "tube" and "corridor" begun anew with more and more samples ("restarts"); each keypoint
+            going straight to its goal ("straight"). Three more are the paper's, and need the extra `tang2025`: the
+            deformation optimised along the path set from a first guess in which the right end ("head"), the left end
+            ("tail") or neither leads ("uniform").
         projection: How an initial trajectory becomes a sequence of equilibria.
         limits: What a plan must keep.
     """
 
     pivot: PivotConfig = field(default_factory=PivotConfig)
     rrt_connect: RRTConnectConfig = field(default_factory=RRTConnectConfig)
-    initial_trajectories: tuple[InitialName, ...] = ("corridor", "tube", "slide-head", "slide-tail", "anywhere")
+    initial_trajectories: tuple[InitialName, ...] = (
+        "corridor", "tube", "slide-head", "slide-tail", "anywhere", "restarts",
+    )  # fmt: skip
     projection: ProjectionConfig = field(default_factory=ProjectionConfig)
     limits: VerificationLimits = field(default_factory=VerificationLimits)
 
