@@ -13,18 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cableway.control.insertion import PlugPush, PlugPushConfig
+from cableway.control.insertion import InsertionConfig, InsertionController
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import SimulationError
 from cableway.estimation.rod_filter import EstimatorConfig
-from cableway.planning.insertion import plan_push
+from cableway.planning.insertion import plan_insertion
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Plan
 from cableway.report import Report, summarize
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation
-from cableway.tracking import may_push, push_in, track
+from cableway.tracking import insert_plug, may_insert, track
 
 KINDS = ("nominal", "hdmi", "hard", "very-hard", "grasp", "slip", "stiff-middle", "all-faults")
 
@@ -37,7 +37,7 @@ class Study:
     plan: Plan
     push: Plan
     controller: RodMPC
-    pusher: PlugPush
+    pusher: InsertionController
 
     def run(self, kind: str, seed: int) -> Report | None:
         """The report of one plant; None where the plant cannot take the start."""
@@ -47,8 +47,8 @@ class Study:
         except SimulationError:
             return None
         rollout, insertion = track(plant, self.controller, self.plan, seed=seed), None
-        if may_push(rollout, self.task):
-            insertion = push_in(plant, self.push, controller=self.pusher, seed=seed)
+        if may_insert(rollout, self.task):
+            insertion = insert_plug(plant, self.push, controller=self.pusher, seed=seed)
         return summarize(self.task, self.plan, rollout, push=self.push, insertion=insertion, cable=perturbation.cable)
 
 
@@ -62,8 +62,10 @@ def main() -> None:
     parser.add_argument("--blindly", action="store_true")
     given = parser.parse_args()
     task = load_task(given.task)
-    blind = PlugPushConfig(estimator=EstimatorConfig.nominal())
-    study = Study(task, find_plan(task), plan_push(task), RodMPC(), PlugPush(blind if given.blindly else None))
+    blind = InsertionConfig(estimator=EstimatorConfig.nominal())
+    study = Study(
+        task, find_plan(task), plan_insertion(task), RodMPC(), InsertionController(blind if given.blindly else None)
+    )
     failures = []
     print(
         "| plant | success | off the axis [mm], median, worst | turned [degrees], median, worst | depth [mm], least |"

@@ -7,17 +7,17 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from cableway.core.deprecation import MODULES, keep_moved_modules
+from cableway.core.deprecation import MODULES, keep_moved_modules, renamed
 
 if TYPE_CHECKING:
-    from cableway.control.insertion import PlugPush, PlugPushConfig
+    from cableway.control.insertion import InsertionConfig, InsertionController
     from cableway.control.jacobian import JacobianConfig, JacobianFeedback
     from cableway.control.open_loop import OpenLoop
     from cableway.control.rod_mpc import RodMPC, RodMPCConfig
     from cableway.datasets.reading import load_transitions, shuffled_batches
     from cableway.outcome import Outcome
     from cableway.planning.config import PlannerConfig
-    from cableway.planning.insertion import plan_push
+    from cableway.planning.insertion import plan_insertion
     from cableway.planning.planner import plan
     from cableway.planning.routes.passages import find_passages
     from cableway.records import Plan, Rollout, Transitions
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from cableway.tang2025.control.neural_mpc import NeuralMPC
     from cableway.tang2025.models.checkpoint import load_model
     from cableway.tasks.generation import random_task, random_task_with_witness
-    from cableway.tracking import Recovery, Watchdog, push_in, track
-    from cableway.verification import verify_insertion, verify_plan, verify_push, verify_rollout
+    from cableway.tracking import Recovery, Watchdog, insert_plug, track
+    from cableway.verification import verify_insertion, verify_insertion_plan, verify_plan, verify_rollout
     from cableway.workflow.rehearsal import RehearsalConfig, rehearsed_plan
     from cableway.workflow.run import Run, SolveOptions
     from cableway.workflow.solve import solve
@@ -59,8 +59,8 @@ _HOME = {
     "Plan": "records",
     "Recovery": "tracking",
     "PlannerConfig": "planning.config",
-    "PlugPush": "control.insertion",
-    "PlugPushConfig": "control.insertion",
+    "InsertionController": "control.insertion",
+    "InsertionConfig": "control.insertion",
     "Polygon": "scene.obstacles",
     "RodMPC": "control.rod_mpc",
     "RodMPCConfig": "control.rod_mpc",
@@ -79,8 +79,8 @@ _HOME = {
     "load_task": "scene.files.loading",
     "load_transitions": "datasets.reading",
     "plan": "planning.planner",
-    "plan_push": "planning.insertion",
-    "push_in": "tracking",
+    "plan_insertion": "planning.insertion",
+    "insert_plug": "tracking",
     "random_task": "tasks.generation",
     "random_task_with_witness": "tasks.generation",
     "rehearsed_plan": "workflow.rehearsal",
@@ -90,7 +90,7 @@ _HOME = {
     "track": "tracking",
     "verify_insertion": "verification",
     "verify_plan": "verification",
-    "verify_push": "verification",
+    "verify_insertion_plan": "verification",
     "verify_rollout": "verification",
 }
 
@@ -100,12 +100,25 @@ __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 keep_moved_modules()
 
 
-def __getattr__(name: str) -> Any:
+def _attribute(name: str) -> Any:
     if name in MODULES:
         return sys.modules[f"cableway.{name}"]
     if name not in _HOME:
         raise AttributeError(f"module 'cableway' has no attribute {name!r}")
     return getattr(import_module(f"cableway.{_HOME[name]}"), name)
+
+
+__getattr__ = renamed(
+    __name__,
+    {
+        "PlugPush": "InsertionController",
+        "PlugPushConfig": "InsertionConfig",
+        "plan_push": "plan_insertion",
+        "push_in": "insert_plug",
+        "verify_push": "verify_insertion_plan",
+    },
+    _attribute,
+)
 
 
 def __dir__() -> list[str]:

@@ -22,8 +22,8 @@ from cableway.verification import (
     VerificationLimits,
     measure_insertion,
     verify_insertion,
+    verify_insertion_plan,
     verify_plan,
-    verify_push,
     verify_rollout,
 )
 
@@ -222,7 +222,7 @@ def summarize(
     plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
     length = None if cable is None else cable.length
     rollout_verdict = None if rollout is None else verify_rollout(rollout, actual, length=length)
-    push_verdict = None if push is None else verify_push(push, task, limits)
+    push_verdict = None if push is None else verify_insertion_plan(push, task, limits)
     insertion_verdict = None if insertion is None else verify_insertion(insertion, actual, length=length)
     parts = {"plan": plan, "rollout": rollout, "push": push, "insertion": insertion}
     recorded = {name: record.metadata for name, record in parts.items() if record is not None}

@@ -44,7 +44,7 @@ def test_the_report_says_how_the_plug_went_in(folder: Path):
     assert found["lateral_at_mouth"] < 0.002
     assert found["angle_at_mouth"] < 0.052
     assert report["push_verdict"]["passed"] is report["insertion_verdict"]["passed"] is True
-    assert report["configuration"]["insertion"]["controller"]["name"] == "PlugPush"
+    assert report["configuration"]["insertion"]["controller"]["name"] == "InsertionController"
     assert "insertion plan" in report["stage_times"]
 
 

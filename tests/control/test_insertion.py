@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from cableway.control.base import Status
-from cableway.control.insertion import PlugPush, PlugPushConfig
+from cableway.control.insertion import InsertionConfig, InsertionController
 from cableway.core.errors import InputError
 from cableway.estimation.rod_filter import EstimatorConfig
-from cableway.planning.insertion import plan_push
+from cableway.planning.insertion import plan_insertion
 from cableway.records import INSERTION, Plan, Rollout
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator
-from cableway.tracking import may_push, push_in
+from cableway.tracking import insert_plug, may_insert
 from cableway.verification import measure_insertion, verify_insertion
 
 ASKEW = GraspConfig(left=(0.001, 0.001, -0.03), right=(0.0, 0.002, 0.035))
@@ -34,12 +34,12 @@ def before() -> Task:
 
 @pytest.fixture(scope="module")
 def push(before: Task) -> Plan:
-    return plan_push(before)
+    return plan_insertion(before)
 
 
 def pushed(task: Task, push: Plan, grasp: GraspConfig, estimator: EstimatorConfig, **seen: float) -> Rollout:
     plant = SensedPlant(GraspedCable(CableSimulator(task), grasp), SensingConfig(**seen), seed=1)
-    return push_in(plant, push, controller=PlugPush(PlugPushConfig(estimator=estimator)), seed=1)
+    return insert_plug(plant, push, controller=InsertionController(InsertionConfig(estimator=estimator)), seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -74,12 +74,12 @@ def test_in_the_port_it_goes_straight(before: Task, askew: Rollout):
 
 def test_the_record_says_what_it_is_of(askew: Rollout):
     assert askew.metadata["part"] == INSERTION
-    assert askew.metadata["controller"]["name"] == "PlugPush"
+    assert askew.metadata["controller"]["name"] == "InsertionController"
 
 
 def test_limits_are_kept(before: Task, push: Plan):
     """Also where the plug would have to turn by half a radian at once."""
-    controller = PlugPush(PlugPushConfig(gain=1.0))
+    controller = InsertionController(InsertionConfig(gain=1.0))
     state = controller.init(before, push)
     away = push.poses[0] + [[0.0, 0.0, 0.0], [0.03, -0.02, 0.5]]
     observation = replace(CableSimulator(before).reset(), poses=away)
@@ -90,7 +90,7 @@ def test_limits_are_kept(before: Task, push: Plan):
 
 
 def test_without_gripper_poses_it_stops_and_waits(before: Task, push: Plan):
-    controller = PlugPush(PlugPushConfig(hold=0.0))
+    controller = InsertionController(InsertionConfig(hold=0.0))
     state = controller.init(before, push)
     action = np.ones((2, 3))
     for _ in range(6):
@@ -103,13 +103,13 @@ def test_without_gripper_poses_it_stops_and_waits(before: Task, push: Plan):
 @pytest.mark.parametrize("wrong", [{"gain": 1.5}, {"hold": -1.0}, {"longest": np.nan}])
 def test_settings_out_of_range_are_refused(wrong: dict[str, Any]):
     with pytest.raises(InputError, match=next(iter(wrong))):
-        PlugPushConfig(**wrong)
+        InsertionConfig(**wrong)
 
 
 def test_only_a_run_that_came_to_its_goal_goes_on(before: Task, askew: Rollout):
     there = replace(askew, keypoints=np.repeat(before.goal[None], len(askew.times), axis=0))
-    assert may_push(there, before)
+    assert may_insert(there, before)
     for outcome in ("plant failed: it broke", "the cable left its plan"):
         ended = {**there.metadata, "outcome": outcome}
-        assert not may_push(replace(there, metadata=ended), before)
-    assert not may_push(replace(there, keypoints=there.keypoints + 0.01), before)
+        assert not may_insert(replace(there, metadata=ended), before)
+    assert not may_insert(replace(there, keypoints=there.keypoints + 0.01), before)

@@ -73,6 +73,23 @@ def test_renamed_keywords_are_passed_on():
         plant(nominal=1, believed=2)  # pyright: ignore[reportCallIssue]
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("PlugPush", "InsertionController"),
+        ("PlugPushConfig", "InsertionConfig"),
+        ("plan_push", "plan_insertion"),
+        ("push_in", "insert_plug"),
+        ("verify_push", "verify_insertion_plan"),
+    ],
+)
+def test_insertion_keeps_its_public_names(old: str, new: str):
+    with pytest.warns(DeprecationWarning, match=rf"cableway\.{old} is now cableway\.{new}") as caught:
+        assert getattr(cableway, old) is getattr(cableway, new)
+    assert caught[0].filename == __file__
+    assert old not in cableway.__all__
+
+
 def test_planning_keeps_the_names_of_its_settings():
     from cableway.planning import projection, rrt_connect, trajectory_optimization
 

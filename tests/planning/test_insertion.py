@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from cableway.core.errors import InputError, PlanningError
-from cableway.planning.insertion import STEP, plan_push
+from cableway.planning.insertion import STEP, plan_insertion
 from cableway.scene.files.loading import load_task
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
-from cableway.verification import VerificationLimits, verify_push
+from cableway.verification import VerificationLimits, verify_insertion_plan
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def with_disc(task: Task, x: float, y: float, radius: float) -> Task:
 
 
 def test_the_plug_goes_straight_from_before_the_port_until_it_is_in(task: Task):
-    push = plan_push(task)
+    push = plan_insertion(task)
     assert task.plug is not None
     assert task.port is not None
     seen = task.port.alignment(task.plug, push.poses[:, 1])
@@ -35,11 +35,11 @@ def test_the_plug_goes_straight_from_before_the_port_until_it_is_in(task: Task):
     np.testing.assert_allclose(seen.angle[1:], 0.0, atol=1e-9)
     assert (np.diff(seen.depth[1:]) > 0).all()
     assert np.diff(seen.depth).max() <= STEP + 1e-9
-    assert verify_push(push, task).passed
+    assert verify_insertion_plan(push, task).passed
 
 
 def test_both_grippers_go_along_so_that_the_cable_keeps_its_shape(task: Task):
-    push = plan_push(task)
+    push = plan_insertion(task)
     assert push.metadata["left gripper"] == "goes along"
     moved = push.shapes - push.shapes[:, :1]
     np.testing.assert_allclose(moved[1:], np.broadcast_to(moved[1], moved[1:].shape), atol=1e-9)
@@ -47,17 +47,17 @@ def test_both_grippers_go_along_so_that_the_cable_keeps_its_shape(task: Task):
 
 def test_where_the_left_gripper_has_no_room_it_stands_still(task: Task):
     blocked = with_disc(task, 0.43, 0.545, 0.012)
-    push = plan_push(blocked)
+    push = plan_insertion(blocked)
     assert push.metadata["left gripper"] == "stands still"
     np.testing.assert_allclose(push.poses[:, 0], push.poses[:1, 0].repeat(len(push.poses), axis=0), atol=1e-9)
-    assert verify_push(push, blocked).passed
+    assert verify_insertion_plan(push, blocked).passed
 
 
 def test_a_push_that_cannot_be_says_why_and_shows_the_attempt(task: Task):
     blocked = with_disc(task, 0.57, 0.483, 0.005)
     said = r"^the plug cannot be pushed into the port: .* goes along: plug clearance .* stands still: plug clearance"
     with pytest.raises(PlanningError, match=said) as told:
-        plan_push(blocked)
+        plan_insertion(blocked)
     attempt = told.value.attempt
     assert attempt is not None
     assert attempt.verdict is not None
@@ -67,9 +67,9 @@ def test_a_push_that_cannot_be_says_why_and_shows_the_attempt(task: Task):
 
 def test_the_limits_are_those_given(task: Task):
     with pytest.raises(PlanningError, match="gripper clearance"):
-        plan_push(task, VerificationLimits(clearance=0.025))
+        plan_insertion(task, VerificationLimits(clearance=0.025))
 
 
 def test_a_task_without_a_port_has_no_push(task: Task):
     with pytest.raises(InputError, match="has no port"):
-        plan_push(replace(task, port=None))
+        plan_insertion(replace(task, port=None))

@@ -59,7 +59,7 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
     from cableway.core.errors import FileFormatError
     from cableway.core.files import read_arrays
     from cableway.records import INSERTION, Plan, Rollout
-    from cableway.verification import verify_insertion, verify_plan, verify_push, verify_rollout
+    from cableway.verification import verify_insertion, verify_insertion_plan, verify_plan, verify_rollout
 
     arrays = read_arrays(file)
     if "centreline" in arrays:
@@ -70,7 +70,7 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
     if "shapes" in arrays:
         plan = Plan.from_arrays(arrays, str(file))
         inserting = plan.metadata.get("part") == INSERTION
-        return ("push", verify_push(plan, task)) if inserting else ("plan", verify_plan(plan, task))
+        return ("push", verify_insertion_plan(plan, task)) if inserting else ("plan", verify_plan(plan, task))
     raise FileFormatError(
         f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
         f"it has {', '.join(sorted(arrays)) or 'nothing'}"

@@ -21,6 +21,7 @@ from jaxtyping import Float
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.core.checks import number_fields, require_not_negative, require_range
+from cableway.core.deprecation import renamed
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.geometry.groups import SE2
 from cableway.records import Estimate, Observation, Plan
@@ -29,8 +30,8 @@ from cableway.scene.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlugPushConfig:
-    """Settings of `PlugPush`.
+class InsertionConfig:
+    """Settings of `InsertionController`.
 
     Attributes:
         hold: Time [s] before the port in which the grasp is estimated and the plug aligned.
@@ -55,8 +56,8 @@ class PlugPushConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlugPushState(FollowerState):
-    """State of `PlugPush`.
+class InsertionState(FollowerState):
+    """State of `InsertionController`.
 
     Attributes:
         estimator: Of the rod's parameters.
@@ -71,28 +72,28 @@ class PlugPushState(FollowerState):
         return self.estimator.told(self.estimate)
 
 
-class PlugPush(Controller[PlugPushState]):
+class InsertionController(Controller[InsertionState]):
     """Aligns the plug with the first row of a push, then makes the motions of the rest.
 
     Args:
         config: The settings, the defaults where None.
     """
 
-    def __init__(self, config: PlugPushConfig | None = None) -> None:
-        self.config = config or PlugPushConfig()
+    def __init__(self, config: InsertionConfig | None = None) -> None:
+        self.config = config or InsertionConfig()
 
-    def init(self, task: Task, plan: Plan) -> PlugPushState:
+    def init(self, task: Task, plan: Plan) -> InsertionState:
         """See `Controller.init`."""
         beginning = FollowerState.beginning(task, plan, self.config.hold)
         estimator = RodEstimator(task.cable.rod, self.config.estimator, self.control_step)
         shape = task.cable.rod.continued(fit_keypoints(task.cable.rod, plan.shapes[0])[0], plan.poses[0])
-        state = PlugPushState(**beginning, estimator=estimator, estimate=estimator.start(shape))
+        state = InsertionState(**beginning, estimator=estimator, estimate=estimator.start(shape))
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
 
     def step(
-        self, state: PlugPushState, observation: Observation | None
-    ) -> tuple[Float[np.ndarray, "2 3"], PlugPushState]:
+        self, state: InsertionState, observation: Observation | None
+    ) -> tuple[Float[np.ndarray, "2 3"], InsertionState]:
         """See `Controller.step`."""
         state = state.looking(observation, state.estimate.grasps)
         if state.sight.blind > self.config.blind_steps:
@@ -105,14 +106,17 @@ class PlugPush(Controller[PlugPushState]):
         longest = self.config.longest * state.estimate.length
         return state.sending(action, Status.UNSEEN if state.sight.unseen else Status.TRACKING, longest)
 
-    def _learning(self, state: PlugPushState) -> PlugPushState:
+    def _learning(self, state: InsertionState) -> InsertionState:
         sight = state.sight
         return replace(
             state,
             estimate=state.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed, sight.confidence),
         )
 
-    def _misaligned(self, state: PlugPushState) -> Float[np.ndarray, "3"]:
+    def _misaligned(self, state: InsertionState) -> Float[np.ndarray, "3"]:
         """From where the right gripper is to where it has the plug aligned, as the grasp is believed."""
         wanted = SE2.compose(state.plan.plan.poses[0, 1], SE2.inverse(state.estimate.grasps[1]))
         return SE2.minus(wanted, state.sight.commanded[1])
+
+
+__getattr__ = renamed(__name__, {"PlugPush": "InsertionController", "PlugPushConfig": "InsertionConfig"})

@@ -89,15 +89,20 @@ def keep_moved_modules() -> None:
         sys.modules.setdefault(name, _MovedModule(name, f"cableway.{new}"))
 
 
-def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
+def renamed(
+    module: str, names: Mapping[str, str], otherwise: Callable[[str], Any] | None = None
+) -> Callable[[str], Any]:
     """A module's `__getattr__` under which renamed attributes keep their old names.
 
     Args:
         module: Its `__name__`.
         names: New name of each old one, in this module or, with dots, in another one below `cableway`.
+        otherwise: Finds other attributes of the module.
     """
 
     def getattribute(name: str) -> Any:
+        if name not in names and otherwise is not None:
+            return otherwise(name)
         if name not in names:
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
         home, _, new = f"{module}.{names[name]}".rpartition(".")

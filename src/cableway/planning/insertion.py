@@ -13,13 +13,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.deprecation import renamed
 from cableway.core.errors import PlanningError
 from cableway.core.provenance import versions
 from cableway.geometry.groups import SE2
 from cableway.records import INSERTION, Attempt, Plan
 from cableway.rod.continuation import lead
 from cableway.scene.task import Task
-from cableway.verification import VerificationLimits, verify_push
+from cableway.verification import VerificationLimits, verify_insertion_plan
 from cableway.verification.plug import require_port
 
 STEP = 0.002
@@ -32,7 +33,7 @@ SHARES = {1.0: "goes along", 0.0: "stands still"}
 """Shares of the right gripper's travel that the left one makes, in the order they are tried."""
 
 
-def plan_push(task: Task, limits: VerificationLimits | None = None) -> Plan:
+def plan_insertion(task: Task, limits: VerificationLimits | None = None) -> Plan:
     """The verified plan of a push; `metadata["part"]` is "insertion".
 
     Args:
@@ -52,7 +53,7 @@ def plan_push(task: Task, limits: VerificationLimits | None = None) -> Plan:
             reasons.append(f"the cable snaps at row {led.snap:.1f} of {len(poses) - 1} if the left gripper {name}")
             continue
         plan = _plan(task, led.q, name)
-        verdict = verify_push(plan, task, limits)
+        verdict = verify_insertion_plan(plan, task, limits)
         if verdict.passed:
             return plan
         reasons.append(f"if the left gripper {name}: {verdict}")
@@ -85,3 +86,6 @@ def _plan(task: Task, q: Float[np.ndarray, "t 6"], left: str) -> Plan:
     shapes = np.ascontiguousarray(task.cable.rod.at_keypoints(stations))
     made_by = {"part": INSERTION, "left gripper": left, "versions": versions()}
     return Plan(shapes, poses, q, metadata=made_by)
+
+
+__getattr__ = renamed(__name__, {"plan_push": "plan_insertion"})

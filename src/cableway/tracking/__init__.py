@@ -1,7 +1,8 @@
 """The closed loop, and what a plant must offer to be led by it."""
 
+from cableway.core.deprecation import renamed
 from cableway.tracking.closed_loop import Progress, track
-from cableway.tracking.insertion import may_push, push_in
+from cableway.tracking.insertion import insert_plug, may_insert
 from cableway.tracking.loop import BLOCKED, LOST
 from cableway.tracking.plant import Plant
 from cableway.tracking.recovery import Recovery
@@ -16,7 +17,10 @@ __all__ = [
     "Recovery",
     "TrackConfig",
     "Watchdog",
-    "may_push",
-    "push_in",
+    "insert_plug",
+    "may_insert",
     "track",
 ]
+
+
+__getattr__ = renamed(__name__, {"may_push": "may_insert", "push_in": "insert_plug"})

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.insertion import PlugPush
+from cableway.control.insertion import InsertionController
 from cableway.outcome import SUCCESS_ERROR
 from cableway.records import INSERTION, Measurement, Observation, Plan, Rollout
 from cableway.scene.task import Task
@@ -41,11 +41,11 @@ class _GoingOn:
         return self._plant.measure()
 
 
-def push_in(
+def insert_plug(
     plant: Plant,
     push: Plan,
     *,
-    controller: PlugPush | None = None,
+    controller: InsertionController | None = None,
     config: TrackConfig | None = None,
     watchdog: Watchdog | None = None,
     progress: Progress | None = None,
@@ -55,7 +55,7 @@ def push_in(
 
     Args:
         plant: Where `track` left it, the plug before the port.
-        push: From `planning.push.plan_push`.
+        push: From `planning.insertion.plan_insertion`.
         controller: What leads, with the default settings where None.
         config: When to end, the defaults where None.
         watchdog: As for `track`.
@@ -71,7 +71,7 @@ def push_in(
     """
     rollout = track(
         _GoingOn(plant),
-        controller or PlugPush(),
+        controller or InsertionController(),
         push,
         config=config,
         watchdog=watchdog,
@@ -81,6 +81,6 @@ def push_in(
     return replace(rollout, metadata={**rollout.metadata, "part": INSERTION})
 
 
-def may_push(rollout: Rollout, task: Task) -> bool:
+def may_insert(rollout: Rollout, task: Task) -> bool:
     """Whether a run along the plan has ended so near to its goal that the plug can be aligned from there."""
     return rollout.outcome.finished and rollout.shape_error(task.goal) < SUCCESS_ERROR

@@ -4,7 +4,8 @@ Nothing here shares code with what makes a plan: clearance is measured with Shap
 that must follow a plan is solved in link angles instead of centre coordinates.
 """
 
-from cableway.verification.plan import VerificationLimits, verify_plan, verify_push
+from cableway.core.deprecation import renamed
+from cableway.verification.plan import VerificationLimits, verify_insertion_plan, verify_plan
 from cableway.verification.plug import Inserted, measure_insertion
 from cableway.verification.rollout import verify_insertion, verify_rollout
 
@@ -13,7 +14,10 @@ __all__ = [
     "VerificationLimits",
     "measure_insertion",
     "verify_insertion",
+    "verify_insertion_plan",
     "verify_plan",
-    "verify_push",
     "verify_rollout",
 ]
+
+
+__getattr__ = renamed(__name__, {"verify_push": "verify_insertion_plan"})

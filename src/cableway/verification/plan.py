@@ -63,7 +63,7 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
     return Verdict(tuple(checks))
 
 
-def verify_push(plan: Plan, task: Task, limits: VerificationLimits | None = None) -> Verdict:
+def verify_insertion_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None) -> Verdict:
     """Judge a plan that pushes the plug from the task's goal into the port.
 
     Raises:

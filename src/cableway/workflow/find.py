@@ -12,7 +12,7 @@ from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted
 from cableway.core.provenance import describe
 from cableway.outcome import Outcome
 from cableway.planning.compilation import compile_kernels
-from cableway.planning.insertion import plan_push
+from cableway.planning.insertion import plan_insertion
 from cableway.records import Plan
 from cableway.report import summarize
 from cableway.scene.task import Task
@@ -42,7 +42,7 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
         timer("set up", 0.0)
         if task.port is not None:
             timer("insertion plan", 0.0)
-            insertion_plan = plan_push(task, limits)
+            insertion_plan = plan_insertion(task, limits)
             timer("insertion plan", 1.0)
         plans = _plans(task, options, planner, timer)
     except (PlanningError, Cancelled) as error:

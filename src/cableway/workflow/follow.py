@@ -13,7 +13,7 @@ from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
 from cableway.report import summarize
 from cableway.scene.task import Task
-from cableway.tracking import Recovery, Watchdog, may_push, push_in, track
+from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
 from cableway.workflow.events import Listener, Note
 from cableway.workflow.find import search
 from cableway.workflow.registry import CONTROLLERS, controller_is_compiled, make_controller
@@ -51,8 +51,8 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
             plant, controller, run.plan, recovery=_recovery(options), watchdog=watchdog, progress=listener.progress,
             seed=options.seed,
         )  # fmt: skip
-        if run.insertion_plan is not None and may_push(rollout, task):
-            insertion = push_in(
+        if run.insertion_plan is not None and may_insert(rollout, task):
+            insertion = insert_plug(
                 plant, run.insertion_plan, watchdog=watchdog, seed=options.seed,
                 progress=lambda _, share: listener.progress("insertion", share),
             )  # fmt: skip
