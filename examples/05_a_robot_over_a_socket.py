@@ -172,6 +172,6 @@ for cut_after in (None, 40):
         rollout = cw.track(plant, cw.RodMPC(), plan, watchdog=cw.Watchdog(deadline=0.1))
         plant.close()
     report = cw.summarize(TASK, plan, rollout)
-    print(f"{rollout.steps} steps, {rollout.outcome}: {rollout.detail or rollout.outcome.sentence}")
+    print(f"{rollout.steps} steps, {': '.join(filter(None, (rollout.outcome, rollout.detail)))}")
     if report.shape_error is not None:
         print(f"  {1000 * report.shape_error:.1f} mm from the goal, as far as the camera can tell")
