@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cableway.core import provenance
 from cableway.core.provenance import describe, versions
 from cableway.planning.config import PlannerConfig
 
@@ -39,6 +40,13 @@ def test_versions_are_those_installed_and_leave_out_the_extras():
     assert "python" in found
     assert "pytest" not in found
     assert "not installed" not in found.values()
+
+
+def test_versions_have_the_packages_of_extras_that_are_there(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(provenance, "EXTRAS", {"some": {"beartype": "beartype", "no-such-package": "None"}})
+    found = versions()
+    assert found["beartype"] == metadata.version("beartype")
+    assert "no-such-package" not in found
 
 
 def test_a_nested_configuration_becomes_plain_json():

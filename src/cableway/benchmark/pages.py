@@ -55,12 +55,11 @@ def report_page(
     )
 
 
-def render(template: str, **values: Any) -> str:
-    """A template of this package or of the paper's tables, filled in."""
+def render(template: str, package: str = "cableway.benchmark", **values: Any) -> str:
+    """A template of `package` filled in; it may include the templates of this one."""
+    packages = dict.fromkeys(("cableway.benchmark", package))
     environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [jinja2.PackageLoader("cableway.benchmark", ""), jinja2.PackageLoader("cableway.tang2025.reproduction", "")]
-        ),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name, "") for name in packages]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
     )

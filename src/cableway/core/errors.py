@@ -63,6 +63,10 @@ class UnknownNameError(InputError):
         super().__init__(f"unknown {kind} {name!r}; known: {', '.join(sorted(known))}")
 
 
+class MissingExtraError(InputError, ImportError):
+    """Packages that only an extra installs are missing; the message says how to install them (exit status 2)."""
+
+
 class StorageError(CablewayError):
     """A result could not be written in full: no space left, a file system that failed (exit status 1)."""
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from cableway.core.errors import InputError, SimulationError, UnknownNameError
+from cableway.core.extras import require
 
 Result = TypeVar("Result")
 Call = TypeVar("Call", bound=tuple[Any, ...])
@@ -102,7 +103,8 @@ def open_executor(
 
     Raises:
         UnknownNameError: No such executor.
-        InputError: `workers` is below 1, or Ray is not installed.
+        InputError: `workers` is below 1.
+        MissingExtraError: Ray is not installed.
     """
     if workers is not None and workers < 1:
         raise InputError(f"workers must be at least 1, got {workers!r}")
@@ -167,10 +169,9 @@ def _end_with_parent() -> None:
 @contextmanager
 def _ray(workers: int | None) -> Iterator[Executor]:
     """The cluster that RAY_ADDRESS names, or a Ray of this machine's own for as long as it is needed."""
-    try:
-        import ray  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise InputError("the executor 'ray' needs Ray, which is not installed: pip install 'cableway[ray]'") from None
+    require("ray", "the executor 'ray'")
+    import ray  # pyright: ignore[reportMissingImports]
+
     ours = not ray.is_initialized()
     if ours:
         address = os.environ.get("RAY_ADDRESS")

@@ -15,15 +15,18 @@ from typing import Any
 
 import numpy as np
 
+from cableway.core.extras import EXTRAS
+
 PACKAGE = "cableway"
+NOT_INSTALLED = "not installed"
 
 
 def versions() -> dict[str, str]:
-    """Versions of cableway, Python and each package that cableway requires on this platform, by name."""
+    """Versions by name: cableway, Python, each package that cableway requires, and those of its extras that are there."""
     found = {PACKAGE: _version(PACKAGE), "python": platform.python_version()}
-    for name in _requirements():
-        found[name] = _version(name)
-    return found
+    found |= {name: _version(name) for name in _requirements()}
+    optional = {name: _version(name) for packages in EXTRAS.values() for name in packages}
+    return found | {name: version for name, version in sorted(optional.items()) if version != NOT_INSTALLED}
 
 
 @cache
@@ -42,7 +45,7 @@ def _version(name: str) -> str:
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
-        return "not installed"
+        return NOT_INSTALLED
 
 
 def describe(config: Any) -> Any:

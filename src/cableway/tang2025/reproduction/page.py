@@ -17,7 +17,7 @@ def reproduction_page(sections: Sequence[Section], about: Mapping[str, Any]) -> 
         sections: In order.
         about: "versions", "machine", "size" and "configuration".
     """
-    return render("reproduction.html.jinja", sections=sections, **about)
+    return render("reproduction.html.jinja", "cableway.tang2025.reproduction", sections=sections, **about)
 
 
 def reproduction_text(sections: Sequence[Section], about: Mapping[str, Any]) -> str:

@@ -1,0 +1,74 @@
+"""Laws of extras: without their packages the default planner and controller work, and what needs them says so."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cableway.core.errors import MissingExtraError
+from cableway.core.extras import EXTRAS, require
+
+BLOCK = "import sys; sys.modules.update(dict.fromkeys(('casadi', 'equinox', 'jax', 'jaxlib', 'ompl', 'optax')));"
+SENTENCE = (
+    "the system of Tang et al. (its planner, models and neural MPC) needs CasADi, Equinox, JAX and Optax, "
+    "which are not installed: pip install 'cableway[tang2025]'"
+)
+COMMAND = "from cableway.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+def without_packages(code: str, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in which the packages of the extra `tang2025` cannot be imported."""
+    command = [sys.executable, "-W", "error", "-c", BLOCK + code, *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def test_planning_and_tracking_need_no_extra(tmp_path: Path):
+    code = (
+        "import cableway as cw; task = cw.load_task('unconstrained-1'); plan = cw.plan(task);"
+        "rollout = cw.track(plan, cw.CableSimulator(task), cw.RodMPC());"
+        "assert cw.verify_rollout(task, rollout).ok;"
+        "from cableway.cli.commands import parse; import cableway.workflow.rehearsal, cableway.benchmark.pages"
+    )
+    done = without_packages(code, tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "plan unconstrained-1 --planner paper",
+        "plan unconstrained-1 --pivot rrt_star",
+        "run unconstrained-1 --controller neural-mpc",
+        "run unconstrained-1 --controller neural-mpc-paper",
+        "bench blocked --methods tdm-mpc",
+        "bench blocked --methods paper",
+        "collect",
+        "train",
+        "evaluate",
+        "models",
+        "reproduce",
+    ],
+)
+def test_a_command_that_needs_the_extra_says_so_in_one_sentence(command: str, tmp_path: Path):
+    done = without_packages(COMMAND, tmp_path, *command.split())
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"cableway: {SENTENCE}\n")
+
+
+@pytest.mark.parametrize("name", ["MPCConfig", "NeuralMPC", "load_model"])
+def test_a_public_name_that_needs_the_extra_says_so(name: str, tmp_path: Path):
+    code = f"import cableway as cw\ntry: cw.{name}\nexcept ImportError as error: print(error)"
+    assert without_packages(code, tmp_path).stdout == f"{SENTENCE}\n"
+
+
+def test_one_missing_package_is_named(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "jax", None)
+    with pytest.raises(MissingExtraError, match=r"^this needs JAX, which is not installed: pip install 'cableway\["):
+        require("tang2025", "this")
+
+
+def test_nothing_is_said_where_all_packages_are_there():
+    require("tang2025", "this")
+    assert set(EXTRAS) == {"ray", "tang2025"}
