@@ -33,26 +33,30 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def command(wheel: Path) -> Iterator[Path]:
-    """The installed `cableway`, with its dependencies at the locked versions."""
+    """The installed `cableway`, with its dependencies at the locked versions and without extras."""
     with TemporaryDirectory(prefix="cableway-") as name:
         folder = Path(name)
-        environment, locked = folder / "venv", folder / "locked.txt"
-        lines = (ROOT / "requirements.lock").read_text().splitlines()
-        locked.write_text("\n".join(line.rstrip("\\ ") for line in lines if not line.startswith((" ", "#"))) + "\n")
-        run([sys.executable, "-m", "venv", environment], folder)
-        uv = Path(sys.executable).parent / "uv"
-        options = ["--quiet", "--only-binary", ":all:", "--constraint", locked, wheel]
-        if uv.exists():
-            run([uv, "pip", "install", *options], folder, VIRTUAL_ENV=str(environment))
-        else:
-            run([environment / "bin" / "python", "-m", "pip", "install", *options], folder)
-        yield environment / "bin" / "cableway"
+        run([sys.executable, "-m", "venv", folder / "venv"], folder)
+        install(str(wheel), folder)
+        yield folder / "venv" / "bin" / "cableway"
+
+
+def install(requirement: str, folder: Path) -> None:
+    environment, locked = folder / "venv", folder / "locked.txt"
+    lines = (ROOT / "requirements.lock").read_text().splitlines()
+    locked.write_text("\n".join(line.rstrip("\\ ") for line in lines if not line.startswith((" ", "#"))) + "\n")
+    uv = Path(sys.executable).parent / "uv"
+    options = ["--quiet", "--only-binary", ":all:", "--constraint", locked, requirement]
+    if uv.exists():
+        run([uv, "pip", "install", *options], folder, VIRTUAL_ENV=str(environment))
+    else:
+        run([environment / "bin" / "python", "-m", "pip", "install", *options], folder)
 
 
 def test_it_holds_tasks_weights_types_and_attribution(wheel: Path):
     names = zipfile.ZipFile(wheel).namelist()
     assert len([n for n in names if n.startswith("cableway/scene/catalogue/") and n.endswith(".yaml")]) == 11
-    assert any(n.startswith("cableway/models/weights/") and n.endswith(".safetensors") for n in names)
+    assert any(n.startswith("cableway/tang2025/models/weights/") and n.endswith(".safetensors") for n in names)
     for wanted in (
         "cableway/py.typed",
         "cableway/scene/catalogue/NOTICE",
@@ -63,8 +67,11 @@ def test_it_holds_tasks_weights_types_and_attribution(wheel: Path):
     assert not [n for n in names if not n.startswith(("cableway/", "cableway-"))]
 
 
-def test_it_asks_for_no_developer_tools(command: Path):
+def test_it_asks_for_no_developer_tools_and_no_extra(command: Path):
     assert not (command.parent / "pytest").exists()
+    installed = {path.name for path in command.parents[1].glob("lib/python*/site-packages/*")}
+    assert "mujoco" in installed
+    assert not installed & {"casadi", "equinox", "jax", "jaxlib", "ompl", "optax", "ray"}
 
 
 def test_help_and_tasks(command: Path, tmp_path: Path):
@@ -83,5 +90,22 @@ def test_plan_and_check_a_task(command: Path, tmp_path: Path):
     run([command, "check", "single-obstacle-2", "out/plan.npz"], tmp_path)
 
 
-def test_it_knows_the_shipped_model(command: Path, tmp_path: Path):
+def test_track_a_task(command: Path, tmp_path: Path):
+    run([command, "run", "single-obstacle-1", "--no-video", "--out", "out", "--quiet"], tmp_path)
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["success"] is True
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["plan single-obstacle-1 --planner paper", "run single-obstacle-1 --controller neural-mpc", "models"],
+)
+def test_what_needs_the_extra_says_so_in_one_sentence(command: Path, tmp_path: Path, arguments: str):
+    done = subprocess.run([command, *arguments.split()], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].endswith("which are not installed: pip install 'cableway[tang2025]'")
+    assert "Traceback" not in done.stderr
+
+
+def test_with_the_extra_it_knows_the_shipped_model(wheel: Path, command: Path, tmp_path: Path):
+    install(f"{wheel}[tang2025]", command.parents[2])
     assert "transformer" in run([command, "models"], tmp_path)

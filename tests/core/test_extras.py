@@ -12,10 +12,8 @@ from cableway.core.errors import MissingExtraError
 from cableway.core.extras import EXTRAS, require
 
 BLOCK = "import sys; sys.modules.update(dict.fromkeys(('casadi', 'equinox', 'jax', 'jaxlib', 'ompl', 'optax')));"
-SENTENCE = (
-    "the system of Tang et al. (its planner, models and neural MPC) needs CasADi, Equinox, JAX and Optax, "
-    "which are not installed: pip install 'cableway[tang2025]'"
-)
+NEEDS = "needs CasADi, Equinox, JAX and Optax, which are not installed: pip install 'cableway[tang2025]'"
+SENTENCE = f"the system of Tang et al. (its planner, models and neural MPC) {NEEDS}"
 COMMAND = "from cableway.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
@@ -27,10 +25,10 @@ def without_packages(code: str, folder: Path, *arguments: str) -> subprocess.Com
 
 def test_planning_and_tracking_need_no_extra(tmp_path: Path):
     code = (
-        "import cableway as cw; task = cw.load_task('unconstrained-1'); plan = cw.plan(task);"
-        "rollout = cw.track(plan, cw.CableSimulator(task), cw.RodMPC());"
+        "import cableway as cw; task = cw.load_task('single-obstacle-1'); plan = cw.plan(task);"
+        "rollout = cw.track(cw.CableSimulator(task), cw.RodMPC(), plan);"
         "assert cw.verify_rollout(task, rollout).ok;"
-        "from cableway.cli.commands import parse; import cableway.workflow.rehearsal, cableway.benchmark.pages"
+        "from cableway.cli.commands import parse; import cableway.benchmark.pages, cableway.workflow.solve"
     )
     done = without_packages(code, tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -39,12 +37,10 @@ def test_planning_and_tracking_need_no_extra(tmp_path: Path):
 @pytest.mark.parametrize(
     "command",
     [
-        "plan unconstrained-1 --planner paper",
-        "plan unconstrained-1 --pivot rrt_star",
-        "run unconstrained-1 --controller neural-mpc",
-        "run unconstrained-1 --controller neural-mpc-paper",
-        "bench blocked --methods tdm-mpc",
-        "bench blocked --methods paper",
+        "plan single-obstacle-1 --planner paper",
+        "plan single-obstacle-1 --pivot rrt_star",
+        "run single-obstacle-1 --controller neural-mpc",
+        "run single-obstacle-1 --controller neural-mpc-paper",
         "collect",
         "train",
         "evaluate",
@@ -54,7 +50,30 @@ def test_planning_and_tracking_need_no_extra(tmp_path: Path):
 )
 def test_a_command_that_needs_the_extra_says_so_in_one_sentence(command: str, tmp_path: Path):
     done = without_packages(COMMAND, tmp_path, *command.split())
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", f"cableway: {SENTENCE}\n")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.endswith(f"cableway: {SENTENCE}\n")
+    assert "Traceback" not in done.stderr
+
+
+def test_bench_says_so_before_it_begins(tmp_path: Path):
+    code = (
+        "from cableway.benchmark.episode import jobs_of; from cableway.benchmark.methods import BUILT_IN\n"
+        "from cableway.core.errors import MissingExtraError\n"
+        "for name in BUILT_IN:\n"
+        "    try: jobs_of(name, ())\n"
+        "    except MissingExtraError as error: print(name + ':', error)"
+    )
+    asked = {
+        "tdm-mpc": "neural-mpc",
+        "cdm-mpc": "neural-mpc",
+        "bdm-mpc": "neural-mpc",
+        "paper": "paper",
+        "paper-tracking": "neural-mpc-paper",
+        "paper-plan": "paper",
+        "paper-refined-plan": "paper-refined",
+    }
+    done = without_packages(code, tmp_path)
+    assert set(done.stdout.splitlines()) == {f"{method}: {name} {NEEDS}" for method, name in asked.items()}
 
 
 @pytest.mark.parametrize("name", ["MPCConfig", "NeuralMPC", "load_model"])

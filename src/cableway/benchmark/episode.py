@@ -22,6 +22,7 @@ from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.variants import named_perturbation
+from cableway.workflow.registry import require_extras
 from cableway.workflow.run import Run
 from cableway.workflow.solve import solve
 
@@ -130,8 +131,10 @@ def jobs_of(source: str, episodes: Iterable[Episode]) -> list[Job]:
 
     Raises:
         InputError: The method cannot be loaded.
+        MissingExtraError: The method needs an extra that is not installed.
     """
     method, maker = load_method(source), made_by(source)
+    require_extras(*(name for name in (method.planner, method.controller) if isinstance(name, str)))
     return [Job(episode, source, method.name, maker) for episode in episodes]
 
 

@@ -22,7 +22,7 @@ NOT_INSTALLED = "not installed"
 
 
 def versions() -> dict[str, str]:
-    """Versions by name: cableway, Python, each package that cableway requires, and those of its extras that are there."""
+    """Versions by name: cableway, Python, each package that it requires, and those of its extras that are installed."""
     found = {PACKAGE: _version(PACKAGE), "python": platform.python_version()}
     found |= {name: _version(name) for name in _requirements()}
     optional = {name: _version(name) for packages in EXTRAS.values() for name in packages}

@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from cableway.core.errors import InputError, UnknownNameError
+from cableway.core.extras import require
 
 if TYPE_CHECKING:
     from cableway.control.base import Controller
@@ -38,10 +39,12 @@ class PlannerEntry:
     Attributes:
         description: What it does, in a few words.
         load: "module:function"; the function takes nothing and returns a `Planner`.
+        extra: Of cableway that it needs, see `cableway.core.extras`; "" for none.
     """
 
     description: str
     load: str
+    extra: str = ""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ class ControllerEntry:
         compiled: "module:function" that says whether its compiled code is in the user's cache; "" where nothing is
             compiled.
         follows_blindly: Whether it ignores the observations, so that a recovery would not help.
+        extra: Of cableway that it needs, see `cableway.core.extras`; "" for none.
     """
 
     description: str
@@ -63,15 +67,18 @@ class ControllerEntry:
     model: str | None = None
     compiled: str = ""
     follows_blindly: bool = False
+    extra: str = ""
 
 
 PLANNERS = {
     "default": PlannerEntry(
         "equilibria of the rod, searched and optimised; ours", "cableway.workflow.planners:default"
     ),
-    "paper": PlannerEntry("the paper's chain (Tang et al.)", "cableway.workflow.planners:paper"),
+    "paper": PlannerEntry("the paper's chain (Tang et al.)", "cableway.workflow.planners:paper", extra="tang2025"),
     "paper-refined": PlannerEntry(
-        "the paper's chain with our trajectory optimisation", "cableway.workflow.planners:paper_refined"
+        "the paper's chain with our trajectory optimisation",
+        "cableway.workflow.planners:paper_refined",
+        extra="tang2025",
     ),
     "straight": PlannerEntry("each keypoint straight to its goal", "cableway.workflow.planners:straight"),
     "slide": PlannerEntry("the cable slid along one curve", "cableway.workflow.planners:slide"),
@@ -87,10 +94,14 @@ _JAX = "cableway.tang2025.models.compilation:enable_compilation_cache"
 CONTROLLERS = {
     "rod-mpc": ControllerEntry("adaptive MPC on the rod; ours", "cableway.control.rod_mpc:RodMPC", compiled=_NUMBA),
     "neural-mpc": ControllerEntry(
-        "our MPC on a learned model", "cableway.tang2025.control.named:neural_mpc", "conv", _JAX
+        "our MPC on a learned model", "cableway.tang2025.control.named:neural_mpc", "conv", _JAX, extra="tang2025"
     ),
     "neural-mpc-paper": ControllerEntry(
-        "the paper's MPC on a learned model", "cableway.tang2025.control.named:neural_mpc_paper", "transformer", _JAX
+        "the paper's MPC on a learned model",
+        "cableway.tang2025.control.named:neural_mpc_paper",
+        "transformer",
+        _JAX,
+        extra="tang2025",
     ),
     "rod-jacobian": ControllerEntry(
         "feedback by the rod's derivative", "cableway.control.jacobian:JacobianFeedback", compiled=_NUMBA
@@ -139,6 +150,18 @@ def make_controller(name: str, model: str | None = None, adapt: bool = False) ->
     if adapt:
         raise InputError(f"--adapt is for {having}; {name} has no learned model")
     return _function(entry.load)()
+
+
+def require_extras(*names: str) -> None:
+    """Make sure, without loading them, that planners and controllers have the packages they need.
+
+    Raises:
+        MissingExtraError: An extra that one of them needs is not installed.
+    """
+    for name in names:
+        entry = PLANNERS.get(name) or CONTROLLERS.get(name)
+        if entry is not None and entry.extra:
+            require(entry.extra, name)
 
 
 def controller_is_compiled(name: str) -> bool:
