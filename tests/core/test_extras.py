@@ -25,10 +25,9 @@ def without_packages(code: str, folder: Path, *arguments: str) -> subprocess.Com
 
 def test_planning_and_tracking_need_no_extra(tmp_path: Path):
     code = (
-        "import cableway as cw; task = cw.load_task('single-obstacle-1'); plan = cw.plan(task);"
-        "rollout = cw.track(cw.CableSimulator(task), cw.RodMPC(), plan);"
-        "assert cw.verify_rollout(task, rollout).ok;"
-        "from cableway.cli.commands import parse; import cableway.benchmark.pages, cableway.workflow.solve"
+        "import cableway as cw, cableway.benchmark.pages, cableway.cli.commands\n"
+        "from cableway.workflow.solve import solve\n"
+        "assert solve(cw.load_task('single-obstacle-1')).success"
     )
     done = without_packages(code, tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

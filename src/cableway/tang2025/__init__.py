@@ -3,7 +3,7 @@
 `planning` has the planning chain, `models` the deformation models with their training and online adaptation, `control`
 neural MPC, `reproduction` the paper's tables and figures beside ours. Where an equation of the paper is:
 
-    II         (1) to (3)     keypoints, gripper poses, actions: `cableway.records.Plan`, `Observation`
+    II         (1) to (3)     state and action: `cableway.records.Observation`, `cableway.records.Rollout`
     III        (4)            path set: `planning.path_set.PathSet`
     III-A      (5)            cost of the pivot path: `cableway.planning.routes.pivot.pivot_cost`;
                               RRT*: `planning.pivot_rrt_star.rrt_star_path`
