@@ -55,12 +55,12 @@ def install(requirement: str, folder: Path) -> None:
 
 def test_it_holds_tasks_weights_types_and_attribution(wheel: Path):
     names = zipfile.ZipFile(wheel).namelist()
-    assert len([n for n in names if n.startswith("cableway/scene/catalogue/") and n.endswith(".yaml")]) == 11
+    assert len([n for n in names if n.startswith("cableway/scene/files/catalogue/") and n.endswith(".yaml")]) == 11
     assert any(n.startswith("cableway/tang2025/models/weights/") and n.endswith(".safetensors") for n in names)
     for wanted in (
         "cableway/py.typed",
-        "cableway/scene/catalogue/NOTICE",
-        "cableway/scene/catalogue/cable_presets.yml",
+        "cableway/scene/files/catalogue/NOTICE",
+        "cableway/scene/files/catalogue/cable_presets.yml",
     ):
         assert wanted in names
     assert any(n.endswith("licenses/LICENSE") for n in names)
