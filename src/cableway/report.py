@@ -220,7 +220,7 @@ def summarize(
     """
     actual = actual or task
     plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
-    length = None if cable is None else cable.length
+    length = None if cable is None or cable == task.cable else cable.length
     rollout_verdict = None if rollout is None else verify_rollout(rollout, actual, length=length)
     push_verdict = None if push is None else verify_insertion_plan(push, task, limits)
     insertion_verdict = None if insertion is None else verify_insertion(insertion, actual, length=length)
