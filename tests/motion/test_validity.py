@@ -48,6 +48,7 @@ def test_a_wider_margin_forbids_more_and_frees_nothing(shapes: np.ndarray, margi
     task = problems.free()
     usual, wide = (FreeSpace.of(task, each).are_free(shapes) for each in (Margins(), margins))
     assert not (wide & ~usual).any()
+    assert wide.sum() < usual.sum()
 
 
 def test_a_body_forbids_what_it_touches(shapes: np.ndarray):
