@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.variants import named_perturbation
+from cableway.workflow import find
 from cableway.workflow.events import CANCEL, Event, Finished, Planned, Progress
 from cableway.workflow.registry import CONTROLLERS, PLANNERS, make_planner
 from cableway.workflow.run import Run, SolveOptions
@@ -151,3 +153,13 @@ def test_outcomes_of_old_files_are_read():
     with pytest.raises(InputError, match="outcome must be one of success, settled"):
         Outcome.read("lost")
     assert all(each.sentence.endswith(".") for each in Outcome)
+
+
+def test_compilation_does_not_count_against_the_time_limit(monkeypatch: pytest.MonkeyPatch):
+    """By a clock that stands still but for an hour of compiling."""
+    now = [0.0]
+    monkeypatch.setattr(find, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(find, "is_compiled", lambda part: False)
+    monkeypatch.setattr(find, "compile_kernels", lambda: now.__setitem__(0, 3600.0))
+    assert solve(TASK, SolveOptions(track=False)).report.success
+    assert now == [3600.0]
