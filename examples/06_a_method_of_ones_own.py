@@ -26,7 +26,7 @@ class HalfByHalf(Controller[FollowerState]):
     def step(self, state, observation):
         state = state.looking(observation)
         action = state.plan.actions(state.index, 1)[0].copy()
-        error = state.plan.shape(state.index) - state.sight.keypoints
+        error = state.plan.shape(state.index) - state.tracker.keypoints
         if np.isfinite(error).all():
             action[:, :2] += self.config["gain"] * np.array([half.mean(axis=0) for half in np.array_split(error, 2)])
         return state.sending(action, Status.TRACKING, state.task.cable.length)

@@ -269,26 +269,26 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number that a controller finds out while it runs.
+    """A parameter that a controller estimates while it runs.
 
     Attributes:
-        value: What it is now believed to be.
+        value: The estimate.
         deviation: Standard deviation of that.
-        believed: What it was believed to be beforehand.
+        nominal: The value before any measurement.
         prior: Standard deviation of that; 0 for a number that was taken as known.
         unit: Of all four, "" for none.
     """
 
     value: float
     deviation: float
-    believed: float
+    nominal: float
     prior: float
     unit: str = ""
 
     @property
     def differs(self) -> bool:
-        """Whether it is off by more than two standard deviations from what was believed."""
-        return abs(self.value - self.believed) > 2 * self.deviation
+        """Whether it is off by more than two standard deviations from its nominal value."""
+        return abs(self.value - self.nominal) > 2 * self.deviation
 
 
 @dataclass(frozen=True)
@@ -309,7 +309,7 @@ class Rollout(ArrayRecord):
         gripper_clearance: (K+1,) the same for the gripper discs [m].
         metadata: Seed, versions, the resolved configuration, `outcome` and `detail`; where there are estimates,
             `metadata["estimates"]` says of each what it is: the fields of `Estimate` that stay the same, with its name.
-        estimates: (K, m) what the controller believed of the cable after each step; None where it believes nothing.
+        estimates: (K, m) the controller's estimates after each step; None where it has none.
         deviations: (K, m) standard deviations of that.
     """
 
@@ -374,12 +374,14 @@ class Rollout(ArrayRecord):
         return float(np.linalg.norm(self.keypoints[-1] - goal))
 
     def estimated(self) -> dict[str, Estimate]:
-        """What the controller believed at the end, by name."""
+        """The controller's estimates at the end, by name."""
         if self.estimates is None or self.deviations is None or not self.steps:
             return {}
         rows = zip(self.metadata["estimates"], self.estimates[-1], self.deviations[-1], strict=True)
         return {
-            row["name"]: Estimate(float(value), float(deviation), row["believed"], row["prior"], row["unit"])
+            row["name"]: Estimate(
+                float(value), float(deviation), row.get("nominal", row.get("believed")), row["prior"], row["unit"]
+            )
             for row, value, deviation in rows
         }
 

@@ -67,7 +67,7 @@ class Report:
         planning_time: Wall time of planning [s].
         stage_times: Wall time of each planning stage [s].
         control_time: Wall time of the controller's steps.
-        estimates: What the controller believed of the cable at the end, by name.
+        estimates: The controller's estimates at the end, by name.
         insertion: How the plug went into its port.
         plan_verdict: Checks of the plan.
         rollout_verdict: Checks of the rollout.
@@ -170,12 +170,12 @@ class Report:
 
 
 def _found(estimates: Mapping[str, Estimate]) -> list[tuple[str, str]]:
-    """What turned out to be otherwise than believed."""
+    """Estimates that differ from their nominal values."""
     rows = []
     for name, found in estimates.items():
         if found.differs:
             text = f"{found.value:.4g} ± {found.deviation:.2g} {found.unit}".rstrip()
-            rows.append((f"found: {name}", f"{text}, not {found.believed:.4g}"))
+            rows.append((f"found: {name}", f"{text}, not {found.nominal:.4g}"))
     return rows or [("found", f"none of {len(estimates)} estimates off by two standard deviations")]
 
 

@@ -100,7 +100,7 @@ def test_without_gripper_poses_it_stops_and_waits(before: Task, push: Plan):
     assert state.progress < 1.0
 
 
-@pytest.mark.parametrize("wrong", [{"gain": 1.5}, {"hold": -1.0}, {"longest": np.nan}])
+@pytest.mark.parametrize("wrong", [{"gain": 1.5}, {"hold": -1.0}, {"max_span": np.nan}])
 def test_settings_out_of_range_are_refused(wrong: dict[str, Any]):
     with pytest.raises(InputError, match=next(iter(wrong))):
         InsertionConfig(**wrong)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cableway.control.limits import longest_gap, within_limits
+from cableway.control.limits import span_limit, within_limits
 from cableway.scene.task import Grippers
 
 GRIPPERS = Grippers()
@@ -65,4 +65,4 @@ def test_a_plan_may_pull_the_cable_straighter_but_not_tear_it() -> None:
     """The share holds below it and for a plan that no cable of this length allows; in between the plan does."""
     apart = np.array([0.2, 0.2995, 0.31])
     gaps = np.stack([np.zeros((3, 3)), np.column_stack([apart, np.zeros((3, 2))])], axis=1)
-    np.testing.assert_allclose(longest_gap(gaps, 0.3, 0.99), [0.297, 0.2995, 0.297])
+    np.testing.assert_allclose(span_limit(gaps, 0.3, 0.99), [0.297, 0.2995, 0.297])

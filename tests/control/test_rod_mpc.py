@@ -13,8 +13,8 @@ from cableway.control import rod_kernels
 from cableway.control.base import Status
 from cableway.control.rod_mpc import RodMPC, RodMPCConfig, plan_shapes
 from cableway.core.errors import InputError
-from cableway.estimation.delay import Age
-from cableway.estimation.gripper_tracker import HELD_AS_BELIEVED, Sight
+from cableway.estimation.delay import DelayEstimator
+from cableway.estimation.gripper_tracker import NOMINAL_GRASPS, GripperTracker
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import predict
 from cableway.geometry import convex
@@ -201,32 +201,32 @@ def test_a_jump_to_another_shape_is_followed() -> None:
     assert np.linalg.norm(rod.at_keypoints(stations)[0] - seen, axis=1).max() < 0.005
 
 
-def test_ages_are_told_by_what_moved() -> None:
+def test_delays_are_estimated_from_what_moved() -> None:
     """Keypoints 0.25 s late and motions that begin 0.1 s late, while the grippers turn and go."""
-    sight, sent = Sight.before(PLAN.poses[0], 13), [np.zeros((2, 3))] * 9
+    tracker, sent = GripperTracker.at_rest(PLAN.poses[0], 13), [np.zeros((2, 3))] * 9
     poses = [PLAN.poses[0]] * 9
     for row in range(25):
         step = PLAN.poses[min(row + 1, 40)] - PLAN.poses[row]
         late = 0.5 * (poses[-3] + poses[-4])
         keypoints = ROD.at_keypoints(ROD.shapes(fit_keypoints(ROD, PLAN.shapes[row])[0][None])[0])[0].copy()
         keypoints[[0, -1]] = late[:, :2]
-        sight = sight.after(Observation(0.0, keypoints, poses[-1]), HELD_AS_BELIEVED, TASK.cable)
-        commanded, way = sight.commanded, sight.way
-        sight = sight.sending(step)
+        tracker = tracker.updated(Observation(0.0, keypoints, poses[-1]), NOMINAL_GRASPS, TASK.cable)
+        commanded, way = tracker.commanded, tracker.path
+        tracker = tracker.commanding(step)
         sent.append(step)
         poses.append(poses[-1] + sent[-2])
-    assert sight.poses.value == pytest.approx(2.5, abs=0.26)
-    assert sight.sent.value == 1.0
+    assert tracker.poses.delay == pytest.approx(2.5, abs=0.26)
+    assert tracker.commands.delay == 1.0
     np.testing.assert_allclose(commanded, poses[-1], atol=1e-12)  # the plant does what was pending, nothing else
     np.testing.assert_allclose(way[0], 0.5 * (poses[-4] + poses[-5]), atol=2e-3)
     np.testing.assert_allclose(way[-1], commanded)
     assert len(way) == 1 + 3 + 1
 
 
-def test_an_age_between_two_rows_is_their_mean() -> None:
-    age = Age.of(np.zeros((2, 3))).with_row(np.ones((2, 3))).with_row(3 * np.ones((2, 3)))
-    np.testing.assert_allclose(age.aged(np.float64(0.5)), 2.0)
-    np.testing.assert_allclose(replace(age, value=1.5).newer, 3.0 + 0.5)
+def test_a_delay_between_two_rows_is_their_mean() -> None:
+    age = DelayEstimator.constant(np.zeros((2, 3))).appended(np.ones((2, 3))).appended(3 * np.ones((2, 3)))
+    np.testing.assert_allclose(age.at(np.float64(0.5)), 2.0)
+    np.testing.assert_allclose(replace(age, delay=1.5).newer, 3.0 + 0.5)
     np.testing.assert_allclose(age.newer, 0.0)
 
 
@@ -297,7 +297,7 @@ def test_the_grippers_go_farther_apart_than_planned_only_where_the_cable_is_sure
     def allowed(index: int, share_of_prior: float) -> tuple[float, float]:
         covariance = share_of_prior**2 * np.eye(adapted.PARAMETERS)
         at = replace(state, index=index, estimate=replace(state.estimate, theta=theta, covariance=covariance))
-        return controller._longest(at), state.problem.estimator.slack(at.estimate, at.sight.commanded)[1]
+        return controller._span_limit(at), state.problem.estimator.slack(at.estimate, at.tracker.commanded)[1]
 
     held = state.plan.held_steps
     assert held == 15

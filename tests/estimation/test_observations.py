@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cableway.estimation.gripper_tracker import HELD_AS_BELIEVED, Sight
+from cableway.estimation.gripper_tracker import NOMINAL_GRASPS, GripperTracker
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.records import Observation
 from cableway.rod.inverse import shape_between
@@ -20,21 +20,21 @@ SHAPE = ROD.at_keypoints(ROD.shapes(Q[None])[0])[0]
 
 def test_a_time_that_is_known_is_used_and_not_estimated():
     """Grippers that move 1 cm in each control step: a frame of 0.15 s ago shows them 1.5 cm behind."""
-    sight = Sight.before(POSES, 13)
+    tracker = GripperTracker.at_rest(POSES, 13)
     for step in range(3):
         moved = POSES + [0.01 * step, 0.0, 0.0]
-        sight = sight.after(Observation(0.1 * step, SHAPE, moved, taken=0.1 * step - 0.15), HELD_AS_BELIEVED, CABLE)
-    assert sight.poses.value == pytest.approx(1.5)
-    np.testing.assert_allclose(sight.then[:, 0], POSES[:, 0] + 0.005)
+        tracker = tracker.updated(Observation(0.1 * step, SHAPE, moved, taken=0.1 * step - 0.15), NOMINAL_GRASPS, CABLE)
+    assert tracker.poses.delay == pytest.approx(1.5)
+    np.testing.assert_allclose(tracker.at_frame[:, 0], POSES[:, 0] + 0.005)
 
 
 def test_keypoints_without_confidence_are_not_seen():
     confidence = np.ones(13)
     confidence[4] = 0.0
     observation = Observation(0.0, SHAPE, POSES, confidence=confidence)
-    sight = Sight.before(POSES, 13).after(observation, HELD_AS_BELIEVED, CABLE)
-    assert np.isnan(sight.keypoints[4]).all()
-    assert np.isfinite(np.delete(sight.keypoints, 4, axis=0)).all()
+    tracker = GripperTracker.at_rest(POSES, 13).updated(observation, NOMINAL_GRASPS, CABLE)
+    assert np.isnan(tracker.keypoints[4]).all()
+    assert np.isfinite(np.delete(tracker.keypoints, 4, axis=0)).all()
 
 
 def test_confidence_scales_how_much_keypoints_count():

@@ -29,7 +29,7 @@ LONGER = 0.306
 
 @pytest.fixture(scope="module")
 def rollout() -> Rollout:
-    """Of a cable that is 2% longer than believed, held where the plan has the shorter one."""
+    """Of a cable that is 2% longer than nominal, held where the plan has the shorter one."""
     return track(QuasiStaticPlant(TASK, START, PlanarRod(LONGER)), RodMPC(RodMPCConfig(hold=0.5)), PLAN)
 
 
@@ -48,7 +48,7 @@ def test_every_step_has_its_estimates(rollout: Rollout) -> None:
 
 def test_the_length_found_is_the_true_one(rollout: Rollout) -> None:
     length = rollout.estimated()["length"]
-    assert (length.believed, length.unit) == (0.3, "m")
+    assert (length.nominal, length.unit) == (0.3, "m")
     assert length.value == pytest.approx(LONGER, abs=0.001)
     assert abs(length.value - LONGER) < 2 * length.deviation
     assert length.differs
@@ -58,7 +58,7 @@ def test_what_is_known_does_not_move() -> None:
     known = RodMPCConfig(hold=0.0, estimator=EstimatorConfig.nominal())
     rollout = track(QuasiStaticPlant(TASK, START, PlanarRod(0.3)), RodMPC(known), PLAN)
     for estimate in rollout.estimated().values():
-        assert (estimate.value, estimate.deviation, estimate.prior) == (estimate.believed, 0.0, 0.0)
+        assert (estimate.value, estimate.deviation, estimate.prior) == (estimate.nominal, 0.0, 0.0)
         assert not estimate.differs
 
 

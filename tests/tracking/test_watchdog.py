@@ -106,7 +106,7 @@ def test_a_state_knows_what_was_sent_in_its_place() -> None:
     seen = Observation(0.0, PLAN.shapes[0], PLAN.poses[0])
     _, state = OpenLoop(OPEN).step(state, seen)
     after = state.overruled(STEP / 2, "late: coasting")
-    reached, led_on = (known.sight.blindly().commanded for known in (state, after))
+    reached, led_on = (known.tracker.predicted().commanded for known in (state, after))
     np.testing.assert_allclose(led_on - reached, STEP / 2, atol=1e-12)
     assert (after.status, after.index) == ("late: coasting", state.index + 1)
     assert state.overruled(np.zeros((2, 3)), "late: stopped").index == state.index

@@ -51,7 +51,7 @@ class ControllerState:
     progress: float
 
     def estimates(self) -> Mapping[str, Estimate]:
-        """What the controller believes of the cable, by name; the same names in every step."""
+        """The controller's estimates of the cable's parameters, by name; the same names in every step."""
         return {}
 
     def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
@@ -92,7 +92,7 @@ class Controller(ABC, Generic[S]):
 
         Args:
             state: From `init` or the step before.
-            observation: What was seen, or None where nothing came.
+            observation: The newest observation, or None where none came.
 
         Returns:
             The gripper motion (dx, dy, dtheta) [m, m, rad], left then right, never beyond the task's limits, and

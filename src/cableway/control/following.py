@@ -12,7 +12,7 @@ from cableway.control.base import ControllerState, Status
 from cableway.control.limits import within_limits
 from cableway.control.reference import PlanReference, reference_for
 from cableway.estimation.gating import poses_usable
-from cableway.estimation.gripper_tracker import HELD_AS_BELIEVED, Sight
+from cableway.estimation.gripper_tracker import NOMINAL_GRASPS, GripperTracker
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
 
@@ -25,13 +25,13 @@ class FollowerState(ControllerState):
         task: The task.
         plan: The plan by time.
         index: Control steps of the reference that are over.
-        sight: What is known of grippers and delays.
+        tracker: Of gripper poses and delays.
     """
 
     task: Task
     plan: PlanReference
     index: int
-    sight: Sight
+    tracker: GripperTracker
 
     @staticmethod
     def beginning(task: Task, plan: Plan, hold: float) -> dict[str, Any]:
@@ -48,31 +48,41 @@ class FollowerState(ControllerState):
             "task": task,
             "plan": reference,
             "index": 0,
-            "sight": Sight.before(plan.poses[0], task.cable.keypoints),
+            "tracker": GripperTracker.at_rest(plan.poses[0], task.cable.keypoints),
         }
 
-    def looking(self, observation: Observation | None, grasps: Float[np.ndarray, "2 3"] = HELD_AS_BELIEVED) -> Self:
-        """With what an observation shows; `grasps` says where the cable is believed to be held, see `rod.adapted`."""
+    def looking(self, observation: Observation | None, grasps: Float[np.ndarray, "2 3"] = NOMINAL_GRASPS) -> Self:
+        """After an observation; `grasps` are the estimated grasps, see `rod.adapted`."""
         if observation is None or not poses_usable(observation):
-            return replace(self, sight=self.sight.blindly())
-        return replace(self, sight=self.sight.after(observation, grasps, self.task.cable))
+            return replace(self, tracker=self.tracker.predicted())
+        return replace(self, tracker=self.tracker.updated(observation, grasps, self.task.cable))
+
+    def must_stop(self, config: Any) -> bool:
+        """Whether poses or keypoints are missing for more than `config.blind_steps` or `config.unseen_steps`."""
+        tracker = self.tracker
+        return tracker.steps_without_poses > config.blind_steps or tracker.steps_without_keypoints > config.unseen_steps
+
+    @property
+    def tracking_status(self) -> Status:
+        """Of an action computed now: with keypoints, or without."""
+        return Status.UNSEEN if self.tracker.steps_without_keypoints else Status.TRACKING
 
     def sending(
-        self, action: Float[np.ndarray, "2 3"], status: Status, longest: float
+        self, action: Float[np.ndarray, "2 3"], status: Status, max_span: float
     ) -> tuple[Float[np.ndarray, "2 3"], Self]:
         """The action within the limits, and the state after it; where the grippers are stopped the reference waits.
 
         Args:
             action: (2, 3) gripper motion [m, m, rad].
             status: How it came about.
-            longest: Largest distance [m] between the grippers.
+            max_span: Largest distance [m] between the grippers.
         """
-        action = within_limits(action, self.sight.commanded, self.task.grippers, longest)
+        action = within_limits(action, self.tracker.commanded, self.task.grippers, max_span)
         return action, self._sent(action, status, waiting=status == Status.STOPPED)
 
     def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
-        """See `ControllerState.overruled`; nothing was seen, and where the grippers stood still the reference waits."""
-        return replace(self, sight=self.sight.blindly())._sent(action, status, waiting=not action.any())
+        """See `ControllerState.overruled`; where the grippers stand still the reference waits."""
+        return replace(self, tracker=self.tracker.predicted())._sent(action, status, waiting=not action.any())
 
     def _sent(self, action: Float[np.ndarray, "2 3"], status: str, waiting: bool) -> Self:
         index = self.index + (not waiting)
@@ -82,5 +92,5 @@ class FollowerState(ControllerState):
             reference=self.plan.shape(index),
             progress=self.plan.progress(index),
             index=index,
-            sight=self.sight.sending(action),
+            tracker=self.tracker.commanding(action),
         )

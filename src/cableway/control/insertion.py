@@ -21,7 +21,7 @@ from jaxtyping import Float
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.core.checks import number_fields, require_not_negative, require_range
-from cableway.core.deprecation import renamed
+from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.geometry.groups import SE2
 from cableway.records import Estimate, Observation, Plan
@@ -35,8 +35,8 @@ class InsertionConfig:
 
     Attributes:
         hold: Time [s] before the port in which the grasp is estimated and the plug aligned.
-        gain: Share of the misalignment believed that a step takes away; averages over about 1 / `gain` observations.
-        longest: Largest distance between the grippers, as a share of the cable's length as believed.
+        gain: Share of the estimated misalignment that a step takes away; averages over about 1 / `gain` observations.
+        max_span: Largest distance between the grippers, as a share of the cable's estimated length.
         blind_steps: Control steps without gripper poses after which the grippers stop.
         estimator: Of the grasp, among other things.
 
@@ -46,7 +46,7 @@ class InsertionConfig:
 
     hold: float = 4.0
     gain: float = 0.15
-    longest: float = 0.995
+    max_span: float = 0.995
     blind_steps: int = 3
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
@@ -55,13 +55,16 @@ class InsertionConfig:
         require_not_negative(self, *number_fields(self))
 
 
+InsertionConfig.__init__ = renamed_keywords(longest="max_span")(InsertionConfig.__init__)
+
+
 @dataclass(frozen=True, kw_only=True)
 class InsertionState(FollowerState):
     """State of `InsertionController`.
 
     Attributes:
         estimator: Of the rod's parameters.
-        estimate: What is believed of the cable.
+        estimate: The present one.
     """
 
     estimator: RodEstimator
@@ -69,7 +72,7 @@ class InsertionState(FollowerState):
 
     def estimates(self) -> Mapping[str, Estimate]:
         """See `ControllerState.estimates`."""
-        return self.estimator.told(self.estimate)
+        return self.estimator.estimates(self.estimate)
 
 
 class InsertionController(Controller[InsertionState]):
@@ -96,27 +99,29 @@ class InsertionController(Controller[InsertionState]):
     ) -> tuple[Float[np.ndarray, "2 3"], InsertionState]:
         """See `Controller.step`."""
         state = state.looking(observation, state.estimate.grasps)
-        if state.sight.blind > self.config.blind_steps:
+        if state.tracker.steps_without_poses > self.config.blind_steps:
             return state.sending(np.zeros((2, 3)), Status.STOPPED, math.inf)
         if state.index < state.plan.held_steps:
             state = self._learning(state)
             action = np.stack([np.zeros(3), self.config.gain * self._misaligned(state)])
         else:
             action = state.plan.actions(state.index, 1)[0]
-        longest = self.config.longest * state.estimate.length
-        return state.sending(action, Status.UNSEEN if state.sight.unseen else Status.TRACKING, longest)
+        max_span = self.config.max_span * state.estimate.length
+        return state.sending(action, state.tracking_status, max_span)
 
     def _learning(self, state: InsertionState) -> InsertionState:
-        sight = state.sight
+        tracker = state.tracker
         return replace(
             state,
-            estimate=state.estimator.update(state.estimate, sight.keypoints, sight.then, sight.speed, sight.confidence),
+            estimate=state.estimator.update(
+                state.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence
+            ),
         )
 
     def _misaligned(self, state: InsertionState) -> Float[np.ndarray, "3"]:
-        """From where the right gripper is to where it has the plug aligned, as the grasp is believed."""
+        """From where the right gripper is to where it has the plug aligned, with the estimated grasp."""
         wanted = SE2.compose(state.plan.plan.poses[0, 1], SE2.inverse(state.estimate.grasps[1]))
-        return SE2.minus(wanted, state.sight.commanded[1])
+        return SE2.minus(wanted, state.tracker.commanded[1])
 
 
 __getattr__ = renamed(__name__, {"PlugPush": "InsertionController", "PlugPushConfig": "InsertionConfig"})

@@ -1,6 +1,6 @@
 """Feedback by the derivative of the keypoints by the gripper poses: from the rod, or learned while running.
 
-With J that derivative, s the keypoints seen, s_ref the plan's next shape and a_ref its gripper motion,
+With J that derivative, s the measured keypoints, s_ref the plan's next shape and a_ref its gripper motion,
 
     a = a_ref + K (s_ref - s - J a_ref),      K = g (J^T J + d R)^-1 J^T,
 
@@ -24,8 +24,9 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
-from cableway.control.limits import longest_gap
+from cableway.control.limits import span_limit
 from cableway.core.checks import number_fields, require_choice, require_not_negative, require_positive
+from cableway.core.deprecation import renamed_keywords
 from cableway.records import Observation, Plan
 from cableway.rod.inverse import fit_keypoints, motion_jacobian
 from cableway.scene.task import Task
@@ -44,7 +45,7 @@ class JacobianConfig:
         turn_lever: Motion [m] that a turn of 1 rad counts as.
         learning_rate: r, share of what was not expected that J takes on.
         least_motion: Root of e [m]: gripper motions much smaller than that teach nothing.
-        longest: Distance between the grippers over the cable's length, never exceeded unless by the plan.
+        max_span: Distance between the grippers over the cable's length, never exceeded unless by the plan.
         hold: Time [s] at the plan's first row before it is followed.
         blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
         unseen_steps: Steps in a row that go on without any keypoint before the grippers stop.
@@ -59,7 +60,7 @@ class JacobianConfig:
     turn_lever: float = 0.05
     learning_rate: float = 0.3
     least_motion: float = 0.001
-    longest: float = 0.995
+    max_span: float = 0.995
     hold: float = 1.5
     blind_steps: int = 3
     unseen_steps: int = 10
@@ -75,18 +76,21 @@ class JacobianConfig:
         return cls(source="broyden", gain=0.1, damping=1.0, least_motion=0.005)
 
 
+JacobianConfig.__init__ = renamed_keywords(longest="max_span")(JacobianConfig.__init__)
+
+
 @dataclass(frozen=True, kw_only=True)
 class JacobianState(FollowerState):
     """State of `JacobianFeedback`.
 
     Attributes:
         jacobian: (2n, 6) derivative of the keypoints by the gripper poses.
-        seen: Keypoints (n, 2) and gripper poses (2, 3) of the last complete observation, None before it.
+        previous: Keypoints (n, 2) and gripper poses (2, 3) of the last complete observation, None before it.
         q: (6,) rod coordinates of the plan's shape.
     """
 
     jacobian: Float[np.ndarray, "m 6"]
-    seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
+    previous: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
     q: Float[np.ndarray, "6"]
 
 
@@ -105,7 +109,7 @@ class JacobianFeedback(Controller[JacobianState]):
         state = JacobianState(
             **FollowerState.beginning(task, plan, self.config.hold),
             jacobian=blend_jacobian(plan.shapes[0], plan.poses[0]),
-            seen=None,
+            previous=None,
             q=fit_keypoints(task.cable.rod, plan.shapes[0])[0],
         )
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
@@ -116,41 +120,41 @@ class JacobianFeedback(Controller[JacobianState]):
     ) -> tuple[Float[np.ndarray, "2 3"], JacobianState]:
         """See `Controller.step`."""
         config, state = self.config, state.looking(observation)
-        longest = float(longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, config.longest)[0])
-        if state.sight.blind > config.blind_steps or state.sight.unseen > config.unseen_steps:
-            return state.sending(np.zeros((2, 3)), Status.STOPPED, longest)
+        max_span = float(span_limit(state.plan.poses(state.index, 1), state.task.cable.length, config.max_span)[0])
+        if state.must_stop(config):
+            return state.sending(np.zeros((2, 3)), Status.STOPPED, max_span)
         forward = state.plan.actions(state.index, 1)[0]
-        if not np.isfinite(state.sight.keypoints).all():
-            return state.sending(forward, Status.UNSEEN, longest)
+        if not np.isfinite(state.tracker.keypoints).all():
+            return state.sending(forward, Status.UNSEEN, max_span)
         state = self._learned(state)
         back = self._feedback(state, forward)
         if not np.isfinite(back).all():
-            return state.sending(forward, Status.FAILED, longest)
-        return state.sending(forward + back, Status.TRACKING, longest)
+            return state.sending(forward, Status.FAILED, max_span)
+        return state.sending(forward + back, Status.TRACKING, max_span)
 
     def _learned(self, state: JacobianState) -> JacobianState:
-        """With the derivative at the plan's next shape, or brought up to date by what was seen."""
-        config, sight = self.config, state.sight
-        now = (sight.keypoints, sight.then)
+        """With the derivative at the plan's next shape, or updated by the last observation."""
+        config, tracker = self.config, state.tracker
+        now = (tracker.keypoints, tracker.at_frame)
         if config.source == "rod":
             rod = state.task.cable.rod
             q = fit_keypoints(rod, state.plan.shapes(state.index, 1)[0], state.q)[0]
-            return replace(state, q=q, jacobian=motion_jacobian(rod, q), seen=now)
+            return replace(state, q=q, jacobian=motion_jacobian(rod, q), previous=now)
         jacobian = state.jacobian
-        if state.seen is not None:
-            change, motion = (now[0] - state.seen[0]).ravel(), (now[1] - state.seen[1]).ravel()
+        if state.previous is not None:
+            change, motion = (now[0] - state.previous[0]).ravel(), (now[1] - state.previous[1]).ravel()
             weighted = self._units * motion
             surprise = change - jacobian @ motion
             rate = config.learning_rate / (motion @ weighted + config.least_motion**2)
             jacobian = jacobian + rate * np.outer(surprise, weighted)
-        return replace(state, jacobian=jacobian, seen=now)
+        return replace(state, jacobian=jacobian, previous=now)
 
     def _feedback(self, state: JacobianState, forward: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
-        """K (s_ref - s - J a_ref), with the motions that are still to be seen counted as done."""
-        sight, jacobian = state.sight, state.jacobian
-        under_way = (sight.commanded - sight.then).ravel()
+        """K (s_ref - s - J a_ref), with the motions under way counted as done."""
+        tracker, jacobian = state.tracker, state.jacobian
+        under_way = (tracker.commanded - tracker.at_frame).ravel()
         wanted = state.plan.shapes(state.index, 1)[0]
-        error = (wanted - sight.keypoints).ravel() - jacobian @ (forward.ravel() + under_way)
+        error = (wanted - tracker.keypoints).ravel() - jacobian @ (forward.ravel() + under_way)
         normal = np.einsum("ka,kb->ab", jacobian, jacobian) + self.config.damping * np.diag(self._units)
         return self.config.gain * np.linalg.solve(normal, error @ jacobian).reshape(2, 3)
 

@@ -15,11 +15,11 @@ def within_limits(
     action: Float[np.ndarray, "2 3"],
     poses: Float[np.ndarray, "2 3"],
     grippers: Grippers,
-    longest: float,
+    max_span: float,
 ) -> Float[np.ndarray, "2 3"]:
-    """The action made safe: no step or turn beyond the grippers' limits, no pulling apart beyond `longest`.
+    """The action made safe: no step or turn beyond the grippers' limits, no pulling apart beyond `max_span`.
 
-    Steps are shortened in their own direction. Where the grippers would come farther apart than `longest`, what they
+    Steps are shortened in their own direction. Where the grippers would come farther apart than `max_span`, what they
     do relative to each other is shortened and what they do together is kept; grippers that are already too far apart
     may not go farther.
 
@@ -27,14 +27,14 @@ def within_limits(
         action: (2, 3) gripper motion [m, m, rad]; one that is not finite becomes standing still.
         poses: (2, 3) gripper poses before it [m, m, rad].
         grippers: The limits.
-        longest: Largest distance [m] between the grippers.
+        max_span: Largest distance [m] between the grippers.
     """
     action = np.asarray(action, float)
     if not np.isfinite(action).all():
         return np.zeros((2, 3))
     moves = shorten(action[:, :2], MARGIN * grippers.max_step)
     turns = np.clip(action[:, 2:], -MARGIN * grippers.max_turn, MARGIN * grippers.max_turn)
-    share = _separation_share(poses[1, :2] - poses[0, :2], moves[1] - moves[0], longest)
+    share = _separation_share(poses[1, :2] - poses[0, :2], moves[1] - moves[0], max_span)
     together, apart = moves.mean(axis=0), (moves[1] - moves[0]) / 2
     return np.column_stack([np.stack([together - share * apart, together + share * apart]), turns])
 
@@ -45,10 +45,10 @@ def exceeds_limits(action: Float[np.ndarray, "2 3"], grippers: Grippers) -> bool
     return bool(steps.max() > grippers.max_step or turns.max() > grippers.max_turn)
 
 
-def longest_gap(poses: Float[np.ndarray, "H 2 3"], length: float, share: float) -> Float[np.ndarray, "H"]:
+def span_limit(poses: Float[np.ndarray, "H 2 3"], length: float, share: float) -> Float[np.ndarray, "H"]:
     """Largest distance [m] allowed between the grippers: `share` of the cable's length [m], or the plan's if longer.
 
-    A plan that pulls the grippers farther apart than the cable is long is not believed.
+    A plan that pulls the grippers farther apart than the cable is long is not followed there.
     """
     planned = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
     return np.where(planned <= length, np.maximum(planned, share * length), share * length)
@@ -60,10 +60,10 @@ def shorten(moves: Float[np.ndarray, "... 2"], most: float) -> Float[np.ndarray,
     return moves * np.minimum(1.0, most / np.maximum(norms, most))
 
 
-def _separation_share(gap: np.ndarray, change: np.ndarray, longest: float) -> float:
-    """Largest share of `change` in [0, 1] for which |gap + share change| <= max(longest, |gap|)."""
+def _separation_share(gap: np.ndarray, change: np.ndarray, max_span: float) -> float:
+    """Largest share of `change` in [0, 1] for which |gap + share change| <= max(max_span, |gap|)."""
     squared, along = float(change @ change), float(gap @ change)
-    room = max(longest**2 - float(gap @ gap), 0.0)
+    room = max(max_span**2 - float(gap @ gap), 0.0)
     if squared == 0.0 or squared + 2 * along <= room:
         return 1.0
     root = np.sqrt(max(along**2 + squared * room, 0.0))

@@ -43,5 +43,5 @@ class OpenLoop(Controller[FollowerState]):
     ) -> tuple[Float[np.ndarray, "2 3"], FollowerState]:
         """See `Controller.step`; of the observation only the gripper poses are used, for the limits."""
         state = state.looking(observation)
-        status = Status.UNSEEN if state.sight.blind else Status.TRACKING
+        status = Status.UNSEEN if state.tracker.steps_without_poses else Status.TRACKING
         return state.sending(state.plan.actions(state.index, 1)[0], status, state.task.cable.length)

@@ -112,7 +112,7 @@ def _add_separation(normal, gradient, ends, dends, least, most, weight, rates, a
 
 @kernel
 def assemble(
-    q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights, normal, gradient
+    q, before, p, modes, stride, offset, wanted, steps, loads, max_span, world, limits, weights, normal, gradient
 ):
     """Half the sum of the squares over the horizon, its Gauss-Newton matrix (lower) and gradient, see `rod_mpc`.
 
@@ -126,7 +126,7 @@ def assemble(
         wanted: (H, n, 2) [m].
         steps: (H, 2, 3) wanted motions of the ends.
         loads: (H, 3) wanted loads.
-        longest: (H,) [m] greatest distance between the ends.
+        max_span: (H,) [m] greatest distance between the ends.
         world: arrays of `convex.ConvexWorld`.
         limits: largest step, turn; radius of cable, of grippers; clearance wanted; least distance of the grippers.
         weights: tracking, motion, lever of turns, load, clearance, separation, limits.
@@ -155,14 +155,14 @@ def assemble(
             normal, gradient, ends, dends[:, :, :d], last, dlast[:, :, :d], steps[t], limits, weights, rates, earlier,
             at,
         )  # fmt: skip
-        cost += _add_separation(normal, gradient, ends, dends, limits[5], longest[t], w_apart, rates, at)
+        cost += _add_separation(normal, gradient, ends, dends, limits[5], max_span[t], w_apart, rates, at)
         last[:] = ends
         dlast[:] = dends
     return 0.5 * cost
 
 
 @kernel
-def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, longest, world, limits, weights):
+def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, max_span, world, limits, weights):
     """Damped least squares on `assemble` from q (H, 6), which it changes."""
     search, units = begin(q.ravel()), np.empty(q.size)
     scale = scales(p[0])
@@ -170,7 +170,7 @@ def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, longest,
         units[a] = scale[a % len(scale)]
     while True:
         cost = assemble(
-            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, steps, loads, longest, world,
+            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, steps, loads, max_span, world,
             limits, weights, search.trial_normal, search.trial_gradient,
         )  # fmt: skip
         if not advance(search, cost, units, ITERATIONS, CORRECTION):

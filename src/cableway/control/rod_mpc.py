@@ -11,13 +11,13 @@ end poses once all that was sent is done, and s_ref,k the plan's shapes:
              + w_m |e(q_k) - e(q_{k-1}) - (e*_k - e*_{k-1})|_R^2      motion, fed forward from the fit
              + w_l |l(q_k) - l*_k|^2                                  load: away from folds, where shapes vanish
              + w_c max(0, d - clearance)^2                            of every station and both gripper discs
-             + w_g max(0, gap - longest)^2 + max(0, least - gap)^2    distance between the ends
+             + w_g max(0, gap - max_span)^2 + max(0, least - gap)^2    distance between the ends
              + w_b max(0, step - largest)^2                           limits of the grippers
 
    least, R counting a turn of 1 rad as `turn_lever`; then lead the grippers so that the rod's ends come to e(q_1).
 
-Every q is an equilibrium, so the model has no state of its own: what was seen late or sent early is compared with the
-gripper poses of its own time (`sight`), and the cable's lag is part of b.
+Every q is an equilibrium, so the model has no state of its own: a late frame is compared with the gripper
+poses of its own time (`tracker`), and the cable's lag is part of b.
 
 Note:
     Not in the paper (Tang et al.), whose MPC predicts with a network; terms and weights follow `neural_mpc`.
@@ -34,8 +34,9 @@ from jaxtyping import Float
 from cableway.control import rod_kernels
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
-from cableway.control.limits import longest_gap, within_limits
+from cableway.control.limits import span_limit, within_limits
 from cableway.core.checks import number_fields, require_not_negative, require_positive
+from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
 from cableway.records import Estimate, Observation, Plan
@@ -54,7 +55,7 @@ SAME = 1e-6
 """Distance [m] of a keypoint up to which rod coordinates give a plan's shapes."""
 
 SURE = 2.0
-"""Standard deviations by which a cable must be believed to be long enough before it is pulled farther than planned."""
+"""Standard deviations by which the estimated length must suffice before the cable is pulled farther than planned."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +71,9 @@ class RodMPCConfig:
         clearance_weight: w_c [1/m^2].
         threshold: d, clearance [m] below which obstacles cost.
         separation_weight: w_g [1/m^2].
-        stretch: Distance between the ends over the cable's length from where it costs; where the plan stretches the
+        soft_span: Distance between the ends over the cable's length from where it costs; where the plan stretches the
             cable farther, the plan's distance.
-        longest: The same, never exceeded; between the grippers never more than is sure, see `_longest`.
+        max_span: The same, never exceeded; between the grippers never more than is sure, see `_span_limit`.
         limit_weight: w_b [1/m^2].
         hold: Time [s] at the plan's first row before it is followed, while the estimates settle.
         blind_steps: Steps in a row that go on without gripper poses.
@@ -91,8 +92,8 @@ class RodMPCConfig:
     clearance_weight: float = 30.0
     threshold: float = 0.006
     separation_weight: float = 100.0
-    stretch: float = 0.985
-    longest: float = 0.995
+    soft_span: float = 0.985
+    max_span: float = 0.995
     limit_weight: float = 100.0
     hold: float = 1.5
     blind_steps: int = 3
@@ -100,7 +101,7 @@ class RodMPCConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     def __post_init__(self) -> None:
-        require_positive(self, "horizon", "tracking_weight", "turn_lever", "stretch", "longest")
+        require_positive(self, "horizon", "tracking_weight", "turn_lever", "soft_span", "max_span")
         require_not_negative(self, *number_fields(self))
 
     @property
@@ -117,6 +118,9 @@ class RodMPCConfig:
         )
 
 
+RodMPCConfig.__init__ = renamed_keywords(stretch="soft_span", longest="max_span")(RodMPCConfig.__init__)
+
+
 @dataclass(frozen=True)
 class Problem:
     """What stays the same during a run.
@@ -124,7 +128,7 @@ class Problem:
     Attributes:
         estimator: Of the rod's parameters.
         shapes: (T + 1, d) shapes of the uniform rod nearest to the plan's rows, from which fits start: loads that
-            keypoints cannot tell do not run away from step to step.
+            keypoints do not determine do not run away from step to step.
         limits: As `rod_kernels.assemble` wants them.
     """
 
@@ -139,7 +143,7 @@ class RodMPCState(FollowerState):
 
     Attributes:
         problem: What stays the same.
-        estimate: What is believed of the cable.
+        estimate: Of the cable's parameters.
     """
 
     problem: Problem
@@ -147,7 +151,7 @@ class RodMPCState(FollowerState):
 
     def estimates(self) -> Mapping[str, Estimate]:
         """See `ControllerState.estimates`."""
-        return self.problem.estimator.told(self.estimate)
+        return self.problem.estimator.estimates(self.estimate)
 
 
 class RodMPC(Controller[RodMPCState]):
@@ -185,27 +189,27 @@ class RodMPC(Controller[RodMPCState]):
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""
         state = state.looking(observation, state.estimate.grasps)
-        sight = state.sight
-        if sight.blind > self.config.blind_steps or sight.unseen > self.config.unseen_steps:
-            return state.sending(np.zeros((2, 3)), Status.STOPPED, self._longest(state))
+        tracker = state.tracker
+        if state.must_stop(self.config):
+            return state.sending(np.zeros((2, 3)), Status.STOPPED, self._span_limit(state))
         estimate = state.problem.estimator.update(
-            state.estimate, sight.keypoints, sight.then, sight.speed, sight.confidence
+            state.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence
         )
         state = replace(state, estimate=estimate)
-        action, longest = self._solve(state), self._longest(state)
+        action, max_span = self._solve(state), self._span_limit(state)
         if not np.isfinite(action).all():
-            return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, longest)
-        return state.sending(action, Status.UNSEEN if sight.unseen else Status.TRACKING, longest)
+            return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, max_span)
+        return state.sending(action, state.tracking_status, max_span)
 
-    def _longest(self, state: RodMPCState) -> float:
-        """Largest distance [m] between the grippers: the plan's, `longest` of the nominal length, or what is sure.
+    def _span_limit(self, state: RodMPCState) -> float:
+        """Largest distance [m] between the grippers: the plan's, `max_span` of the nominal length, or what is sure.
 
-        Sure is `longest` of the length as believed, with the grasps as believed, less `SURE` standard deviations;
+        Sure is `max_span` of the estimated length, with the estimated grasps, less `SURE` standard deviations;
         nothing is while the estimates settle. A cable that lies almost straight is not pulled taut by what the first
-        frames make believe.
+        frames suggest.
         """
-        share, commanded = self.config.longest, state.sight.commanded
-        planned = float(longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, share)[0])
+        share, commanded = self.config.max_span, state.tracker.commanded
+        planned = float(span_limit(state.plan.poses(state.index, 1), state.task.cable.length, share)[0])
         if state.index < state.plan.held_steps:
             return planned
         slack, deviation = state.problem.estimator.slack(state.estimate, commanded)
@@ -220,19 +224,19 @@ class RodMPC(Controller[RodMPCState]):
         rows = state.plan.rows(state.index, count)
         wanted, fits, ends = state.plan.plan.shapes[rows], problem.shapes[rows], np.empty((count, *rod.end_shape))
         fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_STEPS, np.empty_like(wanted), ends)
-        commanded = state.sight.commanded
+        commanded = state.tracker.commanded
         before = rod.group.compose(commanded, estimate.grasps)
         now = estimate.q.copy()
         meet_ends(now, before, p, modes, MEETING_STEPS)
         q = now + fits[1:] - fits[0]
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), wanted[1:].copy(),
-            np.diff(ends, axis=0), fits[1:, rod.loads].copy(), longest_gap(ends[1:], estimate.length, config.stretch),
+            np.diff(ends, axis=0), fits[1:, rod.loads].copy(), span_limit(ends[1:], estimate.length, config.soft_span),
             state.task.scene.world.arrays, problem.limits, config.weights,
         )  # fmt: skip
         first, reached = q[:1].copy(), np.empty((1, *rod.end_shape))
         fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
-        farthest = float(longest_gap(ends[1:2], estimate.length, config.longest)[0])
+        farthest = float(span_limit(ends[1:2], estimate.length, config.max_span)[0])
         moved = within_limits(reached[0] - before, before, state.task.grippers, farthest)
         grippers = rod.group.compose(rod.group.plus(before, moved), rod.group.inverse(estimate.grasps))
         return grippers - commanded

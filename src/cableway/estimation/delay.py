@@ -1,4 +1,4 @@
-"""How old what is seen is, and which actions are still under way: told by comparing it with what was sent."""
+"""Delay estimation: which delay of frames or commands explains best what was measured."""
 
 from __future__ import annotations
 
@@ -7,72 +7,72 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-OLDEST = 6
-"""Greatest age that is recognised, in control steps."""
+LONGEST_DELAY = 6
+"""Greatest delay that is recognised, in control steps."""
 
 PARTS = 4
-"""Ages told apart in one control step."""
+"""Delays tried per control step."""
 
-AGES = np.arange(OLDEST * PARTS + 1) / PARTS
+DELAYS = np.arange(LONGEST_DELAY * PARTS + 1) / PARTS
 
-KEPT = 0.97
-"""Share of what was found before that still counts one control step later."""
+FORGETTING = 0.97
+"""Share of the residuals so far that still counts one control step later."""
 
-CLEARER = 0.8
-"""Share of the misses at the present age below which another age is taken."""
+SWITCH = 0.8
+"""Share of the present delay's residual below which another delay replaces it."""
 
 RESOLUTION = 2e-4
-"""Miss [m] that counts as none."""
+"""Residual [m] that counts as none."""
 
 
 @dataclass(frozen=True)
-class Age:
-    """Rows of the last control steps, and which of them, by age, explain best what is seen.
+class DelayEstimator:
+    """Gripper poses or motions of the last control steps, and the delay that explains the measurements best.
 
     Attributes:
-        rows: (R, 2, 3) gripper poses or motions [m, m, rad], now last.
-        misses: (A,) squared misses [m^2] of each of `AGES`, summed up.
-        value: The age taken, in control steps.
+        history: (R, 2, 3) gripper poses or motions [m, m, rad], the newest last.
+        residuals: (A,) squared residuals [m^2] of each of `DELAYS`, summed up.
+        delay: The present estimate, in control steps.
     """
 
-    rows: Float[np.ndarray, "R 2 3"]
-    misses: Float[np.ndarray, "A"]
-    value: float = 0.0
+    history: Float[np.ndarray, "R 2 3"]
+    residuals: Float[np.ndarray, "A"]
+    delay: float = 0.0
 
     @classmethod
-    def of(cls, row: Float[np.ndarray, "2 3"]) -> Age:
+    def constant(cls, row: Float[np.ndarray, "2 3"]) -> DelayEstimator:
         """With the same row at all times before."""
-        return cls(np.repeat(np.asarray(row, float)[None], OLDEST + 3, axis=0), np.zeros(len(AGES)))
+        return cls(np.repeat(np.asarray(row, float)[None], LONGEST_DELAY + 3, axis=0), np.zeros(len(DELAYS)))
 
-    def with_row(self, row: Float[np.ndarray, "2 3"]) -> Age:
+    def appended(self, row: Float[np.ndarray, "2 3"]) -> DelayEstimator:
         """One control step later."""
-        return replace(self, rows=np.concatenate([self.rows[1:], row[None]]))
+        return replace(self, history=np.concatenate([self.history[1:], row[None]]))
 
-    def aged(self, age: float | Float[np.ndarray, "A"]) -> Float[np.ndarray, "... 2 3"]:
-        """The row of an age, between two of them in proportion."""
-        whole = np.floor(age).astype(int)
-        share = (age - whole)[..., None, None]
-        return (1 - share) * self.rows[-1 - whole] + share * self.rows[-2 - whole]
+    def at(self, delay: float | Float[np.ndarray, "A"]) -> Float[np.ndarray, "... 2 3"]:
+        """The row of so many control steps ago, linear between two of them."""
+        whole = np.floor(delay).astype(int)
+        share = (delay - whole)[..., None, None]
+        return (1 - share) * self.history[-1 - whole] + share * self.history[-2 - whole]
 
     @property
-    def row(self) -> Float[np.ndarray, "2 3"]:
-        """The row of the age taken."""
-        return self.aged(np.float64(self.value))
+    def delayed(self) -> Float[np.ndarray, "2 3"]:
+        """The row at the estimated delay."""
+        return self.at(np.float64(self.delay))
 
     @property
     def newer(self) -> Float[np.ndarray, "2 3"]:
         """The sum of all rows newer than that."""
-        whole = int(self.value)
-        newer = self.rows[len(self.rows) - whole :].sum(axis=0)
-        return newer + (self.value - whole) * self.rows[-1 - whole]
+        whole = int(self.delay)
+        newer = self.history[len(self.history) - whole :].sum(axis=0)
+        return newer + (self.delay - whole) * self.history[-1 - whole]
 
-    def known(self, age: float) -> Age:
-        """With an age that is known [control steps] and need not be found."""
-        return replace(self, value=float(np.clip(age, 0.0, OLDEST)))
+    def known(self, delay: float) -> DelayEstimator:
+        """With a delay [control steps] that was measured and need not be estimated."""
+        return replace(self, delay=float(np.clip(delay, 0.0, LONGEST_DELAY)))
 
-    def judged(self, misses: Float[np.ndarray, "A"]) -> Age:
-        """After an observation that each of `AGES` misses by so much [m^2]."""
-        total = KEPT * self.misses + misses + RESOLUTION**2
-        best, present = int(np.argmin(total)), round(self.value * PARTS)
-        value = float(AGES[best]) if total[best] < CLEARER * total[present] else self.value
-        return replace(self, misses=total, value=value)
+    def updated(self, residuals: Float[np.ndarray, "A"]) -> DelayEstimator:
+        """After a measurement that has these squared residuals [m^2] for each of `DELAYS`."""
+        total = FORGETTING * self.residuals + residuals + RESOLUTION**2
+        best, present = int(np.argmin(total)), round(self.delay * PARTS)
+        delay = float(DELAYS[best]) if total[best] < SWITCH * total[present] else self.delay
+        return replace(self, residuals=total, delay=delay)

@@ -1,4 +1,4 @@
-"""What a controller may believe of an observation."""
+"""Gating: measurements that no cable between these grippers can cause are rejected."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from cableway.records import Observation
 from cableway.scene.cable import Cable
 
 SLACK = 1.0
-"""How far off, in distances between keypoints, what was seen may be: noise, a grasp that slipped, a cable of another
-length stay below a quarter of that."""
+"""Tolerance of distances, in distances between keypoints; noise, a slipped grasp and a cable of another length stay
+below a quarter of it."""
 
-ENOUGH = 0.5
-"""Share of the keypoints below which what is left of a frame is not believed either."""
+LEAST_SHARE = 0.5
+"""Share of the keypoints below which the rest of a frame is rejected too."""
 
 FAR = 1e3
 """Gripper coordinates beyond this [m, rad] are no measurement."""
 
 
 def poses_usable(observation: Observation | None) -> bool:
-    """Whether the gripper poses are there, finite and no nonsense."""
+    """Whether an observation has gripper poses, finite and within `FAR`."""
     if observation is None or np.shape(observation.poses) != (2, 3):
         return False
     return bool(np.isfinite(observation.poses).all() and np.abs(observation.poses).max() < FAR)
 
 
-def believed_keypoints(
+def gated_keypoints(
     keypoints: Float[np.ndarray, "m 2"], poses: Float[np.ndarray, "2 3"], cable: Cable
 ) -> Float[np.ndarray, "n 2"]:
-    """The keypoints [m], NaN where they are missing or not where a cable held by grippers at `poses` can be.
+    """The keypoints [m], NaN where they are missing or cannot be those of a cable held by grippers at `poses`.
 
     A keypoint may not be farther from either gripper than along the cable, neighbours not farther apart than twice
-    their distance along it, both with some slack. Of a frame with too few keypoints none are left.
+    their distance along it, both with some slack. A frame with too few keypoints left is rejected whole.
     """
     n, nothing = cable.keypoints, np.full((cable.keypoints, 2), np.nan)
     if np.shape(keypoints) != (n, 2):
         return nothing
-    seen = np.array(keypoints, dtype=float)
-    seen[~(np.abs(seen) < FAR).all(axis=1)] = np.nan
+    left = np.array(keypoints, dtype=float)
+    left[~(np.abs(left) < FAR).all(axis=1)] = np.nan
     spacing, along = cable.length / (n - 1), np.linspace(0.0, cable.length, n)
     slack = SLACK * spacing
     for gripper, distance in zip(poses[:, :2], (along, along[::-1]), strict=True):
-        seen[np.linalg.norm(seen - gripper, axis=1) > distance + slack] = np.nan
-    apart = np.flatnonzero(np.linalg.norm(np.diff(seen, axis=0), axis=1) > spacing + slack)
-    seen[apart] = seen[apart + 1] = np.nan
-    return seen if np.isfinite(seen[:, 0]).sum() >= ENOUGH * n else nothing
+        left[np.linalg.norm(left - gripper, axis=1) > distance + slack] = np.nan
+    apart = np.flatnonzero(np.linalg.norm(np.diff(left, axis=0), axis=1) > spacing + slack)
+    left[apart] = left[apart + 1] = np.nan
+    return left if np.isfinite(left[:, 0]).sum() >= LEAST_SHARE * n else nothing

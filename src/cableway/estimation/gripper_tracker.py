@@ -1,4 +1,4 @@
-"""What a controller makes of the observations, whatever comes: where the grippers are and what is still under way."""
+"""Gripper tracking: where the grippers were when a frame was taken, and where they will be after all commands."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.estimation.delay import AGES, Age
-from cableway.estimation.gating import believed_keypoints
+from cableway.estimation.delay import DELAYS, DelayEstimator
+from cableway.estimation.gating import gated_keypoints
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.cable import Cable
 from cableway.scene.task import CONTROL_STEP
 
-HELD_AS_BELIEVED = np.zeros((2, 3))
+NOMINAL_GRASPS = np.zeros((2, 3))
 """Grasps without any offset."""
 
 TURN_LEVER = 0.1
@@ -23,95 +23,102 @@ TURN_LEVER = 0.1
 
 
 @dataclass(frozen=True)
-class Sight:
-    """What is known of the grippers and of the delays.
+class GripperTracker:
+    """The state of the gripper tracker.
 
     Attributes:
-        poses: Gripper poses [m, m, rad] at the last control steps, angles running on; their age is that of the
-            keypoints.
-        sent: Gripper motions sent; their age is the time until the grippers begin them.
-        keypoints: (n, 2) [m] as last believed, NaN where none.
-        unseen: Control steps since the last keypoint that was believed.
-        blind: Control steps since the last gripper poses that were usable.
-        started: Whether the grippers were seen yet.
+        poses: Measured gripper poses [m, m, rad]; angles run on from those of the plan's start. Its delay is the
+            latency of frames.
+        commands: Gripper motions sent. Its delay is the actuation latency.
+        keypoints: (n, 2) [m] of the last frame, NaN where missing or rejected.
+        steps_without_keypoints: Control steps since the last frame with a keypoint.
+        steps_without_poses: Control steps since the last usable gripper poses.
+        started: Whether gripper poses were measured yet.
         confidence: (n,) by which each keypoint counts; None where all count the same.
     """
 
-    poses: Age
-    sent: Age
+    poses: DelayEstimator
+    commands: DelayEstimator
     keypoints: Float[np.ndarray, "n 2"]
-    unseen: int = 0
-    blind: int = 0
+    steps_without_keypoints: int = 0
+    steps_without_poses: int = 0
     started: bool = False
     confidence: Float[np.ndarray, "n"] | None = None
 
     @classmethod
-    def before(cls, poses: Float[np.ndarray, "2 3"], keypoints: int) -> Sight:
+    def at_rest(cls, poses: Float[np.ndarray, "2 3"], keypoints: int) -> GripperTracker:
         """Before the first observation, with grippers that stand at `poses`."""
-        return cls(Age.of(poses), Age.of(np.zeros((2, 3))), np.full((keypoints, 2), np.nan))
+        nothing = np.full((keypoints, 2), np.nan)
+        return cls(DelayEstimator.constant(poses), DelayEstimator.constant(np.zeros((2, 3))), nothing)
 
     @property
-    def then(self) -> Float[np.ndarray, "2 3"]:
-        """Gripper poses when the keypoints were seen."""
-        return self.poses.row
+    def at_frame(self) -> Float[np.ndarray, "2 3"]:
+        """Gripper poses when the last frame was taken."""
+        return self.poses.delayed
 
     @property
     def speed(self) -> float:
         """Of the faster gripper then [m per control step]."""
-        before = self.poses.aged(np.float64(self.poses.value + 1))
-        return float(np.linalg.norm((self.then - before)[:, :2], axis=1).max())
+        before = self.poses.at(np.float64(self.poses.delay + 1))
+        return float(np.linalg.norm((self.at_frame - before)[:, :2], axis=1).max())
 
     @property
     def commanded(self) -> Float[np.ndarray, "2 3"]:
-        """Where the grippers will be when all that was sent is done."""
-        return self.poses.rows[-1] + self.sent.newer
+        """Gripper poses once all commands are carried out."""
+        return self.poses.history[-1] + self.commands.newer
 
     @property
-    def way(self) -> Float[np.ndarray, "k 2 3"]:
-        """Gripper poses from `then` to `commanded`, both included, at most one control step apart."""
-        since, pending = math.ceil(self.poses.value), math.ceil(self.sent.value)
-        passed = self.poses.rows[len(self.poses.rows) - since :]
+    def path(self) -> Float[np.ndarray, "k 2 3"]:
+        """Gripper poses from `at_frame` to `commanded`, both included, at most one control step apart."""
+        since, pending = math.ceil(self.poses.delay), math.ceil(self.commands.delay)
+        passed = self.poses.history[len(self.poses.history) - since :]
         shares = np.ones(pending)
         if pending:
-            shares[0] = 1 - (pending - self.sent.value)
-        motions = shares[:, None, None] * self.sent.rows[len(self.sent.rows) - pending :]
-        to_come = self.poses.rows[-1] + np.cumsum(motions, axis=0)
-        return np.concatenate([self.then[None], passed, to_come])
+            shares[0] = 1 - (pending - self.commands.delay)
+        motions = shares[:, None, None] * self.commands.history[len(self.commands.history) - pending :]
+        to_come = self.poses.history[-1] + np.cumsum(motions, axis=0)
+        return np.concatenate([self.at_frame[None], passed, to_come])
 
-    def after(self, observation: Observation, grasps: Float[np.ndarray, "2 3"], cable: Cable) -> Sight:
-        """With one more observation, whose gripper poses are usable.
+    def updated(self, observation: Observation, grasps: Float[np.ndarray, "2 3"], cable: Cable) -> GripperTracker:
+        """After an observation whose gripper poses are usable.
 
         Args:
-            observation: What was seen.
-            grasps: Where the cable is believed to be in the grippers, see `rod.adapted`.
-            cable: What is held.
+            observation: What was measured.
+            grasps: Estimated poses of the cable's ends in the gripper frames, see `rod.adapted`.
+            cable: The nominal cable.
         """
         if not self.started:
-            return replace(self, poses=Age.of(observation.poses), started=True).after(observation, grasps, cable)
-        last = self.poses.rows[-1]
+            measured = SE2.continued(observation.poses, self.poses.history[-1])
+            started = replace(self, poses=DelayEstimator.constant(measured), started=True)
+            return started.updated(observation, grasps, cable)
+        last = self.poses.history[-1]
         step = SE2.minus(observation.poses, last)
-        unlike = np.moveaxis(self.sent.aged(AGES) - step, 0, -1)
-        unlike[:, 2] *= TURN_LEVER
-        sent = self.sent.judged(np.sum(unlike**2, axis=(0, 1)))
-        poses = self.poses.with_row(last + step)
+        differences = np.moveaxis(self.commands.at(DELAYS) - step, 0, -1)
+        differences[:, 2] *= TURN_LEVER
+        commands = self.commands.updated(np.sum(differences**2, axis=(0, 1)))
+        poses = self.poses.appended(SE2.plus(last, step))
         if observation.taken is not None:
             poses = poses.known((observation.time - observation.taken) / CONTROL_STEP)
-        keypoints = believed_keypoints(observation.keypoints, poses.row, cable)
+        keypoints = gated_keypoints(observation.keypoints, poses.delayed, cable)
         if observation.confidence is not None:
             keypoints = np.where(observation.confidence[:, None] > 0, keypoints, np.nan)
-        shown = np.isfinite(keypoints[[0, -1], 0])
-        if shown.any() and observation.taken is None:
-            ends = SE2.compose(poses.aged(AGES), grasps)[..., :2]
-            poses = poses.judged(np.sum((ends - keypoints[[0, -1]])[:, shown] ** 2, axis=(1, 2)))
-        unseen = 0 if np.isfinite(keypoints).any() else self.unseen + 1
-        return Sight(poses, sent, keypoints, unseen, started=True, confidence=observation.confidence)
+        visible = np.isfinite(keypoints[[0, -1], 0])
+        if visible.any() and observation.taken is None:
+            ends = SE2.compose(poses.at(DELAYS), grasps)[..., :2]
+            poses = poses.updated(np.sum((ends - keypoints[[0, -1]])[:, visible] ** 2, axis=(1, 2)))
+        missing = 0 if np.isfinite(keypoints).any() else self.steps_without_keypoints + 1
+        return GripperTracker(poses, commands, keypoints, missing, started=True, confidence=observation.confidence)
 
-    def blindly(self) -> Sight:
-        """After an observation that told nothing: the grippers are taken to do what they were sent."""
-        poses = self.poses.with_row(self.poses.rows[-1] + self.sent.row)
-        nothing = np.full_like(self.keypoints, np.nan)
-        return replace(self, poses=poses, keypoints=nothing, unseen=self.unseen + 1, blind=self.blind + 1)
+    def predicted(self) -> GripperTracker:
+        """After a control step without a usable observation: the grippers are taken to carry out their commands."""
+        return replace(
+            self,
+            poses=self.poses.appended(SE2.plus(self.poses.history[-1], self.commands.delayed)),
+            keypoints=np.full_like(self.keypoints, np.nan),
+            steps_without_keypoints=self.steps_without_keypoints + 1,
+            steps_without_poses=self.steps_without_poses + 1,
+        )
 
-    def sending(self, action: Float[np.ndarray, "2 3"]) -> Sight:
+    def commanding(self, action: Float[np.ndarray, "2 3"]) -> GripperTracker:
         """With an action sent."""
-        return replace(self, sent=self.sent.with_row(action))
+        return replace(self, commands=self.commands.appended(action))

@@ -1,8 +1,8 @@
-"""What is believed of the cable while it is led: a few parameters of the rod, and what they leave unexplained.
+"""The rod filter: estimates a few parameters of the rod while it moves, and the output offset they leave unexplained.
 
 An observation is predicted as the equilibrium of the adapted rod (`cableway.rod.adapted`) between the grippers as
 they were when it was taken, h(theta). The parameters drift towards their prior as an Ornstein-Uhlenbeck process, so
-that none runs away that is not seen, and an extended Kalman filter corrects them by what was measured. Keypoints far
+that no unobservable one runs away, and an extended Kalman filter corrects them by what was measured. Keypoints far
 from their prediction count less (Huber 1964, "Robust estimation of a location parameter"), missing ones not at all.
 What remains of the difference, low-pass filtered, is the output offset.
 """
@@ -85,7 +85,7 @@ class EstimatorConfig:
 
 @dataclass(frozen=True)
 class RodEstimate:
-    """What is believed.
+    """An estimate of the filter.
 
     Attributes:
         theta: (p,) parameters, see `cableway.rod.adapted`.
@@ -120,7 +120,7 @@ class _Prediction:
     possible: bool
 
     def distances(self, keypoints: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k"]:
-        """From those of the keypoints that were seen [m]; infinite where the rod cannot be held so."""
+        """From the visible keypoints [m]; infinite where the rod cannot be held so."""
         if not self.possible:
             return np.array([np.inf])
         distances = np.linalg.norm(keypoints - self.keypoints, axis=1)
@@ -147,7 +147,7 @@ class RodEstimator:
         """Nothing known but the first shape q."""
         return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros((self.rod.keypoints, 2)))
 
-    def told(self, estimate: RodEstimate) -> dict[str, Estimate]:
+    def estimates(self, estimate: RodEstimate) -> dict[str, Estimate]:
         """The parameters by name."""
         deviations = self._prior * np.sqrt(np.diag(estimate.covariance))
         theta, nominal, prior = estimate.theta, self._nominal, self._prior
@@ -160,7 +160,7 @@ class RodEstimator:
         """How much longer [m] the cable is than the distance between its ends, and the standard deviation of that.
 
         Args:
-            estimate: What is believed.
+            estimate: The present one.
             poses: (2, 3) grippers [m, m, rad].
         """
         ends = self.rod.group.compose(poses, estimate.grasps)[:, : self.rod.group.space]
@@ -192,13 +192,13 @@ class RodEstimator:
 
         Args:
             estimate: Before it.
-            keypoints: (n, 2) [m], NaN where not seen.
-            poses: (2, 3) grippers at the time the keypoints were seen [m, m, rad].
+            keypoints: (n, 2) [m], NaN where missing.
+            poses: (2, 3) grippers at the time of the frame [m, m, rad].
             speed: Of the faster gripper then [m per control step].
             confidence: (n,) from 0 to 1, by which each keypoint counts; None where all count the same.
         """
-        seen = np.isfinite(keypoints[:, 0])
-        if not seen.any():
+        visible = np.isfinite(keypoints[:, 0])
+        if not visible.any():
             return estimate
         expected = self._explained(estimate.q, estimate.theta, keypoints, poses)
         if not expected.possible:
@@ -213,7 +213,7 @@ class RodEstimator:
             corrected = self._explained(expected.q, theta, keypoints, poses)
         if not corrected.possible:
             return estimate
-        rest = np.where(seen[:, None], keypoints - corrected.keypoints, estimate.offset)
+        rest = np.where(visible[:, None], keypoints - corrected.keypoints, estimate.offset)
         offset = estimate.offset + self._config.offset_gain * (rest - estimate.offset)
         return RodEstimate(theta, covariance, corrected.q, offset)
 

@@ -1,4 +1,4 @@
-"""What a controller believed of the cable, over time."""
+"""A controller's estimates of the cable, over time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HEADROOM = 0.2
 
 
 def draw_estimates(ax: Axes, rollout: Rollout) -> None:
-    """Each estimate's distance from what was believed beforehand, in prior standard deviations: all fit one axis.
+    """Each estimate's distance from its nominal value, in prior standard deviations: all fit one axis.
 
     The band about a curve is one standard deviation either way, drawn for those that turned out to differ; the legend
     says the last values, those in bold. What was taken as known has no curve.
@@ -25,7 +25,7 @@ def draw_estimates(ax: Axes, rollout: Rollout) -> None:
     for number, (column, name) in enumerate(moving):
         estimate, color = found[name], style.SERIES[number % len(style.SERIES)]
         dashes = "-" if number < len(style.SERIES) else (0, (3, 1.5))
-        away = (rollout.estimates[:, column] - estimate.believed) / estimate.prior
+        away = (rollout.estimates[:, column] - estimate.nominal) / estimate.prior
         ax.plot(
             rollout.times[1:], away, color=color, linestyle=dashes, linewidth=1.9 if estimate.differs else 0.9,
             label=last_value(name, estimate),

@@ -59,7 +59,7 @@ class Log:
             name: np.array([getattr(row, name) for row in self.measured])
             for name in ("keypoints", "poses", "centreline", "clearance", "gripper_clearance")
         }
-        believed = self._estimates(steps)
+        estimates = self._estimates(steps)
         return Rollout(
             times=np.array(self.times),
             observed=np.array(self.observed),
@@ -67,18 +67,18 @@ class Log:
             actions=np.array(self.actions[:steps]).reshape(steps, 2, 3),
             solve_time=np.array(self.solve_time[:steps]),
             status=np.array(self.status, dtype=np.str_),
-            metadata={**metadata, **believed.pop("metadata", {})},
+            metadata={**metadata, **estimates.pop("metadata", {})},
             **truth,
-            **believed,
+            **estimates,
         )
 
     def _estimates(self, steps: int) -> dict[str, Any]:
-        """The fields of a rollout that hold what was believed of the cable."""
+        """The fields of a rollout that hold estimates."""
         if not steps or not self.estimates[0]:
             return {}
         first, rows = self.estimates[0], self.estimates[:steps]
         described = [
-            {"name": name, "unit": e.unit, "believed": e.believed, "prior": e.prior} for name, e in first.items()
+            {"name": name, "unit": e.unit, "nominal": e.nominal, "prior": e.prior} for name, e in first.items()
         ]
         return {
             "estimates": np.array([[row[name].value for name in first] for row in rows]),

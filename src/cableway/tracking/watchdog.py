@@ -156,7 +156,7 @@ class Guard:
         self._missed += 1
         action = np.zeros((2, 3))
         if self._missed <= self._watchdog.coasting and poses_usable(observation):
-            coasted = within_limits(COASTED * before, observation.poses, self.task.grippers, longest=0.0)
+            coasted = within_limits(COASTED * before, observation.poses, self.task.grippers, max_span=0.0)
             action = coasted if self._is_safe(coasted, observation) else action
         status = f"{why}: {'coasting' if action.any() else 'stopped'}"
         return Answer(action, state.overruled(action, status), status, seconds)

@@ -2,7 +2,7 @@
 
 A plan's shapes are equilibria of a uniform elastic rod that lies free. A cable that friction holds on the table, or
 that is not as stiff or as straight everywhere, is led through them all the same by its controller, but one plan asks
-more of it than another. Where what is believed of the cable says so, a plan is tried in simulation before it is used.
+more of it than another. Where the task's cable calls for it, a plan is tried in simulation before it is used.
 
 Note:
     Not in the paper (Tang et al.), whose plans know nothing of the cable.
@@ -77,7 +77,7 @@ class Rehearsed:
 
 
 def needs_rehearsal(task: Task) -> bool:
-    """Whether the cable of a task, as it is believed, has other equilibria than the rod of its plans."""
+    """Whether the nominal cable of a task has other equilibria than the rod of its plans."""
     return task.cable.friction > 0 or not task.cable.bends_as_rod
 
 
@@ -85,7 +85,7 @@ def rehearse(task: Task, plan: Plan, plant: Plant, controller: Controller[Any]) 
     """Follow a plan and see how it goes.
 
     Args:
-        task: What is believed.
+        task: The nominal task.
         plan: To follow.
         plant: The cable of the task, simulated.
         controller: What leads the grippers.

@@ -43,7 +43,7 @@ def linear_shapes(actions: np.ndarray, derivative: np.ndarray) -> np.ndarray:
     return PLAN.shapes[0] + derivative @ actions.ravel()
 
 
-@pytest.mark.parametrize("config", [MPCConfig(stretch=0.1), MPCConfig.paper()], ids=["ours", "paper"])
+@pytest.mark.parametrize("config", [MPCConfig(soft_span=0.1), MPCConfig.paper()], ids=["ours", "paper"])
 def test_derivative_matches_finite_differences(config: MPCConfig) -> None:
     rng = np.random.default_rng(0)
     task = crowded()

@@ -80,7 +80,7 @@ def test_a_wrong_model_is_changed_while_it_leads(model: LearnedModel):
         _, state = controller.step(state, Observation(0.1 * step, keypoints, poses))
         action = rng.normal(0, [0.004, 0.004, 0.04], (2, 3)) if step % 10 == 0 else action
         keypoints, poses = truth.shapes(keypoints, poses, action[None])[0], poses + action
-        state = replace(state, sight=state.sight.sending(action))
+        state = replace(state, tracker=state.tracker.commanding(action))
     assert state.estimates()["model changes taken"].value >= 1
 
 

@@ -132,7 +132,7 @@ def test_what_is_seen_late_is_led_on_by_the_motion_since(started: Shared) -> Non
     for row in range(15):
         late = replace(at(row), keypoints=PLAN.shapes[max(row - 2, 0)])
         action, state = controller.step(state, late)
-    assert state.sight.poses.value == pytest.approx(2.0, abs=0.26)
+    assert state.tracker.poses.delay == pytest.approx(2.0, abs=0.26)
     planned = PLAN.poses[15] - PLAN.poses[14]
     assert np.linalg.norm(action - planned) < 0.3 * np.linalg.norm(planned)
 
@@ -184,7 +184,7 @@ def test_the_paper_is_a_configuration() -> None:
     assert (config.tracking_weight, config.obstacle_weight, config.control_weight) == (150.0, 0.01, 1.0)
     assert not config.feedforward
     assert config.profile == "barrier"
-    assert config.offset_gain == config.pose_weight == config.stretch_weight == 0.0
+    assert config.offset_gain == config.pose_weight == config.span_weight == 0.0
 
 
 class Broken(DeformationModel):

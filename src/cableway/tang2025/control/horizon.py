@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.limits import longest_gap
+from cableway.control.limits import span_limit
 from cableway.geometry import polyline
 from cableway.scene.task import Grippers, Task
 from cableway.tang2025.control import terms
@@ -73,8 +73,8 @@ class HorizonCost:
                 reached[:, 1, :2] - reached[:, 0, :2],
                 derivative[:, 1, :2] - derivative[:, 0, :2],
                 self._task.grippers.separation,
-                longest_gap(target.poses, cable.length, config.stretch),
-                config.stretch_weight,
+                span_limit(target.poses, cable.length, config.soft_span),
+                config.span_weight,
             ),
         ]
 

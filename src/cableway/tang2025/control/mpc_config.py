@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cableway.core.checks import number_fields, require_choice, require_not_negative, require_positive, require_range
+from cableway.core.deprecation import renamed_keywords
 from cableway.tang2025.control.terms import Profile
 
 ADAPT_EVERY = 20
@@ -30,10 +31,10 @@ class MPCConfig:
         pieces: Points costed per segment between keypoints; 1 for keypoints alone, as in the paper.
         feedforward: Regularise towards the plan's gripper steps instead of, as in the paper, towards no motion.
         offset_gain: Share of the newest prediction error that enters the output offset; 0 for no offset (paper).
-        stretch: Distance between the grippers over the cable's length from where it costs; where the plan stretches
+        soft_span: Distance between the grippers over the cable's length from where it costs; where the plan stretches
             the cable farther, the plan's distance.
-        stretch_weight: w_s [1/m^2]; 0 for no such cost (paper).
-        longest: Distance between the grippers over the cable's length that is never exceeded, unless by the plan.
+        span_weight: w_s [1/m^2]; 0 for no such cost (paper).
+        max_span: Distance between the grippers over the cable's length that is never exceeded, unless by the plan.
         adapt_every: Control steps between two adaptations of the model; 0 for none.
         hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
         blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
@@ -53,9 +54,9 @@ class MPCConfig:
     pieces: int = 3
     feedforward: bool = True
     offset_gain: float = 0.2
-    stretch: float = 0.985
-    stretch_weight: float = 1e5
-    longest: float = 0.995
+    soft_span: float = 0.985
+    span_weight: float = 1e5
+    max_span: float = 0.995
     adapt_every: int = 0
     hold: float = 1.5
     blind_steps: int = 3
@@ -63,7 +64,7 @@ class MPCConfig:
 
     def __post_init__(self) -> None:
         require_positive(self, "horizon", "iterations", "pieces")
-        require_positive(self, "tracking_weight", "control_weight", "turn_lever", "threshold", "stretch", "longest")
+        require_positive(self, "tracking_weight", "control_weight", "turn_lever", "threshold", "soft_span", "max_span")
         require_range(self, 0, 1, "offset_gain")
         require_choice("profile", self.profile, Profile)
         require_not_negative(self, *number_fields(self))
@@ -81,6 +82,11 @@ class MPCConfig:
             pieces=1,
             feedforward=False,
             offset_gain=0.0,
-            stretch_weight=0.0,
+            span_weight=0.0,
             hold=0.0,
         )
+
+
+MPCConfig.__init__ = renamed_keywords(stretch="soft_span", stretch_weight="span_weight", longest="max_span")(
+    MPCConfig.__init__
+)

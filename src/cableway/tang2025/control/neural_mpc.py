@@ -16,7 +16,7 @@ before, moved on by one. JAX computes what the model predicts and its derivative
 The output offset is what the model keeps getting wrong: the difference between what was seen and what the model makes
 of the frame before and of the gripper motion since, low-pass filtered. Without it the loop settles where the model's
 error balances the pull to the reference. Keypoints that are hidden are taken to be where the model expects them. What
-is seen late is first led on by the motions that the grippers have made since or were sent (`sight`).
+is seen late is first led on by the motions that the grippers have made since or were sent (`tracker`).
 
 With `adapt_every` the model itself is adapted to the cable at hand: its decoder, as in the paper, or its rod
 (`models.adaptation`), from the frames in which the whole cable was seen.
@@ -36,7 +36,7 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
-from cableway.control.limits import longest_gap
+from cableway.control.limits import span_limit
 from cableway.core.errors import ControlError, InputError
 from cableway.records import Estimate, Observation, Plan
 from cableway.scene.task import Task
@@ -134,7 +134,7 @@ class NeuralMPC(Controller[MPCState]):
     def step(self, state: MPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], MPCState]:
         """See `Controller.step`."""
         state = state.looking(observation)
-        if state.sight.blind > self.config.blind_steps or state.sight.unseen > self.config.unseen_steps:
+        if state.must_stop(self.config):
             return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
         try:
             return self._track(state)
@@ -150,26 +150,26 @@ class NeuralMPC(Controller[MPCState]):
 
     def _track(self, state: MPCState) -> tuple[np.ndarray, MPCState]:
         state = self._adapted(state)
-        sight, offset = state.sight, state.offset
-        keypoints = sight.keypoints
+        tracker, offset = state.tracker, state.offset
+        keypoints = tracker.keypoints
         if state.seen is not None:
-            expected = self._rolled(state, *state.seen, sight.then[None])
+            expected = self._rolled(state, *state.seen, tracker.at_frame[None])
             error = np.where(np.isfinite(keypoints), keypoints - expected, offset)
             offset = offset + self.config.offset_gain * (error - offset)
             keypoints = np.where(np.isfinite(keypoints), keypoints, expected + offset)
         if not np.isfinite(keypoints).all():
             return self._sent(state, state.plan.actions(state.index, 1)[0], Status.UNSEEN)
-        state = replace(state, seen=(keypoints, sight.then), offset=offset)
-        way = sight.way
+        state = replace(state, seen=(keypoints, tracker.at_frame), offset=offset)
+        way = tracker.path
         actions, solution = self._solve(state, self._rolled(state, keypoints, way[0], way[1:]), offset)
         state = replace(state, actions=actions, solution=solution)
-        return self._sent(state, actions[0], Status.UNSEEN if sight.unseen else Status.TRACKING)
+        return self._sent(state, actions[0], state.tracking_status)
 
     def _adapted(self, state: MPCState) -> MPCState:
         """With what the newest frame tells of the model."""
         if state.learning is None:
             return state
-        learning = state.learning.seeing((state.sight.keypoints, state.sight.then))
+        learning = state.learning.seeing((state.tracker.keypoints, state.tracker.at_frame))
         if learning.state.model is state.learning.state.model:
             return replace(state, learning=learning)
         problem = replace(state.problem, predictor=state.problem.predictor.of(learning.state.model))
@@ -202,7 +202,7 @@ class NeuralMPC(Controller[MPCState]):
         self, state: MPCState, keypoints: np.ndarray, offset: np.ndarray
     ) -> tuple[Float[np.ndarray, "H 2 3"], Solution]:
         """Actions over the horizon that make the cost least."""
-        problem, config, poses = state.problem, self.config, state.sight.commanded
+        problem, config, poses = state.problem, self.config, state.tracker.commanded
         target = self._target(state)
         box = ActionBox.around(target.actions, state.task.grippers)
 
@@ -231,14 +231,14 @@ class NeuralMPC(Controller[MPCState]):
         """What the plan asks of the next H actions."""
         reference, horizon = state.plan, self.config.horizon
         actions = reference.actions(state.index, horizon)
-        poses = nearest_turns(reference.poses(state.index, horizon), state.sight.commanded)
+        poses = nearest_turns(reference.poses(state.index, horizon), state.tracker.commanded)
         return Target(
             reference.shapes(state.index, horizon), poses, actions if self.config.feedforward else 0.0 * actions
         )
 
     def _sent(self, state: MPCState, action: np.ndarray, status: Status) -> tuple[np.ndarray, MPCState]:
-        longest = longest_gap(state.plan.poses(state.index, 1), state.task.cable.length, self.config.longest)
-        action, state = state.sending(action, status, float(longest[0]))
+        max_span = span_limit(state.plan.poses(state.index, 1), state.task.cable.length, self.config.max_span)
+        action, state = state.sending(action, status, float(max_span[0]))
         return action, replace(state, actions=np.concatenate([action[None], state.actions[1:]]))
 
 
