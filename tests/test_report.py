@@ -13,8 +13,7 @@ from recorded import moved_aside, moved_plan, perfect_rollout
 from cableway.outcome import Outcome
 from cableway.records import Attempt, Check, Plan, Rollout, Verdict
 from cableway.report import Report, shape_error_floor, summarize
-from cableway.rod.adapted import nearest_shape
-from cableway.rod.inverse import fit_keypoints
+from cableway.rod.inverse import fit_keypoints, nearest_shape
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 from cableway.verification import VerificationLimits

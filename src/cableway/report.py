@@ -14,7 +14,7 @@ from cableway.core.provenance import describe, versions
 from cableway.metrics import METRICS
 from cableway.outcome import SUCCESS_ERROR, Outcome
 from cableway.records import Attempt, Estimate, Plan, Rollout, Verdict
-from cableway.rod.adapted import nearest_shape
+from cableway.rod.inverse import nearest_shape
 from cableway.scene.cable import Cable
 from cableway.scene.task import Task
 from cableway.verification import (

@@ -20,9 +20,9 @@ from cableway.estimation.rod_kernels import predict
 from cableway.geometry import convex
 from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan, Rollout
-from cableway.rod import adapted
-from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, STIFFNESS
+from cableway.rod import material
 from cableway.rod.inverse import fit_keypoints, shape_between
+from cableway.rod.material import CURVATURE, GRASPS, LENGTH, STIFFNESS
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Disc
@@ -41,7 +41,7 @@ TASK = task_for(PLAN)
 def truth(seed: int) -> np.ndarray:
     """Parameters of a cable that differs in every way."""
     rng = np.random.default_rng(seed)
-    return adapted.nominal(ROD) + 0.7 * EstimatorConfig().prior(ROD.length) * rng.choice([-1, 1], adapted.PARAMETERS)
+    return material.nominal(ROD) + 0.7 * EstimatorConfig().prior(ROD.length) * rng.choice([-1, 1], material.PARAMETERS)
 
 
 def predicted(
@@ -49,13 +49,13 @@ def predicted(
 ) -> float:
     """`predict` for grippers at `poses`."""
     ends, by_grasps = SE2.compose(poses, theta[GRASPS].reshape(2, 3)), block_diag(*SE2.to_world(poses))
-    return predict(q, ends, by_grasps, theta[adapted.ROD], adapted.modes(ROD), ROD.stride, keypoints, by_theta)
+    return predict(q, ends, by_grasps, theta[material.ROD], material.modes(ROD.hinges), ROD.stride, keypoints, by_theta)
 
 
 def seen_along(theta: np.ndarray, plan: Plan = PLAN) -> list[np.ndarray]:
     """Keypoints of the cable with parameters theta held by grippers that follow a plan."""
     q, shapes = fit_keypoints(ROD, plan.shapes[0])[0], []
-    keypoints, by_theta = np.empty((13, 2)), np.empty((13, 2, adapted.PARAMETERS))
+    keypoints, by_theta = np.empty((13, 2)), np.empty((13, 2, material.PARAMETERS))
     for poses in plan.poses:
         assert predicted(q, poses, theta, keypoints, by_theta) < 1e-8
         shapes.append(keypoints.copy())
@@ -92,13 +92,13 @@ def test_prediction_is_differentiated_exactly() -> None:
     q = fit_keypoints(ROD, PLAN.shapes[10])[0]
 
     def keypoints(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found, by_theta = np.empty((13, 2)), np.empty((13, 2, adapted.PARAMETERS))
+        found, by_theta = np.empty((13, 2)), np.empty((13, 2, material.PARAMETERS))
         assert predicted(q.copy(), PLAN.poses[10], theta, found, by_theta) < 1e-9
         return found, by_theta
 
     by_theta = keypoints(theta)[1]
-    for k in range(adapted.PARAMETERS):
-        nudge = 1e-5 * (np.arange(adapted.PARAMETERS) == k)
+    for k in range(material.PARAMETERS):
+        nudge = 1e-5 * (np.arange(material.PARAMETERS) == k)
         numeric = (keypoints(theta + nudge)[0] - keypoints(theta - nudge)[0]) / 2e-5
         np.testing.assert_allclose(by_theta[..., k], numeric, rtol=1e-4, atol=1e-4)
 
@@ -111,7 +111,7 @@ def test_the_cost_and_its_derivative_agree(seed: int) -> None:
     centre = line[6] + outward(line) * 0.025
     task = task_for(PLAN, (Disc(center=(centre[0], centre[1]), radius=0.02),))
     q = np.array([fit_keypoints(ROD, PLAN.shapes[row])[0] for row in (3, 9)]) + 1e-3 * rng.normal(size=(2, 6))
-    p, modes = truth(seed)[adapted.ROD], adapted.modes(ROD)
+    p, modes = truth(seed)[material.ROD], material.modes(ROD.hinges)
     limits, weights = (0.002, 0.01, 0.004, 0.004, 0.006, 0.0), (1.0, 3.0, 0.05, 1e-3, 30.0, 100.0, 100.0)
     normal, gradient = np.empty((12, 12)), np.empty(12)
 
@@ -136,14 +136,14 @@ def test_the_cost_and_its_derivative_agree(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_estimate_predicts_a_cable_that_differs_in_every_way(seed: int) -> None:
     true = truth(seed)
-    before = prediction_error(adapted.nominal(ROD), true)
+    before = prediction_error(material.nominal(ROD), true)
     assert prediction_error(estimated(true).theta, true) < 0.1 * before
     assert prediction_error(estimated(true, noise=0.002).theta, true) < 0.4 * before
     assert prediction_error(estimated(true, outliers=2).theta, true) < 0.5 * before
 
 
 def test_length_and_grasps_are_found() -> None:
-    true = adapted.nominal(ROD)
+    true = material.nominal(ROD)
     true[LENGTH] *= 0.98
     true[GRASPS] = [0.002, -0.001, 0.03, 0.001, 0.002, -0.03]
     theta = estimated(true).theta
@@ -164,7 +164,7 @@ def test_how_taut_the_cable_is_believed_to_be_and_how_surely() -> None:
 
     found, deviation = estimator.slack(estimate, poses)
     assert found == pytest.approx(slack(theta))
-    by_theta = np.array([(slack(theta + step * unit) - slack(theta)) / step for unit in np.eye(adapted.PARAMETERS)])
+    by_theta = np.array([(slack(theta + step * unit) - slack(theta)) / step for unit in np.eye(material.PARAMETERS)])
     assert deviation == pytest.approx(np.linalg.norm(by_theta * EstimatorConfig().prior(ROD.length)), rel=1e-5)
 
 
@@ -175,7 +175,7 @@ def test_what_cannot_be_seen_stays_at_its_prior() -> None:
     for _ in range(600):
         estimate = estimator.update(estimate, PLAN.shapes[0] + [0.001, 0.0], PLAN.poses[0], 0.0)
     prior = EstimatorConfig().prior(ROD.length)
-    assert (np.abs(estimate.theta - adapted.nominal(ROD)) < prior).all()
+    assert (np.abs(estimate.theta - material.nominal(ROD)) < prior).all()
     spread = np.sqrt(np.diag(estimate.covariance))
     assert spread[STIFFNESS].max() > 0.5
     assert spread[CURVATURE].max() > 0.2
@@ -185,8 +185,8 @@ def test_what_cannot_be_seen_stays_at_its_prior() -> None:
 def test_with_nothing_to_estimate_only_the_offset_moves() -> None:
     true = truth(1)
     estimate = estimated(true, EstimatorConfig.nominal(offset_gain=1.0))
-    np.testing.assert_array_equal(estimate.theta, adapted.nominal(ROD))
-    wrong = seen_along(true)[-1] - seen_along(adapted.nominal(ROD))[-1]
+    np.testing.assert_array_equal(estimate.theta, material.nominal(ROD))
+    wrong = seen_along(true)[-1] - seen_along(material.nominal(ROD))[-1]
     np.testing.assert_allclose(estimate.offset, wrong, atol=1e-6)
 
 
@@ -295,7 +295,7 @@ def test_the_grippers_go_farther_apart_than_planned_only_where_the_cable_is_sure
     theta[LENGTH] = 1.03 * length
 
     def allowed(index: int, share_of_prior: float) -> tuple[float, float]:
-        covariance = share_of_prior**2 * np.eye(adapted.PARAMETERS)
+        covariance = share_of_prior**2 * np.eye(material.PARAMETERS)
         at = replace(state, index=index, estimate=replace(state.estimate, theta=theta, covariance=covariance))
         return controller._span_limit(at), state.problem.estimator.slack(at.estimate, at.tracker.commanded)[1]
 

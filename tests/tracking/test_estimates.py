@@ -18,7 +18,7 @@ from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.figures.rollout import rollout_figure
 from cableway.records import Rollout
 from cableway.report import summarize
-from cableway.rod.adapted import PARAMETERS
+from cableway.rod.material import PARAMETERS
 from cableway.rod.planar import PlanarRod
 from cableway.tracking import track
 

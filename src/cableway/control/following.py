@@ -52,7 +52,7 @@ class FollowerState(ControllerState):
         }
 
     def looking(self, observation: Observation | None, grasps: Float[np.ndarray, "2 3"] = NOMINAL_GRASPS) -> Self:
-        """After an observation; `grasps` are the estimated grasps, see `rod.adapted`."""
+        """After an observation; `grasps` are the estimated grasps, see `rod.material`."""
         if observation is None or not poses_usable(observation):
             return replace(self, tracker=self.tracker.predicted())
         return replace(self, tracker=self.tracker.updated(observation, grasps, self.task.cable))

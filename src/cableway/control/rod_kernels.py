@@ -1,6 +1,6 @@
 """Compiled kernels of `cableway.control.rod_mpc`: what the adapted rod predicts, and the steps of the optimiser.
 
-Arrays are those of `cableway.rod.fitting`; theta is laid out as in `cableway.rod.adapted`.
+Arrays are those of `cableway.rod.fitting`; theta is laid out as in `cableway.rod.material`.
 """
 
 from __future__ import annotations

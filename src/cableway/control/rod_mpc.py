@@ -40,9 +40,9 @@ from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
 from cableway.records import Estimate, Observation, Plan
-from cableway.rod.adapted import ROD
 from cableway.rod.fitting import fit_shapes, meet_ends
 from cableway.rod.inverse import fit_keypoints
+from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
 from cableway.scene.task import Task
 

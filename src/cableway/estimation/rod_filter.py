@@ -1,6 +1,6 @@
 """The rod filter: estimates a few parameters of the rod while it moves, and the output offset they leave unexplained.
 
-An observation is predicted as the equilibrium of the adapted rod (`cableway.rod.adapted`) between the grippers as
+An observation is predicted as the equilibrium of the adapted rod (`cableway.rod.material`) between the grippers as
 they were when it was taken, h(theta). The parameters drift towards their prior as an Ornstein-Uhlenbeck process, so
 that no unobservable one runs away, and an extended Kalman filter corrects them by what was measured. Keypoints far
 from their prediction count less (Huber 1964, "Robust estimation of a location parameter"), missing ones not at all.
@@ -18,9 +18,9 @@ from jaxtyping import Float
 from cableway.core.checks import number_fields, require_at_least, require_not_negative, require_range
 from cableway.estimation import rod_kernels
 from cableway.records import Estimate
-from cableway.rod import adapted
-from cableway.rod.adapted import CURVATURE, GRASPS, LENGTH, PARAMETERS, ROD, STIFFNESS
+from cableway.rod import material
 from cableway.rod.inverse import fit_keypoints
+from cableway.rod.material import CURVATURE, GRASPS, LENGTH, PARAMETERS, ROD, STIFFNESS
 from cableway.rod.planar import PlanarRod
 
 MET = 1e-3
@@ -88,7 +88,7 @@ class RodEstimate:
     """An estimate of the filter.
 
     Attributes:
-        theta: (p,) parameters, see `cableway.rod.adapted`.
+        theta: (p,) parameters, see `cableway.rod.material`.
         covariance: (p, p) of theta, in units of its prior.
         q: (6,) shape last predicted.
         offset: (n, 2) [m] what the prediction is short of.
@@ -137,8 +137,8 @@ class RodEstimator:
     """
 
     def __init__(self, rod: PlanarRod, config: EstimatorConfig, control_step: float) -> None:
-        self.rod, self.modes, self._config = rod, adapted.modes(rod), config
-        self._nominal = adapted.nominal(rod)
+        self.rod, self.modes, self._config = rod, material.modes(rod.hinges), config
+        self._nominal = material.nominal(rod)
         self._prior = config.prior(rod.length)
         self._kept = math.exp(-control_step / config.memory)
         self._lag = config.lag / control_step
@@ -153,7 +153,7 @@ class RodEstimator:
         theta, nominal, prior = estimate.theta, self._nominal, self._prior
         return {
             name: Estimate(float(theta[k]), float(deviations[k]), float(nominal[k]), float(prior[k]), unit)
-            for k, (name, unit) in enumerate(adapted.NAMES.items())
+            for k, (name, unit) in enumerate(material.NAMES.items())
         }
 
     def slack(self, estimate: RodEstimate, poses: Float[np.ndarray, "2 3"]) -> tuple[float, float]:

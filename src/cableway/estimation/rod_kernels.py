@@ -1,6 +1,6 @@
 """Compiled kernel of the estimator: the adapted rod between measured grippers, and its derivative by its parameters.
 
-Arrays are those of `cableway.rod.fitting`; theta is laid out as in `cableway.rod.adapted`.
+Arrays are those of `cableway.rod.fitting`; theta is laid out as in `cableway.rod.material`.
 """
 
 from __future__ import annotations

@@ -25,6 +25,10 @@ SAME_SHAPE = 1e-4
 FIT_STEPS = 100
 """Most steps of one fit; a fit takes some ten."""
 
+STAGES = 16
+"""Steps from the uniform rod to another one in `nearest_shape`; with four, one that is curled by a full turn at one end
+is lost."""
+
 LOAD_RANGE = (30.0, 30.0, 6.0)
 """Largest |a_x|, |a_y|, |m| of a first guess, beside the turn between the grippers: stable shapes have about these."""
 
@@ -213,3 +217,28 @@ def meet_poses(rod: PlanarRod, poses: np.ndarray, q: np.ndarray, iterations: int
                 break
         moving[left] = False
     return q[norm < 1e-9]
+
+
+def nearest_shape(
+    rod: PlanarRod, stiffness: Float[np.ndarray, "N"], rest: Float[np.ndarray, "N"], keypoints: Float[np.ndarray, "n 2"]
+) -> tuple[Float[np.ndarray, "n 2"], float]:
+    """The equilibrium of any elastic rod whose keypoints are nearest to given ones, whatever grippers make it.
+
+    The rod is made of the uniform one step by step, each from the shape before.
+
+    Args:
+        rod: Length and keypoints.
+        stiffness: (N,) factors on the stiffness of the hinges.
+        rest: (N,) turn [rad] at rest, per length of the rod.
+        keypoints: (n, 2) [m], at equal arc length.
+
+    Returns:
+        Its keypoints (n, 2) [m] and their stacked distance [m] from the given ones.
+    """
+    modes = np.ascontiguousarray(np.stack([np.log(stiffness), rest]))
+    wanted = np.array(keypoints, float)[None]
+    q, found = fit_keypoints(rod, wanted[0])[0][None].copy(), np.empty_like(wanted)
+    for share in np.linspace(0.0, 1.0, STAGES + 1)[1:]:
+        p = np.array([rod.length, share, 0.0, 0.0, share])
+        fitting.fit_shapes(q, wanted, p, modes, rod.stride, 0.0, 50, found, np.empty((1, 2, 3)))
+    return found[0], float(np.linalg.norm(found - wanted))

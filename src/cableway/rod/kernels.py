@@ -1,6 +1,6 @@
 """Compiled kernels of the rod; `cableway.rod.planar` explains the quantities and is what to call.
 
-One walk serves the uniform rod and any other (`cableway.rod.adapted`), which has K modes (K, N) with parameters p (1 +
+One walk serves the uniform rod and any other (`cableway.rod.material`), which has K modes (K, N) with parameters p (1 +
 2K,): length L, factors of the modes of the logarithm of the stiffness, and of those of the turn at rest. A uniform rod
 has none.
 

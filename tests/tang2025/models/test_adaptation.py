@@ -20,7 +20,7 @@ from cableway.tang2025.models.evaluation import open_loop_errors
 from cableway.tang2025.models.rod import RodConfig, RodModel
 
 NOMINAL = RodModel(RodConfig(), key=jax.random.key(0))
-GRADED = eqx.tree_at(lambda model: model.rod.stiffness, NOMINAL, jnp.array([0.7, -0.2]))
+GRADED = eqx.tree_at(lambda model: model.rod.stiffness, NOMINAL, jnp.array([0.7, -0.2 * 2 / 3]))
 run = eqx.filter_jit(jax.vmap(rollout, in_axes=(None, 0, 0, 0)))
 
 

@@ -12,6 +12,7 @@ from safetensors.numpy import load_file, save_file
 
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.tang2025.models.checkpoint import load_model, model_file, model_names, read_card, save_model
+from cableway.tang2025.models.rod import RodConfig, RodModel
 from cableway.tang2025.models.tensors import METADATA_KEY, read_metadata
 
 CARD = {"kind": "transformer", "note": "made by a test"}
@@ -61,9 +62,26 @@ def test_another_safetensors_file_is_refused(tmp_path):
 
 
 def test_another_version_is_refused(file):
-    rewrite(file, version=2)
-    with pytest.raises(FileFormatError, match="of version 2; this cableway reads version 1"):
+    rewrite(file, version=3)
+    with pytest.raises(FileFormatError, match="of version 3; this cableway reads version 1 and 2"):
         load_model(file)
+
+
+def test_a_rod_in_a_file_of_version_1_keeps_its_stiffness_and_rest_curvature(tmp_path):
+    """Its second modes are given for x^2 - 1/3."""
+    path, hinges = tmp_path / "rod.safetensors", 24
+    save_model(path, RodModel(RodConfig(), key=jax.random.key(0)), CARD)
+    arrays = load_file(path)
+    arrays["rod.stiffness"], arrays["rod.rest"] = np.float32([0.5, -0.4]), np.float32([0.6, 0.8])
+    rewrite(path, arrays=arrays, version=1)
+    x = (2 * np.arange(hinges) + 1) / hinges - 1
+    modes = np.stack([x, x**2 - 1 / 3])
+    material = load_model(path).rod.material(hinges)
+    np.testing.assert_allclose(material.stiffness, np.exp(arrays["rod.stiffness"] @ modes), rtol=1e-6)
+    np.testing.assert_allclose(hinges * material.rest, arrays["rod.rest"] @ modes, atol=1e-6)
+    save_model(path, load_model(path), CARD)
+    assert read_metadata(path)["version"] == 2
+    np.testing.assert_allclose(load_file(path)["rod.stiffness"], [0.5, -0.4 * 2 / 3], rtol=1e-6)
 
 
 def test_another_kind_is_refused_with_the_known_ones(file):

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from cableway.geometry import se2
-from cableway.rod import adapted
+from cableway.rod import material as rod_material
 from cableway.rod.fitting import workspace
 from cableway.rod.kernels import held_shape
 from cableway.rod.planar import PlanarRod
-from cableway.tang2025.models.rod_parameters import RodParameters
-from cableway.tang2025.models.viscoelastic import link_angles, rod_step
+from cableway.tang2025.models.viscoelastic import RodParameters, link_angles, rod_step
 
 FROM = np.array([0.3, 0.2, 0.7, -20.0, 6.0, 2.5])
 TO = FROM + np.array([0.004, -0.003, 0.02, 0.8, -0.6, 0.1])
@@ -43,15 +42,15 @@ def test_without_lag_it_goes_from_one_equilibrium_of_the_chain_to_the_next(keypo
 
 
 @pytest.mark.parametrize("keypoints", [13, 10])
-def test_a_rod_that_is_not_uniform_is_the_adapted_rod(keypoints):
-    """Stiffness and rest curvature along the length as in `cableway.rod.adapted`; x^2 - 1/3 is 2/3 of P_2."""
+def test_a_rod_that_is_not_uniform_is_the_rod_of_the_estimator(keypoints):
+    """Stiffness and rest curvature along the length as in `cableway.rod.material`."""
     rod = PlanarRod(0.3, keypoints)
-    stiffness, rest = np.array([0.5, -0.4]), np.array([0.6, 0.8])
-    p = np.concatenate([[rod.length], stiffness * [1, 2 / 3], rest * [1, 2 / 3]])
+    stiffness, rest = np.array([0.5, -0.4 * 2 / 3]), np.array([0.6, 0.8 * 2 / 3])
+    p = np.concatenate([[rod.length], stiffness, rest])
     shapes, poses = [], []
     for q in (FROM, TO):
-        stations, _, ends, _ = arrays = workspace(adapted.modes(rod))
-        held_shape(q, p, adapted.modes(rod), *arrays)
+        stations, _, ends, _ = arrays = workspace(rod_material.modes(rod.hinges))
+        held_shape(q, p, rod_material.modes(rod.hinges), *arrays)
         shapes.append(rod.at_keypoints(stations[None])[0])
         poses.append(ends)
     parameters = RodParameters(1e-4)

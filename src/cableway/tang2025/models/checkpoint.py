@@ -7,6 +7,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
@@ -19,8 +20,11 @@ from cableway.tang2025.models.tensors import read_metadata, read_tree, write_tre
 FORMAT = "cableway-model"
 """Marks our files among other safetensors files."""
 
-VERSION = 1
+VERSION = 2
 """Version of the file's layout."""
+
+FIRST_MODES = (1.0, 2.0 / 3.0)
+"""Files of version 1 give the second modes of a rod for x^2 - 1/3, which is 2/3 P_2 of `cableway.rod.material`."""
 
 WEIGHTS = Path(__file__).parent / "weights"
 """Folder of the shipped weights."""
@@ -80,7 +84,11 @@ def load_model(name_or_path: str | Path) -> DeformationModel:
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from None
     like = eqx.filter_eval_shape(lambda: build(config, key=jax.random.key(0)))
-    return read_tree(path, like)
+    model = read_tree(path, like)
+    if metadata["version"] == 1 and model.rod is not None:
+        old, modes = model.rod, jnp.array(FIRST_MODES, jnp.float32)
+        model = eqx.tree_at(lambda m: (m.rod.stiffness, m.rod.rest), model, (modes * old.stiffness, modes * old.rest))
+    return model
 
 
 def read_card(name_or_path: str | Path) -> dict[str, Any]:
@@ -103,8 +111,8 @@ def _read(path: Path) -> dict[str, Any]:
         raise FileFormatError(
             f"{path}: a safetensors file, but not a cableway model of kind {', '.join(sorted(KINDS))}"
         )
-    if metadata.get("version") != VERSION:
+    if metadata.get("version") not in (1, VERSION):
         raise FileFormatError(
-            f"{path}: a model file of version {metadata.get('version')!r}; this cableway reads version {VERSION}"
+            f"{path}: a model file of version {metadata.get('version')!r}; this cableway reads version 1 and {VERSION}"
         )
     return metadata

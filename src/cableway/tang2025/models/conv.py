@@ -20,7 +20,7 @@ from cableway.core.errors import InputError
 from cableway.tang2025.models.frames import Framing, Inputs
 from cableway.tang2025.models.layers import TOKEN, Dense, LayerNorm, tokens
 from cableway.tang2025.models.learned import LearnedModel, Normalization, rod_of
-from cableway.tang2025.models.rod_parameters import RodParameters
+from cableway.tang2025.models.viscoelastic import RodParameters
 
 
 @dataclass(frozen=True, kw_only=True)

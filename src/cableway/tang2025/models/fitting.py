@@ -19,8 +19,9 @@ from cableway.tang2025.models.learned import LearnedModel
 LEAST_NOISE = 2e-3
 """Root mean square of the residuals, in lengths of the cable, below which they are not trusted further."""
 
-ROD_SPREAD = (0.35, 0.5, 0.5, 0.4, 0.4, 0.05, 0.05)
-"""How far the parameters of a rod may be from the first ones: damping, stiffness, rest, grasp."""
+ROD_SPREAD = (0.35, 0.5, 0.5 * 2 / 3, 0.4, 0.4 * 2 / 3, 0.05, 0.05)
+"""How far the parameters of a rod may be from the first ones: damping, stiffness, rest, grasp. The second modes have
+spreads of 0.5 and 0.4 as factors of x^2 - 1/3 = 2/3 P_2."""
 
 WEIGHT_SPREAD = 0.1
 """The same for the weights of a last layer, as a share of their root mean square."""

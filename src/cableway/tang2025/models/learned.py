@@ -15,7 +15,7 @@ from cableway.records import Transitions
 from cableway.tang2025.models import frames
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.models.frames import Framing, Inputs
-from cableway.tang2025.models.rod_parameters import RodParameters
+from cableway.tang2025.models.viscoelastic import RodParameters
 
 SMALLEST_SPREAD = 1e-6
 """Standard deviation below which an input counts as constant and is not divided by it."""

@@ -12,7 +12,7 @@ from cableway.core.checks import require_positive
 from cableway.scene.task import CONTROL_STEP
 from cableway.tang2025.models.frames import Framing, Inputs
 from cableway.tang2025.models.learned import LearnedModel, Normalization
-from cableway.tang2025.models.rod_parameters import RodParameters
+from cableway.tang2025.models.viscoelastic import RodParameters
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,12 +28,15 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from cableway.rod.material import MODES, modes
 from cableway.rod.planar import hinge_count
+from cableway.scene.task import CONTROL_STEP
 
 ITERATIONS = 4
 """Newton's iterations before the last, differentiable one."""
@@ -62,6 +65,45 @@ class Material(NamedTuple):
     stiffness: Float[Array, "N"]
     rest: Float[Array, "N"]
     grasp: Float[Array, "2"]
+
+
+class RodParameters(eqx.Module):
+    """What the motion of a cable between two grippers shows of its material; all 0 for the nominal cable.
+
+    Stiffness and rest curvature are those of `cableway.rod.material`. The length is read from the keypoints in every
+    step.
+
+    Attributes:
+        damping: Logarithm of tau over the control step of 0.1 s.
+        stiffness: (b_1, b_2), modes of the logarithm of the stiffness.
+        rest: (r_1, r_2), modes of the turn at rest [rad].
+        grasp: Direction of the cable's ends against the grippers' [rad], left then right.
+    """
+
+    damping: Float[Array, ""]
+    stiffness: Float[Array, "K"]
+    rest: Float[Array, "K"]
+    grasp: Float[Array, "2"]
+
+    def __init__(self, damping_time: float = CONTROL_STEP) -> None:
+        self.damping = jnp.asarray(np.log(damping_time / CONTROL_STEP), jnp.float32)
+        self.stiffness, self.rest, self.grasp = jnp.zeros(MODES), jnp.zeros(MODES), jnp.zeros(2)
+
+    def __call__(
+        self, keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"], action: Float[Array, "2 3"]
+    ) -> Float[Array, "n 2"]:
+        """Displacement [m] of the keypoints in one control step."""
+        return rod_step(self.material(hinge_count(len(keypoints))), keypoints, poses, action)
+
+    def material(self, hinges: int) -> Material:
+        """The material of a chain."""
+        shapes = jnp.asarray(modes(hinges), jnp.float32)
+        return Material(
+            relaxation=jnp.exp(self.damping),
+            stiffness=jnp.exp(self.stiffness @ shapes),
+            rest=self.rest @ shapes / hinges,
+            grasp=self.grasp,
+        )
 
 
 def rod_step(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cableway.geometry.groups import SE2
-from cableway.rod import adapted
-from cableway.rod.adapted import GRASPS, PARAMETERS, ROD
+from cableway.rod import material
 from cableway.rod.fitting import meet_ends, workspace
 from cableway.rod.kernels import held_shape
+from cableway.rod.material import GRASPS, PARAMETERS, ROD
 from cableway.rod.planar import PlanarRod
 
 RODS = [PlanarRod(0.3, 13), PlanarRod(0.5, 10)]  # 24 hinges, and 27 with one at the centre
@@ -19,18 +19,18 @@ Q = np.array([0.25, 0.3, 0.3, 5.0, 9.0, -1.5])
 def parameters(rod: PlanarRod, seed: int = 0) -> np.ndarray:
     """Some rod that differs in every way."""
     rng = np.random.default_rng(seed)
-    return adapted.nominal(rod)[ROD] + rng.normal(size=ROD.stop) * [0.02 * rod.length, *[0.5] * 2, *[0.5] * 2]
+    return material.nominal(rod)[ROD] + rng.normal(size=ROD.stop) * [0.02 * rod.length, *[0.5] * 2, *[0.5] * 2]
 
 
 def shape(q: np.ndarray, p: np.ndarray, rod: PlanarRod) -> tuple[np.ndarray, ...]:
-    arrays = workspace(adapted.modes(rod))
-    held_shape(q, p, adapted.modes(rod), *arrays)
+    arrays = workspace(material.modes(rod.hinges))
+    held_shape(q, p, material.modes(rod.hinges), *arrays)
     return arrays
 
 
 @pytest.mark.parametrize("rod", RODS)
 def test_with_nominal_parameters_it_is_the_uniform_rod(rod: PlanarRod) -> None:
-    stations, dstations, poses, dposes = shape(Q, adapted.nominal(rod)[ROD], rod)
+    stations, dstations, poses, dposes = shape(Q, material.nominal(rod)[ROD], rod)
     uniform = rod.jacobians(Q[None])
     for found, wanted in zip((stations, dstations[..., :6], poses, dposes[..., :6]), uniform, strict=True):
         np.testing.assert_allclose(found, wanted[0], atol=1e-12)
@@ -54,7 +54,7 @@ def test_moments_balance(rod: PlanarRod) -> None:
     stations = shape(Q, p, rod)[0]
     links = np.diff(stations[1::2], axis=0)
     bends = np.diff(np.unwrap(np.arctan2(links[:, 1], links[:, 0])))  # of all hinges but the outer two
-    modes = adapted.modes(rod)[:, 1:-1]
+    modes = material.modes(rod.hinges)[:, 1:-1]
     stiffness, rest = np.exp(p[1:3] @ modes), p[3:5] @ modes
     moments = stiffness * (bends * rod.hinges - rest)
     places = stations[3:-2:2]
@@ -77,15 +77,15 @@ def test_a_shape_is_found_between_its_own_ends(rod: PlanarRod) -> None:
     p = parameters(rod)
     ends = shape(Q, p, rod)[2]
     q = Q + [0.01, -0.01, 0.1, 2.0, -2.0, 0.5]
-    assert meet_ends(q, ends, p, adapted.modes(rod), 100) < 1e-9
+    assert meet_ends(q, ends, p, material.modes(rod.hinges), 100) < 1e-9
     np.testing.assert_allclose(q, Q, atol=1e-6)
 
 
 def test_means_of_stiffness_and_rest_curvature_are_left_out() -> None:
-    modes = adapted.modes(RODS[0])
+    modes = material.modes(RODS[0].hinges)
     np.testing.assert_allclose(modes.mean(axis=1), 0.0, atol=2e-3)
-    assert adapted.nominal(RODS[0]).shape == (PARAMETERS,)
-    assert (adapted.nominal(RODS[0])[GRASPS] == 0).all()
+    assert material.nominal(RODS[0]).shape == (PARAMETERS,)
+    assert (material.nominal(RODS[0])[GRASPS] == 0).all()
 
 
 def test_what_is_attached_bears_what_it_is_attached_to() -> None:
