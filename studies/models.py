@@ -36,18 +36,14 @@ from cableway.tang2025.models.adaptation import AdaptationState, adapt, start_ad
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.models.card import write_card
 from cableway.tang2025.models.checkpoint import WEIGHTS, load_model, model_names, save_model
-from cableway.tang2025.models.comparison import LONGEST, Curve, compare
 from cableway.tang2025.models.compilation import enable_compilation_cache
-from cableway.tang2025.models.conv import ConvConfig
 from cableway.tang2025.models.dataset import joined, select
-from cableway.tang2025.models.evaluation import baselines, window_errors
+from cableway.tang2025.models.evaluation import LONGEST, Curve, baselines, compare, window_errors
 from cableway.tang2025.models.frames import Framing
 from cableway.tang2025.models.learned import LearnedConfig, LearnedModel
-from cableway.tang2025.models.mlp import MLPConfig
+from cableway.tang2025.models.networks import ConvConfig, MLPConfig, RecurrentConfig, RodConfig
 from cableway.tang2025.models.recipe import CONFIGS, Recipe, make_model, read_training_config
-from cableway.tang2025.models.recurrent import RecurrentConfig
-from cableway.tang2025.models.rod import RodConfig
-from cableway.tang2025.models.training_config import TrainingConfig
+from cableway.tang2025.models.training import TrainingConfig
 from cableway.tang2025.models.transformer import TransformerConfig
 
 PLAIN = Framing.plain()

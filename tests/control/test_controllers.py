@@ -19,7 +19,7 @@ from cableway.records import Observation
 from cableway.rod.planar import PlanarRod
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import NeuralMPC
-from cableway.tang2025.models.baselines import RigidBlend
+from cableway.tang2025.models.base import RigidBlend
 
 PLAN = straight_plan(PlanarRod(0.3))
 TASK = task_for(PLAN)

@@ -20,7 +20,7 @@ from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import NeuralMPC
-from cableway.tang2025.models.baselines import RigidBlend
+from cableway.tang2025.models.base import RigidBlend
 from cableway.tracking import track
 
 ROD = PlanarRod(0.3)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from cableway.records import Transitions
     from cableway.tang2025.models.base import DeformationModel
-    from cableway.tang2025.models.comparison import Curve
+    from cableway.tang2025.models.evaluation import Curve
 
 SHOWN = (1, 5, 10, 20, 30, 50)
 """Horizons [steps] in the table; the JSON file has all."""
@@ -45,9 +45,9 @@ class Evaluate(Options):
         from cableway.core.files import write_json
         from cableway.core.provenance import versions
         from cableway.datasets.reading import load_transitions
-        from cableway.tang2025.models.comparison import compare
         from cableway.tang2025.models.compilation import enable_compilation_cache
         from cableway.tang2025.models.dataset import fingerprint
+        from cableway.tang2025.models.evaluation import compare
 
         terminal, folder = Terminal(self), self.folder("evaluate")
         sets = {str(path): load_transitions(path) for path in self.data}
@@ -84,8 +84,7 @@ class Evaluate(Options):
             InputError: A model given does not serve as many keypoints as the data have.
         """
         from cableway.tang2025.models.checkpoint import load_model, model_names, read_card
-        from cableway.tang2025.models.comparison import training_groups
-        from cableway.tang2025.models.evaluation import baselines
+        from cableway.tang2025.models.evaluation import baselines, training_groups
 
         counts = {data.keypoints.shape[1] for data in sets.values()}
         wanted = list(dict.fromkeys([*(self.models or model_names()), *BASELINES]))

@@ -22,7 +22,7 @@ neural MPC, `reproduction` the paper's tables and figures beside ours. Where an 
     V-B        (24)           control regularisation: `control.terms.deviation`
     V-B        (25)           weighted sum: `control.horizon.HorizonCost`
     VI, VII                   experiments: `reproduction.reproduction`, `reproduction.case_studies`;
-                              C-DM and B-DM: `models.conv`, `models.recurrent`
+                              C-DM and B-DM: `models.networks.Convolutional`, `models.networks.Recurrent`
     "Key Hyperparameters"     `planning.config.paper_planner`, `control.mpc_config.MPCConfig.paper`
 
 `docs/derivations.md` has the equations, the symbols and each departure from the paper.

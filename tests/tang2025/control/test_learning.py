@@ -15,10 +15,9 @@ from cableway.tang2025.control.learning import Learning
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import NeuralMPC
 from cableway.tang2025.control.prediction import compile_predictor
-from cableway.tang2025.models.adaptation import AdaptationConfig, start_adaptation
-from cableway.tang2025.models.baselines import RigidBlend
+from cableway.tang2025.models.adaptation import AdaptationConfig, parameters_of, start_adaptation, with_parameters
+from cableway.tang2025.models.base import RigidBlend
 from cableway.tang2025.models.checkpoint import load_model
-from cableway.tang2025.models.fitting import parameters_of, with_parameters
 from cableway.tang2025.models.learned import LearnedModel
 
 PLAN = straight_plan(PlanarRod(0.3))

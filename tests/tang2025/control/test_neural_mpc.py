@@ -19,8 +19,7 @@ from cableway.scene.task import Task
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import MPCState, NeuralMPC
 from cableway.tang2025.control.prediction import compile_predictor
-from cableway.tang2025.models.base import DeformationModel
-from cableway.tang2025.models.baselines import RigidBlend
+from cableway.tang2025.models.base import DeformationModel, RigidBlend
 
 PLAN = straight_plan(PlanarRod(0.3))
 TASK = task_for(PLAN)

@@ -10,15 +10,15 @@ from led_cables import quasi_static
 
 from cableway.records import Transitions
 from cableway.tang2025.models.frames import Framing
-from cableway.tang2025.models.learned import Normalization
-from cableway.tang2025.models.transformer import TransformerConfig, TransformerModel
+from cableway.tang2025.models.learned import LearnedModel, Normalization
+from cableway.tang2025.models.transformer import TransformerConfig
 
 
-def lively(config: TransformerConfig, data: Transitions) -> TransformerModel:
+def lively(config: TransformerConfig, data: Transitions) -> LearnedModel:
     """A model with random weights whose corrections are as large as the motions themselves."""
     normalization = Normalization.fitted(config.framing, data)
-    model = TransformerModel(config, key=jax.random.key(1), normalization=normalization)
-    return eqx.tree_at(lambda m: m.readout.weight, model, 10 * model.readout.weight)
+    model = LearnedModel(config, key=jax.random.key(1), normalization=normalization)
+    return eqx.tree_at(lambda m: m.network.readout.weight, model, 10 * model.network.readout.weight)
 
 
 @pytest.fixture(scope="session")
@@ -40,10 +40,10 @@ def small() -> TransformerConfig:
 
 
 @pytest.fixture(scope="session")
-def model(small: TransformerConfig, transitions: Transitions) -> TransformerModel:
+def model(small: TransformerConfig, transitions: Transitions) -> LearnedModel:
     return lively(small, transitions)
 
 
 @pytest.fixture(scope="session")
-def plain_model(transitions: Transitions) -> TransformerModel:
+def plain_model(transitions: Transitions) -> LearnedModel:
     return lively(TransformerConfig(width=16, heads=2, encoder_blocks=1, framing=Framing.plain()), transitions)

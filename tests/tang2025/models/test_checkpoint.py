@@ -11,9 +11,17 @@ import pytest
 from safetensors.numpy import load_file, save_file
 
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
-from cableway.tang2025.models.checkpoint import load_model, model_file, model_names, read_card, save_model
-from cableway.tang2025.models.rod import RodConfig, RodModel
-from cableway.tang2025.models.tensors import METADATA_KEY, read_metadata
+from cableway.tang2025.models.checkpoint import (
+    METADATA_KEY,
+    load_model,
+    model_file,
+    model_names,
+    read_card,
+    read_metadata,
+    save_model,
+)
+from cableway.tang2025.models.learned import LearnedModel
+from cableway.tang2025.models.networks import RodConfig
 
 CARD = {"kind": "transformer", "note": "made by a test"}
 
@@ -70,7 +78,7 @@ def test_another_version_is_refused(file):
 def test_a_rod_in_a_file_of_version_1_keeps_its_stiffness_and_rest_curvature(tmp_path):
     """Its second modes are given for x^2 - 1/3."""
     path, hinges = tmp_path / "rod.safetensors", 24
-    save_model(path, RodModel(RodConfig(), key=jax.random.key(0)), CARD)
+    save_model(path, LearnedModel(RodConfig(), key=jax.random.key(0)), CARD)
     arrays = load_file(path)
     arrays["rod.stiffness"], arrays["rod.rest"] = np.float32([0.5, -0.4]), np.float32([0.6, 0.8])
     rewrite(path, arrays=arrays, version=1)

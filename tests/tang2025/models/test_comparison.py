@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cableway.core.errors import InputError
-from cableway.tang2025.models.baselines import Persistence, RigidBlend
-from cableway.tang2025.models.comparison import compare, training_groups
+from cableway.tang2025.models.base import Persistence, RigidBlend
 from cableway.tang2025.models.dataset import window_starts
+from cableway.tang2025.models.evaluation import compare, training_groups
 
 
 def test_the_error_of_standing_still_is_how_far_the_cable_went(transitions):

@@ -9,7 +9,7 @@ from led_cables import quasi_static
 
 from cableway.core.errors import InputError
 from cableway.tang2025.models import dataset
-from cableway.tang2025.models.baselines import RigidBlend
+from cableway.tang2025.models.base import RigidBlend
 from cableway.tang2025.models.dataset import Windows
 
 

@@ -11,13 +11,9 @@ import pytest
 
 from cableway.core.errors import InputError
 from cableway.tang2025.models.checkpoint import load_model, save_model
-from cableway.tang2025.models.conv import ConvConfig
 from cableway.tang2025.models.frames import Framing
-from cableway.tang2025.models.kinds import KINDS, build, kind_of
-from cableway.tang2025.models.learned import Normalization
-from cableway.tang2025.models.mlp import MLPConfig
-from cableway.tang2025.models.recurrent import RecurrentConfig
-from cableway.tang2025.models.rod import RodConfig
+from cableway.tang2025.models.learned import LearnedModel, Normalization
+from cableway.tang2025.models.networks import KINDS, ConvConfig, MLPConfig, RecurrentConfig, RodConfig
 from cableway.tang2025.models.transformer import TransformerConfig
 
 CONFIGS = {
@@ -35,7 +31,7 @@ predict = eqx.filter_jit(lambda model, *sample: model(*sample))
 
 
 def made(config, data):
-    return build(config, key=jax.random.key(2), normalization=Normalization.fitted(config.framing, data))
+    return LearnedModel(config, key=jax.random.key(2), normalization=Normalization.fitted(config.framing, data))
 
 
 @pytest.mark.parametrize("name", CONFIGS)
@@ -80,7 +76,7 @@ def test_the_linear_model_is_linear_in_the_motion(transitions, sample):
 
 
 def test_every_kind_has_a_test_and_knows_its_name():
-    assert {kind_of(config) for config in CONFIGS.values()} == set(KINDS)
+    assert {config.kind for config in CONFIGS.values()} == set(KINDS)
 
 
 @pytest.mark.parametrize(

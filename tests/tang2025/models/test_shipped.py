@@ -11,12 +11,12 @@ from cableway.datasets.reading import load_transitions
 from cableway.scene.cable import Cable
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
-from cableway.tang2025.models.baselines import Persistence, RigidBlend
+from cableway.tang2025.models.base import Persistence, RigidBlend
 from cableway.tang2025.models.card import card_text
 from cableway.tang2025.models.checkpoint import load_model, model_file, model_names, read_card
 from cableway.tang2025.models.evaluation import evaluate
 from cableway.tang2025.models.recipe import read_training_config, shipped_config
-from cableway.tang2025.models.training_config import TrainingConfig
+from cableway.tang2025.models.training import TrainingConfig
 
 OTHER_SEED = 4321
 """Not the seed of the shipped model's data."""

@@ -15,9 +15,9 @@ import pytest
 
 from cableway.core.errors import FileFormatError, InputError
 from cableway.tang2025.models.dataset import select
-from cableway.tang2025.models.evaluation import baselines, evaluate, open_loop_errors
-from cableway.tang2025.models.training import train
-from cableway.tang2025.models.training_config import TrainingConfig, learning_rate
+from cableway.tang2025.models.evaluation import baselines, evaluate, window_errors
+from cableway.tang2025.models.learned import LearnedModel, Normalization
+from cableway.tang2025.models.training import TrainingConfig, learning_rate, train
 
 SHORT = TrainingConfig(epochs=3, rollout_epochs=1, rollout_steps=3, batch_size=64, validation_fraction=0.2, seed=5)
 
@@ -90,11 +90,8 @@ def test_progress_rises_to_one_and_tells_loss_and_validation_error(small, transi
 
 
 def test_training_leaves_the_normalisation_alone_and_changes_every_weight(whole, small, transitions):
-    from cableway.tang2025.models.kinds import build
-    from cableway.tang2025.models.learned import Normalization
-
     normalization = Normalization.fitted(small.framing, whole.training_data)
-    start = build(small, key=jax.random.key(SHORT.seed), normalization=normalization)
+    start = LearnedModel(small, key=jax.random.key(SHORT.seed), normalization=normalization)
     for before, after in zip(weights(normalization), weights(whole.model.normalization), strict=True):
         assert np.array_equal(before, after)
     frozen = len(weights(normalization))
@@ -148,7 +145,7 @@ def test_patience_ends_a_training_and_takes_its_best_weights(small, transitions)
     errors = [row.validation_error for row in result.history]
     assert len(errors) < 30
     assert int(np.argmin(errors)) == len(errors) - 3
-    best = 1e3 * np.mean(open_loop_errors(result.model, result.validation_data, (1,), stride=1)[1])
+    best = 1e3 * np.mean(window_errors(result.model, result.validation_data, (1,), stride=1).stacked)
     assert best == pytest.approx(min(errors))
 
 
@@ -173,14 +170,14 @@ import numpy as np
 from dataclasses import replace
 from led_cables import quasi_static
 from test_training import SHORT, weights
-from cableway.tang2025.models.mlp import MLPConfig
+from cableway.tang2025.models.networks import MLPConfig
 from cableway.tang2025.models.training import train
 
 data = quasi_static(12, 20, seed=0)
 short = replace(SHORT, epochs=2, rollout_epochs=0)
 one, two = (train(MLPConfig(hidden=(16,)), data, replace(short, devices=count)).model for count in (1, 2))
 assert all(np.allclose(a, b, atol=1e-5) for a, b in zip(weights(one), weights(two)))
-assert any(len(leaf.sharding.device_set) == 2 for leaf in (two.readout.weight,))
+assert any(len(leaf.sharding.device_set) == 2 for leaf in (two.network.readout.weight,))
 """
 
 

@@ -10,11 +10,11 @@ import pytest
 from cableway.core.errors import InputError
 from cableway.geometry import se2
 from cableway.records import Transitions
-from cableway.tang2025.models.base import rollout
-from cableway.tang2025.models.baselines import Persistence, RigidBlend
+from cableway.tang2025.models.base import Persistence, RigidBlend, rollout
 from cableway.tang2025.models.dataset import window_starts, windows
 from cableway.tang2025.models.frames import Framing
-from cableway.tang2025.models.transformer import TransformerConfig, TransformerModel
+from cableway.tang2025.models.learned import LearnedModel
+from cableway.tang2025.models.transformer import TransformerConfig
 
 predict = eqx.filter_jit(lambda model, *sample: model(*sample))
 
@@ -49,7 +49,7 @@ def test_the_plain_model_does_not_move_with_the_cable(plain_model, sample):
 def test_the_ends_move_exactly_with_their_grippers(blend, sample):
     config = TransformerConfig(width=16, heads=2, encoder_blocks=1, framing=Framing(blend=blend))
     keypoints, poses, action = sample
-    displacement = predict(TransformerModel(config, key=jax.random.key(3)), keypoints, poses, action)
+    displacement = predict(LearnedModel(config, key=jax.random.key(3)), keypoints, poses, action)
     np.testing.assert_allclose(np.asarray(displacement)[[0, -1]], action[:, :2], atol=1e-6)
 
 
@@ -117,7 +117,7 @@ def test_the_paper_s_configuration_is_plain_and_wide():
     paper = TransformerConfig.paper()
     assert (paper.width, paper.heads, paper.encoder_blocks, paper.decoder_blocks) == (128, 4, 2, 1)
     assert paper.framing == Framing.plain()
-    shapes = eqx.filter_eval_shape(lambda: TransformerModel(paper, key=jax.random.key(0)))
+    shapes = eqx.filter_eval_shape(lambda: LearnedModel(paper, key=jax.random.key(0)))
     parameters = sum(leaf.size for leaf in jax.tree.leaves(shapes))
     assert 0.3e6 < parameters < 0.8e6
 

@@ -11,22 +11,43 @@ Note:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from cableway.core.checks import number_fields, require_at_least, require_not_negative, require_positive
+from cableway.core.checks import number_fields, require_not_negative, require_positive
 from cableway.core.errors import InputError
 from cableway.records import Transitions
 from cableway.tang2025.models import dataset
 from cableway.tang2025.models.base import rollout
 from cableway.tang2025.models.dataset import Windows
-from cableway.tang2025.models.fitting import Fit, fit, parameters_of
+from cableway.tang2025.models.frames import frame_of
 from cableway.tang2025.models.learned import LearnedModel
+
+LEAST_NOISE = 2e-3
+"""Root mean square of the residuals, in lengths of the cable, below which they are not trusted further."""
+
+ROD_SPREAD = (0.35, 0.5, 0.5 * 2 / 3, 0.4, 0.4 * 2 / 3, 0.05, 0.05)
+"""How far the parameters of a rod may be from the first ones: damping, stiffness, rest, grasp. The second modes have
+spreads of 0.5 and 0.4 as factors of x^2 - 1/3 = 2/3 P_2."""
+
+WEIGHT_SPREAD = 0.1
+"""The same for the weights of a last layer, as a share of their root mean square."""
+
+ITERATIONS = 3
+"""Gauss-Newton steps of a fit."""
+
+OUTLIER = 3.0
+"""Windows with residuals above so many times the median count less, in inverse proportion; above the square of it, not
+at all."""
+
+HOLD_EVERY = 2
+"""One block in so many is held back."""
 
 SPOILT = 10.0
 """Error of a window in that of the median window, both after a change, from which on it was measured wrong."""
@@ -39,7 +60,6 @@ class AdaptationConfig:
     Attributes:
         memory: Transitions remembered, the last ones.
         block: Successive transitions in a block; held-back blocks are predicted over their whole length.
-        hold_every: Every how manieth block is held back.
         window: Steps of the rollouts that a rod is fitted to; the last layer of a network is fitted to single steps.
         windows: Most windows in a fit, and most that are replayed.
         held_windows: Most held-back blocks.
@@ -49,12 +69,10 @@ class AdaptationConfig:
         improvement: Share of the error on held-back blocks that a change must take away. One that explains only part
             of it, say by stiffness in place of friction, often predicts other motions worse.
         least_motion: Travel of the grippers [m] in a window below which it says nothing.
-        fit: How parameters are fitted.
     """
 
     memory: int = 200
     block: int = 10
-    hold_every: int = 2
     window: int = 5
     windows: int = 48
     held_windows: int = 8
@@ -62,11 +80,9 @@ class AdaptationConfig:
     enough: float = 0.01
     improvement: float = 0.92
     least_motion: float = 2e-3
-    fit: Fit = field(default_factory=Fit)
 
     def __post_init__(self) -> None:
         require_positive(self, "memory", "block", "window", "windows", "held_windows", "least_held")
-        require_at_least(self, 2, "hold_every")
         require_not_negative(self, *number_fields(self))
         if self.window > self.block:
             raise InputError(f"adaptation.window must be at most the block, {self.block}, got {self.window!r}")
@@ -127,7 +143,7 @@ def compile_adaptation(state: AdaptationState, keypoints: int) -> None:
     batch = _nothing(config.windows, _horizon(state), keypoints)
     if state.replay is not None:
         batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
-    fit(state.model, batch, state.first, replace(config.fit, iterations=1))
+    fit(state.model, batch, state.first, iterations=1)
     jax.block_until_ready(_errors(state.model, _nothing(config.held_windows, config.block, keypoints)))
 
 
@@ -168,13 +184,13 @@ def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
     chosen = judges[-config.held_windows :]
     test = dataset.windows(recent, np.resize(chosen, config.held_windows), config.block)
     before = np.asarray(_errors(state.model, test), float)[: len(chosen)]
-    limit = config.fit.outlier * np.median(before)
+    limit = OUTLIER * np.median(before)
     if np.minimum(before, limit).mean() < config.enough * _length(recent):
         return state
     batch = dataset.windows(recent, np.resize(_spread(windows, config.windows), config.windows), horizon)
     if state.replay is not None:
         batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
-    candidate = fit(state.model, batch, state.first, config.fit)
+    candidate = fit(state.model, batch, state.first)
     after = np.asarray(_errors(candidate, test), float)[: len(chosen)]
     if np.isfinite(after).all() and _explained(before, after, limit) > config.improvement:
         return replace(state, model=candidate, accepted=state.accepted + 1)
@@ -217,7 +233,7 @@ def _blocks(data: Transitions, config: AdaptationConfig) -> tuple[Int[np.ndarray
     gap = np.abs(data.poses[1:] - data.poses[:-1] - data.actions[:-1]).max(axis=(1, 2)) > 1e-6
     runs = np.concatenate([[0], np.cumsum(gap | (np.diff(data.episode) != 0))])
     starts = dataset.window_starts(runs, config.block, config.block)
-    held = np.arange(len(starts)) % config.hold_every == config.hold_every - 1
+    held = np.arange(len(starts)) % HOLD_EVERY == HOLD_EVERY - 1
     return starts[~held], starts[held]
 
 
@@ -245,3 +261,74 @@ def _errors(model: LearnedModel, windows: Windows) -> Float[Array, "k"]:
     """Mean stacked error over the steps of each window [m]."""
     shapes = jax.vmap(lambda *window: rollout(model, *window))(*windows[:3])
     return jnp.mean(jnp.sqrt(jnp.sum((shapes - windows.targets) ** 2, axis=(2, 3))), axis=1)
+
+
+def adaptable(model: LearnedModel) -> LearnedModel:
+    """A tree of booleans: the parameters of the rod where there is one, else the last layer of the network."""
+    nothing = jax.tree.map(lambda _: False, model)
+    if model.rod is not None:
+        return eqx.tree_at(lambda tree: tree.rod, nothing, jax.tree.map(lambda _: True, model.rod))
+    return eqx.tree_at(lambda tree: tree.last_layer, nothing, jax.tree.map(lambda _: True, model.last_layer))
+
+
+def parameters_of(model: LearnedModel) -> Float[Array, "p"]:
+    """The parameters that may change, as one list."""
+    return ravel_pytree(eqx.filter(model, adaptable(model)))[0]
+
+
+def with_parameters(model: LearnedModel, values: Float[Array, "p"]) -> LearnedModel:
+    """The model with other parameters."""
+    part, rest = eqx.partition(model, adaptable(model))
+    return eqx.combine(ravel_pytree(part)[1](values), rest)
+
+
+def fit(
+    model: LearnedModel, batch: Windows, first: Float[np.ndarray, "p"], iterations: int = ITERATIONS
+) -> LearnedModel:
+    """The model with parameters that predict the windows best.
+
+    Minimises the mean squared residual of each window over its variance plus the squared distance to `first` over its
+    own. A window counts once, however many numbers it has: what a model cannot describe errs alike in all of them.
+
+    Args:
+        model: Where to begin.
+        batch: Windows.
+        first: Where the parameters are drawn to.
+        iterations: Gauss-Newton steps.
+    """
+    values = np.asarray(parameters_of(model), float)
+    spread = np.array(ROD_SPREAD) if model.rod is not None else WEIGHT_SPREAD * np.sqrt(np.mean(first**2) + 1e-12)
+    pull = np.broadcast_to(1.0 / np.square(spread), values.shape)
+    for _ in range(iterations):
+        matrix, right, variance = _normal_equations(model, jnp.asarray(values, jnp.float32), batch)
+        noise = max(float(variance), LEAST_NOISE**2) * batch.targets[0].size
+        system = np.asarray(matrix, float) / noise + np.diag(pull)
+        values = values - np.linalg.solve(system, np.asarray(right, float) / noise + pull * (values - first))
+    return with_parameters(model, jnp.asarray(values, jnp.float32))
+
+
+@eqx.filter_jit
+def _normal_equations(
+    model: LearnedModel, values: Float[Array, "p"], batch: Windows
+) -> tuple[Float[Array, "p p"], Float[Array, "p"], Float[Array, ""]]:
+    """J' W J, J' W r and the variance of the residuals r, in lengths of the cable."""
+
+    def residuals(values: Array) -> Float[Array, "k r"]:
+        changed = with_parameters(model, values)
+
+        def window(keypoints: Array, poses: Array, actions: Array, targets: Array) -> Array:
+            left = rollout(changed, keypoints, poses, actions) - targets
+            return (left / frame_of(model.config.framing, keypoints, poses).unit).ravel()
+
+        return jax.vmap(window)(*batch)
+
+    missed, slopes = residuals(values), jax.jacfwd(residuals)(values)
+    size = jnp.sqrt(jnp.mean(missed**2, axis=1))
+    sound = jnp.isfinite(size) & jnp.all(jnp.isfinite(slopes), axis=(1, 2))
+    typical = jnp.nanmedian(jnp.where(sound, size, jnp.nan))
+    # a window that is far out has lost its shape, and its slopes with it
+    sound = sound & (size <= OUTLIER**2 * typical)
+    missed, slopes = jnp.where(sound[:, None], missed, 0.0), jnp.where(sound[:, None, None], slopes, 0.0)
+    weight = jnp.minimum(1.0, OUTLIER * typical / (jnp.where(sound, size, 1.0) + 1e-12))
+    matrix = jnp.einsum("k,krp,krq->pq", weight, slopes, slopes)
+    return matrix, jnp.einsum("k,krp,kr->p", weight, slopes, missed), typical**2

@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from cableway.tang2025.models.frames import end_motion_blend
+
 
 class DeformationModel(eqx.Module):
     """Predicts the displacement of the keypoints in one control step, delta s = f(s, y, a) (Tang et al.).
@@ -57,3 +59,23 @@ def rollout(
     if len(actions) == 1:  # a loop would carry derivatives by the parameters through all of the network
         return step(start, actions[0])[1][None]
     return jax.lax.scan(step, start, actions)[1]
+
+
+class Persistence(DeformationModel):
+    """Nothing moves."""
+
+    def __call__(
+        self, keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"], action: Float[Array, "2 3"]
+    ) -> Float[Array, "n 2"]:
+        """See `DeformationModel`."""
+        return jnp.zeros_like(jnp.asarray(keypoints, jnp.float32))
+
+
+class RigidBlend(DeformationModel):
+    """Every keypoint moves by the end-motion blend: the rigid motions of the two grippers, interpolated."""
+
+    def __call__(
+        self, keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"], action: Float[Array, "2 3"]
+    ) -> Float[Array, "n 2"]:
+        """See `DeformationModel`."""
+        return end_motion_blend(jnp.asarray(keypoints), jnp.asarray(poses), jnp.asarray(action))

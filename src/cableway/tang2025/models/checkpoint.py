@@ -1,21 +1,25 @@
-"""Models in files: safetensors with the configuration and the model's card inside, never pickle."""
+"""Models in safetensors files, with their configuration and card; and other trees of arrays. Never pickle."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
 
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
+from cableway.core.files import write_atomically
 from cableway.core.provenance import describe
 from cableway.tang2025.models.base import DeformationModel
-from cableway.tang2025.models.kinds import KINDS, build, config_of, kind_of
 from cableway.tang2025.models.learned import LearnedModel
-from cableway.tang2025.models.tensors import read_metadata, read_tree, write_tree
+from cableway.tang2025.models.networks import KINDS, config_of
 
 FORMAT = "cableway-model"
 """Marks our files among other safetensors files."""
@@ -30,6 +34,11 @@ WEIGHTS = Path(__file__).parent / "weights"
 """Folder of the shipped weights."""
 
 SUFFIX = ".safetensors"
+
+METADATA_KEY = "cableway"
+"""The one key of a file's metadata; with several, their order and so the file's bytes would be random."""
+
+Tree = TypeVar("Tree")
 
 
 def model_names() -> tuple[str, ...]:
@@ -62,7 +71,7 @@ def save_model(path: Path | str, model: LearnedModel, card: dict[str, Any]) -> N
     metadata = {
         "format": FORMAT,
         "version": VERSION,
-        "kind": kind_of(model.config),
+        "kind": model.config.kind,
         "config": describe(model.config),
         "card": card,
     }
@@ -77,13 +86,13 @@ def load_model(name_or_path: str | Path) -> DeformationModel:
         FileFormatError: The file is missing, damaged, no model, or of another version.
     """
     path = model_file(name_or_path)
-    metadata = _read(path)
+    metadata = _read_model_metadata(path)
     kind = str(metadata.get("kind"))
     try:
         config = from_mapping(config_of(kind), metadata.get("config"), "its configuration")
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from None
-    like = eqx.filter_eval_shape(lambda: build(config, key=jax.random.key(0)))
+    like = eqx.filter_eval_shape(lambda: LearnedModel(config, key=jax.random.key(0)))
     model = read_tree(path, like)
     if metadata["version"] == 1 and model.rod is not None:
         old, modes = model.rod, jnp.array(FIRST_MODES, jnp.float32)
@@ -99,13 +108,13 @@ def read_card(name_or_path: str | Path) -> dict[str, Any]:
         FileFormatError: The file is missing, damaged, no model, or of another version.
     """
     path = model_file(name_or_path)
-    card = _read(path).get("card")
+    card = _read_model_metadata(path).get("card")
     if not isinstance(card, dict):
         raise FileFormatError(f"{path}: it holds no model card")
     return card
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read_model_metadata(path: Path) -> dict[str, Any]:
     metadata = read_metadata(path)
     if metadata.get("format") != FORMAT:
         raise FileFormatError(
@@ -116,3 +125,70 @@ def _read(path: Path) -> dict[str, Any]:
             f"{path}: a model file of version {metadata.get('version')!r}; this cableway reads version 1 and {VERSION}"
         )
     return metadata
+
+
+def write_tree(path: Path, tree: Any, metadata: dict[str, Any]) -> None:
+    """Write all arrays of a tree, and `metadata` as JSON, atomically."""
+    arrays = {name: np.asarray(leaf) for name, leaf in _named_arrays(tree)}
+    content = save(arrays, metadata={METADATA_KEY: json.dumps(metadata, allow_nan=False)})
+    write_atomically(Path(path), lambda file: file.write(content))
+
+
+def read_metadata(path: Path) -> dict[str, Any]:
+    """The metadata of a file that `write_tree` wrote.
+
+    Raises:
+        FileFormatError: The file is missing or damaged.
+    """
+    return _read(path, with_arrays=False)[0]
+
+
+def read_tree(path: Path, like: Tree) -> Tree:
+    """A tree like `like` (arrays or their shapes) with the arrays of a file.
+
+    Raises:
+        FileFormatError: The file is missing, damaged, or its arrays are not those of `like`.
+    """
+    arrays = _read(path, with_arrays=True)[1]
+    wanted = dict(_named_arrays(like))
+    if arrays.keys() != wanted.keys():
+        name = sorted(arrays.keys() ^ wanted.keys())[0]
+        raise FileFormatError(f"{path}: array {name!r} is {'missing' if name in wanted else 'not of this model'}")
+    for name, leaf in wanted.items():
+        found = arrays[name]
+        if found.shape != leaf.shape or found.dtype != leaf.dtype:
+            raise FileFormatError(
+                f"{path}: array {name!r} is {found.dtype}{list(found.shape)}, not {leaf.dtype}{list(leaf.shape)}"
+            )
+        if np.issubdtype(found.dtype, np.inexact) and not np.isfinite(found).all():
+            raise FileFormatError(f"{path}: array {name!r} holds a number that is not finite")
+    return jax.tree_util.tree_map_with_path(
+        lambda place, leaf: jax.device_put(arrays[_name(place)]) if _is_array(leaf) else leaf, like
+    )
+
+
+def _read(path: Path, *, with_arrays: bool) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    if not Path(path).is_file():
+        raise FileFormatError(f"{path}: no such file")
+    try:
+        with safe_open(path, framework="np") as file:
+            metadata = json.loads((file.metadata() or {}).get(METADATA_KEY, "{}"))
+            names = file.keys() if with_arrays else []
+            arrays = {name: file.get_tensor(name) for name in names}
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
+        raise FileFormatError(f"{path}: not a readable safetensors file ({error})") from None
+    return metadata if isinstance(metadata, dict) else {}, arrays
+
+
+def _is_array(leaf: Any) -> bool:
+    return eqx.is_array(leaf) or isinstance(leaf, jax.ShapeDtypeStruct)
+
+
+def _named_arrays(tree: Any) -> list[tuple[str, Any]]:
+    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
+    return [(_name(place), leaf) for place, leaf in leaves if _is_array(leaf)]
+
+
+def _name(place: tuple[Any, ...]) -> str:
+    """Path of an array; a model's network is no level of its own, so that files of earlier releases stay readable."""
+    return jax.tree_util.keystr(place, simple=True, separator=".").replace("network.", "")

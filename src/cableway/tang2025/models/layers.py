@@ -14,12 +14,15 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from cableway.tang2025.models.frames import Inputs, arc_fractions
 
 POSITION_WAVES = 6
-"""Number of cosines cos(pi k s), k = 1, 2, ..., that tell a network where along the cable a keypoint is."""
+"""Number of cosines cos(pi k s), k = 1, 2, ..., that encode a keypoint's place s along the cable."""
 
 GRIPPERS = 14
 """Numbers that say how both grippers stand and move."""
 
-TOKEN = 2 + POSITION_WAVES + GRIPPERS
+PLACED = 2 + POSITION_WAVES
+"""Numbers in a row of `placed`."""
+
+TOKEN = PLACED + GRIPPERS
 """Numbers in a row of `tokens`."""
 
 NORM_EPSILON = 1e-5
@@ -103,14 +106,13 @@ class Attention(eqx.Module):
         return rows.reshape(len(rows), self.heads, -1)
 
 
-def position_code(count: int) -> Float[np.ndarray, "n k"]:
-    """cos(pi k s) at each keypoint's arc fraction s, for k = 1 to `POSITION_WAVES`."""
-    return np.cos(np.pi * np.outer(arc_fractions(count), np.arange(1, POSITION_WAVES + 1))).astype(np.float32)
+def placed(inputs: Inputs) -> Float[Array, "n k"]:
+    """A row for each keypoint: its position, and cos(pi k s) of its arc fraction s for k = 1 to `POSITION_WAVES`."""
+    waves = np.outer(arc_fractions(len(inputs.keypoints)), np.arange(1, POSITION_WAVES + 1))
+    return jnp.concatenate([inputs.keypoints, jnp.asarray(np.cos(np.pi * waves), jnp.float32)], axis=1)
 
 
 def tokens(inputs: Inputs) -> Float[Array, "n k"]:
-    """A row for each keypoint: its position, its place along the cable, and both grippers."""
-    count = len(inputs.keypoints)
+    """The same, and in each row both grippers."""
     grippers = jnp.concatenate([inputs.poses.ravel(), inputs.motions.ravel()])
-    position = jnp.asarray(position_code(count))
-    return jnp.concatenate([inputs.keypoints, position, jnp.broadcast_to(grippers, (count, GRIPPERS))], axis=1)
+    return jnp.concatenate([placed(inputs), jnp.broadcast_to(grippers, (len(inputs.keypoints), GRIPPERS))], axis=1)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import abc
-from typing import Protocol, Self
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from cableway.records import Transitions
 from cableway.tang2025.models import frames
@@ -21,13 +21,27 @@ SMALLEST_SPREAD = 1e-6
 """Standard deviation below which an input counts as constant and is not divided by it."""
 
 
-class LearnedConfig(Protocol):
-    """What every learned model's configuration holds."""
+class Network(eqx.Module):
+    """What a learned model adds to physics or to the end-motion blend."""
 
-    @property
-    def framing(self) -> Framing:
-        """What surrounds the network."""
-        ...
+    @abc.abstractmethod
+    def __call__(self, inputs: Inputs) -> Float[Array, "n 2"]:
+        """Normalised correction of each keypoint from normalised inputs."""
+
+
+class LearnedConfig(abc.ABC):
+    """A learned model's configuration: it makes the network, with random weights."""
+
+    kind: ClassVar[str]
+    framing: Framing
+
+    @abc.abstractmethod
+    def network(self, key: PRNGKeyArray) -> Network:
+        """The network."""
+
+    def rod(self) -> RodParameters | None:
+        """The nominal rod, where the framing asks for one."""
+        return RodParameters() if self.framing.rod else None
 
 
 class Scaling(eqx.Module):
@@ -76,7 +90,7 @@ class Normalization(eqx.Module):
     @classmethod
     def fitted(cls, framing: Framing, data: Transitions) -> Self:
         """Measured on a data set."""
-        rod = rod_of(framing)
+        rod = RodParameters() if framing.rod else None
         inputs, target = jax.jit(jax.vmap(lambda *sample: _network_view(framing, rod, *sample)))(
             *(jnp.asarray(part, jnp.float32) for part in (data.keypoints, data.poses, data.actions)),
             jnp.asarray(data.next_keypoints - data.keypoints, jnp.float32),
@@ -111,14 +125,19 @@ def _base(framing: Framing, rod: RodParameters | None, keypoints: Array, poses: 
 
 
 class LearnedModel(DeformationModel):
-    """A network inside a framing: f = base + window * output * network(normalised inputs).
+    """A network inside a framing: f = base + window * output * network(normalised inputs)."""
 
-    A subclass states its network; the framing and the normalisation are the same for all.
-    """
+    config: LearnedConfig = eqx.field(static=True)
+    normalization: Normalization
+    rod: RodParameters | None
+    network: Network
 
-    config: eqx.AbstractVar[LearnedConfig]
-    normalization: eqx.AbstractVar[Normalization]
-    rod: eqx.AbstractVar[RodParameters | None]
+    def __init__(self, config: LearnedConfig, *, key: PRNGKeyArray, normalization: Normalization | None = None) -> None:
+        """Random weights, and a normalisation that changes nothing unless one is given."""
+        self.config = config
+        self.normalization = Normalization.identity() if normalization is None else normalization
+        self.rod = config.rod()
+        self.network = config.network(key)
 
     @property
     def parameters(self) -> int:
@@ -128,11 +147,7 @@ class LearnedModel(DeformationModel):
     @property
     def last_layer(self) -> eqx.Module | None:
         """What reads the correction off the network's last features; None where there is no network."""
-        return getattr(self, "readout", None)
-
-    @abc.abstractmethod
-    def network(self, inputs: Inputs) -> Float[Array, "n 2"]:
-        """Normalised correction of each keypoint from normalised inputs."""
+        return getattr(self.network, "readout", None)
 
     def __call__(
         self, keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"], action: Float[Array, "2 3"]
@@ -144,11 +159,6 @@ class LearnedModel(DeformationModel):
         correction = self.normalization.output * frame.unit * output @ frame.axes.T
         window = jnp.asarray(frames.correction_window(framing, len(keypoints)))[:, None]
         return _base(framing, self.rod, keypoints, poses, action) + window * correction
-
-
-def rod_of(framing: Framing) -> RodParameters | None:
-    """The nominal rod, where a framing asks for one."""
-    return RodParameters() if framing.rod else None
 
 
 def trainable(model: LearnedModel) -> LearnedModel:

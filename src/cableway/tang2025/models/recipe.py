@@ -15,10 +15,9 @@ from cableway.core.provenance import describe, versions
 from cableway.records import Transitions
 from cableway.tang2025.models.dataset import fingerprint
 from cableway.tang2025.models.evaluation import baselines, evaluate
-from cableway.tang2025.models.kinds import config_of, kind_of
 from cableway.tang2025.models.learned import LearnedConfig, LearnedModel
-from cableway.tang2025.models.training import Progress, train
-from cableway.tang2025.models.training_config import TrainingConfig
+from cableway.tang2025.models.networks import config_of
+from cableway.tang2025.models.training import Progress, TrainingConfig, train
 
 CONFIGS = Path(__file__).parent / "configs"
 """Folder of the configurations that the shipped weights were made from."""
@@ -118,7 +117,7 @@ def make_model(
     result = train(recipe.model, data, recipe.training, start=start, state_file=state_file, progress=progress)
     table = evaluate({"model": result.model, **baselines()}, result.validation_data)
     card = {
-        "kind": kind_of(recipe.model),
+        "kind": recipe.model.kind,
         "parameters": result.model.parameters,
         "data": {
             "sha256": fingerprint(data),

@@ -1,10 +1,20 @@
-"""Training a learned model on transitions: AdamW on mini-batches, resumable after every epoch, the same every time."""
+"""Training a learned model on transitions: AdamW on mini-batches, resumable after every epoch, the same every time.
+
+The loss is the paper's (Tang et al., the mean of ||delta s - f(s, y, a)||^2), in units of the cable's length and of
+the root mean square of what the network has to predict, so that it starts near 1 for every model and length.
+
+Note:
+    The paper does not take the loss over several steps of the model's own rollout. Mirrored and swapped samples are
+    ours too.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +22,124 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Float, PRNGKeyArray
 
-from cableway.core.errors import InputError
+from cableway.core.checks import require_at_least, require_not_negative, require_positive
+from cableway.core.errors import FileFormatError, InputError
 from cableway.records import Transitions
 from cableway.tang2025.models import dataset
+from cableway.tang2025.models.base import rollout
+from cableway.tang2025.models.checkpoint import read_metadata, read_tree, write_tree
 from cableway.tang2025.models.dataset import Windows
-from cableway.tang2025.models.evaluation import open_loop_errors
-from cableway.tang2025.models.kinds import build
+from cableway.tang2025.models.evaluation import window_errors
+from cableway.tang2025.models.frames import frame_of
 from cableway.tang2025.models.learned import LearnedConfig, LearnedModel, Normalization, trainable
-from cableway.tang2025.models.training_config import TrainingConfig, learning_rate
-from cableway.tang2025.models.training_state import EpochRecord, TrainingState, read_state, write_state
-from cableway.tang2025.models.training_step import compiled_step
 
 Progress = Callable[[str, float], None]
+
+FORMAT = "cableway-training"
+"""Marks the state of a training among other safetensors files."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpochRecord:
+    """One row of the learning curve.
+
+    Attributes:
+        epoch: Counted from 1.
+        loss: Mean over the epoch.
+        validation_error: Mean one-step stacked error [mm] on the held-out episodes after it.
+    """
+
+    epoch: int
+    loss: float
+    validation_error: float
+
+
+@dataclass(frozen=True)
+class TrainingState:
+    """State after some epochs. Order of the data and augmentation follow from the seed and the epoch's number.
+
+    Attributes:
+        model: The model.
+        best: The model after the epoch with the smallest validation error.
+        optimizer: State of the optimiser.
+        history: One row for each epoch done.
+    """
+
+    model: LearnedModel
+    best: LearnedModel
+    optimizer: optax.OptState
+    history: tuple[EpochRecord, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingConfig:
+    """How a model is trained.
+
+    Attributes:
+        epochs: Passes over the data.
+        rollout_epochs: How many of them, the last ones, take the loss over `rollout_steps` steps.
+        rollout_steps: Steps of the model's own rollout in those epochs.
+        batch_size: Transitions per step of the optimiser.
+        learning_rate: Of AdamW at its highest, after the warm-up.
+        warmup: Fraction of all steps in which the rate rises from 0; it then falls as a cosine.
+        weight_decay: Of AdamW.
+        gradient_norm: Longer gradients are cut to this norm.
+        mirror: Reflect every other sample, by chance.
+        swap: Read every other sample from the other end, by chance; right for uniform cables only.
+        validation_fraction: Of the episodes, held out.
+        patience: Stop after so many epochs without a smaller validation error, and take the weights that had the
+            smallest; where None, all epochs are done and the last weights taken.
+        devices: Over how many of JAX's devices each batch is spread; the sums of another number of devices are
+            rounded otherwise.
+        seed: Of weights, split and order.
+    """
+
+    epochs: int = 40
+    rollout_epochs: int = 10
+    rollout_steps: int = 5
+    batch_size: int = 256
+    learning_rate: float = 3e-3
+    warmup: float = 0.03
+    weight_decay: float = 1e-4
+    gradient_norm: float = 1.0
+    mirror: bool = True
+    swap: bool = True
+    validation_fraction: float = 0.1
+    patience: int | None = None
+    devices: int = 1
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require_at_least(self, 1, "epochs", "rollout_steps", "batch_size", "devices")
+        require_positive(self, "learning_rate", "gradient_norm")
+        for name in ("warmup", "validation_fraction"):
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(f"training.{name} must be between 0 and 1, got {getattr(self, name)!r}")
+        if not 0 <= self.rollout_epochs <= self.epochs:
+            raise InputError(f"training.rollout_epochs must be from 0 to {self.epochs}, got {self.rollout_epochs!r}")
+        require_not_negative(self, "weight_decay")
+        if self.patience is not None and self.patience < 1:
+            raise InputError(f"training.patience must be at least 1, got {self.patience!r}")
+        if self.batch_size % self.devices:
+            raise InputError(
+                f"training.batch_size must be a multiple of {self.devices} devices, got {self.batch_size!r}"
+            )
+
+    def horizon(self, epoch: int) -> int:
+        """Steps in the loss of an epoch, counted from 0."""
+        return self.rollout_steps if epoch >= self.epochs - self.rollout_epochs else 1
+
+
+def learning_rate(config: TrainingConfig, fraction: float) -> float:
+    """The rate when `fraction` of all steps is done: a linear rise, then half a cosine down to 0."""
+    if fraction < config.warmup:
+        return config.learning_rate * fraction / config.warmup
+    rest = (fraction - config.warmup) / (1.0 - config.warmup)
+    return 0.5 * config.learning_rate * (1.0 + math.cos(math.pi * rest))
 
 
 @dataclass(frozen=True)
@@ -78,11 +192,11 @@ def train(
         identity["start"] = _weights_fingerprint(start)
     state = trainer.start(start)
     if state_file is not None and state_file.exists():
-        state = read_state(state_file, state, identity)
+        state = _read_state(state_file, state, identity)
     while len(state.history) < config.epochs and not _waited(state.history, config.patience):
         state = trainer.epoch(state, validation_data, progress)
         if state_file is not None:
-            write_state(state_file, state, identity)
+            _write_state(state_file, state, identity)
     if state_file is not None:
         state_file.unlink(missing_ok=True)
     model = state.model if config.patience is None else state.best
@@ -117,7 +231,7 @@ class _Trainer:
         self.starts = [by_horizon[horizon] for horizon in horizons]
         self.steps = [self._steps(epoch) for epoch in range(config.epochs)]
         self.devices = _devices(config.devices)
-        self.optimizer, self.update = compiled_step(
+        self.optimizer, self.update = _compiled_step(
             config.gradient_norm, config.weight_decay, config.mirror, config.swap
         )
 
@@ -135,7 +249,7 @@ class _Trainer:
         """Random weights and the normalisation of the data, unless there is a model to go on from."""
         if model is None:
             normalization = Normalization.fitted(self.model_config.framing, self.data)
-            model = build(self.model_config, key=jax.random.key(self.config.seed), normalization=normalization)
+            model = LearnedModel(self.model_config, key=jax.random.key(self.config.seed), normalization=normalization)
         return TrainingState(model, model, self.optimizer.init(eqx.filter(model, trainable(model))), ())
 
     def epoch(self, state: TrainingState, validation: Transitions, progress: Progress | None) -> TrainingState:
@@ -157,7 +271,7 @@ class _Trainer:
                 progress(self._stage(state.history, total / (step + 1)), (done + step + 1) / sum(self.steps))
         if not np.isfinite(total):
             raise InputError(f"training diverged in epoch {epoch + 1}; a lower learning_rate is needed")
-        error = 1e3 * float(np.mean(open_loop_errors(model, validation, (1,), stride=1)[1]))
+        error = 1e3 * float(np.mean(window_errors(model, validation, (1,), stride=1).stacked))
         record = EpochRecord(epoch=epoch + 1, loss=total / self.steps[epoch], validation_error=error)
         better = all(error < row.validation_error for row in state.history)
         return TrainingState(model, model if better else state.best, optimizer_state, (*state.history, record))
@@ -186,3 +300,77 @@ def _devices(count: int) -> Mesh | None:
     if count > len(jax.devices()):
         raise InputError(f"training devices must be at most the {len(jax.devices())} that JAX sees, got {count}")
     return Mesh(np.array(jax.devices()[:count]), ("samples",))
+
+
+def _write_state(path: Path, state: TrainingState, identity: dict[str, str]) -> None:
+    """Write a state atomically; `identity` says which training it belongs to."""
+    metadata: dict[str, Any] = {
+        "format": FORMAT,
+        "identity": identity,
+        "history": [asdict(row) for row in state.history],
+    }
+    write_tree(path, (state.model, state.best, state.optimizer), metadata)
+
+
+def _read_state(path: Path, like: TrainingState, identity: dict[str, str]) -> TrainingState:
+    """The state in a file.
+
+    Raises:
+        FileFormatError: The file is damaged or holds something else.
+        InputError: It belongs to another training.
+    """
+    metadata = read_metadata(path)
+    if metadata.get("format") != FORMAT:
+        raise FileFormatError(f"{path}: not the state of a training")
+    found = metadata.get("identity", {})
+    other = [name for name in identity if found.get(name) != identity[name]]
+    if other:
+        raise InputError(f"{path} belongs to another training (other {' and '.join(other)}); remove it to start afresh")
+    try:
+        history = tuple(EpochRecord(**row) for row in metadata["history"])
+    except (KeyError, TypeError):
+        raise FileFormatError(f"{path}: its learning curve is damaged") from None
+    model, best, optimizer = read_tree(path, (like.model, like.best, like.optimizer))
+    return TrainingState(model, best, optimizer, history)
+
+
+@cache
+def _compiled_step(
+    gradient_norm: float, weight_decay: float, mirror: bool, swap: bool
+) -> tuple[optax.GradientTransformation, Callable[..., Any]]:
+    """The optimiser and one compiled step of it, (model, state, batch, rate, key) to (model, state, loss).
+
+    Trainings of a process share what they can.
+    """
+    optimizer = optax.chain(optax.clip_by_global_norm(gradient_norm), optax.adamw(1.0, weight_decay=weight_decay))
+
+    @eqx.filter_jit
+    def update(model: LearnedModel, state: Any, batch: Windows, rate: Array, key: PRNGKeyArray) -> Any:
+        trained, fixed = eqx.partition(model, trainable(model))
+        batch = _augmented(batch, mirror, swap, key)
+        loss, gradient = jax.value_and_grad(lambda part: _loss(eqx.combine(part, fixed), batch))(trained)
+        change, state = optimizer.update(gradient, state, trained)
+        trained = jax.tree.map(lambda weight, step: weight + rate * step, trained, change)
+        return eqx.combine(trained, fixed), state, loss
+
+    return optimizer, update
+
+
+def _augmented(batch: Windows, mirror: bool, swap: bool, key: PRNGKeyArray) -> Windows:
+    """Each sample mirrored, and swapped, with probability one half, where asked for."""
+    keys, count = jax.random.split(key), len(batch.keypoints)
+    if mirror:
+        batch = dataset.mirrored(batch, jax.random.bernoulli(keys[0], shape=(count,)))
+    if swap:
+        batch = dataset.swapped(batch, jax.random.bernoulli(keys[1], shape=(count,)))
+    return batch
+
+
+def _loss(model: LearnedModel, batch: Windows) -> Float[Array, ""]:
+    """Mean square of the error, in units of cable length and of what the network has to predict."""
+
+    def sample(keypoints: Array, poses: Array, actions: Array, targets: Array) -> Array:
+        unit = frame_of(model.config.framing, keypoints, poses).unit * model.normalization.output
+        return jnp.mean(((rollout(model, keypoints, poses, actions) - targets) / unit) ** 2)
+
+    return jnp.mean(jax.vmap(sample)(*batch))

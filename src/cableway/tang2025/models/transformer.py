@@ -12,6 +12,7 @@ Note:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -20,13 +21,12 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from cableway.core.errors import InputError
 from cableway.tang2025.models.frames import Framing, Inputs
-from cableway.tang2025.models.layers import POSITION_WAVES, Attention, Dense, FeedForward, LayerNorm, position_code
-from cableway.tang2025.models.learned import LearnedModel, Normalization, rod_of
-from cableway.tang2025.models.viscoelastic import RodParameters
+from cableway.tang2025.models.layers import PLACED, Attention, Dense, FeedForward, LayerNorm, placed
+from cableway.tang2025.models.learned import LearnedConfig, Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransformerConfig:
+class TransformerConfig(LearnedConfig):
     """Sizes of the transformer and what surrounds it.
 
     Attributes:
@@ -38,6 +38,7 @@ class TransformerConfig:
         framing: Frame, blend, hard ends, rod.
     """
 
+    kind: ClassVar[str] = "transformer"
     width: int = 32
     heads: int = 4
     encoder_blocks: int = 2
@@ -52,34 +53,18 @@ class TransformerConfig:
         if self.width % self.heads:
             raise InputError(f"transformer width must be a multiple of its {self.heads} heads, got {self.width!r}")
 
+    def network(self, key: PRNGKeyArray) -> Network:
+        """See `LearnedConfig`."""
+        return Transformer(self, key=key)
+
     @classmethod
     def paper(cls) -> TransformerConfig:
         """Sizes of the authors' public code, in plain world coordinates."""
         return cls(width=128, heads=4, encoder_blocks=2, decoder_blocks=1, expansion=4, framing=Framing.plain())
 
 
-class EncoderBlock(eqx.Module):
-    """Self-attention among the keypoints."""
-
-    attention: Attention
-    forward: FeedForward
-    norms: tuple[LayerNorm, LayerNorm]
-
-    def __init__(self, config: TransformerConfig, *, key: PRNGKeyArray) -> None:
-        keys = jax.random.split(key)
-        self.attention = Attention(config.width, config.heads, key=keys[0])
-        self.forward = FeedForward(config.width, config.expansion, key=keys[1])
-        self.norms = (LayerNorm(config.width), LayerNorm(config.width))
-
-    def __call__(self, tokens: Float[Array, "n w"]) -> Float[Array, "n w"]:
-        """Attention, then the feed-forward layers, each added to what came in."""
-        normed = self.norms[0](tokens)
-        tokens = tokens + self.attention(normed, normed, normed)
-        return tokens + self.forward(self.norms[1](tokens))
-
-
-class DecoderBlock(eqx.Module):
-    """Cross-attention: keypoints ask, gripper poses answer, gripper motions are what they tell."""
+class Block(eqx.Module):
+    """Attention among the keypoints, or of the keypoints to the grippers, and two dense layers."""
 
     attention: Attention
     forward: FeedForward
@@ -92,15 +77,16 @@ class DecoderBlock(eqx.Module):
         self.norms = (LayerNorm(config.width), LayerNorm(config.width))
 
     def __call__(
-        self, tokens: Float[Array, "n w"], poses: Float[Array, "2 w"], motions: Float[Array, "2 w"]
+        self, tokens: Float[Array, "n w"], grippers: tuple[Float[Array, "2 w"], Float[Array, "2 w"]] | None = None
     ) -> Float[Array, "n w"]:
-        """Attention, then the feed-forward layers, each added to what came in."""
-        tokens = tokens + self.attention(self.norms[0](tokens), poses, motions)
+        """Attention, then the dense layers, each added to what came in; `grippers` are keys and values."""
+        normed = self.norms[0](tokens)
+        tokens = tokens + self.attention(normed, *(grippers or (normed, normed)))
         return tokens + self.forward(self.norms[1](tokens))
 
 
 class RobotEncoder(eqx.Module):
-    """Encodes each gripper's pose and motion; the side is told by a one-hot code."""
+    """Encodes each gripper's pose and motion, with a one-hot code of its side."""
 
     pose: tuple[Dense, Dense]
     motion: Dense
@@ -119,41 +105,31 @@ class RobotEncoder(eqx.Module):
         return self.pose[1](hidden), self.motion(jnp.concatenate([motions, side], axis=1))
 
 
-class TransformerModel(LearnedModel):
-    """The transformer deformation model."""
+class Transformer(Network):
+    """DLO encoder, robot encoder and DLO decoder."""
 
-    config: TransformerConfig = eqx.field(static=True)  # pyright: ignore[reportIncompatibleVariableOverride]
-    normalization: Normalization
-    rod: RodParameters | None
     embedding: Dense
-    encoder: tuple[EncoderBlock, ...]
+    encoder: tuple[Block, ...]
     robot: RobotEncoder
-    decoder: tuple[DecoderBlock, ...]
+    decoder: tuple[Block, ...]
     norm: LayerNorm
     readout: Dense
 
-    def __init__(
-        self, config: TransformerConfig, *, key: PRNGKeyArray, normalization: Normalization | None = None
-    ) -> None:
-        """Random weights, and a normalisation that changes nothing unless one is given."""
+    def __init__(self, config: TransformerConfig, *, key: PRNGKeyArray) -> None:
         encoder_key, decoder_key, robot_key, embedding_key, readout_key = jax.random.split(key, 5)
-        self.config = config  # pyright: ignore[reportIncompatibleVariableOverride]
-        self.normalization = Normalization.identity() if normalization is None else normalization
-        self.rod = rod_of(config.framing)
-        self.embedding = Dense(2 + POSITION_WAVES, config.width, key=embedding_key)
-        self.encoder = tuple(EncoderBlock(config, key=k) for k in jax.random.split(encoder_key, config.encoder_blocks))
+        self.embedding = Dense(PLACED, config.width, key=embedding_key)
+        self.encoder = tuple(Block(config, key=k) for k in jax.random.split(encoder_key, config.encoder_blocks))
         self.robot = RobotEncoder(config.width, key=robot_key)
-        self.decoder = tuple(DecoderBlock(config, key=k) for k in jax.random.split(decoder_key, config.decoder_blocks))
+        self.decoder = tuple(Block(config, key=k) for k in jax.random.split(decoder_key, config.decoder_blocks))
         self.norm = LayerNorm(config.width)
         self.readout = Dense(config.width, 2, key=readout_key, scale=0.1)
 
-    def network(self, inputs: Inputs) -> Float[Array, "n 2"]:
-        """See `LearnedModel`."""
-        position = jnp.asarray(position_code(len(inputs.keypoints)))
-        tokens = self.embedding(jnp.concatenate([inputs.keypoints, position], axis=1))
+    def __call__(self, inputs: Inputs) -> Float[Array, "n 2"]:
+        """See `Network`."""
+        rows = self.embedding(placed(inputs))
         for block in self.encoder:
-            tokens = block(tokens)
-        poses, motions = self.robot(inputs.poses, inputs.motions)
+            rows = block(rows)
+        grippers = self.robot(inputs.poses, inputs.motions)
         for block in self.decoder:
-            tokens = block(tokens, poses, motions)
-        return self.readout(self.norm(tokens))
+            rows = block(rows, grippers)
+        return self.readout(self.norm(rows))

@@ -146,7 +146,7 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
     from cableway.simulation.collection import collect
     from cableway.simulation.episodes import CollectionConfig
     from cableway.tang2025.models.checkpoint import load_model
-    from cableway.tang2025.models.comparison import compare
+    from cableway.tang2025.models.evaluation import compare
 
     from cableway.datasets.reading import load_transitions  # isort: skip
 
