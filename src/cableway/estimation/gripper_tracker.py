@@ -82,11 +82,11 @@ class GripperTracker:
     def updated(self, observation: Observation, grasps: Float[np.ndarray, "2 3"], cable: Cable) -> GripperTracker:
         """After an observation whose gripper poses are usable.
 
-                Args:
-                            observation: What was measured.
-                    grasps: Estimated poses of the cable's ends in the gripper frames, see `rod.material`.
-                    cable: The nominal cable.
-                """
+        Args:
+            observation: What was measured.
+            grasps: Estimated poses of the cable's ends in the gripper frames, see `rod.material`.
+            cable: The nominal cable.
+        """
         if not self.started:
             measured = SE2.continued(observation.poses, self.poses.history[-1])
             started = replace(self, poses=DelayEstimator.constant(measured), started=True)
