@@ -49,7 +49,9 @@ class Study:
         rollout, insertion = track(plant, self.controller, self.plan, seed=seed), None
         if may_insert(rollout, self.task):
             insertion = insert_plug(plant, self.push, controller=self.pusher, seed=seed)
-        return summarize(self.task, self.plan, rollout, push=self.push, insertion=insertion, cable=perturbation.cable)
+        return summarize(
+            self.task, self.plan, rollout, insertion_plan=self.push, insertion=insertion, cable=perturbation.cable
+        )
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from recorded import moved_aside, moved_plan, perfect_rollout
 
 from cableway.outcome import Outcome
 from cableway.records import Attempt, Check, Plan, Rollout, Verdict
-from cableway.report import Report, shape_error_floor, summarize
+from cableway.report import Report, least_achievable_error, summarize
 from cableway.rod.inverse import fit_keypoints, nearest_shape
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
@@ -20,7 +20,7 @@ from cableway.verification import VerificationLimits
 
 ONLY_OF_A_RUN = {
     "shape_error",
-    "shape_error_floor",
+    "least_achievable_error",
     "mean_keypoint_error",
     "min_clearance",
     "gripper_clearance",
@@ -167,7 +167,7 @@ def test_the_report_is_json_whatever_is_not_finite(recorded: tuple[Task, Plan, R
 def test_all_fields_of_a_run_are_in_the_file(recorded: tuple[Task, Plan, Rollout]):
     task, plan, rollout = recorded
     content = summarize(task, plan, rollout, timings={"pivot path": 0.1}).as_dict()
-    of_a_plug = {"plug_clearance", "insertion", "push_verdict", "insertion_verdict"}
+    of_a_plug = {"plug_clearance", "insertion", "insertion_plan_verdict", "insertion_verdict"}
     expected = set(Report.__dataclass_fields__) - of_a_plug - {"failure", "estimates"} | {"success"}
     assert set(content) == expected
     assert set(content["control_time"]) == {"median", "p99", "max"}
@@ -184,27 +184,27 @@ def test_the_text_names_every_figure_with_its_unit(recorded: tuple[Task, Plan, R
     assert len(starts) == 1, "values stand below each other"
 
 
-def test_the_floor_is_what_no_gripper_poses_go_below(recorded: tuple[Task, Plan, Rollout]):
+def test_the_least_achievable_error_is_what_no_gripper_poses_go_below(recorded: tuple[Task, Plan, Rollout]):
     """Nothing for the task's own cable, the nearest shape of a rod that is 3% short for such a cable."""
     task = recorded[0]
     goal = task.cable.rod.at_keypoints(task.cable.rod.shapes(task.goal_equilibrium[None])[0])[0]
-    assert shape_error_floor(task.cable, goal) == pytest.approx(0.0, abs=1e-6)
+    assert least_achievable_error(task.cable, goal) == pytest.approx(0.0, abs=1e-6)
     short = replace(task.cable, length=0.97 * task.cable.length)
-    assert shape_error_floor(short, goal) == pytest.approx(fit_keypoints(short.rod, goal)[1], rel=1e-4)
+    assert least_achievable_error(short, goal) == pytest.approx(fit_keypoints(short.rod, goal)[1], rel=1e-4)
     graded = replace(task.cable, stiffness_profile=(0.5, 2.0))
-    assert 1e-4 < (shape_error_floor(graded, goal) or 0.0) < 0.02
-    assert shape_error_floor(replace(task.cable, yield_curvature=5.0), goal) is None
+    assert 1e-4 < (least_achievable_error(graded, goal) or 0.0) < 0.02
+    assert least_achievable_error(replace(task.cable, yield_curvature=5.0), goal) is None
 
 
-def test_the_floor_of_a_cable_curled_at_one_end_is_found():
-    """The shape that it takes nearest to a goal is one that it takes, so its own floor is nothing."""
+def test_the_least_achievable_error_of_a_cable_curled_at_one_end_is_found():
+    """The shape that it takes nearest to a goal is one that it takes, so its own least achievable error is nothing."""
     task = load_task("single-obstacle-1")
     places = (np.arange(task.cable.rod.hinges) + 0.5) / task.cable.rod.hinges
     curled = replace(task.cable, rest_curvature=(0.0, 0.0, 12.0, 25.0))
     rest = curled.length * curled.along("rest_curvature", places)
-    shape, floor = nearest_shape(curled.rod, np.ones_like(places), rest, task.goal)
-    assert floor < 2e-3
-    assert shape_error_floor(curled, shape) == pytest.approx(0.0, abs=1e-5)
+    shape, least = nearest_shape(curled.rod, np.ones_like(places), rest, task.goal)
+    assert least < 2e-3
+    assert least_achievable_error(curled, shape) == pytest.approx(0.0, abs=1e-5)
 
 
 def test_a_new_plan_on_the_way_is_told(recorded: tuple[Task, Plan, Rollout]):

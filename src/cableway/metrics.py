@@ -73,13 +73,17 @@ def _first(*names: str) -> Callable[[Any], Any]:
 
 
 def _strict_where_reachable(result: Any) -> bool | None:
-    return None if result.floor is not None and result.floor >= REACHABLE else result.strict
+    return (
+        None
+        if result.least_achievable_error is not None and result.least_achievable_error >= REACHABLE
+        else result.strict
+    )
 
 
 def _over_least(result: Any) -> float | None:
-    if result.shape_error is None or result.floor is None:
+    if result.shape_error is None or result.least_achievable_error is None:
         return None
-    return max(0.0, result.shape_error - result.floor)
+    return max(0.0, result.shape_error - result.least_achievable_error)
 
 
 METRICS = {
@@ -102,11 +106,12 @@ METRICS = {
                value=_first("shape_error"), tolerance=1.25,
                definition="Final shape error, stacked. Where the cable was not moved (no plan, a crash), that of the "
                "start."),
-        Metric(key="floor", label="least achievable error", unit="m", better="lower",
-               value=_first("floor", "shape_error_floor"),
+        Metric(key="least_achievable_error", label="least achievable error", unit="m", better="lower",
+               value=_first("least_achievable_error"),
                definition="Least stacked error that any gripper poses reach with the plant's cable on a table without "
                "friction."),
-        Metric(key="over_floor", title="above least achievable", unit="m", better="lower", value=_over_least,
+        Metric(key="above_least_achievable", title="above least achievable", unit="m", better="lower",
+               value=_over_least,
                definition="Final shape error less the least that any gripper poses reach with the plant's cable on a "
                "table without friction."),
         Metric(key="mean_keypoint_error", title="mean error", label="shape error, mean keypoint", unit="m",

@@ -64,7 +64,7 @@ _STAGES = ("pivot", "passages", "path_set", "progress")
 
 
 INSERTION = "insertion"
-"""Value of `metadata["part"]` of a plan and a rollout that push a plug into its port."""
+"""Value of `metadata["part"]` of a plan and a rollout that insert a plug into its port."""
 
 
 @dataclass(frozen=True)
@@ -235,10 +235,10 @@ class Observation:
 
     Attributes:
         time: [s] since the start of the run.
-        keypoints: (n, 2) measured keypoints [m], NaN where nothing was seen.
+        keypoints: (n, 2) measured keypoints [m], NaN where nothing was observed.
         poses: (2, 3) measured gripper poses [m, m, rad].
-        taken: [s] when the keypoints were seen, on the same clock as `time`; None where unknown, it is then estimated.
-        confidence: (n,) from 0 (not seen) to 1, by which each keypoint counts; None where all count the same.
+        taken: [s] when the frame was taken, on the same clock as `time`; None where unknown, it is then estimated.
+        confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same.
     """
 
     time: float

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
 from cableway.metrics import METRICS
 from cableway.outcome import SUCCESS_ERROR, Outcome
@@ -43,6 +44,7 @@ class ControlTime:
     max: float
 
 
+@renamed_attributes(push_verdict="insertion_plan_verdict", shape_error_floor="least_achievable_error")
 @dataclass(frozen=True, kw_only=True)
 class Report:
     """The figures of one task; None where there is none, as after planning only.
@@ -53,12 +55,12 @@ class Report:
         failure: Why it did not succeed, in a sentence; None where it did.
         seed: Of everything random.
         shape_error: Stacked distance of the final keypoints from the goal [m].
-        shape_error_floor: Least stacked distance from the goal [m] that any gripper poses reach with the plant's cable
-            on a frictionless table; none for a cable that keeps a set.
+        least_achievable_error: Least stacked distance from the goal [m] that any gripper poses reach with the plant's
+            cable on a frictionless table; none for a cable that keeps a set.
         mean_keypoint_error: Mean distance of a final keypoint from its goal [m].
         min_clearance: Least clearance of the cable's surface [m], whole cable, every simulated substep.
         gripper_clearance: Least clearance of the gripper discs [m].
-        plug_clearance: Least clearance of the plug [m] until it is pushed in, swept between control steps.
+        plug_clearance: Least clearance of the plug [m] until it is inserted, swept between control steps.
         largest_deviation: Largest distance of a keypoint from its reference at the time [m].
         gripper_travel: Length of the ways of the left and the right gripper [m].
         plan_steps: Control steps of the plan.
@@ -71,8 +73,8 @@ class Report:
         insertion: How the plug went into its port.
         plan_verdict: Checks of the plan.
         rollout_verdict: Checks of the rollout.
-        push_verdict: Checks of the plan of the push into the port.
-        insertion_verdict: Checks of that push.
+        insertion_plan_verdict: Checks of the plan of the insertion.
+        insertion_verdict: Checks of the insertion.
         notes: What a reader should know, such as what was not simulated.
         versions: Of cableway and what it builds on.
         configuration: Everything that was chosen, as plain data.
@@ -83,7 +85,7 @@ class Report:
     failure: str | None = None
     seed: int | None = None
     shape_error: float | None = None
-    shape_error_floor: float | None = None
+    least_achievable_error: float | None = None
     mean_keypoint_error: float | None = None
     min_clearance: float | None = None
     gripper_clearance: float | None = None
@@ -100,7 +102,7 @@ class Report:
     insertion: Inserted | None = None
     plan_verdict: Verdict | None = None
     rollout_verdict: Verdict | None = None
-    push_verdict: Verdict | None = None
+    insertion_plan_verdict: Verdict | None = None
     insertion_verdict: Verdict | None = None
     notes: tuple[str, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
@@ -157,7 +159,7 @@ class Report:
         for name, verdict in (
             ("plan checks", self.plan_verdict),
             ("rollout checks", self.rollout_verdict),
-            ("push plan checks", self.push_verdict),
+            ("insertion plan checks", self.insertion_plan_verdict),
             ("insertion checks", self.insertion_verdict),
         ):
             if verdict is not None:
@@ -183,12 +185,13 @@ def _millimetres(value: float) -> str:
     return f"{1000 * value:.2f} mm"
 
 
+@renamed_keywords(push="insertion_plan")
 def summarize(
     task: Task,
     plan: Plan | None,
     rollout: Rollout | None = None,
     *,
-    push: Plan | None = None,
+    insertion_plan: Plan | None = None,
     insertion: Rollout | None = None,
     timings: Mapping[str, float] | None = None,
     attempt: Attempt | None = None,
@@ -206,8 +209,8 @@ def summarize(
         task: The task.
         plan: Its plan, or None where planning failed.
         rollout: What happened when the plan was tracked, if it was.
-        push: The plan of the push into the task's port.
-        insertion: What happened then, if it came to that.
+        insertion_plan: The plan of the insertion into the task's port.
+        insertion: What happened in the insertion, if the run came to it.
         timings: Wall time [s] of each planning stage.
         attempt: What planning came closest to, where it failed.
         seed: Of everything random; else what the records say.
@@ -222,12 +225,12 @@ def summarize(
     plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
     length = None if cable is None or cable == task.cable else cable.length
     rollout_verdict = None if rollout is None else verify_rollout(rollout, actual, length=length)
-    push_verdict = None if push is None else verify_insertion_plan(push, task, limits)
+    insertion_plan_verdict = None if insertion_plan is None else verify_insertion_plan(insertion_plan, task, limits)
     insertion_verdict = None if insertion is None else verify_insertion(insertion, actual, length=length)
-    parts = {"plan": plan, "rollout": rollout, "push": push, "insertion": insertion}
+    parts = {"plan": plan, "rollout": rollout, "insertion_plan": insertion_plan, "insertion": insertion}
     recorded = {name: record.metadata for name, record in parts.items() if record is not None}
     outcome, failure = problem or judge(
-        actual, rollout, plan=plan_verdict, rollout_verdict=rollout_verdict, push=push_verdict,
+        actual, rollout, plan=plan_verdict, rollout_verdict=rollout_verdict, insertion_plan=insertion_plan_verdict,
         insertion=insertion_verdict,
     )  # fmt: skip
     if plan is None and problem is None:
@@ -245,12 +248,12 @@ def summarize(
         plan_verdict=plan_verdict,
         rollout_verdict=rollout_verdict,
         insertion=None if insertion is None else measure_insertion(insertion.poses[:, 1], task),
-        push_verdict=push_verdict,
+        insertion_plan_verdict=insertion_plan_verdict,
         insertion_verdict=insertion_verdict,
         notes=(*notes, *_planned_anew(rollout), *_missed(rollout)),
         versions=versions(),
         configuration={**describe(recorded), **describe(dict(configuration or {}))},
-        shape_error_floor=None if rollout is None else shape_error_floor(cable or task.cable, task.goal),
+        least_achievable_error=None if rollout is None else least_achievable_error(cable or task.cable, task.goal),
         **({} if rollout is None else _figures(task, rollout)),
     )
 
@@ -260,8 +263,8 @@ def _checked(verdict: Verdict | None, name: str) -> float | None:
     return None if verdict is None else next((check.value for check in verdict.checks if check.name == name), None)
 
 
-def shape_error_floor(cable: Cable, goal: Float[np.ndarray, "n 2"]) -> float | None:
-    """Least stacked distance [m] from a goal that any gripper poses reach, see `Report.shape_error_floor`."""
+def least_achievable_error(cable: Cable, goal: Float[np.ndarray, "n 2"]) -> float | None:
+    """Least stacked distance [m] from a goal that any gripper poses reach, see `Report.least_achievable_error`."""
     if cable.yield_curvature:
         return None
     places = (np.arange(cable.rod.hinges) + 0.5) / cable.rod.hinges
@@ -270,7 +273,7 @@ def shape_error_floor(cable: Cable, goal: Float[np.ndarray, "n 2"]) -> float | N
 
 
 def _figures(task: Task, rollout: Rollout) -> dict[str, Any]:
-    """What only a rollout can tell."""
+    """The figures of a rollout."""
     return {
         "shape_error": rollout.shape_error(task.goal),
         "mean_keypoint_error": float(np.linalg.norm(rollout.keypoints[-1] - task.goal, axis=1).mean()),
@@ -300,11 +303,11 @@ def _planned_anew(rollout: Rollout | None) -> tuple[str, ...]:
 
 def _missed(rollout: Rollout | None) -> tuple[str, ...]:
     """What the loop had to make good for, in a sentence, if there was anything."""
-    seen = {} if rollout is None else rollout.metadata.get("watchdog", {})
-    late, failed, cut = (seen.get(name, 0) for name in ("late", "failed", "cut"))
+    missed = {} if rollout is None else rollout.metadata.get("watchdog", {})
+    late, failed, cut = (missed.get(name, 0) for name in ("late", "failed", "cut"))
     if not late + failed + cut:
         return ()
-    reason = f"; {seen['reason']}" if seen.get("reason") else ""
+    reason = f"; {missed['reason']}" if missed.get("reason") else ""
     return (f"Of the controller's steps {late} came late, {failed} failed, {cut} were cut to the limits{reason}.",)
 
 
@@ -313,13 +316,14 @@ def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
     return float(left), float(right)
 
 
+@renamed_keywords(push="insertion_plan")
 def judge(
     task: Task,
     rollout: Rollout | None,
     *,
     plan: Verdict | None = None,
     rollout_verdict: Verdict | None = None,
-    push: Verdict | None = None,
+    insertion_plan: Verdict | None = None,
     insertion: Verdict | None = None,
 ) -> tuple[Outcome, str]:
     """What became of a task, and a sentence on why it did not succeed. This is the one definition of success.
@@ -333,7 +337,7 @@ def judge(
         rollout: What happened; None where the plan was not tracked.
         plan: Checks of the plan.
         rollout_verdict: Checks of the rollout.
-        push: Checks of the plan of the insertion.
+        insertion_plan: Checks of the plan of the insertion.
         insertion: Checks of the insertion.
     """
     if rollout is None:
@@ -343,11 +347,11 @@ def judge(
         return failed
     if task.port is None:
         return Outcome.SUCCESS, ""
-    if push is not None and not push.passed:
-        return Outcome.NOT_VERIFIED, f"the plan of the push does not verify: {push}"
+    if insertion_plan is not None and not insertion_plan.passed:
+        return Outcome.NOT_VERIFIED, f"the plan of the insertion does not verify: {insertion_plan}"
     if rollout is None or (insertion is not None and insertion.passed):
         return Outcome.SUCCESS, ""
-    why = "the plug was not pushed into the port" if insertion is None else f"the plug is not in: {insertion}"
+    why = "the plug was not inserted" if insertion is None else f"the plug is not in: {insertion}"
     return Outcome.NOT_INSERTED, why
 
 
@@ -370,3 +374,6 @@ def _run_failure(task: Task, rollout: Rollout, verdict: Verdict | None) -> tuple
         return None
     touched = any(outcome is Outcome.CONTACT for outcome, _ in found)
     return Outcome.CONTACT if touched else found[0][0], "; ".join(text for _, text in found)
+
+
+__getattr__ = renamed(__name__, {"shape_error_floor": "least_achievable_error"})

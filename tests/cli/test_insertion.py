@@ -12,7 +12,7 @@ from commands import Command
 
 from cableway.cli import main
 
-KINDS = ("plan", "push", "rollout", "insertion")
+KINDS = ("plan", "insertion-plan", "rollout", "insertion")
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_run_leaves_the_push_too(folder: Path):
+def test_a_run_leaves_the_insertion_too(folder: Path):
     assert {
         *(f"{kind}.npz" for kind in KINDS),
         "insertion.png",
@@ -43,7 +43,7 @@ def test_the_report_says_how_the_plug_went_in(folder: Path):
     assert found["depth"] == pytest.approx(0.012, abs=1e-3)
     assert found["lateral_at_mouth"] < 0.002
     assert found["angle_at_mouth"] < 0.052
-    assert report["push_verdict"]["passed"] is report["insertion_verdict"]["passed"] is True
+    assert report["insertion_plan_verdict"]["passed"] is report["insertion_verdict"]["passed"] is True
     assert report["configuration"]["insertion"]["controller"]["name"] == "InsertionController"
     assert "insertion plan" in report["stage_times"]
 
@@ -51,7 +51,7 @@ def test_the_report_says_how_the_plug_went_in(folder: Path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_file_is_judged_as_what_it_is(cableway: Command, folder: Path, kind: str):
     done = cableway("check", "insertion", folder / f"{kind}.npz", "--json")
-    assert (done.status, json.loads(done.out)["kind"]) == (0, kind)
+    assert (done.status, json.loads(done.out)["kind"]) == (0, kind.replace("-", " "))
 
 
 def test_where_the_plug_cannot_go_in_there_is_no_plan(cableway: Command, folder: Path):
@@ -61,7 +61,7 @@ def test_where_the_plug_cannot_go_in_there_is_no_plan(cableway: Command, folder:
     done = cableway("plan", "narrow.yaml", "--out", "narrow")
     assert done.status == 1
     report = json.loads(Path("narrow/report.json").read_text())
-    assert report["failure"].startswith("the plug cannot be pushed into the port")
+    assert report["failure"].startswith("the plug cannot be inserted")
     assert {check["name"] for check in report["plan_verdict"]["checks"] if not check["passed"]} == {"plug clearance"}
 
 

@@ -14,6 +14,8 @@ import pytest
 import cableway
 from cableway.core.deprecation import MODULES, renamed, renamed_keywords
 from cableway.core.errors import InputError
+from cableway.outcome import Outcome
+from cableway.report import Report
 
 
 @pytest.mark.parametrize(("old", "new"), MODULES.items())
@@ -71,6 +73,26 @@ def test_renamed_keywords_are_passed_on():
     assert caught[0].filename == __file__
     with pytest.raises(TypeError, match="its old name"):
         plant(nominal=1, believed=2)  # pyright: ignore[reportCallIssue]
+
+
+def test_a_report_keeps_its_names():
+    report = Report(task="", outcome=Outcome.SUCCESS, least_achievable_error=0.001)
+    for old, new in (
+        ("shape_error_floor", "least_achievable_error"),
+        ("push_verdict", "insertion_plan_verdict"),
+    ):
+        with pytest.warns(DeprecationWarning, match=rf"Report\.{old} is now Report\.{new}") as caught:
+            assert getattr(report, old) is getattr(report, new)
+        assert caught[0].filename == __file__
+
+
+def test_a_plan_of_an_insertion_may_be_called_push():
+    task = cableway.load_task("insertion")
+    plan = cableway.plan_insertion(task)
+    with pytest.warns(DeprecationWarning, match="the argument 'push' is now 'insertion_plan'"):
+        report = cableway.summarize(task, plan, push=plan)  # pyright: ignore[reportCallIssue]
+    assert report.insertion_plan_verdict is not None
+    assert report.insertion_plan_verdict.passed
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The push into the port as a plan: straight, verified, or not at all."""
+"""The insertion as a plan: straight, verified, or not at all."""
 
 from __future__ import annotations
 
@@ -26,36 +26,36 @@ def with_disc(task: Task, x: float, y: float, radius: float) -> Task:
 
 
 def test_the_plug_goes_straight_from_before_the_port_until_it_is_in(task: Task):
-    push = plan_insertion(task)
+    plan = plan_insertion(task)
     assert task.plug is not None
     assert task.port is not None
-    seen = task.port.alignment(task.plug, push.poses[:, 1])
+    seen = task.port.alignment(task.plug, plan.poses[:, 1])
     np.testing.assert_allclose(seen.depth[[0, -1]], [-0.015, 0.012], atol=3e-4)
     np.testing.assert_allclose(seen.lateral[1:], 0.0, atol=1e-9)
     np.testing.assert_allclose(seen.angle[1:], 0.0, atol=1e-9)
     assert (np.diff(seen.depth[1:]) > 0).all()
     assert np.diff(seen.depth).max() <= STEP + 1e-9
-    assert verify_insertion_plan(push, task).passed
+    assert verify_insertion_plan(plan, task).passed
 
 
 def test_both_grippers_go_along_so_that_the_cable_keeps_its_shape(task: Task):
-    push = plan_insertion(task)
-    assert push.metadata["left gripper"] == "goes along"
-    moved = push.shapes - push.shapes[:, :1]
+    plan = plan_insertion(task)
+    assert plan.metadata["left gripper"] == "goes along"
+    moved = plan.shapes - plan.shapes[:, :1]
     np.testing.assert_allclose(moved[1:], np.broadcast_to(moved[1], moved[1:].shape), atol=1e-9)
 
 
 def test_where_the_left_gripper_has_no_room_it_stands_still(task: Task):
     blocked = with_disc(task, 0.43, 0.545, 0.012)
-    push = plan_insertion(blocked)
-    assert push.metadata["left gripper"] == "stands still"
-    np.testing.assert_allclose(push.poses[:, 0], push.poses[:1, 0].repeat(len(push.poses), axis=0), atol=1e-9)
-    assert verify_insertion_plan(push, blocked).passed
+    plan = plan_insertion(blocked)
+    assert plan.metadata["left gripper"] == "stands still"
+    np.testing.assert_allclose(plan.poses[:, 0], plan.poses[:1, 0].repeat(len(plan.poses), axis=0), atol=1e-9)
+    assert verify_insertion_plan(plan, blocked).passed
 
 
 def test_a_push_that_cannot_be_says_why_and_shows_the_attempt(task: Task):
     blocked = with_disc(task, 0.57, 0.483, 0.005)
-    said = r"^the plug cannot be pushed into the port: .* goes along: plug clearance .* stands still: plug clearance"
+    said = r"^the plug cannot be inserted: .* goes along: plug clearance .* stands still: plug clearance"
     with pytest.raises(PlanningError, match=said) as told:
         plan_insertion(blocked)
     attempt = told.value.attempt

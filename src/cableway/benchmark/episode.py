@@ -53,7 +53,7 @@ class Result:
         contact: Whether something was touched.
         verified: Whether the independent judge found nothing wrong with the rollout.
         shape_error: Final stacked error; where the cable was not moved, that of the start.
-        floor: Least that any gripper poses reach with this cable.
+        least_achievable_error: Least that any gripper poses reach with this cable.
         mean_keypoint_error: Mean distance of a final keypoint from its goal.
         clearance: Least clearance of cable and grippers.
         deviation: Largest distance of a keypoint from its reference.
@@ -82,7 +82,7 @@ class Result:
     contact: bool = False
     verified: bool | None = None
     shape_error: float | None = None
-    floor: float | None = None
+    least_achievable_error: float | None = None
     mean_keypoint_error: float | None = None
     clearance: float | None = None
     deviation: float | None = None
@@ -222,13 +222,13 @@ def _unmoved(task: Task) -> dict[str, Any]:
 
 def _certified(job: Job, run: Run) -> Result:
     """Of a task without a solution: a success where the planner says so."""
-    told = run.report.outcome is Outcome.INFEASIBLE
+    certified = run.report.outcome is Outcome.INFEASIBLE
     return Result(
         **_known(job),
-        outcome=Outcome.SUCCESS if told else Outcome.NOT_CERTIFIED,
+        outcome=Outcome.SUCCESS if certified else Outcome.NOT_CERTIFIED,
         detail=run.report.failure or "a plan was returned",
-        success=told,
-        strict=told,
+        success=certified,
+        strict=certified,
         planning_time=run.report.planning_time,
     )
 
@@ -250,7 +250,7 @@ def _measured(job: Job, run: Run) -> Result:
         contact=not clearance > 0,
         verified=None if report.rollout_verdict is None else report.rollout_verdict.passed,
         shape_error=report.shape_error,
-        floor=report.shape_error_floor,
+        least_achievable_error=report.least_achievable_error,
         mean_keypoint_error=report.mean_keypoint_error,
         clearance=clearance,
         deviation=report.largest_deviation,

@@ -27,7 +27,7 @@ class Check(Options):
     """Name in the catalogue, or a YAML file."""
 
     file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
-    """A plan.npz or rollout.npz; its arrays tell which."""
+    """A plan.npz or rollout.npz; its arrays show which."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
@@ -70,7 +70,7 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
     if "shapes" in arrays:
         plan = Plan.from_arrays(arrays, str(file))
         inserting = plan.metadata.get("part") == INSERTION
-        return ("push", verify_insertion_plan(plan, task)) if inserting else ("plan", verify_plan(plan, task))
+        return ("insertion plan", verify_insertion_plan(plan, task)) if inserting else ("plan", verify_plan(plan, task))
     raise FileFormatError(
         f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
         f"it has {', '.join(sorted(arrays)) or 'nothing'}"

@@ -13,10 +13,13 @@ REPORT, TASK = "report.json", "task.yaml"
 PLAN, PLAN_PICTURE = "plan.npz", "plan.png"
 ALTERNATIVES_PICTURE = "alternatives.png"
 ROLLOUT, ROLLOUT_PICTURE, VIDEO = "rollout.npz", "rollout.png", "rollout.mp4"
-PUSH, INSERTION, INSERTION_PICTURE = "push.npz", "insertion.npz", "insertion.png"
+INSERTION_PLAN, INSERTION, INSERTION_PICTURE = "insertion-plan.npz", "insertion.npz", "insertion.png"
+
+PUSH_0_1 = "push.npz"
+"""What version 0.1 called the plan of the insertion."""
 
 ALL = (
-    REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, PUSH, ROLLOUT, ROLLOUT_PICTURE, VIDEO, INSERTION,
+    REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, INSERTION_PLAN, ROLLOUT, ROLLOUT_PICTURE, VIDEO, INSERTION,
     INSERTION_PICTURE,
 )  # fmt: skip
 
@@ -32,7 +35,7 @@ def alternative(place: int) -> str:
 
 def clear(folder: Path) -> None:
     """Remove what an earlier run left, so that a folder never mixes two runs."""
-    for path in (*(folder / name for name in ALL), *folder.glob("plan-*.npz")):
+    for path in (*(folder / name for name in (*ALL, PUSH_0_1)), *folder.glob("plan-*.npz")):
         path.unlink(missing_ok=True)
 
 

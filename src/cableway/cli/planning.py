@@ -109,7 +109,7 @@ def _write_plans(folder: Path, run: Run, plan: Plan) -> None:
     for place, each in enumerate(plans, start=1):
         each.save(folder / outputs.alternative(place))
     if run.insertion_plan is not None:
-        run.insertion_plan.save(folder / outputs.PUSH)
+        run.insertion_plan.save(folder / outputs.INSERTION_PLAN)
     save_task(run.task, folder / outputs.TASK)
     outputs.write_report(folder, run.report)
     save_figure(figure, folder / outputs.PLAN_PICTURE)

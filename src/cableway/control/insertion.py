@@ -1,4 +1,4 @@
-"""Pushing a plug into its port: hold before it until the plug is aligned, then go straight.
+"""Inserting a plug into its port: hold before it until the plug is aligned, then go straight.
 
 The plug is fixed to the cable's end, and both are held askew by an unknown grasp g (`cableway.rod.material`), which
 cannot be seen at the plug itself. While the grippers hold, g is estimated from the shape of the whole cable, and the
@@ -76,7 +76,7 @@ class InsertionState(FollowerState):
 
 
 class InsertionController(Controller[InsertionState]):
-    """Aligns the plug with the first row of a push, then makes the motions of the rest.
+    """Aligns the plug with the first row of an insertion plan, then makes the motions of the rest.
 
     Args:
         config: The settings, the defaults where None.

@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
+C = TypeVar("C", bound=type)
 
 MODULES = {
     "benchmark.plants": "simulation.perturbations.variants",
@@ -132,6 +133,22 @@ def renamed_keywords(**names: str) -> Callable[[F], F]:
             return function(*args, **kwargs)
 
         return call  # pyright: ignore[reportReturnType]
+
+    return decorate
+
+
+def renamed_attributes(**names: str) -> Callable[[C], C]:
+    """A decorator of a class under which renamed attributes can be read by their old names; `names` maps old to new."""
+
+    def decorate(cls: C) -> C:
+        for old, new in names.items():
+
+            def read(self: Any, old: str = old, new: str = new) -> Any:
+                _warn(f"{cls.__qualname__}.{old} is now {cls.__qualname__}.{new}", stacklevel=3)
+                return getattr(self, new)
+
+            setattr(cls, old, property(read))
+        return cls
 
     return decorate
 

@@ -1,4 +1,4 @@
-"""The picture of a push: the plug on its way into the port, and how well it is aligned; dashed what is allowed."""
+"""The picture of an insertion: the plug on its way into the port, and its misalignment; dashed what is allowed."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ def insertion_figure(task: Task, rollout: Rollout) -> Figure:
     ax = style.add_axes(figure, 0.7, 0.8, SIDE, SIDE)
     _draw_port_view(ax, task, rollout)
     style.title(ax, f"{task.name}: into the port")
-    seen = task.port.alignment(task.plug, rollout.poses[:, 1])
+    found = task.port.alignment(task.plug, rollout.poses[:, 1])
     half = (SIDE - 0.9) / 2
     curves = (
-        (0.8 + half + 0.9, "off the axis", "distance [mm]", 1000 * np.abs(seen.lateral), 1000 * PORT_LATERAL),
-        (0.8, "turned from the axis", "angle [degrees]", np.degrees(np.abs(seen.angle)), np.degrees(PORT_ANGLE)),
+        (0.8 + half + 0.9, "off the axis", "distance [mm]", 1000 * np.abs(found.lateral), 1000 * PORT_LATERAL),
+        (0.8, "turned from the axis", "angle [degrees]", np.degrees(np.abs(found.angle)), np.degrees(PORT_ANGLE)),
     )
     for bottom, name, unit, values, limit in curves:
         below = style.add_axes(figure, SIDE + 1.6, bottom, 4.0, half)
-        below.plot(1000 * seen.depth, values, color=style.LEFT, linewidth=1.5)
+        below.plot(1000 * found.depth, values, color=style.LEFT, linewidth=1.5)
         below.plot([0.0, 1000 * task.port.depth], [limit, limit], color=style.BAD, linewidth=1.0, linestyle="--")
         below.axvline(0.0, color=style.INK, linewidth=1.0, linestyle=":")
         style.title(below, f"tip {name}, {values[-1]:.2f} at the end")

@@ -1,11 +1,11 @@
-"""The push: from the goal, before the port, along its axis until the plug is in.
+"""The insertion: from the goal, before the port, along its axis until the plug is in.
 
 The right end first moves and turns onto the axis, as far as the goal is beside it, and then goes straight. The left
 gripper goes along, so that the cable keeps its shape, or stands still; the first that verifies is taken. In between the
 cable is led as the rod that it is, and must not snap.
 
 Note:
-    The paper (Tang et al.) inserts an HDMI plug as a case study and is silent on how it is aligned and pushed in.
+    The paper (Tang et al.) inserts an HDMI plug as a case study and is silent on how it is aligned and inserted.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SHARES = {1.0: "goes along", 0.0: "stands still"}
 
 
 def plan_insertion(task: Task, limits: VerificationLimits | None = None) -> Plan:
-    """The verified plan of a push; `metadata["part"]` is "insertion".
+    """The verified plan of an insertion; `metadata["part"]` is "insertion".
 
     Args:
         task: A task with a port.
@@ -58,7 +58,7 @@ def plan_insertion(task: Task, limits: VerificationLimits | None = None) -> Plan
             return plan
         reasons.append(f"if the left gripper {name}: {verdict}")
         attempt = Attempt(reasons[-1], plan.shapes, plan.poses, verdict)
-    raise PlanningError(f"the plug cannot be pushed into the port: {'; '.join(reasons)}", attempt)
+    raise PlanningError(f"the plug cannot be inserted: {'; '.join(reasons)}", attempt)
 
 
 def _poses(task: Task, share: float) -> Float[np.ndarray, "t 2 3"]:

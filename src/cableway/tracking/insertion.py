@@ -1,4 +1,4 @@
-"""The push into a port, in closed loop, from where a run along the plan has ended."""
+"""The insertion into a port, in closed loop, from where a run along the plan has ended."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.insertion import InsertionController
+from cableway.core.deprecation import renamed_keywords
 from cableway.outcome import SUCCESS_ERROR
 from cableway.records import INSERTION, Measurement, Observation, Plan, Rollout
 from cableway.scene.task import Task
@@ -41,9 +42,10 @@ class _GoingOn:
         return self._plant.measure()
 
 
+@renamed_keywords(push="plan")
 def insert_plug(
     plant: Plant,
-    push: Plan,
+    plan: Plan,
     *,
     controller: InsertionController | None = None,
     config: TrackConfig | None = None,
@@ -51,28 +53,28 @@ def insert_plug(
     progress: Progress | None = None,
     seed: int = 0,
 ) -> Rollout:
-    """Push the plug into the port.
+    """Insert the plug into the port.
 
     Args:
         plant: Where `track` left it, the plug before the port.
-        push: From `planning.insertion.plan_insertion`.
+        plan: From `planning.insertion.plan_insertion`.
         controller: What leads, with the default settings where None.
         config: When to end, the defaults where None.
         watchdog: As for `track`.
-        progress: Told how far along the push is.
+        progress: Called with the share of the insertion that is done.
         seed: For the record.
 
     Returns:
         All that happened from there on, as from `track`; `metadata["part"]` is "insertion".
 
     Raises:
-        InputError: The push has another number of keypoints than the plant's task.
+        InputError: The plan has another number of keypoints than the plant's task.
         SimulationError: The plant cannot go on.
     """
     rollout = track(
         _GoingOn(plant),
         controller or InsertionController(),
-        push,
+        plan,
         config=config,
         watchdog=watchdog,
         progress=progress,

@@ -64,7 +64,7 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
 
 
 def verify_insertion_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None) -> Verdict:
-    """Judge a plan that pushes the plug from the task's goal into the port.
+    """Judge a plan that inserts the plug from the task's goal into the port.
 
     Raises:
         InputError: The plan has another number of keypoints than the task, or the task has no port.
@@ -75,7 +75,7 @@ def verify_insertion_plan(plan: Plan, task: Task, limits: VerificationLimits | N
         *_motion(plan, task, limits),
         *plug_clearance(plan.poses[:, 1], task, limits.clearance, inserting=True),
         *insertion_checks(plan.poses[:, 1], task),
-        _end("goal before the push", plan.shapes[0], task.goal, limits),
+        _end("goal before the insertion", plan.shapes[0], task.goal, limits),
     ]
     return Verdict(tuple(checks))
 

@@ -72,8 +72,8 @@ def plug_clearance(
         poses: (t, 3) right ends [m, m, rad].
         task: The task.
         limit: Least clearance [m]; contact fails in any case.
-        inserting: Whether the motion is the push into the port. What the port is in then counts only until the tip is
-            `MOUTH` before the mouth, and may be as near as that; from there on alignment is what keeps them apart.
+        inserting: Whether the motion is the insertion into the port. What the port is in then counts only until the tip
+            is `MOUTH` before the mouth, and may be as near as that; from there on alignment is what keeps them apart.
     """
     if task.plug is None:
         return []
@@ -95,7 +95,7 @@ def measure_insertion(poses: Float[np.ndarray, "t 3"], task: Task) -> Inserted:
     """How the plug of a task with a port went in.
 
     Args:
-        poses: (t, 3) right ends [m, m, rad] during the push.
+        poses: (t, 3) right ends [m, m, rad] during the insertion.
         task: The task.
     """
     assert task.plug is not None

@@ -40,7 +40,7 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
 
 
 def verify_insertion(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:
-    """Judge afresh a rollout of the push into the task's port; arguments as for `verify_rollout`.
+    """Judge afresh a rollout of the insertion into the task's port; arguments as for `verify_rollout`.
 
     Raises:
         InputError: The rollout has another number of keypoints than the task, or the task has no port.

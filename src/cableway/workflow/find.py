@@ -54,7 +54,7 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
         return run
     if len(plans) < options.alternatives:
         notes = (*notes, f"Of {options.alternatives} alternatives {len(plans)} were found.")
-    report = summarize(task, plans[0], push=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), **common)
+    report = summarize(task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), **common)
     return Run(
         task=task, report=report, plan=plans[0], alternatives=tuple(plans[1:]), insertion_plan=insertion_plan,
         timings=timer.seconds,

@@ -65,9 +65,9 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
     made_by = _made_by(task, options)
     rollout, insertion = _with(rollout, made_by), _with(insertion, made_by)
     report = summarize(
-        task, run.plan, rollout, push=run.insertion_plan, insertion=insertion, timings=run.timings, seed=options.seed,
-        notes=(*run.report.notes, *perturbation.notes, *notes), limits=_limits(options), cable=perturbation.cable,
-        actual=actual, problem=problem,
+        task, run.plan, rollout, insertion_plan=run.insertion_plan, insertion=insertion, timings=run.timings,
+        seed=options.seed, notes=(*run.report.notes, *perturbation.notes, *notes), limits=_limits(options),
+        cable=perturbation.cable, actual=actual, problem=problem,
     )  # fmt: skip
     return replace(run, report=report, rollout=rollout, insertion=insertion)
 
