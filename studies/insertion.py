@@ -1,57 +1,35 @@
 """HDMI insertion to the end: how well the plug goes in with perturbed plants.
 
-    .venv/bin/python studies/insertion.py [--task insertion] [--seeds 10] [--first 100] [--plants hdmi,hard] [--blindly]
+    .venv/bin/python studies/insertion.py [--task insertion] [--seeds 10] [--first 100] [--plants hdmi,hard]
 
-Every seed draws a plant of its own and its noise. With `--blindly` the nominal grasp is assumed, so that
-the table shows what the estimate of the grasp is worth. Each failure is said.
+Every seed draws a plant of its own and its noise. Each failure is listed.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from cableway.control.insertion import InsertionConfig, InsertionController
-from cableway.control.rod_mpc import RodMPC
-from cableway.core.errors import SimulationError
-from cableway.estimation.rod_filter import EstimatorConfig
-from cableway.planning.insertion import plan_insertion
+from cableway.outcome import Outcome
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Plan
-from cableway.report import Report, summarize
+from cableway.report import Report
 from cableway.scene.files.loading import load_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation
-from cableway.tracking import insert_plug, may_insert, track
+from cableway.workflow.run import SolveOptions
+from cableway.workflow.solve import solve
 
 KINDS = ("nominal", "hdmi", "hard", "very-hard", "grasp", "slip", "stiff-middle", "all-faults")
 
 
-@dataclass(frozen=True)
-class Study:
-    """What leads along which plans."""
-
-    task: Task
-    plan: Plan
-    push: Plan
-    controller: RodMPC
-    pusher: InsertionController
-
-    def run(self, kind: str, seed: int) -> Report | None:
-        """The report of one plant; None where the plant cannot take the start."""
-        perturbation = named_perturbation(kind, replace(self.task, name=f"{self.task.name} {seed}"))
-        try:
-            plant = perturbation.build(self.task, seed)
-        except SimulationError:
-            return None
-        rollout, insertion = track(plant, self.controller, self.plan, seed=seed), None
-        if may_insert(rollout, self.task):
-            insertion = insert_plug(plant, self.push, controller=self.pusher, seed=seed)
-        return summarize(
-            self.task, self.plan, rollout, insertion_plan=self.push, insertion=insertion, cable=perturbation.cable
-        )
+def run(task: Task, plan: Plan, kind: str, seed: int) -> Report | None:
+    """The report of one plant; None where the plant cannot take the start."""
+    perturbation = named_perturbation(kind, replace(task, name=f"{task.name} {seed}"))
+    report = solve(task, SolveOptions(plan=plan, perturbation=perturbation, seed=seed, recover=False)).report
+    return None if report.outcome is Outcome.PLANT_FAILED and report.steps is None else report
 
 
 def main() -> None:
@@ -61,13 +39,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--plants", default=",".join(KINDS))
-    parser.add_argument("--blindly", action="store_true")
     given = parser.parse_args()
     task = load_task(given.task)
-    blind = InsertionConfig(estimator=EstimatorConfig.nominal())
-    study = Study(
-        task, find_plan(task), plan_insertion(task), RodMPC(), InsertionController(blind if given.blindly else None)
-    )
+    plan = find_plan(task)
     failures = []
     print(
         "| plant | success | off the axis [mm], median, worst | turned [degrees], median, worst | depth [mm], least |"
@@ -75,7 +49,7 @@ def main() -> None:
     print("|---|---|---|---|---|")
     for kind in given.plants.split(","):
         seeds = range(given.first, given.first + (1 if kind == "nominal" else given.seeds))
-        reports = {seed: report for seed in seeds if (report := study.run(kind, seed)) is not None}
+        reports = {seed: report for seed in seeds if (report := run(task, plan, kind, seed)) is not None}
         failures += [f"{kind}, seed {seed}: {report.failure}" for seed, report in reports.items() if report.failure]
         print(line(kind, list(reports.values())), flush=True)
     print("", *failures, sep="\n")

@@ -2,15 +2,13 @@
 
     taskset -c 0 .venv/bin/python studies/neural.py [--models A,B] [--iterations 1,2] [--tasks N] [--first SEED]
 
-Random tasks of the kind clutter, on the plants "nominal" and "hard" of the benchmark. Steps are timed by the clock of
-the processor, which other work on the machine disturbs less than the clock on the wall; on one core both are the same
-on a quiet machine. Plans are kept in runs/neural.
+Random tasks of the kind clutter, on the plants "nominal" and "hard" of the benchmark. Steps are timed by
+the clock on the wall, as in every run. Plans are kept in runs/neural.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,16 +21,16 @@ from cableway.core.errors import CablewayError
 from cableway.planning.planner import plan
 from cableway.records import Plan, Rollout
 from cableway.scene.task import Task
-from cableway.simulation.perturbations.sensing import SensedPlant
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.control.neural_mpc import NeuralMPC
 from cableway.tang2025.models.checkpoint import load_model
 from cableway.tang2025.models.compilation import enable_compilation_cache
 from cableway.tasks.generation import random_task
-from cableway.tracking import Watchdog, track
+from cableway.workflow.run import SolveOptions
+from cableway.workflow.solve import solve
 
-TASK_CLOCK = Watchdog(clock=time.process_time)
+PLANTS = ("nominal", "hard")
 
 
 def planned(first: int, count: int, folder: Path = Path("runs/neural")) -> Iterator[tuple[Task, Plan]]:
@@ -46,15 +44,6 @@ def planned(first: int, count: int, folder: Path = Path("runs/neural")) -> Itera
             yield task, Plan.load(path)
         except CablewayError as error:
             print(f"{task.name} is left out: {error}")
-
-
-def plants(task: Task) -> Iterator[tuple[str, SensedPlant]]:
-    """The plants that can take the start, by name."""
-    try:
-        for name in ("nominal", "hard"):
-            yield name, named_perturbation(name, task).build(task, seed=0)
-    except CablewayError as error:
-        print(f"{task.name}: {error}")
 
 
 def controllers(models: list[str], iterations: list[int]) -> Iterator[tuple[str, Controller[Any]]]:
@@ -101,9 +90,15 @@ def main() -> None:
     for name, controller in controllers(given.models.split(","), [int(n) for n in given.iterations.split(",")]):
         runs: dict[str, list[tuple[np.ndarray, Rollout]]] = {}
         for task, found in tasks:
-            for plant_name, plant in plants(task):
-                rollout = track(plant, controller, found, watchdog=TASK_CLOCK)
-                runs.setdefault(plant_name, []).append((task.goal, rollout))
+            for plant in PLANTS:
+                options = SolveOptions(
+                    plan=found, controller=controller, perturbation=named_perturbation(plant, task), recover=False
+                )
+                run = solve(task, options)
+                if run.rollout is None:
+                    print(f"{task.name}, {plant}: {run.report.failure}")
+                else:
+                    runs.setdefault(plant, []).append((task.goal, run.rollout))
         for plant_name, pairs in runs.items():
             print(f"| {name} | {plant_name} | {line(*map(list, zip(*pairs, strict=True)))} |", flush=True)  # pyright: ignore[reportArgumentType]
 

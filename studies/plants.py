@@ -1,4 +1,4 @@
-"""Plants that differ: how fast they step, and how the shipped controller tracks one plan on them.
+"""Perturbed plants: how fast they step, and how the shipped controller tracks one plan on them.
 
     .venv/bin/python studies/plants.py [--task NAME] [--runs 7]
 
@@ -11,23 +11,24 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from cableway.control.rod_mpc import RodMPC
-from cableway.core.errors import SimulationError
-from cableway.outcome import SUCCESS_ERROR, Outcome
-from cableway.planning.planner import plan
+from cableway.outcome import Outcome
+from cableway.planning.planner import plan as find_plan
 from cableway.records import Plan
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import cable_from_preset, load_task
 from cableway.scene.files.presets import preset_names
 from cableway.scene.task import Task
-from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.perturbations.sensing import SensingConfig
+from cableway.simulation.perturbations.variants import LAB
 from cableway.simulation.plant import CableSimulator
 from cableway.simulation.table import GRAVITY
-from cableway.tracking import track
+from cableway.workflow.run import SolveOptions
+from cableway.workflow.solve import solve
 
 GRADED = {"stiffness_profile": (0.5, 2.0), "rest_curvature": (0.0, 0.0, 5.0)}
 CABLES: dict[str, dict] = {
@@ -38,7 +39,6 @@ CABLES: dict[str, dict] = {
     "friction 0.4": {"friction": 0.4},
     "friction 0.4, a tenth of the stiffness": {"friction": 0.4, "bending_stiffness": 1e-4},
 }
-LAB = SensingConfig(keypoint_noise=0.002, drop_rate=0.1, measurement_delay=0.1)
 SENSING = {
     "ideal": SensingConfig(),
     "noise 2 mm": SensingConfig(keypoint_noise=0.002),
@@ -66,26 +66,13 @@ def rate(task: Task, cable: Cable) -> float:
     return best
 
 
-@dataclass(frozen=True)
-class Loop:
-    """A plan and what follows it."""
-
-    task: Task
-    plan: Plan
-    controller: RodMPC
-
-    def run(self, cable: Cable, sensing: SensingConfig, seed: int) -> tuple[float, float, bool]:
-        """Final stacked error, largest deviation [mm], whether it succeeded; infinite where the plant gave up."""
-        try:
-            plant = SensedPlant(CableSimulator(self.task, cable=cable), sensing, seed)
-        except SimulationError:
-            return np.inf, np.inf, False
-        rollout = track(plant, self.controller, self.plan, seed=seed)
-        if rollout.outcome is Outcome.PLANT_FAILED:
-            return np.inf, np.inf, False
-        error = rollout.shape_error(self.task.goal)
-        deviation = float(rollout.deviations_from_reference.max())
-        return 1000 * error, 1000 * deviation, error < SUCCESS_ERROR and bool(rollout.clearance.min() > 0)
+def followed(task: Task, plan: Plan, cable: Cable, sensing: SensingConfig, seed: int) -> tuple[float, float, bool]:
+    """Final stacked error, largest deviation [mm], whether it succeeded; infinite where the plant gave up."""
+    perturbation = Perturbation(cable=cable, sensing=sensing)
+    report = solve(task, SolveOptions(plan=plan, perturbation=perturbation, seed=seed, recover=False)).report
+    if report.outcome is Outcome.PLANT_FAILED or report.shape_error is None or report.largest_deviation is None:
+        return np.inf, np.inf, False
+    return 1000 * report.shape_error, 1000 * report.largest_deviation, report.success
 
 
 def print_rates(task: Task) -> None:
@@ -95,42 +82,42 @@ def print_rates(task: Task) -> None:
         print(f"| {name} | {rate(task, replace(task.cable, **changes)):.0f} |", flush=True)
 
 
-def print_sensing(loop: Loop, runs: int) -> None:
+def print_sensing(task: Task, plan: Plan, runs: int) -> None:
     """The task's cable, sensed in each way."""
     print("\n| sensing | success | error, stacked: median / p95 / worst [mm] | deviation from the plan [mm] |")
     print("|---|---|---|---|")
     for name, sensing in SENSING.items():
-        rows = np.array([loop.run(loop.task.cable, sensing, seed) for seed in range(runs)])
+        rows = np.array([followed(task, plan, task.cable, sensing, seed) for seed in range(runs)])
         errors, deviations = np.percentile(rows[:, :2], [50, 95, 100], axis=0, method="inverted_cdf").T
         spread = " | ".join(" / ".join(f"{value:.1f}" for value in row) for row in (errors, deviations))
         print(f"| {name} | {int(rows[:, 2].sum())}/{runs} | {spread} |", flush=True)
 
 
-def print_cables(loop: Loop, runs: int) -> None:
+def print_cables(task: Task, plan: Plan, runs: int) -> None:
     """Cables as long as the task's, one preset after the other, from its ranges."""
     print("\n| cable drawn | mu g rho L^3/EI | success | error [mm] | deviation [mm] | error without friction [mm] |")
     print("|---|---|---|---|---|---|")
     names = preset_names()
     for seed in range(runs):
-        cable = cable_from_preset(names[seed % len(names)], length=loop.task.cable.length).sample(seed)
+        cable = cable_from_preset(names[seed % len(names)], length=task.cable.length).sample(seed)
         number = cable.friction * GRAVITY * cable.linear_density * cable.length**3 / cable.bending_stiffness
-        error, deviation, success = loop.run(cable, LAB, seed)
-        without = loop.run(replace(cable, friction=0.0), LAB, seed)[0]
+        error, deviation, success = followed(task, plan, cable, LAB, seed)
+        without = followed(task, plan, replace(cable, friction=0.0), LAB, seed)[0]
         figures = f"{'yes' if success else 'no'} | {error:.1f} | {deviation:.1f} | {without:.1f}"
         print(f"| {cable.preset}, seed {seed} | {number:.0f} | {figures} |", flush=True)
 
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description="How fast plants that differ step, and how they are tracked.")
+    parser = argparse.ArgumentParser(description="How fast perturbed plants step, and how they are tracked.")
     parser.add_argument("--task", default="single-obstacle-2")
     parser.add_argument("--runs", type=int, default=7)
     options = parser.parse_args()
     task = load_task(options.task)
     print_rates(task)
-    loop = Loop(task, plan(task, seed=0), RodMPC())
-    print_sensing(loop, options.runs)
-    print_cables(loop, options.runs)
+    plan = find_plan(task, seed=0)
+    print_sensing(task, plan, options.runs)
+    print_cables(task, plan, options.runs)
 
 
 if __name__ == "__main__":

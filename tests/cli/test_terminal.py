@@ -6,7 +6,7 @@ import pytest
 
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal
-from cableway.workflow.timing import StageTimer
+from cableway.workflow.find import StageTimer
 
 
 def test_every_second_is_counted_to_one_stage():

@@ -67,7 +67,7 @@ def run_jobs(
         executor: "local" or "ray".
         workers: Episodes at a time; as many as there are cores where None.
         time_limit: Wall time [s] after which an episode is given up and its process ended.
-        done: Told of each result.
+        done: Called with each result.
 
     Raises:
         UnknownNameError: No such executor; the message lists them.

@@ -13,7 +13,7 @@ from typing import Any
 
 from cableway.benchmark.episode import Result, reference_time
 from cableway.benchmark.methods import Method
-from cableway.benchmark.metrics import difference, estimate, quantiles
+from cableway.benchmark.statistics import difference, estimate, quantiles
 from cableway.benchmark.suites import SUITES, cable_of, kind_of
 from cableway.core.provenance import versions
 from cableway.metrics import METRICS

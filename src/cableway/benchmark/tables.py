@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cableway.benchmark.episode import Result
-from cableway.benchmark.metrics import difference, estimate, quantiles
-from cableway.benchmark.statistics import Estimate
+from cableway.benchmark.statistics import Estimate, difference, estimate, quantiles
 from cableway.benchmark.suites import SUITES
 from cableway.benchmark.summary import Results, by_group
 from cableway.metrics import METRICS, Metric

@@ -58,8 +58,8 @@ class Bench(EpisodeOptions):
         before = None if self.against is None else read_baseline(self.against)
         methods = {source: load_method(source) for source in self.methods.split(",")}
         jobs = self._jobs(methods)
-        with terminal.progress() as tell:
-            self.run_missing(jobs, folder, tell)
+        with terminal.progress() as progress:
+            self.run_missing(jobs, folder, progress)
         results = collect(jobs, folder)
         about = self._write(results, jobs, list(methods.values()), folder)
         terminal.note(f"In {folder}: {CSV}, {SUMMARY}, {TABLES}, {PAGE}, {BASELINE}")
@@ -123,7 +123,7 @@ class Bench(EpisodeOptions):
 
 def _write_pictures(results: Results, folder: Path) -> list[str]:
     """Draw shares of success and distributions of the error; names of the files."""
-    from cableway.benchmark.metrics import estimate
+    from cableway.benchmark.statistics import estimate
     from cableway.figures.benchmark import error_figure, success_figure
     from cableway.figures.style import save_figure
     from cableway.metrics import METRICS
@@ -155,7 +155,7 @@ def _error(result: Result) -> float:
 
 
 def _shown(results: Results) -> Any:
-    from cableway.benchmark.metrics import estimate, quantiles
+    from cableway.benchmark.statistics import estimate, quantiles
     from cableway.benchmark.tables import number
     from cableway.metrics import METRICS
 

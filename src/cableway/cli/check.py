@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from rich.text import Text
 
 from cableway.cli.options import Options
 from cableway.cli.outputs import REPORT
-from cableway.cli.terminal import Terminal, columns, literal
+from cableway.cli.terminal import Terminal, columns
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -91,9 +92,9 @@ def _table(verdict: Verdict) -> Table:
         scale, unit = (1000.0, "mm") if check.unit == "m" else (1.0, check.unit)
         table.add_row(
             "[green]pass[/green]" if check.passed else "[red]FAIL[/red]",
-            literal(check.name),
+            Text(check.name),
             f"{scale * check.value:.4g} {unit}".rstrip(),
             f"{scale * check.limit:.4g} {unit}".rstrip(),
-            literal(check.where),
+            Text(check.where),
         )
     return table

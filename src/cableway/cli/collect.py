@@ -34,8 +34,8 @@ class Collect(Options):
         from cableway.simulation.collection import collect
 
         terminal, folder, config = Terminal(self), self.folder("collect"), self.configuration()
-        with terminal.progress() as tell:
-            manifest, made = collect(config, folder, progress=tell, workers=self.workers, executor=self.executor)
+        with terminal.progress() as progress:
+            manifest, made = collect(config, folder, progress=progress, workers=self.workers, executor=self.executor)
         episodes = sum(manifest.episodes_ended.values())
         report = {
             "folder": str(folder), "transitions": manifest.transitions, "episodes": episodes,

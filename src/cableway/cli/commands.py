@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import tyro
 
 from cableway.cli.bench import Bench
@@ -23,19 +21,7 @@ DESCRIPTION = """A cable's way through clutter: plan how two grippers lead a cab
 
 Exit status: 0 done and the task succeeded, 1 done but it did not, 2 the input was wrong, 130 interrupted."""
 
-Command = (
-    Annotated[Tasks, tyro.conf.subcommand("tasks")]
-    | Annotated[Show, tyro.conf.subcommand("show")]
-    | Annotated[Plan, tyro.conf.subcommand("plan")]
-    | Annotated[Run, tyro.conf.subcommand("run")]
-    | Annotated[Check, tyro.conf.subcommand("check")]
-    | Annotated[Collect, tyro.conf.subcommand("collect")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Models, tyro.conf.subcommand("models")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
-)
+Command = Tasks | Show | Plan | Run | Check | Collect | Train | Evaluate | Models | Bench | Reproduce
 
 
 def parse(arguments: list[str]) -> Options:

@@ -23,7 +23,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         if arguments == ["--version"]:
-            print(f"cableway {_version()}")
+            from cableway.core.provenance import versions
+
+            print(f"cableway {versions()['cableway']}")
             return DONE
         from cableway.cli.commands import parse  # here, so that ctrl-c during imports is quiet too
 
@@ -50,9 +52,3 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _say(sentence: str, status: int) -> int:
     print(f"cableway: {sentence}", file=sys.stderr)
     return status
-
-
-def _version() -> str:
-    from cableway.core.provenance import versions
-
-    return versions()["cableway"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cableway.cli.options import Options
-from cableway.cli.terminal import Tell
+from cableway.cli.terminal import OnProgress
 from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class EpisodeOptions(Options):
         if self.seed is not None:
             raise InputError("--seed is not for episodes: every one of a suite has its own")
 
-    def run_missing(self, jobs: Sequence[Job], folder: Path, tell: Tell) -> None:
+    def run_missing(self, jobs: Sequence[Job], folder: Path, progress: OnProgress) -> None:
         """Run what is missing."""
         from cableway.benchmark.episode import warm_up
         from cableway.benchmark.runner import read_result, run_jobs
@@ -44,7 +44,7 @@ class EpisodeOptions(Options):
         if not missing:
             return
         if not is_compiled("control"):
-            tell("compilation", 0.0)
+            progress("compilation", 0.0)
             warm_up()  # here, so that no episode's time limit has it in it
             mark_compiled("control")
         ended, failed = len(jobs) - len(missing), 0
@@ -52,9 +52,9 @@ class EpisodeOptions(Options):
         def done(result: Result) -> None:
             nonlocal ended, failed
             ended, failed = ended + 1, failed + (not result.success)
-            tell(f"episodes: {ended} of {len(jobs)}, {failed} failed now", ended / len(jobs))
+            progress(f"episodes: {ended} of {len(jobs)}, {failed} failed now", ended / len(jobs))
 
-        tell(f"episodes: {ended} of {len(jobs)}", ended / len(jobs))
+        progress(f"episodes: {ended} of {len(jobs)}", ended / len(jobs))
         run_jobs(missing, folder, executor=self.executor, workers=self.workers, time_limit=self.time_limit, done=done)
 
 

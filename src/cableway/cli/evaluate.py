@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import tyro
+from rich.text import Text
 
 from cableway.cli.options import Options
-from cableway.cli.terminal import Terminal, columns, literal
+from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 SHOWN = (1, 5, 10, 20, 30, 50)
 """Horizons [steps] in the table; the JSON file has all."""
+
+CAPTION = "Stacked error of open-loop prediction [mm]: median / mean over windows."
 
 BASELINES = ("linear",)
 """Shipped models that stand in every comparison, beside those that learn nothing."""
@@ -35,7 +38,7 @@ class Evaluate(Options):
     """Shipped models by name, or files; all shipped ones unless given."""
 
     data: tuple[Path, ...] = (Path("runs/collect"),)
-    """Data sets from `cableway collect` that the models have not seen."""
+    """Data sets from `cableway collect` that the models were not trained on."""
 
     horizon: int = 50
     """Longest horizon in control steps."""
@@ -54,18 +57,22 @@ class Evaluate(Options):
         models = self._models(sets)
         enable_compilation_cache()
         results: dict[str, dict[str, Curve]] = {}
-        with terminal.progress() as tell:
+        with terminal.progress() as progress:
             for place, (name, data) in enumerate(sets.items()):
                 results[name] = {}
                 for count, (model, trained) in enumerate(models.items()):
-                    tell("evaluate", (place + count / len(models)) / len(sets))
+                    progress("evaluate", (place + count / len(models)) / len(sets))
                     results[name] |= compare({model: trained}, data, self.horizon)
-            tell("evaluate", 1.0)
+            progress("evaluate", 1.0)
         report = {
             "horizon": self.horizon,
             "models": {name: len(trained) for name, trained in models.items()},
             "data": {
-                name: {"sha256": fingerprint(data), "transitions": len(data), "errors_mm": _plain(results[name])}
+                name: {
+                    "sha256": fingerprint(data),
+                    "transitions": len(data),
+                    "errors_mm": {model: asdict(curve) for model, curve in results[name].items()},
+                }
                 for name, data in sets.items()
             },
             "versions": versions(),
@@ -105,10 +112,6 @@ def _serves(model: DeformationModel, keypoints: int) -> bool:
     return getattr(getattr(model, "config", None), "keypoints", keypoints) == keypoints
 
 
-def _plain(curves: Mapping[str, Curve]) -> dict[str, Any]:
-    return {name: asdict(curve) for name, curve in curves.items()}
-
-
 def _draw(path: Path, curves: Mapping[str, Curve]) -> None:
     from cableway.figures.learning import horizon_figure
     from cableway.figures.style import save_figure
@@ -121,13 +124,11 @@ def _draw(path: Path, curves: Mapping[str, Curve]) -> None:
 
 def _table(results: Mapping[str, Mapping[str, Curve]]) -> Table:
     shown = [h for h in SHOWN if any(h in curve.horizons for curves in results.values() for curve in curves.values())]
-    table = columns("data", "model", "seeds", *(f"{h} steps" for h in shown))
+    table = columns("data", "model", "seeds", *(f"{h} steps" for h in shown), caption=CAPTION)
     for place, curves in results.items():
         for name, curve in curves.items():
             cells = [_cell(curve, h) for h in shown]
-            table.add_row(literal(place), literal(name), f"{curve.trainings}", *cells)
-    table.caption = "Stacked error of open-loop prediction [mm]: median / mean over windows."
-    table.caption_justify = "left"
+            table.add_row(Text(place), Text(name), f"{curve.trainings}", *cells)
     return table
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import tyro
+from rich.text import Text
 
 from cableway.cli.options import Options
 from cableway.cli.outputs import REPORT
-from cableway.cli.terminal import Terminal, columns, literal
+from cableway.cli.terminal import Terminal, columns
 
 HORIZONS = (1, 10, 30)
 """Steps ahead at which errors are listed."""
@@ -33,13 +34,12 @@ class Models(Options):
         sources: list[str | Path] = [*model_names(), *self.files, *(path for path in local if path not in self.files)]
         rows = [_row(str(source), read_card(source)) for source in sources]
         names = [f"{steps} steps" for steps in HORIZONS]
-        table = columns("model", "kind", "parameters", "transitions", *names)
+        caption = "Mean stacked error of open-loop prediction on held-out episodes."
+        table = columns("model", "kind", "parameters", "transitions", *names, caption=caption)
         for row in rows:
             errors = [_text(row["mean_error_mm"][f"{steps}"]) for steps in HORIZONS]
             facts = (row["kind"], str(row["parameters"]), str(row["transitions"]))
-            table.add_row(literal(row["model"]), *facts, *errors)
-        table.caption = "Mean stacked error of open-loop prediction on held-out episodes."
-        table.caption_justify = "left"
+            table.add_row(Text(row["model"]), *facts, *errors)
         report = {"models": rows}
         if self.out is not None:
             write_json(self.folder("models") / REPORT, report)

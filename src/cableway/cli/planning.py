@@ -10,12 +10,11 @@ import tyro
 
 from cableway.cli import outputs
 from cableway.cli.options import Options
-from cableway.cli.terminal import Tell, Terminal, pairs
+from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
 from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, PLANNERS, Planner, make_planner
 
 if TYPE_CHECKING:
-    from cableway.records import Plan
     from cableway.scene.task import Task
     from cableway.workflow.events import OnEvent
     from cableway.workflow.run import Run
@@ -63,18 +62,18 @@ class PlanOptions(Options):
         from cableway.workflow.solve import solve
 
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=self.time_limit, **options)
-        with terminal.progress() as tell:
-            run = solve(task, chosen, _shown(terminal, tell, folder))
+        with terminal.progress() as progress:
+            run = solve(task, chosen, _shown(terminal, progress, folder))
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video
 
-                write_video(folder / outputs.VIDEO, task, run.rollout, progress=tell)
+                write_video(folder / outputs.VIDEO, task, run.rollout, progress=progress)
         outputs.announce(terminal, folder, run.report)
         terminal.result(run.report.as_dict(), pairs(run.report.rows()))
         return 0 if run.success else 1
 
 
-def _shown(terminal: Terminal, tell: Tell, folder: Path) -> OnEvent:
+def _shown(terminal: Terminal, progress: OnProgress, folder: Path) -> OnEvent:
     """Shows a run at the terminal and leaves its files in a folder as they come.
 
     The folder stays as it was until there is something to write, so that an interrupt costs nothing.
@@ -84,27 +83,31 @@ def _shown(terminal: Terminal, tell: Tell, folder: Path) -> OnEvent:
     def on_event(event: Event) -> None:
         match event:
             case Progress(stage, share):
-                tell(stage, share)
+                progress(stage, share)
             case Note(text):
                 terminal.note(text)
-            case Planned(run) if run.plan is not None:
-                _write_plans(folder, run, run.plan)
             case Planned(run):
-                _write_attempt(folder, run)
+                _write_plans(folder, run)
             case Finished(run):
                 _write_rollouts(folder, run)
 
     return on_event
 
 
-def _write_plans(folder: Path, run: Run, plan: Plan) -> None:
-    from cableway.figures.plan import alternatives_figure, plan_figure
+def _write_plans(folder: Path, run: Run) -> None:
+    """Write the plans, or where there is none a picture of the closest attempt."""
+    from cableway.figures.plan import alternatives_figure, attempt_figure, plan_figure
     from cableway.figures.style import save_figure
+    from cableway.records import Attempt
     from cableway.scene.files.saving import save_task
 
-    plans, figure, together = [plan, *run.alternatives], plan_figure(run.task, plan), None
+    if run.plan is None:
+        plans, figure = [], attempt_figure(run.task, run.attempt or Attempt(reason=run.report.failure or ""))
+    else:
+        plans, figure = [run.plan, *run.alternatives], plan_figure(run.task, run.plan)
+    pictures = {outputs.PLAN_PICTURE: figure}
     if run.alternatives:
-        together = alternatives_figure(run.task, [each.shapes for each in plans])
+        pictures[outputs.ALTERNATIVES_PICTURE] = alternatives_figure(run.task, [each.shapes for each in plans])
     outputs.clear(folder)
     for place, each in enumerate(plans, start=1):
         each.save(folder / outputs.alternative(place))
@@ -112,22 +115,8 @@ def _write_plans(folder: Path, run: Run, plan: Plan) -> None:
         run.insertion_plan.save(folder / outputs.INSERTION_PLAN)
     save_task(run.task, folder / outputs.TASK)
     outputs.write_report(folder, run.report)
-    save_figure(figure, folder / outputs.PLAN_PICTURE)
-    if together is not None:
-        save_figure(together, folder / outputs.ALTERNATIVES_PICTURE)
-
-
-def _write_attempt(folder: Path, run: Run) -> None:
-    from cableway.figures.plan import attempt_figure
-    from cableway.figures.style import save_figure
-    from cableway.records import Attempt
-    from cableway.scene.files.saving import save_task
-
-    figure = attempt_figure(run.task, run.attempt or Attempt(reason=run.report.failure or ""))
-    outputs.clear(folder)
-    save_task(run.task, folder / outputs.TASK)
-    outputs.write_report(folder, run.report)
-    save_figure(figure, folder / outputs.PLAN_PICTURE)
+    for name, picture in pictures.items():
+        save_figure(picture, folder / name)
 
 
 def _write_rollouts(folder: Path, run: Run) -> None:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from cableway.cli.episodes import EpisodeOptions, collect
-from cableway.cli.terminal import Tell, Terminal, pairs
+from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -43,9 +43,9 @@ class Reproduce(EpisodeOptions):
             raise UnknownNameError("size", self.size, SIZES)
         terminal, folder = Terminal(self), self.folder("reproduce")
         jobs = self._jobs()
-        with terminal.progress() as tell:
-            self.run_missing(jobs, folder, tell)
-            sections = self._sections(jobs, folder, tell)
+        with terminal.progress() as progress:
+            self.run_missing(jobs, folder, progress)
+            sections = self._sections(jobs, folder, progress)
         about = {
             "versions": versions(),
             "machine": machine(),
@@ -94,21 +94,21 @@ class Reproduce(EpisodeOptions):
             for job in jobs_of(method, get_suite(suite).episodes(size, own=method == DEFAULT))
         ]
 
-    def _sections(self, jobs: list[Job], folder: Path, tell: Tell) -> list[Section]:
+    def _sections(self, jobs: list[Job], folder: Path, progress: OnProgress) -> list[Section]:
         from cableway.tang2025.reproduction import case_studies, reproduction
 
         _, transitions, repeats, trials = SIZES[self.size]
         results = collect(jobs, folder)
-        tell("figures", 0.0)
+        progress("figures", 0.0)
         return [
             reproduction.hyperparameters(),
             reproduction.planning(folder),
             reproduction.simulated(results),
-            reproduction.prediction(folder, transitions, tell),
+            reproduction.prediction(folder, transitions, progress),
             reproduction.unconstrained(results),
             reproduction.summary(results),
             case_studies.one_plan(folder),
-            case_studies.silicone(folder, transitions, trials, tell),
-            case_studies.insertion(trials, tell),
-            reproduction.cost(repeats, tell),
+            case_studies.silicone(folder, transitions, trials, progress),
+            case_studies.insertion(trials, progress),
+            reproduction.cost(repeats, progress),
         ]

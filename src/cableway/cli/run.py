@@ -27,7 +27,7 @@ class Run(PlanOptions):
     """Adapt the model of neural-mpc to the cable while it runs."""
 
     plant: Path | None = None
-    """YAML file that says how the simulated cable differs from the task's and how it is seen: noise, delays."""
+    """YAML file that says how the simulated cable differs from the task's: cable, grasp, noise, latency."""
 
     deadline: float | None = None
     """Wall time [s] after which a control step counts as missed, as on a robot; none unless given."""

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import tyro
+from rich.text import Text
 
 from cableway.cli.options import Options
-from cableway.cli.terminal import Terminal, literal
+from cableway.cli.terminal import Terminal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,5 +28,5 @@ class Show(Options):
         task = load_task(self.task)
         path = self.target(task.name, "task.png")
         save_figure(task_figure(task), path)
-        Terminal(self).result({"task": task.name, "picture": str(path)}, literal(str(path)))
+        Terminal(self).result({"task": task.name, "picture": str(path)}, Text(str(path)))
         return 0

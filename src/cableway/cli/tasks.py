@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+from rich.text import Text
 
 from cableway.cli.options import LARGEST_SEED, Options
 from cableway.cli.outputs import REPORT
-from cableway.cli.terminal import Terminal, columns, literal
+from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ class Tasks(Options):
     """List the tasks of the catalogue; or, with --random, write random tasks to YAML files and draw them."""
 
     random: Annotated[str | None, tyro.conf.arg(metavar="KIND")] = None
-    """Write random tasks of this kind, such as clutter or maze; a wrong one is told which there are."""
+    """Write random tasks of this kind, such as clutter or maze; an unknown kind lists those there are."""
 
     count: int = 1
     """How many random tasks: the seeds from --seed on."""
@@ -64,14 +65,14 @@ class Tasks(Options):
         from cableway.tasks.generation import random_task
 
         terminal, folder, tasks, rows = Terminal(self), self.folder(kind), [], []
-        with terminal.progress() as tell:
+        with terminal.progress() as progress:
             for k in range(self.count):
                 task = random_task((self.seed or 0) + k, kind, width=self.width)
                 path = folder / f"{task.name}.yaml"
                 save_task(task, path)
                 tasks.append(task)
                 rows.append({**_row(task), "file": str(path)})
-                tell("tasks", (k + 1) / self.count)
+                progress("tasks", (k + 1) / self.count)
         if self.picture:
             from cableway.figures.scene import tasks_figure
             from cableway.figures.style import save_figure
@@ -97,5 +98,5 @@ def _table(tasks: Sequence[Task]) -> Any:
     table = columns("task", "cable", "obstacles", "description")
     for task in tasks:
         cable = f"{task.cable.length:.3g} m, {2000 * task.cable.radius:.3g} mm"
-        table.add_row(literal(task.name), cable, str(len(task.scene.obstacles)), literal(task.description))
+        table.add_row(Text(task.name), cable, str(len(task.scene.obstacles)), Text(task.description))
     return table

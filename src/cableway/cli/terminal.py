@@ -12,10 +12,11 @@ from typing import Any
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from cableway.cli.options import Options
 
-Tell = Callable[[str, float], None]
+OnProgress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done."""
 
 
@@ -31,8 +32,8 @@ class Terminal:
         self._errors.print(sentence, style="dim", markup=False, soft_wrap=True)
 
     @contextmanager
-    def progress(self) -> Iterator[Tell]:
-        """A bar for each stage that is told of, which runs back and forth until its share is known.
+    def progress(self) -> Iterator[OnProgress]:
+        """A bar for each stage that is reported, which runs back and forth until its share is known.
 
         One stage runs at a time: the next one ends those before it. What follows a colon in a stage's name may change.
         """
@@ -46,7 +47,7 @@ class Terminal:
         bars: dict[str, TaskID] = {}
         display = Progress(*shown, console=self._errors, disable=self._quiet)
 
-        def tell(stage: str, share: float) -> None:
+        def advance(stage: str, share: float) -> None:
             name, _, detail = stage.partition(":")
             for other, bar in bars.items():
                 if other != name:
@@ -57,7 +58,7 @@ class Terminal:
             display.update(bars[name], description=name + detail, completed=share, total=1.0 if share > 0 else None)
 
         try:
-            yield tell
+            yield advance
         finally:
             if bars:
                 display.stop()
@@ -84,23 +85,16 @@ def pairs(rows: list[tuple[str, str]]) -> Table:
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in rows:
-        table.add_row(name, literal(value))
+        table.add_row(name, Text(value))  # a Text, in which brackets mean nothing special
     return table
 
 
-def columns(*names: str) -> Table:
+def columns(*names: str, caption: str | None = None) -> Table:
     """An empty table with a header; the first column is never broken into lines."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold")
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", caption=caption, caption_justify="left")
     for index, name in enumerate(names):
         table.add_column(name, overflow="fold", no_wrap=index == 0)
     return table
-
-
-def literal(text: str) -> RenderableType:
-    """Text in which brackets mean nothing special."""
-    from rich.text import Text
-
-    return Text(text)
 
 
 def leave_pipe() -> None:

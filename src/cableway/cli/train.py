@@ -54,10 +54,10 @@ class Train(Options):
         if not enable_compilation_cache():
             terminal.note("The training step is compiled before it starts; the next run finds it in your cache folder.")
         path.parent.mkdir(parents=True, exist_ok=True)
-        with terminal.progress() as tell:
+        with terminal.progress() as progress:
             model, card = make_model(
                 recipe, data, start=start, state_file=state,
-                progress=lambda words, share: tell(f"train: {words}", share),
+                progress=lambda words, share: progress(f"train: {words}", share),
             )  # fmt: skip
         save_model(path, model, card)
         page, picture = write_card(path), _draw(path.with_suffix(".png"), card["history"])

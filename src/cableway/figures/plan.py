@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from cableway.figures import scene, style
@@ -19,7 +19,7 @@ from cableway.records import Attempt, PaperStages, Plan
 from cableway.scene.task import CONTROL_STEP, Task
 
 SHAPES_SHOWN = 24
-"""Shapes drawn of a motion: enough to see it, few enough to tell them apart."""
+"""Shapes drawn of a motion: enough to see it, few enough to distinguish them."""
 
 LEFT, BETWEEN, BELOW, ABOVE, BAR, COLUMN = 0.65, 0.7, 1.0, 0.45, 1.1, 3.5
 """Inches left of the first panel, between panels, below, above, for the colour bar, and of the column of curves."""
@@ -47,7 +47,7 @@ def attempt_figure(task: Task, attempt: Attempt) -> Figure:
     width, height = scene.panel_size(task)
     panels = 1 if attempt.shapes is None else 2
     wide = LEFT + panels * width + (panels - 1) * (BETWEEN + BAR) + 0.4
-    reason = style.wrap(f"No plan: {attempt.reason}", int(11 * wide))
+    reason = textwrap.wrap(f"No plan: {attempt.reason}", int(11 * wide))
     tall = BELOW + height + ABOVE + 0.2 + 0.2 * len(reason)
     figure = style.new_figure(wide, tall)
     _draw_stages(style.add_axes(figure, LEFT, BELOW, width, height), task, attempt.stages, attempt.shapes)
@@ -95,20 +95,14 @@ def draw_routes(
     scene.draw_scene(ax, task)
     handles: list[Any] = scene.end_handles()
     if paths is not None:
-        for path in paths:
-            ax.plot(*path.T, color=style.PATHS, linewidth=0.9, alpha=0.75, zorder=3)
-        handles.append(Line2D([], [], color=style.PATHS, linewidth=1.2, label="keypoint paths"))
+        handles += ax.plot(*paths.T, color=style.PATHS, linewidth=0.9, alpha=0.75, zorder=3, label="keypoint paths")[:1]
     if passages is not None and len(passages):
-        for ends in passages:
-            ax.plot(
-                *ends.T, color=style.PASSAGE, linewidth=1.6, linestyle=(0, (3, 2)), marker="o", markersize=3, zorder=5
-            )
-        handles.append(
-            Line2D([], [], color=style.PASSAGE, linewidth=1.6, linestyle=(0, (3, 2)), label="passage traversed")
-        )
+        handles += ax.plot(
+            *passages.T, color=style.PASSAGE, linewidth=1.6, linestyle=(0, (3, 2)), marker="o", markersize=3, zorder=5,
+            label="passage traversed",
+        )[:1]  # fmt: skip
     if pivot is not None:
-        ax.plot(*pivot.T, color=style.PIVOT, linewidth=2.2, zorder=5)
-        handles.append(Line2D([], [], color=style.PIVOT, linewidth=2.2, label="pivot path"))
+        handles += ax.plot(*pivot.T, color=style.PIVOT, linewidth=2.2, zorder=5, label="pivot path")
     scene.draw_end_shapes(ax, task)
     style.legend_below(ax, handles, 4)
 
@@ -122,11 +116,12 @@ def draw_shapes(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"]) -> Non
     ways: tuple[tuple[int, Any, str], ...] = ((0, "-", "left gripper"), (-1, (0, (4, 2)), "right gripper"))
     handles: list[Any] = [Patch(facecolor=style.TIME(0.5), label="cable, coloured by time")]
     for end, dashes, name in ways:
-        ax.plot(*shapes[:, end].T, color=style.INK, linewidth=0.9, linestyle=dashes, alpha=0.7, zorder=5)
+        handles += ax.plot(
+            *shapes[:, end].T, color=style.INK, linewidth=0.9, linestyle=dashes, alpha=0.7, zorder=5, label=name
+        )
         scene.draw_grippers(ax, shapes[rows, end], task.grippers.radius, zorder=6, linewidths=0.4)
-        handles.append(Line2D([], [], color=style.INK, linewidth=0.9, linestyle=dashes, label=name))
-    ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=1.0, linestyle=":", zorder=7)
-    handles.append(Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"))
+    goal = scene.smooth(task.goal)
+    handles += ax.plot(*goal.T, color=style.INK, linewidth=1.0, linestyle=":", zorder=7, label="goal shape")
     add_time_bar(ax, last * CONTROL_STEP)
     style.legend_below(ax, handles, 2)
 

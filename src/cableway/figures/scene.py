@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -33,9 +34,7 @@ def draw_scene(ax: Axes, task: Task) -> None:
     ax.set_xlim(0, width)
     ax.set_ylim(0, height)
     solids = [polygon_path(solid) for solid in task.scene.solids]
-    ax.add_collection(
-        PathCollection(solids, facecolors=style.OBSTACLE, edgecolors=style.OBSTACLE_EDGE, linewidths=0.9, zorder=2)
-    )
+    _add_paths(ax, solids, facecolors=style.OBSTACLE, edgecolors=style.OBSTACLE_EDGE, linewidths=0.9, zorder=2)
     walls = Rectangle((0, 0), width, height, fill=False, edgecolor=style.INK, linewidth=2.4, zorder=8, clip_on=False)
     ax.add_patch(walls)
     if task.port is not None:
@@ -86,17 +85,18 @@ def draw_cables(
     ax: Axes, curves: Float[np.ndarray, "b m 2"], radius: float, colors: Any, **options: Any
 ) -> PathCollection:
     """Many cables at their true thickness, later ones above earlier ones."""
-    settings = {"facecolors": colors, "edgecolors": "white", "linewidths": 0.4, "zorder": 4, **options}
-    collection = PathCollection([cable_path(curve, radius) for curve in curves], **settings)
-    ax.add_collection(collection)
-    return collection
+    paths = [cable_path(curve, radius) for curve in curves]
+    return _add_paths(ax, paths, facecolors=colors, **{"linewidths": 0.4, "zorder": 4, **options})
 
 
 def draw_grippers(ax: Axes, points: Float[np.ndarray, "k 2"], radius: float, **options: Any) -> PathCollection:
     """Grippers as discs of their footprint [m]."""
-    settings = {"facecolors": style.INK, "edgecolors": "white", "linewidths": 0.8, "zorder": 7, **options}
     discs = [Path.circle((float(x), float(y)), radius) for x, y in points]
-    collection = PathCollection(discs, **settings)
+    return _add_paths(ax, discs, facecolors=style.INK, **{"linewidths": 0.8, "zorder": 7, **options})
+
+
+def _add_paths(ax: Axes, paths: Sequence[Path], **options: Any) -> PathCollection:
+    collection = PathCollection(paths, **{"edgecolors": "white", **options})
     ax.add_collection(collection)
     return collection
 
@@ -160,7 +160,7 @@ def task_figure(task: Task) -> Figure:
     style.legend_below(ax, end_handles(), 4)
     cable = task.cable
     facts = f"cable {cable.length:.3g} m long, {2000 * cable.radius:.3g} mm thick · workspace {across:g} m x {up:g} m"
-    text = "\n".join([*style.wrap(task.description, 88), facts])
+    text = "\n".join([*textwrap.wrap(task.description, 88), facts])
     figure.text(0.5, 0.12 / (height + 1.9), text, fontsize=8.5, color=style.MUTED, ha="center", va="bottom")
     return figure
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,7 @@ RIGHT = "#b4557f"
 BAD = "#c1272d"
 
 SERIES = (INK, START, LEFT, GOAL, PASSAGE, PIVOT)
-"""For curves that are told apart by colour alone."""
+"""For curves that only their colour distinguishes."""
 
 TIME = LinearSegmentedColormap.from_list("cableway-time", [START, "#7d5fb2", "#c2558a", GOAL])
 """From the colour of the start to the colour of the goal."""
@@ -77,11 +76,6 @@ def legend_below(ax: Axes, handles: Sequence[Any], columns: int) -> None:
         handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.42 / height), ncols=columns, frameon=False,
         fontsize=8.5, handlelength=1.6, columnspacing=1.4, labelcolor=INK, borderaxespad=0,
     )  # fmt: skip
-
-
-def wrap(text: str, width: int) -> list[str]:
-    """Lines of at most `width` characters."""
-    return textwrap.wrap(text, width)
 
 
 def log_axis(axis: Axis) -> None:

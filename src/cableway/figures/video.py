@@ -53,7 +53,7 @@ def write_video(
         path: Where to; written atomically.
         task: The task of the rollout.
         rollout: What happened.
-        progress: Told ("video", share done).
+        progress: Called with "video" and the share done.
 
     Raises:
         CablewayError: The encoder failed.

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
-from jaxtyping import Float
 
 from cableway.control.insertion import InsertionController
 from cableway.core.deprecation import renamed_keywords
 from cableway.outcome import SUCCESS_ERROR
-from cableway.records import INSERTION, Measurement, Observation, Plan, Rollout
+from cableway.records import INSERTION, Observation, Plan, Rollout
 from cableway.scene.task import Task
 from cableway.tracking.closed_loop import Progress, track
 from cableway.tracking.plant import Plant
@@ -24,22 +24,11 @@ class _GoingOn:
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
 
-    @property
-    def task(self) -> Task:
-        return self._plant.task
-
-    @property
-    def control_step(self) -> float:
-        return self._plant.control_step
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._plant, name)
 
     def reset(self) -> Observation:
         return self._plant.step(np.zeros((2, 3)))
-
-    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
-        return self._plant.step(action)
-
-    def measure(self) -> Measurement:
-        return self._plant.measure()
 
 
 @renamed_keywords(push="plan")
@@ -72,14 +61,9 @@ def insert_plug(
         SimulationError: The plant cannot go on.
     """
     rollout = track(
-        _GoingOn(plant),
-        controller or InsertionController(),
-        plan,
-        config=config,
-        watchdog=watchdog,
-        progress=progress,
-        seed=seed,
-    )
+        cast(Plant, _GoingOn(plant)), controller or InsertionController(), plan, config=config, watchdog=watchdog,
+        progress=progress, seed=seed,
+    )  # fmt: skip
     return replace(rollout, metadata={**rollout.metadata, "part": INSERTION})
 
 

@@ -30,7 +30,7 @@ class Recovery:
     one is followed.
 
     Attributes:
-        replan: Plans a task that starts where the cable is; told the plan that was left. Raises `PlanningError` where
+        replan: Plans a task that starts where the cable is, given the plan that was left. Raises `PlanningError` where
             there is no way.
         times: Recoveries in one run, after which it ends.
         start: Mean distance [m] of the keypoints from the plan's first shape from which the cable lies elsewhere.
@@ -67,11 +67,11 @@ class Watch:
         self.recovered: list[float] = []
 
     def is_elsewhere(self, observation: Observation, start: Float[np.ndarray, "n 2"]) -> bool:
-        """Whether the cable does not lie where its plan begins; hidden keypoints tell nothing."""
+        """Whether the cable does not lie where its plan begins; hidden keypoints do not count."""
         return _mean_distance(observation, start) > self._recovery.start
 
     def is_lost(self, observation: Observation, reference: Float[np.ndarray, "n 2"]) -> bool:
-        """Whether the keypoints have been far from their reference for long enough; hidden ones tell nothing."""
+        """Whether the keypoints have been far from their reference for long enough; hidden ones do not count."""
         distance = _mean_distance(observation, reference)
         if np.isfinite(distance):
             self._off = self._off + 1 if distance > self._recovery.deviation else 0
@@ -96,8 +96,8 @@ class Watch:
             ending = loop.stand(BLOCKED if why is Outcome.BLOCKED_WAY else LOST)
             if ending is not None:
                 return ending
-            seen = loop.observation.keypoints
-            keypoints = np.where(np.isfinite(seen), seen, keypoints)
+            observed = loop.observation.keypoints
+            keypoints = np.where(np.isfinite(observed), observed, keypoints)
         try:
             task = loop.plant.task.resumed_from(keypoints)
             loop.follow(task, self._recovery.replan(task, loop.plan))
@@ -111,7 +111,7 @@ class Watch:
 
 
 def _mean_distance(observation: Observation, shape: Float[np.ndarray, "n 2"]) -> float:
-    """Of the keypoints that were seen from those of a shape [m]; NaN where there are none."""
+    """Of the observed keypoints from those of a shape [m]; NaN where there are none."""
     distance = np.linalg.norm(observation.keypoints - shape, axis=1)
-    seen = distance[np.isfinite(distance)]
-    return float(seen.mean()) if len(seen) else np.nan
+    observed = distance[np.isfinite(distance)]
+    return float(observed.mean()) if len(observed) else np.nan

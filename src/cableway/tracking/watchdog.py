@@ -6,7 +6,7 @@ step, and grippers that coast so come to rest within one more step of their own,
 only where that is safe as far as can be told without the controller: they may not come farther apart, nor nearer to
 each other than the task allows; and with the cable moved along as the ends carry it (`blend_jacobian`), neither cable
 nor grippers may come nearer to an obstacle than a margin, unless they are nearer already and it leads them away. Where
-the cable was not seen whole, nothing is moved. After a few such steps in a row the grippers stand still until the
+the cable was not fully observed, nothing is moved. After a few such steps in a row the grippers stand still until the
 controller answers again; where it does not for long, the run ends.
 """
 
@@ -35,6 +35,9 @@ from cableway.records import Observation
 from cableway.scene.task import Task
 from cableway.tracking.stopping import Ending
 
+COASTING = 2
+"""Missed steps in a row in which the grippers may still move."""
+
 COASTED = 0.5
 """Share of the motion before that is made in place of a missed one."""
 
@@ -49,8 +52,7 @@ class Watchdog:
     Attributes:
         deadline: Wall time [s] after which a step counts as late; never where None. A simulated plant waits, and a run
             with a deadline is not the same twice, so there is none by default.
-        coasting: Missed steps in a row in which the grippers may still move.
-        margin: Clearance [m] of cable and gripper discs up to which they may.
+        margin: Clearance [m] of cable and gripper discs down to which the grippers may still move.
         patience: Time [s] of missed steps in a row after which the run ends.
         clock: Tells wall time [s].
 
@@ -59,7 +61,6 @@ class Watchdog:
     """
 
     deadline: float | None = None
-    coasting: int = 2
     margin: float = 0.005
     patience: float = 3.0
     clock: Callable[[], float] = time.perf_counter
@@ -128,13 +129,13 @@ class Guard:
 
         Args:
             state: Of the controller, before it.
-            observation: What was seen.
+            observation: What was observed.
             before: (2, 3) what was sent in the control step before [m, m, rad].
         """
         begun, deadline = self._watchdog.clock(), self._watchdog.deadline
         try:
             action, after = _usable(*self._controller.step(state, observation))
-        except Exception as error:  # whatever it is, the grippers must be told something
+        except Exception as error:  # whatever it is, the grippers need a command
             self._failed += 1
             self._reason = self._reason or f"the first failed with {type(error).__name__}: {error}"
             return self._missing("failed", state, observation, before, self._watchdog.clock() - begun)
@@ -155,7 +156,7 @@ class Guard:
         """What is done in place of a missed step."""
         self._missed += 1
         action = np.zeros((2, 3))
-        if self._missed <= self._watchdog.coasting and poses_usable(observation):
+        if self._missed <= COASTING and poses_usable(observation):
             coasted = within_limits(COASTED * before, observation.poses, self.task.grippers, max_span=0.0)
             action = coasted if self._is_safe(coasted, observation) else action
         status = f"{why}: {'coasting' if action.any() else 'stopped'}"

@@ -80,7 +80,7 @@ class Listener:
         self._on_event = on_event
         self.cancelled = False
 
-    def tell(self, event: Event) -> None:
+    def emit(self, event: Event) -> None:
         """Pass an event on."""
         if self._on_event is None:
             return
@@ -95,6 +95,6 @@ class Listener:
         Raises:
             Cancelled: The run is to stop.
         """
-        self.tell(Progress(stage, share))
+        self.emit(Progress(stage, share))
         if self.cancelled:
             raise Cancelled(f"cancelled in the stage {stage!r}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -20,7 +20,6 @@ from cableway.workflow.events import Listener, Note, Planned, Progress
 from cableway.workflow.registry import Planner
 from cableway.workflow.rehearsal import rehearsed_plan
 from cableway.workflow.run import Run, SolveOptions
-from cableway.workflow.timing import StageTimer
 
 COMPILING = "Compiling the planner's kernels; this happens once, the next run finds them in your cache folder."
 
@@ -32,24 +31,23 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
         The run so far: the plan with its report, or the closest attempt and why it is no plan.
 
     Raises:
-        KeyboardInterrupt: The search was interrupted from the keyboard; the listener was told what came closest.
+        KeyboardInterrupt: The search was interrupted from the keyboard; the listener has what came closest.
     """
     planner, notes, insertion_plan = options.resolved_planner(), _compile(listener), None
     timer = StageTimer(listener.progress)
-    limits = None if planner.config is None else planner.config.limits
-    common: dict[str, Any] = {"timings": timer.seconds, "seed": options.seed, "limits": limits}
+    common: dict[str, Any] = {"timings": timer.seconds, "seed": options.seed, "limits": planner.limits}
     try:
         timer("set up", 0.0)
         if task.port is not None:
             timer("insertion plan", 0.0)
-            insertion_plan = plan_insertion(task, limits)
+            insertion_plan = plan_insertion(task, planner.limits)
             timer("insertion plan", 1.0)
         plans = _plans(task, options, planner, timer)
     except (PlanningError, Cancelled) as error:
         timer.stop()
         run = _without_plan(task, planner, error, {**common, "notes": notes})
         if isinstance(error, PlanningInterrupted) and not listener.cancelled:
-            listener.tell(Planned(run))
+            listener.emit(Planned(run))
             raise KeyboardInterrupt from None
         return run
     if len(plans) < options.alternatives:
@@ -114,11 +112,11 @@ def _compile(listener: Listener) -> tuple[str, ...]:
     """Compile the planner's kernels before the clock of a search runs; what the report is to say about it."""
     if is_compiled("planning"):
         return ()
-    listener.tell(Note(COMPILING))
-    listener.tell(Progress("compilation", 0.0))
+    listener.emit(Note(COMPILING))
+    listener.emit(Progress("compilation", 0.0))
     start = time.monotonic()
     compile_kernels()
-    listener.tell(Progress("compilation", 1.0))
+    listener.emit(Progress("compilation", 1.0))
     return (f"Before planning, kernels were compiled for {time.monotonic() - start:.0f} s, which happens once.",)
 
 
@@ -132,3 +130,34 @@ def _rehearsed(plan: Plan) -> tuple[str, ...]:
     if record["passed"]:
         return (f"The plan is number {record['plans']} of those rehearsed on the simulated cable: {went}.",)
     return (f"None of {record['plans']} plans went well in rehearsal on the simulated cable; the best: {went}.",)
+
+
+class StageTimer:
+    """Measures how long each stage of a computation takes, from the progress that it reports.
+
+    Args:
+        progress: Called with the same progress.
+        clock: Seconds.
+    """
+
+    def __init__(self, progress: Callable[[str, float], None], clock: Callable[[], float] = time.perf_counter) -> None:
+        self._progress, self._clock = progress, clock
+        self._last, self._running = clock(), ""
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Count the time since the last call to the stage that was running, or else to this one."""
+        self._count(self._running or stage)
+        self._running = stage if share < 1 else ""
+        self._progress(stage, share)
+
+    def stop(self) -> None:
+        """Count the time since the last call to the stage that never said that it ended, if there is one."""
+        if self._running:
+            self._count(self._running)
+            self._running = ""
+
+    def _count(self, stage: str) -> None:
+        now = self._clock()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+        self._last = now

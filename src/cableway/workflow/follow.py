@@ -33,7 +33,7 @@ def prepare_controller(options: SolveOptions, listener: Listener) -> Controller[
         return options.controller
     controller = make_controller(options.controller, options.model, options.adapt)
     if not controller_is_compiled(options.controller):
-        listener.tell(Note(COMPILING))
+        listener.emit(Note(COMPILING))
     return controller
 
 
@@ -66,8 +66,8 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
     rollout, insertion = _with(rollout, made_by), _with(insertion, made_by)
     report = summarize(
         task, run.plan, rollout, insertion_plan=run.insertion_plan, insertion=insertion, timings=run.timings,
-        seed=options.seed, notes=(*run.report.notes, *perturbation.notes, *notes), limits=_limits(options),
-        cable=perturbation.cable, actual=actual, problem=problem,
+        seed=options.seed, notes=(*run.report.notes, *perturbation.notes, *notes),
+        limits=options.resolved_planner().limits, cable=perturbation.cable, actual=actual, problem=problem,
     )  # fmt: skip
     return replace(run, report=report, rollout=rollout, insertion=insertion)
 
@@ -99,8 +99,3 @@ def _made_by(task: Task, options: SolveOptions) -> dict[str, Any]:
 
 def _with(rollout: Rollout | None, made_by: dict[str, Any]) -> Rollout | None:
     return None if rollout is None else replace(rollout, metadata={**made_by, **rollout.metadata})
-
-
-def _limits(options: SolveOptions) -> Any:
-    config = options.resolved_planner().config
-    return None if config is None else config.limits

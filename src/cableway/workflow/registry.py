@@ -31,6 +31,11 @@ class Planner:
     config: Any
     find: Callable[..., Any]
 
+    @property
+    def limits(self) -> Any:
+        """What a plan must keep; None for the defaults."""
+        return None if self.config is None else self.config.limits
+
 
 @dataclass(frozen=True)
 class PlannerEntry:

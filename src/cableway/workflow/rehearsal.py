@@ -115,7 +115,7 @@ def rehearsed_plan(
         find: Finds a plan by seed.
         seed: Of the first plan; those of the others follow from it.
         config: When to be content.
-        progress: Told the stage and its share done.
+        progress: Called with the name of a stage and the share of it that is done.
 
     Returns:
         The plan; `metadata["rehearsal"]` says how many were tried and how it went.

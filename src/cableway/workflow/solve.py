@@ -15,7 +15,7 @@ def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | N
     Args:
         task: The task.
         options: How; the defaults where None.
-        on_event: Told of progress and partial results, see `cableway.workflow.events`; it may stop the run.
+        on_event: Called with progress and partial results, see `cableway.workflow.events`; it may stop the run.
 
     Returns:
         All there is. `report.outcome` says how it ended, also where no plan was found, the plant failed or the run was
@@ -27,8 +27,8 @@ def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | N
     options, listener = options or SolveOptions(), Listener(on_event)
     controller = prepare_controller(options, listener) if options.track else None
     run = find(task, options, listener)  # plan, rehearsal, plan of the insertion, verification
-    listener.tell(Planned(run))
+    listener.emit(Planned(run))
     if controller is not None and run.plan is not None:
         run = cancelled(run) if listener.cancelled else follow(run, options, controller, listener)
-    listener.tell(Finished(run))
+    listener.emit(Finished(run))
     return run
