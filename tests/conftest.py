@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 import jaxtyping
 import pytest
 import strict
 
+os.environ |= strict.JAX
 jaxtyping.install_import_hook(strict.PACKAGES, "strict.typechecker")
 
 

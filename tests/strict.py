@@ -17,6 +17,9 @@ PACKAGES = ("cableway.geometry",)
 CONF = BeartypeConf(is_pep484_tower=True)
 """An int is a float, as for every static type checker."""
 
+JAX = {"JAX_NUMPY_RANK_PROMOTION": "raise", "JAX_NUMPY_DTYPE_PROMOTION": "strict"}
+"""Settings of the environment under which JAX broadcasts no axes and mixes no types by itself, in subprocesses too."""
+
 READ_INPUT = "cableway.scene."
 """Where records are made of what users wrote, which they refuse or convert in their own words."""
 

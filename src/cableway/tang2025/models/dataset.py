@@ -121,7 +121,7 @@ def mirrored(batch: Windows, flip: Bool[Array, "m"]) -> Windows:
 
 def swapped(batch: Windows, swap: Bool[Array, "m"]) -> Windows:
     """The samples that `swap` marks, read from the other end: keypoints and grippers reversed, tangents turned."""
-    turned = batch.poses[:, ::-1] + jnp.array([0.0, 0.0, jnp.pi], dtype=jnp.float32)
+    turned = batch.poses[:, ::-1] + jnp.array([[[0.0, 0.0, jnp.pi]]], dtype=jnp.float32)
     one, two = swap[:, None, None], swap[:, None, None, None]
     return Windows(
         keypoints=jnp.where(one, batch.keypoints[:, ::-1], batch.keypoints),

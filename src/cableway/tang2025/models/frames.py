@@ -126,8 +126,8 @@ def express(
     inverse, seen = frame.axes / frame.unit, float(framing.angles)
     headings = seen * jnp.stack([jnp.cos(poses[:, 2]), jnp.sin(poses[:, 2])], axis=1) @ frame.axes
     return Inputs(
-        keypoints=(keypoints - frame.origin) @ inverse,
-        poses=jnp.concatenate([(poses[:, :2] - frame.origin) @ inverse, headings], axis=1),
+        keypoints=(keypoints - frame.origin[None]) @ inverse,
+        poses=jnp.concatenate([(poses[:, :2] - frame.origin[None]) @ inverse, headings], axis=1),
         motions=jnp.concatenate([action[:, :2] @ inverse, seen * action[:, 2:]], axis=1),
     )
 
@@ -136,9 +136,9 @@ def rigid_motion(
     points: Float[Array, "k 2"], pose: Float[Array, "3"], motion: Float[Array, "3"]
 ) -> Float[Array, "k 2"]:
     """Displacement [m] of points fixed to a gripper at `pose` that moves by `motion`."""
-    arms = points - pose[:2]
+    arms = points - pose[None, :2]
     c, s = jnp.cos(motion[2]) - 1.0, jnp.sin(motion[2])
-    return motion[:2] + arms @ jnp.array([[c, s], [-s, c]])
+    return motion[None, :2] + arms @ jnp.array([[c, s], [-s, c]])
 
 
 def end_motion_blend(

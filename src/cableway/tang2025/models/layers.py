@@ -42,7 +42,7 @@ class Dense(eqx.Module):
 
     def __call__(self, rows: Float[Array, "k inputs"]) -> Float[Array, "k outputs"]:
         """x W + b."""
-        return rows @ self.weight + self.bias
+        return rows @ self.weight + self.bias[None]
 
 
 class LayerNorm(eqx.Module):
@@ -58,7 +58,7 @@ class LayerNorm(eqx.Module):
         """Normalised rows."""
         centred = rows - jnp.mean(rows, axis=-1, keepdims=True)
         variance = jnp.mean(centred**2, axis=-1, keepdims=True)
-        return centred * jax.lax.rsqrt(variance + NORM_EPSILON) * self.scale + self.shift
+        return centred * jax.lax.rsqrt(variance + NORM_EPSILON) * self.scale[None] + self.shift[None]
 
 
 class FeedForward(eqx.Module):

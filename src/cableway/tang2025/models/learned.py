@@ -52,7 +52,8 @@ class Scaling(eqx.Module):
 
     def __call__(self, values: Float[Array, "... *features"]) -> Float[Array, "... *features"]:
         """Values with mean 0 and standard deviation 1 over the training data."""
-        return (values - self.mean) / self.spread
+        mean, spread = (jnp.broadcast_to(part, values.shape) for part in (self.mean, self.spread))
+        return (values - mean) / spread
 
     @classmethod
     def identity(cls, *shape: int) -> Self:

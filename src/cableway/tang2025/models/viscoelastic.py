@@ -118,7 +118,7 @@ def rod_step(
     angles = link_angles(keypoints, poses[:, 2] + material.grasp)
     before = positions(angles)
     length = _polyline_length(keypoints) / _polyline_length(before[::stride])
-    motion = action / jnp.array([length, length, 1.0])
+    motion = action / jnp.array([[length, length, 1.0]])
     bends = jnp.diff(angles)
     start = _starting_bends(material, angles, before, motion)
     kept, weight = _relaxation(material.relaxation)
@@ -132,9 +132,9 @@ def rod_step(
     load = _load(offset, compliance, goal, _load_of(material, bends, before, angles))
     shape, end_angles = _outward(load, offset, compliance)
     turn = angles[0] + motion[0, 2] - end_angles[0]
-    after = before[0] + motion[0, :2] + _turned(shape - shape[0], turn)
+    after = (before[0] + motion[0, :2])[None] + _turned(shape - shape[:1], turn)
     missed = before[-1] + motion[1, :2] - after[-1]
-    after = after + jnp.linspace(0.0, 1.0, len(after))[:, None] ** 2 * missed
+    after = after + jnp.linspace(0.0, 1.0, len(after))[:, None] ** 2 * missed[None]
     return length * (after - before)[::stride]
 
 
@@ -191,7 +191,7 @@ def _relaxation(relaxation: Float[Array, ""]) -> tuple[Array, Array]:
 def _starting_bends(material: Material, angles: Array, points: Array, motion: Array) -> Float[Array, "N"]:
     """u0: the bends that the hinges tend to while the grippers begin to move at the speed of the step."""
     bends, hinges = jnp.diff(angles), _hinges(angles, points)
-    arms = points[-1] - hinges
+    arms = points[-1:] - hinges
     basis = _basis(material, hinges, angles)
     push = jnp.stack([-arms[:, 1], arms[:, 0], jnp.ones_like(bends)])
     wanted = motion[1] - motion[0]
@@ -205,7 +205,7 @@ def _starting_bends(material: Material, angles: Array, points: Array, motion: Ar
 def _basis(material: Material, hinges: Array, angles: Array) -> Float[Array, "N 3"]:
     """Bend of each hinge by the load (a_x, a_y, m), forces in the frame of the centre."""
     centre, direction = _centre(hinges, angles)
-    arms = _turned(hinges - centre, -direction)
+    arms = _turned(hinges - centre[None], -direction)
     return (
         jnp.stack([arms[:, 1], -arms[:, 0], jnp.ones(len(hinges))], axis=1)
         / (material.stiffness * len(hinges))[:, None]
@@ -286,7 +286,7 @@ def _outward(load: Array, offset: Array, compliance: Array) -> tuple[Float[Array
 
 def _solve(matrix: Float[Array, "3 3"], right: Float[Array, "3"]) -> Float[Array, "3"]:
     """Damped least-squares solution of matrix x = right, unrolled."""
-    scaled = matrix * jnp.array(LOAD_SCALE)
+    scaled = matrix * jnp.array([LOAD_SCALE])
     normal = scaled.T @ scaled
     normal = normal + DAMPING * jnp.trace(normal) * jnp.eye(3)
     a, b, c = normal
