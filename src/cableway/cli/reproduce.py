@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cableway.benchmark.episode import Job
-    from cableway.tang2025.reproduction.sections import Section
+    from cableway.tang2025.reproduction.page import Section
 
 PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
 

@@ -15,8 +15,7 @@ from cableway.figures.stages import followers_figure
 from cableway.planning.config import PlannerConfig
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.reproduction import paper, reproduction
-from cableway.tang2025.reproduction.page import reproduction_page, reproduction_text
-from cableway.tang2025.reproduction.sections import Section, median_worst, spread
+from cableway.tang2025.reproduction.page import Section, median_worst, reproduction_page, reproduction_text, spread
 
 ABOUT = {"versions": {"cableway": "0"}, "machine": machine(), "size": "quick", "configuration": {"data_seeds": [1, 2]}}
 

@@ -1,6 +1,6 @@
-"""Adapting a model to the cable it sees, while it works, without getting worse.
+"""Adapting a model to the cable at hand, while it works, without getting worse.
 
-Of the transitions seen last, every second block is held back. The others change a few parameters: those of the rod
+Of the latest transitions, every second block is held back. The others change a few parameters: those of the rod
 where the model has one, else the last layer of its decoder, as Tang et al. freeze the encoders. The change is taken
 only where it predicts the held-back blocks far better than the model in use.
 
@@ -65,7 +65,7 @@ class AdaptationConfig:
         held_windows: Most held-back blocks.
         least_held: Fewest of them that a change is judged by.
         enough: Error on held-back blocks, in lengths of the cable, below which nothing is changed: what a hundred
-            transitions of one or two motions tell about smaller errors often holds for these motions only.
+            transitions of one or two motions show of smaller errors often holds for these motions only.
         improvement: Share of the error on held-back blocks that a change must take away. One that explains only part
             of it, say by stiffness in place of friction, often predicts other motions worse.
         least_motion: Travel of the grippers [m] in a window below which it says nothing.
@@ -91,7 +91,7 @@ class AdaptationConfig:
 
     @classmethod
     def for_network(cls) -> AdaptationConfig:
-        """Settings for a network, whose last layer is drawn to data it has seen: it changes less, and explains less."""
+        """Settings for a network: its last layer is drawn to its training data, so it changes and explains less."""
         return cls(enough=0.005, improvement=0.5)
 
 
@@ -104,7 +104,7 @@ class AdaptationState:
         config: How it adapts.
         first: Parameters it began with; the fit is drawn towards them.
         replay: Windows of earlier data that a network is to keep predicting.
-        recent: What was seen last.
+        recent: The latest transitions.
         accepted: Updates taken.
         refused: Updates that predicted the held-back blocks no better.
     """
@@ -121,7 +121,7 @@ class AdaptationState:
 def start_adaptation(
     model: LearnedModel, *, replay: Transitions | None = None, config: AdaptationConfig | None = None, seed: int = 0
 ) -> AdaptationState:
-    """The state before anything was seen.
+    """The state before the first transition.
 
     Args:
         model: The model as trained.
@@ -161,8 +161,8 @@ def _horizon(state: AdaptationState) -> int:
 def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
     """Take in new transitions, and a changed model if it predicts better what was held back.
 
-    Frames that were not seen are left out of `transitions`; rows of one episode that do not follow each other are
-    noticed by their poses. Transitions without motion are remembered but change nothing.
+    `transitions` leaves out missing frames; poses show which rows of an episode do not follow each other. Transitions
+    without motion are remembered but change nothing.
 
     Args:
         state: As it was.
@@ -221,11 +221,7 @@ def _remembered(recent: Transitions | None, new: Transitions, memory: int) -> Tr
         raise InputError(
             f"transitions to adapt to have {new.keypoints.shape[1]} keypoints, those before {recent.keypoints.shape[1]}"
         )
-    keypoints, poses, actions, after, episode = (
-        np.concatenate([getattr(recent, name), getattr(new, name)])[-memory:]
-        for name in ("keypoints", "poses", "actions", "next_keypoints", "episode")
-    )
-    return Transitions(keypoints, poses, actions, after, episode)
+    return dataset.select(dataset.appended([recent, new]), np.arange(len(recent) + len(new))[-memory:])
 
 
 def _blocks(data: Transitions, config: AdaptationConfig) -> tuple[Int[np.ndarray, "b"], Int[np.ndarray, "h"]]:

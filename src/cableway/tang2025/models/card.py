@@ -77,13 +77,13 @@ def _limits(metadata: dict[str, Any]) -> list[str]:
     if "sets" in metadata:
         return [
             f"Trained on {len(metadata['sets'])} data sets together, whose settings are in the file. The model is not",
-            "told which one it sees. A cable unlike theirs is predicted worse than the table says.",
+            "given which one it is. A cable unlike theirs is predicted worse than the table says.",
         ]
     ranges = metadata.get("config", {}).get("ranges")
     if ranges:
         return [
-            f"Trained on cables that differ in {', '.join(ranges)} within the ranges above. The model is not told",
-            "which one it sees. A cable outside the ranges is predicted worse than the table says.",
+            f"Trained on cables that differ in {', '.join(ranges)} within the ranges above. The model is not given",
+            "which one it is. A cable outside the ranges is predicted worse than the table says.",
         ]
     return [
         "Trained on one uniform cable without friction, contact or measurement noise. Other lengths are served by",

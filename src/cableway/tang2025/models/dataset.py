@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -30,10 +31,14 @@ class Windows(NamedTuple):
     targets: Float[Array, "m H n 2"]
 
 
+FIELDS = ("keypoints", "poses", "actions", "next_keypoints", "episode")
+"""Arrays with a row for each transition."""
+
+
 def fingerprint(data: Transitions) -> str:
     """SHA-256 of a data set's arrays, in hexadecimal."""
     digest = hashlib.sha256()
-    for name in ("keypoints", "poses", "actions", "next_keypoints", "episode"):
+    for name in FIELDS:
         array = np.ascontiguousarray(getattr(data, name), dtype="<f8")
         digest.update(f"{name}{array.shape}".encode() + array.tobytes())
     for name, values in sorted(data.cable.items()):
@@ -43,9 +48,16 @@ def fingerprint(data: Transitions) -> str:
 
 def select(data: Transitions, rows: Bool[np.ndarray, "m"] | Int[np.ndarray, "k"]) -> Transitions:
     """The given rows of a data set."""
-    names = ("keypoints", "poses", "actions", "next_keypoints", "episode")
     cable = {name: values[rows] for name, values in data.cable.items()}
-    return Transitions(**{name: getattr(data, name)[rows] for name in names}, cable=cable, metadata=data.metadata)
+    return Transitions(**{name: getattr(data, name)[rows] for name in FIELDS}, cable=cable, metadata=data.metadata)
+
+
+def appended(sets: Sequence[Transitions]) -> Transitions:
+    """The rows of several data sets, one after the other, without cables and metadata."""
+    keypoints, poses, actions, after, episode = (
+        np.concatenate([getattr(data, name) for data in sets]) for name in FIELDS
+    )
+    return Transitions(keypoints, poses, actions, after, episode)
 
 
 def joined(sets: Sequence[Transitions]) -> Transitions:
@@ -64,13 +76,8 @@ def joined(sets: Sequence[Transitions]) -> Transitions:
         numbers = np.unique(data.episode, return_inverse=True)[1]
         episodes.append(numbers + first)
         first += int(numbers.max()) + 1
-    keypoints, poses, actions, after = (
-        np.concatenate([getattr(data, name) for data in sets])
-        for name in ("keypoints", "poses", "actions", "next_keypoints")
-    )
-    return Transitions(
-        keypoints, poses, actions, after, np.concatenate(episodes), metadata={"sets": [data.metadata for data in sets]}
-    )
+    metadata = {"sets": [data.metadata for data in sets]}
+    return replace(appended(sets), episode=np.concatenate(episodes), metadata=metadata)
 
 
 def split_by_episode(data: Transitions, fraction: float, seed: int) -> tuple[Transitions, Transitions]:

@@ -42,7 +42,7 @@ class Framing:
         hard_ends: The first and last keypoint move exactly with their grippers.
         rod: Predict the difference from the step of a visco-elastic rod, whose parameters are learned too; takes
             the place of the blend.
-        angles: Tell the network the angles of the grippers and how they turn; the paper's ablation leaves them out.
+        angles: Give the network the angles of the grippers and how they turn; the paper's ablation leaves them out.
     """
 
     frame: FrameName = "cable"
@@ -105,14 +105,11 @@ def cable_frame(keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"]) -> F
     return Frame(0.5 * (poses[0, :2] + poses[1, :2]), axes, unit)
 
 
-def world_frame() -> Frame:
-    """The world frame in metres."""
-    return Frame(jnp.zeros(2), jnp.eye(2), jnp.ones(()))
-
-
 def frame_of(framing: Framing, keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"]) -> Frame:
-    """The frame that a framing asks for."""
-    return cable_frame(keypoints, poses) if framing.frame == "cable" else world_frame()
+    """The frame that a framing asks for; that of the world is in metres."""
+    if framing.frame == "cable":
+        return cable_frame(keypoints, poses)
+    return Frame(jnp.zeros(2), jnp.eye(2), jnp.ones(()))
 
 
 def express(
@@ -122,13 +119,13 @@ def express(
     poses: Float[Array, "2 3"],
     action: Float[Array, "2 3"],
 ) -> Inputs:
-    """What the network sees of a sample, in the units of a frame; angles that it may not see are 0."""
-    inverse, seen = frame.axes / frame.unit, float(framing.angles)
-    headings = seen * jnp.stack([jnp.cos(poses[:, 2]), jnp.sin(poses[:, 2])], axis=1) @ frame.axes
+    """What the network sees of a sample, in the units of a frame; without `angles` these are 0."""
+    inverse, shown = frame.axes / frame.unit, float(framing.angles)
+    headings = shown * jnp.stack([jnp.cos(poses[:, 2]), jnp.sin(poses[:, 2])], axis=1) @ frame.axes
     return Inputs(
         keypoints=(keypoints - frame.origin[None]) @ inverse,
         poses=jnp.concatenate([(poses[:, :2] - frame.origin[None]) @ inverse, headings], axis=1),
-        motions=jnp.concatenate([action[:, :2] @ inverse, seen * action[:, 2:]], axis=1),
+        motions=jnp.concatenate([action[:, :2] @ inverse, shown * action[:, 2:]], axis=1),
     )
 
 
@@ -155,12 +152,6 @@ def end_motion_blend(
     return left_motion + right * (right_motion - left_motion)
 
 
-def end_window(count: int) -> Float[np.ndarray, "n"]:
-    """Weight 16 s^2 (1 - s)^2 of a correction at arc fraction s: level zeros at both ends, 1 in the middle."""
-    s = arc_fractions(count)
-    return 16.0 * (s * (1.0 - s)) ** 2
-
-
 def base_displacement(
     framing: Framing, keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"], action: Float[Array, "2 3"]
 ) -> Float[Array, "n 2"]:
@@ -177,9 +168,13 @@ def base_displacement(
 
 
 def correction_window(framing: Framing, count: int) -> Float[np.ndarray, "n"]:
-    """Weight of the network's output at each keypoint."""
+    """Weight of the network's output at each keypoint.
+
+    Beside the end-motion blend it is 16 s^2 (1 - s)^2 at arc fraction s: level zeros at both ends, 1 in the middle.
+    """
     if framing.blend and framing.hard_ends:
-        return end_window(count)
+        s = arc_fractions(count)
+        return 16.0 * (s * (1.0 - s)) ** 2
     window = np.ones(count, dtype=np.float32)
     if framing.hard_ends:
         window[[0, -1]] = 0.0

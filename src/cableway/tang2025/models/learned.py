@@ -85,7 +85,7 @@ class Normalization(eqx.Module):
 
     @classmethod
     def identity(cls) -> Self:
-        """No change, for a model that has seen no data."""
+        """No change, for a model without data."""
         return cls(Scaling.identity(2), Scaling.identity(2, 4), Scaling.identity(3), jnp.ones(()))
 
     @classmethod
@@ -96,11 +96,11 @@ class Normalization(eqx.Module):
             *(jnp.asarray(part, jnp.float32) for part in (data.keypoints, data.poses, data.actions)),
             jnp.asarray(data.next_keypoints - data.keypoints, jnp.float32),
         )
-        seen = [np.asarray(part, float) for part in inputs]
+        found = [np.asarray(part, float) for part in inputs]
         return cls(
-            keypoints=Scaling.fitted(seen[0].reshape(-1, 2)),
-            poses=Scaling.fitted(seen[1]),
-            motions=Scaling.fitted(seen[2].reshape(-1, 3)),
+            keypoints=Scaling.fitted(found[0].reshape(-1, 2)),
+            poses=Scaling.fitted(found[1]),
+            motions=Scaling.fitted(found[2].reshape(-1, 3)),
             output=jnp.asarray(np.sqrt(np.mean(np.asarray(target, float) ** 2)), jnp.float32),
         )
 

@@ -81,7 +81,7 @@ class TrainingConfig:
 
     Attributes:
         epochs: Passes over the data.
-        rollout_epochs: How many of them, the last ones, take the loss over `rollout_steps` steps.
+        rollout_epochs: Number of the last epochs that take the loss over `rollout_steps` steps.
         rollout_steps: Steps of the model's own rollout in those epochs.
         batch_size: Transitions per step of the optimiser.
         learning_rate: Of AdamW at its highest, after the warm-up.
@@ -93,8 +93,7 @@ class TrainingConfig:
         validation_fraction: Of the episodes, held out.
         patience: Stop after so many epochs without a smaller validation error, and take the weights that had the
             smallest; where None, all epochs are done and the last weights taken.
-        devices: Over how many of JAX's devices each batch is spread; the sums of another number of devices are
-            rounded otherwise.
+        devices: Number of JAX's devices that share each batch; another number rounds sums differently.
         seed: Of weights, split and order.
     """
 
@@ -150,7 +149,7 @@ class TrainingResult:
         model: With the weights after the last epoch, or the best ones where there is `patience`.
         history: One row per epoch.
         training_data: The episodes it was trained on.
-        validation_data: The episodes it has not seen.
+        validation_data: The held-out episodes.
     """
 
     model: LearnedModel
@@ -230,7 +229,7 @@ class _Trainer:
             raise InputError(f"no training episode has rollout_steps = {config.rollout_steps} or more steps")
         self.starts = [by_horizon[horizon] for horizon in horizons]
         self.steps = [self._steps(epoch) for epoch in range(config.epochs)]
-        self.devices = _devices(config.devices)
+        self.everywhere, self.by_sample = _shardings(config.devices)
         self.optimizer, self.update = _compiled_step(
             config.gradient_norm, config.weight_decay, config.mirror, config.swap
         )
@@ -258,8 +257,8 @@ class _Trainer:
         rng = np.random.default_rng([self.config.seed, epoch])
         key = jax.random.fold_in(jax.random.key(self.config.seed), epoch)
         order, size = rng.permutation(self.starts[epoch]), self._batch_size(epoch)
-        model, optimizer_state, total = *self._everywhere(state.model, state.optimizer), 0.0
-        done = sum(self.steps[:epoch])
+        model, optimizer_state = eqx.filter_shard((state.model, state.optimizer), self.everywhere)
+        done, total = sum(self.steps[:epoch]), 0.0
         for step in range(self.steps[epoch]):
             batch = self._spread(dataset.windows(self.data, order[step * size : (step + 1) * size], horizon))
             rate = jnp.asarray(learning_rate(self.config, (done + step) / sum(self.steps)), jnp.float32)
@@ -277,29 +276,21 @@ class _Trainer:
         return TrainingState(model, model if better else state.best, optimizer_state, (*state.history, record))
 
     def _spread(self, batch: Windows) -> Windows:
-        """A batch with its samples shared out among the devices."""
-        if self.devices is None or len(batch.keypoints) % self.config.devices:
-            return batch
-        return jax.device_put(batch, NamedSharding(self.devices, PartitionSpec("samples")))
-
-    def _everywhere(self, model: LearnedModel, optimizer: Any) -> tuple[LearnedModel, Any]:
-        """Weights and state of the optimiser on every device."""
-        if self.devices is None:
-            return model, optimizer
-        return eqx.filter_shard((model, optimizer), NamedSharding(self.devices, PartitionSpec()))
+        """A batch with its samples divided among the devices, where their number allows it."""
+        divided = not len(batch.keypoints) % self.config.devices
+        return jax.device_put(batch, self.by_sample if divided else self.everywhere)
 
     def _stage(self, history: tuple[EpochRecord, ...], loss: float) -> str:
         validation = f", validation {history[-1].validation_error:.2f} mm" if history else ""
         return f"epoch {len(history) + 1}/{self.config.epochs}, loss {loss:.3g}{validation}"
 
 
-def _devices(count: int) -> Mesh | None:
-    """The first `count` devices; None for one."""
-    if count == 1:
-        return None
+def _shardings(count: int) -> tuple[NamedSharding, NamedSharding]:
+    """The same on each of the first `count` devices, and divided among them by the first axis."""
     if count > len(jax.devices()):
         raise InputError(f"training devices must be at most the {len(jax.devices())} that JAX sees, got {count}")
-    return Mesh(np.array(jax.devices()[:count]), ("samples",))
+    devices = Mesh(np.array(jax.devices()[:count]), ("samples",))
+    return NamedSharding(devices, PartitionSpec()), NamedSharding(devices, PartitionSpec("samples"))
 
 
 def _write_state(path: Path, state: TrainingState, identity: dict[str, str]) -> None:
@@ -349,7 +340,8 @@ def _compiled_step(
         trained, fixed = eqx.partition(model, trainable(model))
         batch = _augmented(batch, mirror, swap, key)
         loss, gradient = jax.value_and_grad(lambda part: _loss(eqx.combine(part, fixed), batch))(trained)
-        change, state = optimizer.update(gradient, state, trained)
+        with jax.numpy_dtype_promotion("standard"):  # Optax raises its rates to whole powers
+            change, state = optimizer.update(gradient, state, trained)
         trained = jax.tree.map(lambda weight, step: weight + rate * step, trained, change)
         return eqx.combine(trained, fixed), state, loss
 

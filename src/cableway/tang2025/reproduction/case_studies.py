@@ -16,13 +16,13 @@ from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import PlanningError
 from cableway.figures.stages import followers_figure
 from cableway.figures.style import save_figure
-from cableway.records import Plan, Rollout
+from cableway.records import Plan, Rollout, Transitions
 from cableway.scene.files.loading import cable_from_preset, load_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.reproduction import paper
-from cableway.tang2025.reproduction.sections import LABORATORY, Row, Section, Tell, median_worst, spread
+from cableway.tang2025.reproduction.page import LABORATORY, Row, Section, Tell, median_worst, spread
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 
@@ -93,7 +93,7 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
         folder: Where data sets and models are kept; those that are there are not made again.
         transitions: In the data set of each cable.
         trials: For each way and task.
-        tell: Told what goes on.
+        tell: Called with the stage and the share done.
     """
     from cableway.tang2025.control.mpc_config import ADAPT_EVERY, MPCConfig
     from cableway.tang2025.control.neural_mpc import NeuralMPC
@@ -131,26 +131,32 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
 
 def _identified(cable: str, folder: Path, transitions: int, tell: Tell) -> DeformationModel:
     """A model of a cable, from data collected of it; the one in the folder where it is there."""
-    from cableway.datasets.reading import load_transitions
-    from cableway.simulation.collection import collect
-    from cableway.simulation.episodes import CollectionConfig
     from cableway.tang2025.models.checkpoint import load_model, save_model
     from cableway.tang2025.models.recipe import make_model, read_training_config, shipped_config
 
     path = folder / "models" / f"{cable}-{transitions}.safetensors"
     if not path.exists():
-        data = folder / "data" / f"{cable}-{transitions}"
         tell(f"collect: {cable}", 0.0)
-        collect(CollectionConfig(transitions=transitions, seed=DATA_SEED, cable=cable_from_preset(cable)), data)
+        data = collected(cable, folder / "data" / f"{cable}-{transitions}", transitions, DATA_SEED)
         recipe = read_training_config(shipped_config(KIND))
         recipe = replace(recipe, training=replace(recipe.training, epochs=EPOCHS))
         path.parent.mkdir(parents=True, exist_ok=True)
         model, card = make_model(
-            recipe, load_transitions(data), state_file=path.with_suffix(".state"),
+            recipe, data, state_file=path.with_suffix(".state"),
             progress=lambda words, share: tell(f"{cable}: {words}", share),
         )  # fmt: skip
         save_model(path, model, card)
     return load_model(str(path))
+
+
+def collected(cable: str, folder: Path, transitions: int, seed: int) -> Transitions:
+    """Simulated transitions of the cable of a preset; those that are in the folder are not simulated again."""
+    from cableway.datasets.reading import load_transitions
+    from cableway.simulation.collection import collect
+    from cableway.simulation.episodes import CollectionConfig
+
+    collect(CollectionConfig(transitions=transitions, seed=seed, cable=cable_from_preset(cable)), folder)
+    return load_transitions(folder)
 
 
 def _cells(runs: Sequence[Run]) -> tuple[str, ...]:

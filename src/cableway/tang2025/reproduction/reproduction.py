@@ -30,7 +30,8 @@ from cableway.tang2025.planning.chain import PaperChain
 from cableway.tang2025.planning.config import PaperPlannerConfig
 from cableway.tang2025.planning.deformation import optimize_deformation
 from cableway.tang2025.reproduction import paper
-from cableway.tang2025.reproduction.sections import LABORATORY, Row, Section, Tell, median_worst, spread, successes
+from cableway.tang2025.reproduction.case_studies import collected
+from cableway.tang2025.reproduction.page import LABORATORY, Row, Section, Tell, median_worst, spread, successes
 
 RUNS = {
     "paper": ("cableway", "paper"),
@@ -142,13 +143,8 @@ def simulated(results: Results) -> Section:
 
 def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
     """The comparison of the deformation models."""
-    from cableway.scene.files.loading import cable_from_preset
-    from cableway.simulation.collection import collect
-    from cableway.simulation.episodes import CollectionConfig
     from cableway.tang2025.models.checkpoint import load_model
     from cableway.tang2025.models.evaluation import compare
-
-    from cableway.datasets.reading import load_transitions  # isort: skip
 
     shown = (1, 10, 20, 30)
     rows: list[Row] = [("cable", "model", *(f"after {h} [mm]" for h in shown), "T-DM less by", "in the paper")]
@@ -156,21 +152,14 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
     models = {name: [load_model(model)] for name, model in MODELS.items()}
     for place, cable in enumerate(paper.CONTROL_BY_CABLE):
         tell(f"models: {cable}", place / len(paper.CONTROL_BY_CABLE))
-        data = folder / "data" / cable
-        collect(CollectionConfig(transitions=transitions, seed=DATA_SEED, cable=cable_from_preset(cable)), data)
-        curves = compare(models, load_transitions(data), HORIZON)
+        data = collected(cable, folder / "data" / cable, transitions, DATA_SEED)
+        curves = compare(models, data, HORIZON)
         for name, curve in curves.items():
             less = 1 - curves["tdm-mpc"].mean[-1] / curve.mean[-1]
             claim = paper.PREDICTION.get(name, 0.0) if cable == "usb" else 0.0
-            rows.append(
-                (
-                    cable,
-                    MODELS[name],
-                    *(number(curve.at(h)["mean"]) for h in shown),
-                    f"{100 * less:.0f}%" if name != "tdm-mpc" else "-",
-                    f"{100 * claim:.1f}%" if claim else "-",
-                )
-            )
+            means = (number(curve.at(h)["mean"]) for h in shown)
+            shares = "-" if name == "tdm-mpc" else f"{100 * less:.0f}%", f"{100 * claim:.1f}%" if claim else "-"
+            rows.append((cable, MODELS[name], *means, *shares))
         picture = f"prediction-{cable}.png"
         first = curves["tdm-mpc"]
         save_figure(
