@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from recorded import moved_aside, moved_plan, perfect_rollout
 
-from cableway.outcome import Outcome
+from cableway.outcome import SUCCESS_ERROR, Outcome, stacked_limit
 from cableway.records import Attempt, Check, Plan, Rollout, Verdict
 from cableway.report import Report, least_achievable_error, summarize
 from cableway.rod.inverse import fit_keypoints, nearest_shape
@@ -76,6 +76,27 @@ def test_three_centimetres_stacked_are_too_many(recorded: tuple[Task, Plan, Roll
     assert report.failure is not None
     assert report.failure.startswith("the final shape error is 32.")
     assert "not below 30.00 mm" in report.failure
+
+
+def test_what_was_done_blindly_is_no_success(recorded: tuple[Task, Plan, Rollout]):
+    task, plan, rollout = recorded
+    failed = np.array(["solver failed: feedforward"] * rollout.steps)
+    report = summarize(task, plan, replace(rollout, status=failed))
+    assert not report.success
+    assert report.failure == f"{rollout.steps} of the controller's {rollout.steps} steps came late or failed"
+    dark = rollout.observed.copy()
+    dark[-12:] = np.nan
+    report = summarize(task, plan, replace(rollout, observed=dark))
+    assert not report.success
+    assert report.failure == "the cable was not observed in the last 1 s"
+
+
+def test_the_limit_is_that_of_each_keypoint_however_many_there_are():
+    """The same displacement of all keypoints is judged alike for 13 and for 25."""
+    for size, reached in ((0.008, True), (0.009, False)):
+        for n in (13, 25, 101):
+            stacked = size * math.sqrt(n)
+            assert (stacked < stacked_limit(SUCCESS_ERROR, n)) == reached
 
 
 @pytest.mark.parametrize(("name", "what"), [("clearance", "cable"), ("gripper_clearance", "grippers")])

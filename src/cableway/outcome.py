@@ -8,7 +8,22 @@ from enum import StrEnum
 from cableway.core.errors import InputError
 
 SUCCESS_ERROR = 0.03
-"""Stacked error [m] below which the goal counts as reached (Tang et al., Section VI)."""
+"""Stacked error [m] of `KEYPOINTS` keypoints below which the goal counts as reached (Tang et al., Section VI)."""
+
+START_ERROR = 0.02
+"""Stacked distance [m] of as many keypoints from the task's start up to which a rollout begins there."""
+
+KEYPOINTS = 13
+"""Of the paper's cables."""
+
+
+def stacked_limit(limit: float, keypoints: int) -> float:
+    """A stacked limit [m] for another number of keypoints than `KEYPOINTS`: the same error of each is allowed.
+
+    >>> stacked_limit(SUCCESS_ERROR, 13), stacked_limit(SUCCESS_ERROR, 52)
+    (0.03, 0.06)
+    """
+    return limit * math.sqrt(keypoints / KEYPOINTS)
 
 
 class Outcome(StrEnum):
@@ -34,6 +49,7 @@ class Outcome(StrEnum):
     CONTACT = "contact", "The cable, a gripper or the plug touched something."
     NOT_VERIFIED = "not verified", "The independent check found a fault that the run did not report."
     NOT_INSERTED = "not inserted", "The plug is not in its port."
+    WRONG_SETUP = "wrong setup", "Nothing was moved: the first observation does not fit the start of the plan."
     LEFT_PLAN = "left plan", "The cable left its plan and could not be brought back."
     BLOCKED_WAY = "blocked way", "Something stood in the way, and no way round it was found."
     CONTROLLER_FAILED = "controller failed", "The controller missed too many steps in a row."

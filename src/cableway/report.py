@@ -13,7 +13,7 @@ from jaxtyping import Float
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
 from cableway.metrics import METRICS
-from cableway.outcome import SUCCESS_ERROR, Outcome
+from cableway.outcome import SUCCESS_ERROR, Outcome, stacked_limit
 from cableway.records import Attempt, Estimate, Plan, Rollout, Verdict
 from cableway.rod.inverse import nearest_shape
 from cableway.scene.cable import Cable
@@ -301,14 +301,24 @@ def _planned_anew(rollout: Rollout | None) -> tuple[str, ...]:
     return tuple(f"A new plan, from where the cable was, is followed from {time:.1f} s on." for time in times)
 
 
+_MISSES = {
+    "late": "came late",
+    "failed": "failed",
+    "fallback": "went on with the plan's motion because the computation failed",
+    "cut": "were cut to the limits",
+}
+"""What the watchdog counts, in words."""
+
+
 def _missed(rollout: Rollout | None) -> tuple[str, ...]:
     """What the loop had to make good for, in a sentence, if there was anything."""
     missed = {} if rollout is None else rollout.metadata.get("watchdog", {})
-    late, failed, cut = (missed.get(name, 0) for name in ("late", "failed", "cut"))
-    if not late + failed + cut:
+    counts = [(missed.get(name, 0), text) for name, text in _MISSES.items()]
+    if not any(count for count, _ in counts):
         return ()
     reason = f"; {missed['reason']}" if missed.get("reason") else ""
-    return (f"Of the controller's steps {late} came late, {failed} failed, {cut} were cut to the limits{reason}.",)
+    said = ", ".join(f"{count} {text}" for count, text in counts if count)
+    return (f"Of the controller's steps {said}{reason}.",)
 
 
 def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
@@ -328,9 +338,10 @@ def judge(
 ) -> tuple[Outcome, str]:
     """What became of a task, and a sentence on why it did not succeed. This is the one definition of success.
 
-    A run succeeded where it was led to its end, the final stacked error is below 3 cm, and neither the simulator nor
-    the independent check found a contact; where the task has a port, the plug is in it besides. A plan alone succeeded
-    where it verified. What there is no figure for is no success.
+    A run succeeded where it was led to its end, the final stacked error is below 3 cm (of 13 keypoints, see
+    `outcome.stacked_limit`), the cable was observed at the end, most steps were the controller's own, and neither the
+    simulator nor the independent check found a contact; where the task has a port, the plug is in it besides. A plan
+    alone succeeded where it verified. What there is no figure for is no success.
 
     Args:
         task: As the plant has it.
@@ -355,15 +366,35 @@ def judge(
     return Outcome.NOT_INSERTED, why
 
 
+LAST_LOOK = 1.0
+"""Time [s] at the end of a run in which the cable must have been observed."""
+
+MOST_REPLACED = 0.5
+"""Share of the controller's steps that may come late or fail in a successful run."""
+
+
+def _went_on_blindly(rollout: Rollout) -> str | None:
+    """Why a run cannot count as controlled, if so: its end was not observed, or it was led by replacements."""
+    last = rollout.times > rollout.times[-1] - LAST_LOOK
+    if rollout.steps and not np.isfinite(rollout.observed[last]).any():
+        return f"the cable was not observed in the last {LAST_LOOK:g} s"
+    replaced = sum(str(status).startswith(("late", "failed", "solver failed")) for status in rollout.status)
+    if replaced > MOST_REPLACED * max(rollout.steps, 1):
+        return f"{replaced} of the controller's {rollout.steps} steps came late or failed"
+    return None
+
+
 def _run_failure(task: Task, rollout: Rollout, verdict: Verdict | None) -> tuple[Outcome, str] | None:
     """Why a run did not lead the cable to its goal; the worst outcome with all reasons, None where it did."""
     found: list[tuple[Outcome, str]] = []
     if not rollout.outcome.finished:
         found.append((rollout.outcome, f"{rollout.outcome}: {rollout.detail}" if rollout.detail else rollout.outcome))
     error = rollout.shape_error(task.goal)
-    if not error < SUCCESS_ERROR:
-        text = f"the final shape error is {_millimetres(error)}, not below {_millimetres(SUCCESS_ERROR)}"
+    if not error < (most := stacked_limit(SUCCESS_ERROR, len(task.goal))):
+        text = f"the final shape error is {_millimetres(error)}, not below {_millimetres(most)}"
         found.append((Outcome.MISSED_GOAL, text))
+    if (blind := _went_on_blindly(rollout)) is not None:
+        found.append((Outcome.CONTROLLER_FAILED, blind))
     for what, clearance in (("cable", rollout.clearance), ("grippers", rollout.gripper_clearance)):
         if not clearance.min() > 0:
             text = f"contact: the least clearance of the {what} is {_millimetres(float(clearance.min()))}"

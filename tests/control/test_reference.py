@@ -18,7 +18,6 @@ PLAN = straight_plan(ROD, steps=40)
 
 def test_holds_then_follows_then_stays() -> None:
     reference = PlanReference(PLAN, hold=0.5)
-    assert reference.steps == 45
     np.testing.assert_array_equal(reference.rows(0, 7), [0, 0, 0, 0, 0, 0, 1])
     np.testing.assert_array_equal(reference.rows(43, 5), [38, 39, 40, 40, 40])
     np.testing.assert_array_equal(reference.shape(5), PLAN.shapes[0])
@@ -39,6 +38,7 @@ def test_progress_is_monotone_from_0_to_1() -> None:
     assert progress[42] < 1.0
     assert progress[43] == progress[59] == 1.0
     assert np.all(np.diff(progress) >= 0)
+    np.testing.assert_allclose(np.array(progress) * PLAN.steps, reference.rows(0, 60), atol=1e-9)
 
 
 def test_a_plan_for_another_number_of_keypoints_is_refused() -> None:

@@ -171,7 +171,14 @@ def test_a_step_that_comes_late_is_dropped_only_where_there_is_a_deadline() -> N
     assert set(patient.status.tolist()) == {"tracking"}
     missed = {step: status for step, status in enumerate(strict.status.tolist()) if status != "tracking"}
     assert missed == {5: "late: coasting", 21: "late: coasting", 22: "late: coasting", 23: "late: stopped"}
-    assert strict.metadata["watchdog"] == {"deadline": 0.05, "late": 4, "failed": 0, "cut": 0, "reason": None}
+    assert strict.metadata["watchdog"] == {
+        "deadline": 0.05,
+        "late": 4,
+        "failed": 0,
+        "cut": 0,
+        "fallback": 0,
+        "reason": None,
+    }
     assert strict.solve_time[21] == pytest.approx(0.2)
     np.testing.assert_allclose(strict.actions[5], STEP / 2, atol=1e-12)
 
@@ -191,7 +198,7 @@ def coasted(task: Task, before: np.ndarray, row: int = 20, **seen: Any) -> np.nd
     """What is sent after `before` in place of a step that fails, with the cable at a row of the plan."""
     state = OpenLoop(OPEN).init(task, PLAN)
     observation = replace(Observation(0.1 * row, PLAN.shapes[row], PLAN.poses[row]), **seen)
-    return guard(task).step(state, observation, before).action
+    return guard(task).step(state, observation, before, PLAN.poses[row]).action
 
 
 def behind_a_wall(clearance: float, row: int = 20) -> Task:

@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from cableway.scene.task import Grippers
+from cableway.geometry.groups import SE2
+from cableway.motion.clearance import body_clearance
+from cableway.scene.task import Grippers, Task
 
 MARGIN = 1.0 - 1e-9
 """Factor on the limits, so that rounding in the sums of poses does not exceed them."""
+
+
+SHARES = np.linspace(0.0, 1.0, 5)
+"""Parts of an action that the last filter may let pass."""
+
+ROUNDING = 1e-9
+"""[m]."""
 
 
 def within_limits(
@@ -37,6 +46,40 @@ def within_limits(
     share = _separation_share(poses[1, :2] - poses[0, :2], moves[1] - moves[0], max_span)
     together, apart = moves.mean(axis=0), (moves[1] - moves[0]) / 2
     return np.column_stack([np.stack([together - share * apart, together + share * apart]), turns])
+
+
+def last_filter(
+    action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"], task: Task
+) -> Float[np.ndarray, "2 3"]:
+    """What of an action may leave for the plant, whoever made it.
+
+    No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at all
+    where it is not: the grippers farther apart than the cable is long, or nearer to each other than `separation` and
+    their discs allow; a disc or the plug in an obstacle or a wall. An action that breaks one of the latter is made in
+    part, in steps of a quarter.
+
+    Args:
+        action: (2, 3) gripper motion [m, m, rad]; one that is not finite becomes standing still.
+        poses: (2, 3) gripper poses before it, as commanded [m, m, rad].
+        task: Limits, scene and bodies.
+    """
+    action = np.asarray(action, float)
+    span = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
+    if not np.isfinite(action).all() or exceeds_limits(action, task.grippers) or not _is_slack(action, poses, task):
+        action = within_limits(action, poses, task.grippers, max(task.cable.length, span))
+    reached = SE2.plus(poses, SHARES[:, None, None] * action)
+    kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.bodies])
+    spans = np.linalg.norm(reached[:, 1, :2] - reached[:, 0, :2], axis=1)
+    kept = np.column_stack([kept, spans - max(task.grippers.separation, 2 * task.grippers.radius)])
+    allowed = (kept >= np.minimum(kept[0], 0.0) - ROUNDING).all(axis=1)
+    # the first share that is not allowed bounds those that are
+    share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0
+    return action if share == 1.0 else share * action
+
+
+def _is_slack(action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"], task: Task) -> bool:
+    reached = SE2.plus(poses, action)
+    return float(np.linalg.norm(reached[1, :2] - reached[0, :2])) <= task.cable.length
 
 
 def exceeds_limits(action: Float[np.ndarray, "2 3"], grippers: Grippers) -> bool:

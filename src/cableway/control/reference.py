@@ -33,14 +33,11 @@ class PlanReference:
         """Control steps spent at the first row."""
         return round(self.hold / CONTROL_STEP)
 
-    @property
-    def steps(self) -> int:
-        """Control steps until the last row is reached."""
-        return self.held_steps + self.plan.steps
-
     def progress(self, step: int) -> float:
-        """Share of the reference that is over at a control step, from 0 to 1."""
-        return min(1.0, step / self.steps)
+        """Share of the plan's rows that are over at a control step, from 0 to 1: 0 while the first one is held."""
+        if not self.plan.steps:
+            return float(step >= self.held_steps)
+        return float(self.rows(step, 1)[0]) / self.plan.steps
 
     def rows(self, step: int, count: int) -> np.ndarray:
         """The plan's row numbers at `count` control steps from `step` on."""

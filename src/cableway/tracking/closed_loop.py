@@ -16,6 +16,7 @@ from cableway.records import Plan, Rollout
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
 from cableway.tracking.recovery import Recovery, Watch
+from cableway.tracking.setup import setup_mistake
 from cableway.tracking.stopping import Ending, TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
@@ -51,9 +52,9 @@ def track(
         seed: For the record.
 
     Returns:
-        All that happened. `outcome` says how it ended: settled, timed out, left plan, blocked way, controller failed,
-        plant failed or interrupted; `detail` says why. Where the plant failed, the rollout ends with the last state
-        before that. `metadata["recovered"]` has the times [s] from which a new plan was followed,
+        All that happened. `outcome` says how it ended: settled, timed out, wrong setup, left plan, blocked way,
+        controller failed, plant failed or interrupted; `detail` says why. Where the plant failed, the rollout ends with
+        the last state before that. `metadata["recovered"]` has the times [s] from which a new plan was followed,
         `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
 
     Raises:
@@ -68,9 +69,10 @@ def track(
         )
     loop = Loop(plant, controller, plan, config, watchdog or Watchdog())
     watch = Watch(recovery, plant.control_step) if recovery is not None else None
-    ending = None
+    mistake = setup_mistake(loop.observation, plan, plant.task)
+    ending = Ending(Outcome.WRONG_SETUP, mistake) if mistake else None
     try:
-        if watch is not None and watch.is_elsewhere(loop.observation, plan.shapes[0]):
+        if ending is None and watch is not None and watch.is_elsewhere(loop.observation, plan.shapes[0]):
             ending = watch.recover(loop, None)
         while ending is None:
             ending = _advance(loop, watch)
@@ -85,8 +87,8 @@ def track(
 
 def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
     """One control step, or a recovery; how the run ended, if it did."""
-    changed = loop.looked_round()
-    if changed and watch is not None and watch.is_blocked(loop.plant.task, loop.plan, loop.state.progress):
+    loop.look_round()
+    if watch is not None and watch.is_blocked(loop.plant.task, loop.plan, loop.state.progress):
         return watch.recover(loop, Outcome.BLOCKED_WAY)
     ending = loop.step()
     if ending is None and watch is not None and watch.is_lost(loop.observation, loop.state.reference):

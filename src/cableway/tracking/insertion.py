@@ -9,7 +9,7 @@ import numpy as np
 
 from cableway.control.insertion import InsertionController
 from cableway.core.deprecation import renamed_keywords
-from cableway.outcome import SUCCESS_ERROR
+from cableway.outcome import SUCCESS_ERROR, stacked_limit
 from cableway.records import INSERTION, Observation, Plan, Rollout
 from cableway.scene.task import Task
 from cableway.tracking.closed_loop import Progress, track
@@ -69,4 +69,4 @@ def insert_plug(
 
 def may_insert(rollout: Rollout, task: Task) -> bool:
     """Whether a run along the plan has ended so near to its goal that the plug can be aligned from there."""
-    return rollout.outcome.finished and rollout.shape_error(task.goal) < SUCCESS_ERROR
+    return rollout.outcome.finished and rollout.shape_error(task.goal) < stacked_limit(SUCCESS_ERROR, len(task.goal))

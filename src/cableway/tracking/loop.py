@@ -9,11 +9,14 @@ import numpy as np
 
 from cableway.control.base import Controller, ControllerState
 from cableway.core.errors import SimulationError
+from cableway.estimation.gating import poses_usable
+from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import Estimate, Measurement, Observation, Plan, Rollout
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.plant import Plant
+from cableway.tracking.robot import FollowingError, MessageGate
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.watchdog import Guard, Watchdog
 
@@ -22,6 +25,10 @@ LOST = "off the plan: stopped"
 
 BLOCKED = "the way is blocked: stopped"
 """The same because something stands where the plan leads."""
+
+
+HOLDING = "a gripper does not follow: holding"
+"""The same because a gripper is not where it was sent."""
 
 
 class Log:
@@ -114,7 +121,10 @@ class Loop:
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
         self._scene: Scene | None = None
         self.follow(plant.task, plan)
-        self.observation = plant.reset()
+        self._gate = MessageGate()
+        self.observation = self._gate.accepted(plant.reset())
+        start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
+        self._robot = FollowingError(SE2.continued(start, plan.poses[0]), plant.control_step)
         self.log.see(0.0, self.observation, plant.measure(), self.state.reference)
 
     @property
@@ -128,19 +138,19 @@ class Loop:
         self.state: ControllerState = self._controller.init(task, plan)
         self._rule = StopRule(self._config, plan, self.plant.control_step)
 
-    def looked_round(self) -> bool:
-        """Whether the scene of the plant's task is another one than last time; controller and watchdog are given it."""
+    def look_round(self) -> None:
+        """Give controller and watchdog the scene of the plant's task, where it is another one than last time."""
         task = self.plant.task
-        if task.scene is self._scene or task.scene == self._scene:
-            return False
-        self._scene, self.guard.task = task.scene, task
-        self.state = self._controller.in_scene(self.state, task)
-        return True
+        if not (task.scene is self._scene or task.scene == self._scene):
+            self._scene, self.guard.task = task.scene, task
+            self.state = self._controller.in_scene(self.state, task)
 
     def step(self) -> Ending | None:
         """One control step; how the run ended, if it did."""
+        if self._robot.holding:
+            return self._hold()
         before = self.log.actions[-1] if self.log.actions else np.zeros((2, 3))
-        answer = self.guard.step(self.state, self.observation, before)
+        answer = self.guard.step(self.state, self.observation, before, self._robot.target)
         self.state = answer.state
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
@@ -150,9 +160,20 @@ class Loop:
         self.log.act(np.zeros((2, 3)), 0.0, status, self.state.estimates())
         return self._move(np.zeros((2, 3)))
 
+    def _hold(self) -> Ending | None:
+        """One control step in which the measured gripper poses become the target."""
+        if self._robot.failed:
+            return Ending(Outcome.PLANT_FAILED, self._robot.error)
+        action = self._robot.stop(self.plant.task.grippers)
+        self.state = self.state.overruled(action, HOLDING)
+        self.log.act(action, 0.0, HOLDING, self.state.estimates())
+        return self._move(action)
+
     def _move(self, action: np.ndarray) -> Ending | None:
         try:
-            self.observation = self.plant.step(action)
+            self._robot.commanded(action)
+            self.observation = self._gate.accepted(self.plant.step(action))
+            self._robot.measured(self.observation)
             now = len(self.log.times) * self.plant.control_step
             self.log.see(now, self.observation, self.plant.measure(), self.state.reference)
         except SimulationError as error:

@@ -14,8 +14,10 @@ from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
 from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
+from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.loop import BLOCKED, LOST, Loop
+from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
 
 
@@ -64,6 +66,7 @@ class Watch:
         self._patience = max(1, math.ceil(recovery.patience / control_step))
         self._rest = max(1, math.ceil(recovery.rest / control_step))
         self._off = 0
+        self._checked: tuple[Plan, Scene, Float[np.ndarray, "t"]] | None = None
         self.recovered: list[float] = []
 
     def is_elsewhere(self, observation: Observation, start: Float[np.ndarray, "n 2"]) -> bool:
@@ -79,8 +82,9 @@ class Watch:
 
     def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
         """Whether what is left of a plan after a share of it leads into something."""
-        row = int(progress * plan.steps)
-        return float(clearances(plan.shapes[row:], plan.poses[row:], task).min()) < -self._recovery.room
+        if self._checked is None or self._checked[0] is not plan or self._checked[1] != task.scene:
+            self._checked = plan, task.scene, clearances(plan.shapes, plan.poses, task).min(axis=1)
+        return float(self._checked[2][round(progress * plan.steps) :].min()) < -self._recovery.room
 
     def recover(self, loop: Loop, why: Outcome | None) -> Ending | None:
         """Stand still, replan from where the cable is and follow the new plan; how the run ended, if it did.
@@ -98,6 +102,8 @@ class Watch:
                 return ending
             observed = loop.observation.keypoints
             keypoints = np.where(np.isfinite(observed), observed, keypoints)
+        if np.isfinite(keypoints).all() and (wrong := disagreement(keypoints, loop.observation)):
+            return Ending(why or Outcome.WRONG_SETUP, wrong)
         try:
             task = loop.plant.task.resumed_from(keypoints)
             loop.follow(task, self._recovery.replan(task, loop.plan))

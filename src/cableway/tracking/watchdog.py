@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.base import Controller, ControllerState
+from cableway.control.base import Controller, ControllerState, Status
 from cableway.control.jacobian import blend_jacobian
-from cableway.control.limits import exceeds_limits, within_limits
+from cableway.control.limits import last_filter, within_limits
 from cableway.core.checks import number_fields, require_not_negative, require_positive
 from cableway.core.errors import ControlError
 from cableway.estimation.gating import FAR, poses_usable
@@ -102,7 +102,7 @@ class Guard:
         self._watchdog, self._controller, self.task = watchdog, controller, task
         self._most = max(1, math.ceil(watchdog.patience / control_step))
         self._missed = 0
-        self._late, self._failed, self._cut = 0, 0, 0
+        self._late, self._failed, self._cut, self._fallback = 0, 0, 0, 0
         self._reason: str | None = None
         clearances(task.start[None], np.zeros((1, 2, 3)), task)  # compiles what it needs
 
@@ -111,7 +111,7 @@ class Guard:
         """How the run ended, if the controller ended it."""
         if self._missed < self._most:
             return None
-        reason = self._reason or "all of them were late"
+        reason = self._reason or ("its computation failed" if self._fallback else "all of them were late")
         return Ending(Outcome.CONTROLLER_FAILED, f"{self._missed} steps in a row were missed; {reason}")
 
     def record(self) -> dict[str, Any]:
@@ -121,16 +121,24 @@ class Guard:
             "late": self._late,
             "failed": self._failed,
             "cut": self._cut,
+            "fallback": self._fallback,
             "reason": self._reason,
         }
 
-    def step(self, state: ControllerState, observation: Observation, before: Float[np.ndarray, "2 3"]) -> Answer:
-        """One control step, whose action is finite and within the limits whatever the controller does.
+    def step(
+        self,
+        state: ControllerState,
+        observation: Observation,
+        before: Float[np.ndarray, "2 3"],
+        target: Float[np.ndarray, "2 3"],
+    ) -> Answer:
+        """One control step, whose action has passed the last filter whatever the controller does.
 
         Args:
             state: Of the controller, before it.
-            observation: What was observed.
+            observation: The newest one.
             before: (2, 3) what was sent in the control step before [m, m, rad].
+            target: (2, 3) gripper poses as commanded so far [m, m, rad].
         """
         begun, deadline = self._watchdog.clock(), self._watchdog.deadline
         try:
@@ -143,12 +151,13 @@ class Guard:
         if deadline is not None and seconds > deadline:
             self._late += 1
             return self._missing("late", state, observation, before, seconds)
-        self._missed = 0
-        if not exceeds_limits(action, self.task.grippers):
+        self._missed = self._missed + 1 if after.status == Status.FAILED else 0
+        self._fallback += after.status == Status.FAILED
+        sent = last_filter(action, target, self.task)
+        if np.array_equal(sent, action):
             return Answer(action, after, str(after.status), seconds)
         self._cut += 1
-        action = within_limits(action, np.zeros((2, 3)), self.task.grippers, math.inf)  # any poses do: no gap is far
-        return Answer(action, after, f"{after.status}{CUT}", seconds)
+        return Answer(sent, after, f"{after.status}{CUT}", seconds)
 
     def _missing(
         self, why: str, state: ControllerState, observation: Observation, before: np.ndarray, seconds: float

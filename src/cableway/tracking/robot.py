@@ -1,0 +1,120 @@
+"""What the loop checks of the robot's messages: that they are new, and that the grippers follow their commands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control.limits import shorten
+from cableway.estimation.delay import DELAYS, DelayEstimator
+from cableway.estimation.gating import poses_usable
+from cableway.geometry.groups import SE2
+from cableway.records import Observation
+from cableway.scene.task import Grippers
+
+FROZEN = 0.002
+"""Way [m] of a gripper during which a frame that stays the same bit for bit is taken for frozen."""
+
+FOLLOWING_ERROR = (0.015, 0.15)
+"""Distance [m] and turn [rad] of a gripper from its command, as of the delay it follows with, beyond which it does not
+follow: a step and a half at most at the default limits."""
+
+SUSPICIONS = 2
+"""Control steps in a row in which that is so before it counts."""
+
+HOLD = 0.5
+"""Time [s] for which the grippers then stand where they are before the run goes on."""
+
+HOLDS = 6
+"""Such holds, each begun within `PAUSE` of the end of the one before, after which the robot has failed."""
+
+PAUSE = 1.0
+"""[s]."""
+
+
+class MessageGate:
+    """Takes away what a message only repeats.
+
+    A message whose time is not after that of the message before it tells nothing, and a frame that is the same bit for
+    bit while a gripper moved by more than `FROZEN` was not taken anew. A clock that jumps back costs one message.
+    """
+
+    def __init__(self) -> None:
+        self._time = -np.inf
+        self._frame: np.ndarray | None = None
+        self._poses: np.ndarray | None = None
+
+    def accepted(self, message: Observation) -> Observation:
+        """The message without what is stale: NaN in its place."""
+        fresh, self._time = message.time > self._time, message.time
+        if not fresh:
+            nothing = np.full_like(message.keypoints, np.nan, dtype=float)
+            return replace(message, keypoints=nothing, poses=np.full((2, 3), np.nan))
+        if not poses_usable(message) or not np.isfinite(message.keypoints).any():
+            return message
+        if self._frame is None or not np.array_equal(message.keypoints, self._frame, equal_nan=True):
+            self._frame, self._poses = np.array(message.keypoints), np.array(message.poses)
+            return message
+        way = SE2.distance(np.asarray(self._poses), message.poses)[0].max()
+        return replace(message, keypoints=np.full_like(self._frame, np.nan)) if way > FROZEN else message
+
+
+class FollowingError:
+    """Sees that a gripper does not follow its commands: it stalled, was stopped, or the link is dead.
+
+    Args:
+        poses: Where the grippers stand [m, m, rad].
+        control_step: Time [s] between two commands.
+    """
+
+    def __init__(self, poses: Float[np.ndarray, "2 3"], control_step: float) -> None:
+        self.target = np.array(poses, float)
+        self._commands = DelayEstimator.constant(self.target)
+        self._measured = self.target
+        self._hold, self._pause = round(HOLD / control_step), round(PAUSE / control_step)
+        self._suspicions, self._holding, self._holds, self._since = 0, 0, 0, 0
+        self.error = ""
+
+    def commanded(self, action: Float[np.ndarray, "2 3"]) -> None:
+        """A motion was sent."""
+        self.target = SE2.plus(self.target, action)
+        self._commands = self._commands.appended(self.target)
+
+    def measured(self, observation: Observation) -> None:
+        """Gripper poses came, or none that can be used."""
+        self._since += 1
+        self._holding = max(0, self._holding - 1)
+        if not poses_usable(observation):
+            return
+        self._measured = SE2.continued(observation.poses, self._measured)
+        away, turned = SE2.distance(self._measured, self._commands.delayed)
+        apart = SE2.minus(self._commands.at(DELAYS), self._measured)[..., :2]
+        self._commands = self._commands.updated(np.sum(apart**2, axis=(1, 2)))
+        worst = int(np.argmax(np.maximum(away / FOLLOWING_ERROR[0], turned / FOLLOWING_ERROR[1])))
+        lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1]
+        self._suspicions = self._suspicions + 1 if lost else 0
+        if self._suspicions >= SUSPICIONS and not self._holding:
+            side = ("left", "right")[worst]
+            off = f"{1000 * away[worst]:.0f} mm and {turned[worst]:.2f} rad"
+            self.error = f"the {side} gripper does not follow its commands, it is {off} off"
+            self._holds = self._holds + 1 if self._since <= self._hold + self._pause else 1
+            self._holding, self._suspicions, self._since = self._hold, 0, 0
+            self._commands = DelayEstimator.constant(self.target)
+
+    @property
+    def holding(self) -> bool:
+        """Whether the grippers are to stand where they are."""
+        return self._holding > 0
+
+    @property
+    def failed(self) -> bool:
+        """Whether they did not follow again and again."""
+        return self._holds > HOLDS
+
+    def stop(self, grippers: Grippers) -> Float[np.ndarray, "2 3"]:
+        """The motion [m, m, rad] that makes the measured poses the target, within the grippers' limits."""
+        back = SE2.minus(self._measured, self.target)
+        turns = np.clip(back[:, 2:], -grippers.max_turn, grippers.max_turn)
+        return np.column_stack([shorten(back[:, :2], grippers.max_step), turns])

@@ -1,0 +1,186 @@
+"""Faults of robots and links: a run ends safely or survives them, and says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from quasi_static import START, QuasiStaticPlant, stacked, straight_plan, task_for
+
+from cableway.control.base import Status
+from cableway.control.limits import last_filter
+from cableway.control.rod_mpc import RodMPC, RodMPCConfig
+from cableway.outcome import Outcome
+from cableway.records import Observation
+from cableway.rod.planar import PlanarRod
+from cableway.scene.obstacles import Disc
+from cableway.scene.task import Grippers
+from cableway.tracking import track
+from cableway.tracking.loop import HOLDING
+from cableway.tracking.robot import HOLDS, MessageGate
+
+ROD = PlanarRod(0.3)
+PLAN = straight_plan(ROD, steps=60)
+TASK = task_for(PLAN)
+
+
+@pytest.fixture(scope="module")
+def controller() -> RodMPC:
+    return RodMPC(RodMPCConfig(hold=0.5))
+
+
+class Faulty(QuasiStaticPlant):
+    """A plant with faults between two times [s]."""
+
+    def __init__(self, begin: float, end: float) -> None:
+        super().__init__(TASK, START, ROD)
+        self.begin, self.end = begin, end
+        self.lead = 0.0
+
+    @property
+    def now(self) -> float:
+        return self._step * self.control_step
+
+    @property
+    def faulty(self) -> bool:
+        return self.begin <= self.now < self.end
+
+
+class Stalled(Faulty):
+    """A gripper stands still for a while, then goes where it was last sent, at its own speed limit."""
+
+    def reset(self) -> Observation:
+        observation = super().reset()
+        self.target = observation.poses.copy()
+        return observation
+
+    def step(self, action: np.ndarray) -> Observation:
+        self.target = self.target + action
+        moved = self.target - self._poses
+        if self.faulty:
+            moved[1] = 0.0
+        self.lead = max(self.lead, float(np.abs(self.target - self._poses)[:, :2].max()))
+        length = np.linalg.norm(moved[:, :2], axis=1, keepdims=True)
+        moved[:, :2] *= np.minimum(1.0, TASK.grippers.max_step / np.maximum(length, 1e-12))
+        return super().step(moved)
+
+
+class Repeating(Faulty):
+    """The link, or the camera alone, repeats its last message."""
+
+    def __init__(self, begin: float, end: float, camera_only: bool) -> None:
+        super().__init__(begin, end)
+        self.camera_only = camera_only
+        self.last: Observation | None = None
+
+    def step(self, action: np.ndarray) -> Observation:
+        message = super().step(action)
+        if self.faulty and self.last is not None:
+            return replace(message, keypoints=self.last.keypoints) if self.camera_only else self.last
+        self.last = message
+        return message
+
+
+def test_a_gripper_that_stalls_is_not_left_behind(controller: RodMPC) -> None:
+    """It stands for 1.2 s: both stop within 0.6 s, the target is brought back, and the run goes on to its goal."""
+    plant = Stalled(2.0, 3.2)
+    rollout = track(plant, controller, PLAN)
+    held = np.flatnonzero(rollout.status == HOLDING)
+    assert 0 < rollout.times[held[0]] - 2.0 <= 0.6
+    assert plant.lead < 0.04
+    assert rollout.outcome is Outcome.SETTLED
+    assert stacked(rollout.keypoints[-1], TASK.goal) < 0.005
+
+
+def test_a_gripper_that_stays_stalled_ends_the_run(controller: RodMPC) -> None:
+    plant = Stalled(2.0, np.inf)
+    rollout = track(plant, controller, PLAN)
+    assert rollout.outcome is Outcome.PLANT_FAILED
+    assert "the right gripper does not follow its commands" in rollout.detail
+    assert rollout.times[-1] < 2.0 + 1.0 * (HOLDS + 2)
+    assert plant.lead < 0.04
+
+
+@pytest.mark.parametrize("camera_only", [True, False], ids=["camera", "link"])
+def test_what_is_only_repeated_counts_as_nothing(controller: RodMPC, camera_only: bool) -> None:
+    rollout = track(Repeating(2.0, 8.0, camera_only), controller, PLAN)
+    during = rollout.status[(rollout.times[:-1] > 2.1) & (rollout.times[:-1] < 8.0)]
+    assert set(during[:1]) == {Status.UNSEEN}
+    assert set(during[12:]) == {Status.STOPPED}
+    assert rollout.outcome is Outcome.SETTLED
+    assert stacked(rollout.keypoints[-1], TASK.goal) < 0.005
+
+
+def test_a_clock_that_jumps_back_costs_one_message() -> None:
+    gate = MessageGate()
+    times = [0.0, 0.1, 0.2, -5.0, -4.9, -4.8, -4.8]
+    usable = [
+        bool(np.isfinite(gate.accepted(Observation(t, PLAN.shapes[i], PLAN.poses[i])).poses).all())
+        for i, t in enumerate(times)
+    ]
+    assert usable == [True, True, True, False, True, True, False]
+
+
+def test_a_frame_that_stays_the_same_while_nothing_moves_is_not_frozen() -> None:
+    gate, message = MessageGate(), Observation(0.0, PLAN.shapes[0], PLAN.poses[0])
+    for step in range(5):
+        assert np.isfinite(gate.accepted(replace(message, time=0.1 * step)).keypoints).all()
+    moved = replace(message, time=1.0, poses=PLAN.poses[0] + [0.003, 0.0, 0.0])
+    assert np.isnan(gate.accepted(moved).keypoints).all()
+
+
+# ---------------------------------------------------------------- the last filter
+TOWARDS = np.subtract(*PLAN.poses[0, ::-1, :2]) / np.linalg.norm(np.subtract(*PLAN.poses[0, ::-1, :2]))
+
+
+def pressed(action: np.ndarray, steps: int, task=TASK) -> np.ndarray:
+    """Gripper poses after an action was asked for so many times."""
+    poses = PLAN.poses[0]
+    for _ in range(steps):
+        poses = poses + last_filter(action, poses, task)
+    return poses
+
+
+def test_grippers_are_not_driven_through_each_other_nor_the_cable_torn() -> None:
+    together = 0.01 * np.array([[*TOWARDS, 0.0], [*-TOWARDS, 0.0]])
+    for separation, least in ((0.0, 2 * TASK.grippers.radius), (0.05, 0.05)):
+        task = replace(TASK, grippers=Grippers(separation=separation))
+        span = np.linalg.norm(np.subtract(*pressed(together, 40, task)[:, :2]))
+        assert least <= span < least + 0.01
+    assert 0.29 < np.linalg.norm(np.subtract(*pressed(-together, 40)[:, :2])) <= 0.3 + 1e-9
+
+
+def test_no_gripper_is_driven_into_an_obstacle_or_out_of_the_workspace() -> None:
+    right = PLAN.poses[0, 1, :2]
+    task = replace(TASK, scene=replace(TASK.scene, obstacles=(Disc(center=tuple(right - [0.0, 0.05]), radius=0.02),)))
+    down = np.array([[0.0, -0.01, 0.0]] * 2)
+    assert 0 <= task.scene.signed_distance(pressed(down, 20, task)[1, :2]) - task.grippers.radius < 0.01
+    for direction in ([1, 0], [-1, 0], [0, 1], [0, -1]):
+        poses = pressed(0.01 * np.array([[*direction, 0.0]] * 2), 100)
+        assert (TASK.scene.signed_distance(poses[:, :2]) >= TASK.grippers.radius - 1e-9).all()
+
+
+def test_what_is_wrong_already_may_get_better() -> None:
+    inside = replace(TASK, scene=replace(TASK.scene, obstacles=(Disc(center=(0.5, 0.1), radius=0.02),)))
+    away, deeper = np.zeros((2, 3)), np.zeros((2, 3))
+    start = np.array([[0.51, 0.1, 0.0], [0.6, 0.2, 0.0]])
+    away[0, 0], deeper[0, 0] = 0.005, -0.005
+    np.testing.assert_array_equal(last_filter(away, start, inside), away)
+    assert not last_filter(deeper, start, inside).any()
+
+
+def test_what_is_allowed_is_not_touched() -> None:
+    for before, after in zip(PLAN.poses, PLAN.poses[1:], strict=False):
+        np.testing.assert_array_equal(last_filter(after - before, before, TASK), after - before)
+
+
+def test_a_controller_whose_computation_fails_for_good_ends_the_run() -> None:
+    class Broken(RodMPC):
+        def _solve(self, state):
+            return np.full((2, 3), np.nan)
+
+    rollout = track(QuasiStaticPlant(TASK, START, ROD), Broken(), PLAN)
+    assert rollout.outcome is Outcome.CONTROLLER_FAILED
+    assert rollout.metadata["watchdog"]["fallback"] == rollout.steps
+    assert rollout.steps <= 31
