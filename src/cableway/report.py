@@ -301,24 +301,15 @@ def _planned_anew(rollout: Rollout | None) -> tuple[str, ...]:
     return tuple(f"A new plan, from where the cable was, is followed from {time:.1f} s on." for time in times)
 
 
-_MISSES = {
-    "late": "came late",
-    "failed": "failed",
-    "fallback": "went on with the plan's motion because the computation failed",
-    "cut": "were cut to the limits",
-}
-"""What the watchdog counts, in words."""
-
-
 def _missed(rollout: Rollout | None) -> tuple[str, ...]:
     """What the loop had to make good for, in a sentence, if there was anything."""
     missed = {} if rollout is None else rollout.metadata.get("watchdog", {})
-    counts = [(missed.get(name, 0), text) for name, text in _MISSES.items()]
-    if not any(count for count, _ in counts):
+    late, failed, fallback, cut = (missed.get(name, 0) for name in ("late", "failed", "fallback", "cut"))
+    if not late + failed + fallback + cut:
         return ()
     reason = f"; {missed['reason']}" if missed.get("reason") else ""
-    said = ", ".join(f"{count} {text}" for count, text in counts if count)
-    return (f"Of the controller's steps {said}{reason}.",)
+    counts = f"{late} came late, {failed} failed, {fallback} had no solution, {cut} were cut to the limits"
+    return (f"Of the controller's steps {counts}{reason}.",)
 
 
 def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
