@@ -334,13 +334,10 @@ class Rollout(ArrayRecord):
         check_shapes(self)
         _require(len(self.times) >= 1, "a rollout needs at least one row")
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
-        for name in ("times", "keypoints", "poses", "centreline", "actions"):
-            _require(bool(np.isfinite(getattr(self, name)).all()), f"{name} holds a number that is not finite")
+        _require_finite(self, "times", "keypoints", "poses", "centreline", "actions", "estimates", "deviations")
         Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))
         _require((self.estimates is None) == (self.deviations is None), "estimates and deviations go together")
-        if self.estimates is not None and self.deviations is not None:
-            for name, values in (("estimates", self.estimates), ("deviations", self.deviations)):
-                _require(bool(np.isfinite(values).all()), f"{name} holds a number that is not finite")
+        if self.estimates is not None:
             described, count = len(self.metadata.get("estimates", ())), self.estimates.shape[1]
             _require(described == count, f"the metadata describe {described} estimates, there are {count}")
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from cableway.cli.episodes import EpisodeOptions, collect
+from cableway.cli.episodes import EpisodeOptions
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 
@@ -59,8 +59,7 @@ class Bench(EpisodeOptions):
         methods = {source: load_method(source) for source in self.methods.split(",")}
         jobs = self._jobs(methods)
         with terminal.progress() as progress:
-            self.run_missing(jobs, folder, progress)
-        results = collect(jobs, folder)
+            results = self.results(jobs, folder, progress)
         about = self._write(results, jobs, list(methods.values()), folder)
         terminal.note(f"In {folder}: {CSV}, {SUMMARY}, {TABLES}, {PAGE}, {BASELINE}")
         worse = []

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.text import Text
 
-from cableway.cli.options import Options
-from cableway.cli.outputs import REPORT
+from cableway.cli.options import TaskOptions
 from cableway.cli.terminal import Terminal, columns
 
 if TYPE_CHECKING:
@@ -21,21 +20,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check(Options):
+class Check(TaskOptions):
     """Judge a plan.npz or rollout.npz afresh, independently of what made it."""
-
-    task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="TASK")]
-    """Name in the catalogue, or a YAML file."""
 
     file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
     """A plan.npz or rollout.npz; its arrays show which."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.core.files import write_json
-        from cableway.scene.files.loading import load_task
-
-        task = load_task(self.task)
+        task = self.load()
         kind, verdict = _judge(task, self.file)
         report = {
             "task": task.name,
@@ -44,8 +37,7 @@ class Check(Options):
             "passed": verdict.passed,
             "checks": verdict.as_dict(),
         }
-        if self.out is not None:
-            write_json(self.folder("check") / REPORT, report)
+        self.keep("check", report)
         Terminal(self).result(report, _table(verdict))
         return 0 if verdict.passed else 1
 

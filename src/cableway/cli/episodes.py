@@ -34,16 +34,14 @@ class EpisodeOptions(Options):
         if self.seed is not None:
             raise InputError("--seed is not for episodes: every one of a suite has its own")
 
-    def run_missing(self, jobs: Sequence[Job], folder: Path, progress: OnProgress) -> None:
-        """Run what is missing."""
+    def results(self, jobs: Sequence[Job], folder: Path, progress: OnProgress) -> Results:
+        """The results of jobs by suite and method; those that the folder does not have yet are run."""
         from cableway.benchmark.episode import warm_up
         from cableway.benchmark.runner import read_result, run_jobs
         from cableway.core.compiled import is_compiled, mark_compiled
 
         missing = [job for job in jobs if read_result(job, folder) is None]
-        if not missing:
-            return
-        if not is_compiled("control"):
+        if missing and not is_compiled("control"):
             progress("compilation", 0.0)
             warm_up()  # here, so that no episode's time limit has it in it
             mark_compiled("control")
@@ -54,17 +52,13 @@ class EpisodeOptions(Options):
             ended, failed = ended + 1, failed + (not result.success)
             progress(f"episodes: {ended} of {len(jobs)}, {failed} failed now", ended / len(jobs))
 
-        progress(f"episodes: {ended} of {len(jobs)}", ended / len(jobs))
-        run_jobs(missing, folder, executor=self.executor, workers=self.workers, time_limit=self.time_limit, done=done)
-
-
-def collect(jobs: Sequence[Job], folder: Path) -> Results:
-    """The results that are there, by suite and method."""
-    from cableway.benchmark.runner import read_result
-
-    results: dict[str, dict[str, list[Result]]] = {}
-    for job in jobs:
-        result = read_result(job, folder)
-        if result is not None:
-            results.setdefault(job.episode.suite, {}).setdefault(job.method, []).append(result)
-    return results
+        if missing:
+            progress(f"episodes: {ended} of {len(jobs)}", ended / len(jobs))
+            run_jobs(
+                missing, folder, executor=self.executor, workers=self.workers, time_limit=self.time_limit, done=done
+            )
+        results: dict[str, dict[str, list[Result]]] = {}
+        for job in jobs:
+            if (result := read_result(job, folder)) is not None:
+                results.setdefault(job.episode.suite, {}).setdefault(job.method, []).append(result)
+        return results

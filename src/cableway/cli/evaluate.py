@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import tyro
 from rich.text import Text
 
-from cableway.cli.options import Options
+from cableway.cli.options import REPORT, Options
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 
@@ -78,7 +78,7 @@ class Evaluate(Options):
             "versions": versions(),
         }
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "report.json", report)
+        write_json(folder / REPORT, report)
         for place, curves in enumerate(results.values(), start=1):
             _draw(folder / ("errors.png" if len(results) == 1 else f"errors-{place}.png"), curves)
         terminal.result(report, _table(results))

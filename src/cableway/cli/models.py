@@ -11,7 +11,6 @@ import tyro
 from rich.text import Text
 
 from cableway.cli.options import Options
-from cableway.cli.outputs import REPORT
 from cableway.cli.terminal import Terminal, columns
 
 HORIZONS = (1, 10, 30)
@@ -27,7 +26,6 @@ class Models(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.core.files import write_json
         from cableway.tang2025.models.checkpoint import model_names, read_card
 
         local = sorted(Path("runs").rglob("*.safetensors"))
@@ -41,8 +39,7 @@ class Models(Options):
             facts = (row["kind"], str(row["parameters"]), str(row["transitions"]))
             table.add_row(Text(row["model"]), *facts, *errors)
         report = {"models": rows}
-        if self.out is not None:
-            write_json(self.folder("models") / REPORT, report)
+        self.keep("models", report)
         Terminal(self).result(report, table)
         return 0
 

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
 
 from cableway.core.errors import InputError
+
+if TYPE_CHECKING:
+    from cableway.scene.task import Task
+
+REPORT = "report.json"
+"""Name of the file of a command's figures."""
 
 LARGEST_SEED = 2**31 - 1
 """What the narrowest random generator in use takes: OMPL's and JAX's keys are 32 bits."""
@@ -46,8 +55,33 @@ class Options:
             raise InputError(f"--out {folder}: a file of that name is in the way; give a folder")
         return folder
 
+    def keep(self, name: str, report: Any) -> None:
+        """Write a report, only where `--out` says where to."""
+        from cableway.core.files import write_json
+
+        if self.out is not None:
+            write_json(self.folder(name) / REPORT, report)
+
     def target(self, name: str, default: str) -> Path:
         """The one file of a command: `--out` itself where it ends as `default` does, else `default` in the folder."""
         if self.out is not None and self.out.suffix.lower() == Path(default).suffix:
             return self.out
         return self.folder(name) / default
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskOptions(Options):
+    """Options of the commands on one task."""
+
+    task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="TASK")]
+    """Name in the catalogue, or a YAML file."""
+
+    def load(self) -> Task:
+        """The task.
+
+        Raises:
+            InputError: There is none of that name, or its file cannot be read.
+        """
+        from cableway.scene.files.loading import load_task
+
+        return load_task(self.task)

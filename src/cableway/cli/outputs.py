@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cableway.cli.options import REPORT
+
 if TYPE_CHECKING:
     from cableway.cli.terminal import Terminal
     from cableway.report import Report
 
-REPORT, TASK = "report.json", "task.yaml"
+TASK = "task.yaml"
 PLAN, PLAN_PICTURE = "plan.npz", "plan.png"
 ALTERNATIVES_PICTURE = "alternatives.png"
 ROLLOUT, ROLLOUT_PICTURE, VIDEO = "rollout.npz", "rollout.png", "rollout.mp4"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cableway.cli.planning import PlanOptions
-from cableway.cli.terminal import Terminal
 from cableway.core.errors import InputError
 
 
@@ -23,8 +22,4 @@ class Plan(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.scene.files.loading import load_task
-
-        task = load_task(self.task)
-        folder = self.folder(task.name)
-        return self.solve(Terminal(self), folder, task, track=False, rehearse=False, alternatives=self.alternatives)
+        return self.solve(self.load(), track=False, rehearse=False, alternatives=self.alternatives)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cableway.cli import outputs
-from cableway.cli.options import Options
+from cableway.cli.options import TaskOptions
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
 from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, PLANNERS, Planner, make_planner
@@ -24,11 +24,8 @@ PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanOptions(Options):
+class PlanOptions(TaskOptions):
     """Options of the commands that plan."""
-
-    task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="TASK")]
-    """Name in the catalogue, or a YAML file."""
 
     planner: Annotated[str, tyro.conf.arg(metavar=PLANNER_NAMES)] = DEFAULT_PLANNER
     """The planner; paper is that of the paper, the others but default are to compare with."""
@@ -56,11 +53,12 @@ class PlanOptions(Options):
         pivot: Any = replace(planner.config.pivot, method=self.pivot)
         return replace(planner, config=replace(planner.config, pivot=pivot))
 
-    def solve(self, terminal: Terminal, folder: Path, task: Task, *, video: bool = False, **options: Any) -> int:
-        """Solve the task, leave its files in a folder, show the report and return the exit status."""
+    def solve(self, task: Task, *, video: bool = False, **options: Any) -> int:
+        """Solve the task, leave its files in the folder, show the report and return the exit status."""
         from cableway.workflow.run import SolveOptions
         from cableway.workflow.solve import solve
 
+        terminal, folder = Terminal(self), self.folder(task.name)
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=self.time_limit, **options)
         with terminal.progress() as progress:
             run = solve(task, chosen, _shown(terminal, progress, folder))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from cableway.cli.episodes import EpisodeOptions, collect
+from cableway.cli.episodes import EpisodeOptions
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import UnknownNameError
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cableway.benchmark.episode import Job
+    from cableway.benchmark.summary import Results
     from cableway.tang2025.reproduction.page import Section
 
 PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
@@ -44,8 +45,8 @@ class Reproduce(EpisodeOptions):
         terminal, folder = Terminal(self), self.folder("reproduce")
         jobs = self._jobs()
         with terminal.progress() as progress:
-            self.run_missing(jobs, folder, progress)
-            sections = self._sections(jobs, folder, progress)
+            results = self.results(jobs, folder, progress)
+            sections = self._sections(results, folder, progress)
         about = {
             "versions": versions(),
             "machine": machine(),
@@ -94,11 +95,10 @@ class Reproduce(EpisodeOptions):
             for job in jobs_of(method, get_suite(suite).episodes(size, own=method == DEFAULT))
         ]
 
-    def _sections(self, jobs: list[Job], folder: Path, progress: OnProgress) -> list[Section]:
+    def _sections(self, results: Results, folder: Path, progress: OnProgress) -> list[Section]:
         from cableway.tang2025.reproduction import case_studies, reproduction
 
         _, transitions, repeats, trials = SIZES[self.size]
-        results = collect(jobs, folder)
         progress("figures", 0.0)
         return [
             reproduction.hyperparameters(),

@@ -9,7 +9,6 @@ from typing import Annotated
 import tyro
 
 from cableway.cli.planning import CONTROLLER_NAMES, PlanOptions
-from cableway.cli.terminal import Terminal
 from cableway.workflow.registry import DEFAULT_CONTROLLER
 
 
@@ -40,14 +39,11 @@ class Run(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.scene.files.loading import load_task
         from cableway.simulation.perturbations.perturbation import Perturbation
         from cableway.simulation.perturbations.reading import read_perturbation
 
-        task = load_task(self.task)
+        task = self.load()
         return self.solve(
-            Terminal(self),
-            self.folder(task.name),
             task,
             video=not self.no_video,
             controller=self.controller or (DEFAULT_CONTROLLER if self.model is None else "neural-mpc"),

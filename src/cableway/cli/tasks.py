@@ -10,7 +10,6 @@ import tyro
 from rich.text import Text
 
 from cableway.cli.options import LARGEST_SEED, Options
-from cableway.cli.outputs import REPORT
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 
@@ -50,13 +49,11 @@ class Tasks(Options):
         return self._catalogue() if self.random is None else self._random(self.random)
 
     def _catalogue(self) -> int:
-        from cableway.core.files import write_json
         from cableway.scene.files.loading import load_task, task_names
 
         tasks = [load_task(name) for name in task_names()]
         rows = [_row(task) for task in tasks]
-        if self.out is not None:
-            write_json(self.folder("tasks") / REPORT, {"tasks": rows})
+        self.keep("tasks", {"tasks": rows})
         Terminal(self).result({"tasks": rows}, _table(tasks))
         return 0
 
