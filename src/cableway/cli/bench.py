@@ -30,7 +30,7 @@ SUCCESS_PICTURE, ERROR_PICTURE = "success.png", "errors.png"
 class Bench(EpisodeOptions):
     """Run methods on suites of tasks: results.csv, summary.json, tables.md, figures, report.html, baseline.json.
 
-    Every episode's result is kept as it comes; the same command again goes on where it stopped.
+    Each episode's result is saved at once; the same command continues an interrupted run.
     """
 
     suites: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SUITES")]

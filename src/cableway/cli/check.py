@@ -1,4 +1,4 @@
-"""`cableway check`: judge a plan or rollout file afresh."""
+"""`cableway check`: check a plan or rollout file independently."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Check(TaskOptions):
-    """Judge a plan.npz or rollout.npz afresh, independently of what made it."""
+    """Check a plan.npz or rollout.npz independently of the code that made it."""
 
     file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
     """A plan.npz or rollout.npz; its arrays show which."""

@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Collect(Options):
-    """Collect transitions of a simulated cable led at random, going on where an interrupted collection stopped."""
+    """Collect transitions of a simulated cable in random motion; continues an interrupted collection."""
 
     config: Path | None = None
     """YAML file whose section `collection` says what to collect; the one of the shipped model unless given."""
 
     transitions: int | None = None
-    """How many, in place of what the configuration says."""
+    """Number of transitions; as configured unless given."""
 
     workers: int | None = None
     """Simulations at a time, as many as there are cores unless given; the data do not depend on it."""

@@ -34,7 +34,7 @@ class PlanOptions(TaskOptions):
     """How the pivot path is found; as the planner has it unless given."""
 
     time_limit: float = 30.0
-    """Seconds after which a search for a plan ends; one that it does not cut short gives the same plan."""
+    """Seconds after which a search for a plan ends; a search that ends earlier does not depend on it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -27,7 +27,7 @@ insertion."""
 class Reproduce(EpisodeOptions):
     """Make the paper's tables and figures: reproduction.html, reproduction.md, reproduction.json, pictures.
 
-    Every episode's result is kept as it comes; the same command again goes on where it stopped.
+    Each episode's result is saved at once; the same command continues an interrupted run.
     """
 
     size: str = "quick"

@@ -17,7 +17,7 @@ class Run(PlanOptions):
     """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
 
     controller: Annotated[str | None, tyro.conf.arg(metavar=CONTROLLER_NAMES)] = None
-    """What leads the grippers; rod-mpc unless given, neural-mpc where a model is."""
+    """The controller; rod-mpc unless given, neural-mpc if a model is given."""
 
     model: str | None = None
     """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; conv unless given."""
@@ -32,10 +32,10 @@ class Run(PlanOptions):
     """Wall time [s] after which a control step counts as missed, as on a robot; none unless given."""
 
     no_rehearsal: bool = False
-    """Take the first plan, also for a cable that friction holds or that is not the same everywhere."""
+    """Take the first plan, even for a cable with friction or one that is not uniform."""
 
     no_video: bool = False
-    """Leave out the video."""
+    """Make no video."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""

@@ -27,7 +27,7 @@ class Tasks(Options):
     """Write random tasks of this kind, such as clutter or maze; an unknown kind lists those there are."""
 
     count: int = 1
-    """How many random tasks: the seeds from --seed on."""
+    """Number of random tasks, with seeds from --seed on."""
 
     width: float | None = None
     """Width of their passages [m], for the kinds that have some."""

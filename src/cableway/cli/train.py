@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Train(Options):
-    """Train a deformation model, going on where an interrupted training stopped; `--out` is a folder or a file."""
+    """Train a deformation model; continues an interrupted training. `--out` is a folder or a file."""
 
     data: tuple[Path, ...] = (Path("runs/collect"),)
     """Data sets from `cableway collect`; several are mixed."""
@@ -32,10 +32,10 @@ class Train(Options):
     """Whose shipped configuration to take where there is no `--config`; `cableway models` lists them."""
 
     start: Annotated[str | None, tyro.conf.arg(name="from")] = None
-    """A model, shipped or a file, to go on from instead of random weights; what it is, the new one is too."""
+    """A model, shipped or a file, to start from instead of random weights; the new one is of the same kind."""
 
     devices: int | None = None
-    """Over how many of JAX's devices each batch is spread, in place of what the configuration says."""
+    """Number of JAX devices that share each batch; as configured unless given."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""

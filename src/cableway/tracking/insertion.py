@@ -1,4 +1,4 @@
-"""The insertion into a port, in closed loop, from where a run along the plan has ended."""
+"""The insertion into a port, in closed loop, from where the run along the plan ended."""
 
 from __future__ import annotations
 
@@ -68,5 +68,5 @@ def insert_plug(
 
 
 def may_insert(rollout: Rollout, task: Task) -> bool:
-    """Whether a run along the plan has ended so near to its goal that the plug can be aligned from there."""
+    """Whether a run along the plan ended close enough to its goal for the plug to be aligned from there."""
     return rollout.outcome.finished and rollout.shape_error(task.goal) < stacked_limit(SUCCESS_ERROR, len(task.goal))

@@ -3,7 +3,7 @@
 Such an answer is dropped, and with it the controller's new state. In its place the grippers go half as far as in the
 control step before, in the same directions: a cable that is led at a steady pace is not jerked to a stop by one missed
 step, and grippers that coast so come to rest within one more step of their own, however often it happens. They do so
-only where that is safe as far as can be told without the controller: they may not come farther apart, nor nearer to
+only where that is safe, as far as can be judged without the controller: they may not come farther apart, nor nearer to
 each other than the task allows; and with the cable moved along as the ends carry it (`blend_jacobian`), neither cable
 nor grippers may come nearer to an obstacle than a margin, unless they are nearer already and it leads them away. Where
 the cable was not fully observed, nothing is moved. After a few such steps in a row the grippers stand still until the
