@@ -290,9 +290,8 @@ def _figures(task: Task, rollout: Rollout) -> dict[str, Any]:
 def _control_time(seconds: Float[np.ndarray, "K"]) -> ControlTime | None:
     if len(seconds) == 0 or not np.isfinite(seconds).all():
         return None
-    return ControlTime(
-        median=float(np.median(seconds)), p99=float(np.percentile(seconds, 99)), max=float(seconds.max())
-    )
+    median, p99, most = np.percentile(seconds, [50, 99, 100])
+    return ControlTime(median=float(median), p99=float(p99), max=float(most))
 
 
 def _planned_anew(rollout: Rollout | None) -> tuple[str, ...]:
@@ -317,7 +316,6 @@ def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
     return float(left), float(right)
 
 
-@renamed_keywords(push="insertion_plan")
 def judge(
     task: Task,
     rollout: Rollout | None,

@@ -39,7 +39,7 @@ COASTING = 2
 """Missed steps in a row in which the grippers may still move."""
 
 COASTED = 0.5
-"""Share of the motion before that is made in place of a missed one."""
+"""Share of the previous motion with which a missed step coasts."""
 
 CUT = "; cut to the limits"
 """How the status of a step ends in which the controller asked for more than the grippers' limits."""
@@ -47,14 +47,14 @@ CUT = "; cut to the limits"
 
 @dataclass(frozen=True, kw_only=True)
 class Watchdog:
-    """When a controller's step counts as missed, and for how long that is borne.
+    """When a controller's step counts as missed, and for how long that is tolerated.
 
     Attributes:
         deadline: Wall time [s] after which a step counts as late; never where None. A simulated plant waits, and a run
             with a deadline is not the same twice, so there is none by default.
         margin: Clearance [m] of cable and gripper discs down to which the grippers may still move.
         patience: Time [s] of missed steps in a row after which the run ends.
-        clock: Tells wall time [s].
+        clock: Returns wall time [s].
 
     Raises:
         InputError: A value is out of range.
