@@ -11,7 +11,7 @@ from beartype.roar import BeartypeDecorHintException
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-PACKAGES = ("cableway.geometry",)
+PACKAGES = ("cableway.geometry", "cableway.tang2025.models")
 """Where calls are checked."""
 
 CONF = BeartypeConf(is_pep484_tower=True)
@@ -36,9 +36,11 @@ def typechecker(function: F) -> F:
 
 
 def _meant(hint: Any) -> Any:
-    """NumPy's scalars are arrays without axes; `Self` and static protocols mean nothing outside a type checker."""
+    """NumPy's scalars are arrays without axes, JAX takes its arrays; `Self` and static protocols mean nothing here."""
+    if getattr(hint, "array_type", np.ndarray) is not np.ndarray:
+        return Union[hint, hint.dtype[np.ndarray, hint.dim_str]]  # noqa: UP007 - jaxtyping's classes have no |
     if getattr(hint, "dim_str", "") == "...":
-        return Union[hint, np.floating]  # noqa: UP007 - jaxtyping's classes have no |
+        return Union[hint, np.floating]  # noqa: UP007
     if get_origin(hint) is tuple:
         return tuple[tuple(map(_meant, get_args(hint)))]
     return Any if any(map(_is_static, (hint, *get_args(hint)))) else hint

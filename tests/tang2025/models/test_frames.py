@@ -86,6 +86,7 @@ def test_the_correction_leaves_the_ends_alone():
     assert np.all(frames.correction_window(Framing.plain(), 13) == 1)
 
 
+@pytest.mark.wrong_types
 def test_an_unknown_frame_is_refused_with_the_known_ones():
     with pytest.raises(InputError, match="one of cable, world, got 'left'"):
         Framing(frame="left")  # pyright: ignore[reportArgumentType]

@@ -303,5 +303,5 @@ def _unit(angle: Float[Array, "1"]) -> Float[Array, "1 2"]:
     return jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=1)
 
 
-def _polyline_length(points: Array) -> Array:
+def _polyline_length(points: Float[Array, "k 2"]) -> Float[Array, ""]:
     return jnp.sum(jnp.sqrt(jnp.sum(jnp.diff(points, axis=0) ** 2, axis=1)))
