@@ -338,7 +338,7 @@ def test_steps_wait_at_the_limit_of_the_grippers() -> None:
     [
         (RodMPCConfig, {"horizon": 0}),
         (RodMPCConfig, {"hold": np.nan}),
-        (RodMPCConfig, {"motion_weight": -1.0}),
+        (RodMPCConfig, {"clearance_weight": -1.0}),
         (EstimatorConfig, {"offset_gain": 1.5}),
         (EstimatorConfig, {"memory": 0.0}),
         (EstimatorConfig, {"length": -0.1}),

@@ -12,6 +12,7 @@ from cableway.core.errors import PlanningError
 from cableway.geometry.groups import SE2
 from cableway.motion.interpolation import rows_at
 from cableway.planning.projection import (
+    LIMIT_SHARE,
     ProjectionConfig,
     end_equilibria,
     fit_sequence,
@@ -90,7 +91,7 @@ def test_a_sluggish_cable_is_not_left_behind():
     config = ProjectionConfig()
     stepped, _ = step_evenly(q, task, config)
     trailing = lag(task.cable.rod, stepped) * config.damping_time / CONTROL_STEP
-    assert trailing.max() == pytest.approx(config.limit_share * config.lag, rel=0.1)
+    assert trailing.max() == pytest.approx(LIMIT_SHARE * config.lag, rel=0.1)
     brisk, _ = step_evenly(q, task, replace(config, damping_time=0.0))
     assert len(brisk) < len(stepped)
 

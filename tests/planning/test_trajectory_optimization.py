@@ -8,7 +8,12 @@ import numpy as np
 import problems
 import pytest
 
-from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig, _Problem, optimize_trajectory
+from cableway.planning.trajectory_optimization import (
+    CLEARANCE_WEIGHTS,
+    TrajectoryOptimizationConfig,
+    _Problem,
+    optimize_trajectory,
+)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +70,7 @@ def test_cost_never_rises(crossing):
     """At the last clearance weight the optimised sequence costs less than the one given."""
     task, q = crossing
     config = TrajectoryOptimizationConfig()
-    problem = _Problem(task, config, config.clearance_weights[-1], len(q))
+    problem = _Problem(task, config, CLEARANCE_WEIGHTS[-1], len(q))
     assert problem.cost(optimize_trajectory(q, task, config)) < problem.cost(q)
 
 

@@ -51,6 +51,18 @@ FIT_PULL = 1e-8
 
 FIT_STEPS = 8
 
+MOTION_WEIGHT = 3.0
+"""w_m [1/m^2]; only ratios of weights count."""
+
+LOAD_WEIGHT = 1e-7
+"""w_l, for loads in units of 10 EI/L^2 and 3 EI/L."""
+
+SPAN_WEIGHT = 100.0
+"""w_g [1/m^2]."""
+
+LIMIT_WEIGHT = 100.0
+"""w_b [1/m^2]."""
+
 SAME = 1e-6
 """Distance [m] of a keypoint up to which rod coordinates give a plan's shapes."""
 
@@ -65,16 +77,12 @@ class RodMPCConfig:
     Attributes:
         horizon: H, number of actions looked ahead.
         tracking_weight: w_s [1/m^2].
-        motion_weight: w_m [1/m^2].
         turn_lever: Motion [m] that a turn of 1 rad counts as.
-        load_weight: w_l, for loads in units of 10 EI/L^2 and 3 EI/L.
         clearance_weight: w_c [1/m^2].
         threshold: d, clearance [m] below which obstacles cost.
-        separation_weight: w_g [1/m^2].
         soft_span: Distance between the ends over the cable's length from where it costs; where the plan stretches the
             cable farther, the plan's distance.
         max_span: The same, never exceeded; between the grippers never more than is sure, see `_span_limit`.
-        limit_weight: w_b [1/m^2].
         hold: Time [s] at the plan's first row before it is followed, while the estimates settle.
         blind_steps: Steps in a row that go on without gripper poses.
         unseen_steps: Steps in a row that go on without keypoints.
@@ -86,15 +94,11 @@ class RodMPCConfig:
 
     horizon: int = 3
     tracking_weight: float = 1.0
-    motion_weight: float = 3.0
     turn_lever: float = 0.05
-    load_weight: float = 1e-7
     clearance_weight: float = 30.0
     threshold: float = 0.006
-    separation_weight: float = 100.0
     soft_span: float = 0.985
     max_span: float = 0.995
-    limit_weight: float = 100.0
     hold: float = 1.5
     blind_steps: int = 3
     unseen_steps: int = 10
@@ -109,12 +113,12 @@ class RodMPCConfig:
         """As `rod_kernels.assemble` wants them."""
         return (
             self.tracking_weight,
-            self.motion_weight,
+            MOTION_WEIGHT,
             self.turn_lever,
-            self.load_weight,
+            LOAD_WEIGHT,
             self.clearance_weight,
-            self.separation_weight,
-            self.limit_weight,
+            SPAN_WEIGHT,
+            LIMIT_WEIGHT,
         )
 
 

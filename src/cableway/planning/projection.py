@@ -36,6 +36,12 @@ EFFORT_PIECES = 8
 MOST_LAG = 0.05
 """What counts of the lag of one row, at a step as long as tau [m]: shapes about to snap would ask for any time."""
 
+LIMIT_SHARE = 0.7
+"""Share of the gripper limits, and of `ProjectionConfig.lag`, that a plan uses; the rest is left to the controller."""
+
+KEYPOINT_STEP = 1.5
+"""Largest move of any keypoint in a control step, in units of the grippers' largest step."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProjectionConfig:
@@ -47,8 +53,6 @@ class ProjectionConfig:
             grippers along the tangents at their ends, as in the paper.
         optimization: Weights of the trajectory optimisation.
         row_step: Largest move of a keypoint between rows during the optimisation [m].
-        limit_share: Share of the gripper limits, and of `lag`, that a plan uses; the rest is left to the controller.
-        keypoint_step: Largest move of any keypoint in a control step, in units of the grippers' largest step.
         lag: Largest distance [m] by which a cable of `damping_time` may trail behind its equilibria.
         damping_time: tau [s] of that cable.
         fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
@@ -57,8 +61,6 @@ class ProjectionConfig:
     kind: Kind = "replan"
     optimization: TrajectoryOptimizationConfig = field(default_factory=TrajectoryOptimizationConfig)
     row_step: float = 0.012
-    limit_share: float = 0.7
-    keypoint_step: float = 1.5
     lag: float = 0.005
     damping_time: float = 0.2
     fit_tolerance: float = 0.01
@@ -66,8 +68,6 @@ class ProjectionConfig:
     def __post_init__(self) -> None:
         require_choice("projection", self.kind, Kind)
         require_range(self, 1e-4, 1, "row_step")
-        require_range(self, 1e-3, 1, "limit_share")
-        require_range(self, 1e-3, 1e3, "keypoint_step")
         require_range(self, 1e-5, 1, "lag")
         require_range(self, 0, 10, "damping_time")
         require_range(self, 0, 1, "fit_tolerance")
@@ -141,7 +141,7 @@ def _as_it_is(shapes: Float[np.ndarray, "r n 2"], task: Task, config: Projection
     """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
     at = subdivided(len(shapes), EFFORT_PIECES)
     fine = rows_at(shapes, at)
-    at = at_equal_effort(at, _effort(fine, _tangent_poses(fine), task, config), config.limit_share)
+    at = at_equal_effort(at, _effort(fine, _tangent_poses(fine), task, config), LIMIT_SHARE)
     fine = rows_at(shapes, at)
     return ProjectedTrajectory(fine, _tangent_poses(fine), at)
 
@@ -192,7 +192,7 @@ def fit_sequence(
 def step_evenly(
     q: Float[np.ndarray, "T+1 dof"], task: Task, config: ProjectionConfig
 ) -> tuple[Float[np.ndarray, "K+1 dof"], Float[np.ndarray, "K+1"]]:
-    """The same polyline in q with rows at equal effort, none above `limit_share` of the limits.
+    """The same polyline in q with rows at equal effort, none above `LIMIT_SHARE` of the limits.
 
     Returns:
         q (K+1, dof) and the fractional index of each row in the q given.
@@ -203,7 +203,7 @@ def step_evenly(
     trailing = np.minimum(lag(rod, q), MOST_LAG) * config.damping_time / CONTROL_STEP / config.lag
     effort = _effort(rod.at_keypoints(stations), poses, task, config)
     effort = np.maximum(effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES))
-    at = at_equal_effort(fine, effort, config.limit_share)
+    at = at_equal_effort(fine, effort, LIMIT_SHARE)
     return rows_at(q, at), at
 
 
@@ -214,7 +214,7 @@ def _effort(
     limits = task.grippers
     shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
     moved = gripper_effort(poses, limits.max_step, limits.max_turn)
-    return np.maximum(moved, shift / (config.keypoint_step * limits.max_step))
+    return np.maximum(moved, shift / (KEYPOINT_STEP * limits.max_step))
 
 
 __getattr__ = renamed(

@@ -32,6 +32,9 @@ Sampler = Callable[[np.random.Generator, int], Float[np.ndarray, "k 6"]]
 BATCH = 200
 """Samples between two reports of progress."""
 
+SHORTCUTS = 100
+"""Attempts to replace a stretch of the path found by a straight one."""
+
 TUBE_STEP = 0.012
 """Largest move of a keypoint between the shapes that a tube is laid about [m]."""
 
@@ -47,7 +50,6 @@ class RRTConnectConfig:
         load_spread: Least standard deviation of sampled loads (a_x, a_y, m); more where start or goal have more.
         corridor: Standard deviation [m] of the cable's centre about a path.
         tube: Standard deviations about the shapes of another trajectory [m, m, rad, -, -, -].
-        shortcuts: Attempts to replace a stretch of the path found by a straight one.
     """
 
     samples: int = 6000
@@ -56,13 +58,11 @@ class RRTConnectConfig:
     load_spread: tuple[float, float, float] = (8.0, 8.0, 2.0)
     corridor: float = 0.05
     tube: tuple[float, float, float, float, float, float] = (0.03, 0.03, 0.4, 6.0, 6.0, 1.5)
-    shortcuts: int = 100
 
     def __post_init__(self) -> None:
         require_range(self, 1, 10**7, "samples")
         require_range(self, 1e-4, 1, "step")
         require_range(self, 0, 1, "corridor")
-        require_range(self, 0, 10**6, "shortcuts")
 
 
 def anywhere(task: Task, config: RRTConnectConfig) -> Sampler:
@@ -138,7 +138,7 @@ def rrt_connect_path(
         met = rrt_connect_kernels.connect(samples, trees, shapes, parents, counts, space, config.step)
         if met[0] >= 0:
             path = np.vstack([_branch(trees[0], parents[0], met[0])[::-1], _branch(trees[1], parents[1], met[1])[1:]])
-            pairs = rng.uniform(size=(config.shortcuts, 2))
+            pairs = rng.uniform(size=(SHORTCUTS, 2))
             return _dense(rrt_connect_kernels.shortcut(path, pairs, space, config.step), task, config.step)
     raise PlanningError(f"the search found no way with {config.samples} samples")
 

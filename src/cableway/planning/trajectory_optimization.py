@@ -31,6 +31,27 @@ from cableway.motion import terms
 from cableway.motion.limits import sharpest_turn_of
 from cableway.scene.task import Task
 
+CLEARANCE_WEIGHTS = (0.3, 1.0, 3.0)
+"""The rising stages of the clearance weight."""
+
+STEP_SCALE = 0.05
+"""Of a keypoint's move from row to row [m]; a scale is the size of a residual that counts as 1."""
+
+CHANGE_SCALE = 0.005
+"""Of the change of that move [m]."""
+
+LOAD_STEP_SCALE = 1.0
+"""Of the change of a load from row to row, in its units."""
+
+STABILITY_SCALE = 2.0
+"""Of the shortfall of the stability margin."""
+
+SPAN_SCALE = 0.005
+"""Of the excess of the gripper span, over L."""
+
+BEND_SCALE = 0.01
+"""Of the excess of the sine of the turn at a hinge."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryOptimizationConfig:
@@ -38,37 +59,23 @@ class TrajectoryOptimizationConfig:
 
     Attributes:
         margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
-        clearance_weights: The rising stages of the clearance weight.
         clearance_scale: [m].
-        step_scale: Of a keypoint's move from row to row [m].
-        change_scale: Of the change of that move [m].
         load_scale: Of a load, in units of (10, 10, 3) for (a_x, a_y, m).
-        load_step_scale: Of its change from row to row.
         stability_wanted: Margin mu under which a shape is pushed back.
-        stability_scale: Of that shortfall.
         span_wanted: Distance between the grippers over L above which the cable is given slack.
-        span_scale: Of that excess.
         separation_margin: Distance between the grippers beyond the least one that the task allows [m].
         bend_share: Of the curvature that the cable allows.
-        bend_scale: Of the sine of the turn at a hinge beyond that.
         iterations: Cap for each stage.
         tolerance: Relative fall of the cost that ends a stage.
     """
 
     margin: float = 0.010
-    clearance_weights: tuple[float, ...] = (0.3, 1.0, 3.0)
     clearance_scale: float = 0.001
-    step_scale: float = 0.05
-    change_scale: float = 0.005
     load_scale: float = 10.0
-    load_step_scale: float = 1.0
     stability_wanted: float = 34.0
-    stability_scale: float = 2.0
     span_wanted: float = 0.97
-    span_scale: float = 0.005
     separation_margin: float = 0.002
     bend_share: float = 0.95
-    bend_scale: float = 0.01
     iterations: int = 60
     tolerance: float = 1e-4
 
@@ -100,8 +107,8 @@ def optimize_trajectory(
         config: Weights and margins.
         progress: Called with the share that is done; it may raise to stop.
     """
-    stages = len(config.clearance_weights)
-    for stage, weight in enumerate(config.clearance_weights):
+    stages = len(CLEARANCE_WEIGHTS)
+    for stage, weight in enumerate(CLEARANCE_WEIGHTS):
 
         def tell(share: float, stage: int = stage) -> None:
             progress((stage + share) / stages)
@@ -114,9 +121,9 @@ class _Problem:
     def __init__(self, task: Task, config: TrajectoryOptimizationConfig, weight: float, rows: int) -> None:
         self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
         first, second = np.diff(np.eye(rows), axis=0), np.diff(np.eye(rows), n=2, axis=0)
-        smooth = first.T @ first / config.step_scale**2 + second.T @ second / config.change_scale**2
+        smooth = first.T @ first / STEP_SCALE**2 + second.T @ second / CHANGE_SCALE**2
         self.smooth = tuple(np.diagonal(smooth, d).copy() for d in range(3))
-        loads = first.T @ first / config.load_step_scale**2
+        loads = first.T @ first / LOAD_STEP_SCALE**2
         self.loads = tuple(np.diagonal(loads, d).copy() for d in range(3))
         self.sharpest = config.bend_share * sharpest_turn_of(task)
         self.clearance_scale = np.sqrt(weight) / config.clearance_scale
@@ -160,7 +167,7 @@ class _Problem:
             residuals.append((value, np.einsum("tckj,tkji->tci", by_poses, dposes)))
         if np.isfinite(self.sharpest):
             slopes = terms.turn_excess_slope(stations, dstations, self.rod, self.sharpest)
-            residuals.append((self._bends(stations), slopes / self.config.bend_scale))
+            residuals.append((self._bends(stations), slopes / BEND_SCALE))
         for value, slopes in residuals:
             cost += 0.5 * np.sum(value**2)
             gradient += np.einsum("tsi,ts->ti", slopes, value)
@@ -180,18 +187,18 @@ class _Problem:
 
     def _stability(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lack, slope = terms.stability_shortfall(self.rod, q, self.config.stability_wanted)
-        return lack / self.config.stability_scale, slope / self.config.stability_scale
+        return lack / STABILITY_SCALE, slope / STABILITY_SCALE
 
     def _span(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Excess and shortfall (t, 2) of the gripper span, and their slopes (t, 2, 2, 3) by the poses."""
         length, least = self.rod.length, self.task.grippers.separation
         least += self.config.separation_margin if least else 0.0
         over, slope = terms.span_excess(poses, self.config.span_wanted * length, least)
-        return over / (length * self.config.span_scale), slope / (length * self.config.span_scale)
+        return over / (length * SPAN_SCALE), slope / (length * SPAN_SCALE)
 
     def _bends(self, stations: np.ndarray) -> np.ndarray:
         """Excess (t, hinges) of the sine of the turn at each hinge over the greatest wanted."""
-        return terms.turn_excess(stations, self.rod, self.sharpest) / self.config.bend_scale
+        return terms.turn_excess(stations, self.rod, self.sharpest) / BEND_SCALE
 
 
 _LOAD_UNITS = np.array([10.0, 10.0, 3.0])
