@@ -11,7 +11,20 @@ from beartype.roar import BeartypeDecorHintException
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-PACKAGES = ("cableway.geometry", "cableway.tang2025.models")
+PACKAGES = tuple(
+    f"cableway.{name}"
+    for name in (
+        "control",
+        "estimation",
+        "geometry",
+        "motion",
+        "rod",
+        "scene",
+        "tang2025.models",
+        "tracking",
+        "verification",
+    )
+)
 """Where calls are checked."""
 
 CONF = BeartypeConf(is_pep484_tower=True)

@@ -29,7 +29,7 @@ def body_clearance(body: Body, poses: Float[np.ndarray, "t 2 3"], scene: Scene) 
 
 def clearances(
     shapes: Float[np.ndarray, "t n 2"], poses: Float[np.ndarray, "t 2 3"], task: Task
-) -> Float[np.ndarray, "t b+1"]:
+) -> Float[np.ndarray, "t c"]:
     """Clearances [m] of the cable and of each of `Task.bodies`, a column each."""
     bodies = [body_clearance(body, poses, task.scene) for body in task.bodies]
     return np.column_stack([cable_clearance(shapes, task), *bodies])
