@@ -20,7 +20,13 @@ from cableway.benchmark.suites import SUITES, make_task, task_digest
 from cableway.core.errors import InputError, SimulationError
 from cableway.geometry.convex import polyline_distance
 from cableway.scene.files.loading import task_names
-from cableway.simulation.perturbations.variants import PLANTS_SUITE, SENSING_SUITE, VARIANTS, named_perturbation
+from cableway.simulation.perturbations.variants import (
+    PLANTS_SUITE,
+    SENSING_SUITE,
+    TABLE_SUITE,
+    VARIANTS,
+    named_perturbation,
+)
 
 FOLDER = Path(__file__).parents[1] / "src/cableway/benchmark/frozen"
 FIRST, NEXT = 20000, 10000
@@ -46,6 +52,7 @@ its three other cables, on all."""
 PATTERNS = {
     "plants": ("clutter-{}",),
     "sensing": ("clutter-{}",),
+    "table": tuple(kind for kind in ("clutter-{}", "dense-{}", "maze-{}@0.085") for _ in TABLE_SUITE),
     "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
     "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
     "unconstrained": ("open-near-{}", "open-far-{}"),
@@ -53,7 +60,7 @@ PATTERNS = {
 }
 """Kinds of random tasks, in turn; otherwise that of the suite's name."""
 
-IN_TURN = {"plants": PLANTS_SUITE, "sensing": SENSING_SUITE, "lab-unconstrained": ("laid",)}
+IN_TURN = {"plants": PLANTS_SUITE, "sensing": SENSING_SUITE, "table": TABLE_SUITE, "lab-unconstrained": ("laid",)}
 """Plants, in turn; otherwise the nominal one."""
 
 

@@ -103,6 +103,7 @@ SUITES = {
         Suite("plants", 1, "clutter; perturbed cable, grasp or table", "plant",
               (17, 102, 1904)),
         Suite("sensing", 1, "clutter; noise, latency, lost frames and occlusion", "plant", (8, 104, 1000)),
+        Suite("table", 1, "clutter, dense and mazes; the cable in space on a table", "plant", (12, 102, 306)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
         Suite("lab-constrained", 1, "the paper's three tasks with obstacles, cables of its seven kinds, placed and "
               "measured as in a laboratory", "task", (21, 84, 1008)),

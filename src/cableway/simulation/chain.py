@@ -95,7 +95,7 @@ class Chain:
         positions, quaternions = _gripper_bodies(poses)
         inputs = np.concatenate([positions.reshape(len(poses), 6), quaternions.reshape(len(poses), 8)], axis=1)
         self._batch.warning[:] = 0
-        with _collected_warnings() as messages:
+        with collected_warnings() as messages:
             try:
                 record = self._batch.rollout(len(poses), inputs[None], _GRIPPER_INPUT, ("qpos",))
             except batch.SimulationError as error:
@@ -184,7 +184,7 @@ def _gripper_bodies(
 
 
 @contextmanager
-def _collected_warnings() -> Iterator[list[str]]:
+def collected_warnings() -> Iterator[list[str]]:
     """MuJoCo's warnings as a list, where it would otherwise write them to a file in the working directory."""
     messages: list[str] = []
     before = mujoco.get_mju_user_warning()

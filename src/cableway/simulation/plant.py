@@ -234,22 +234,7 @@ class CableSimulator:
         Raises:
             SimulationError: It has the wrong shape, is not finite or is too large, wherever the grippers are.
         """
-        action = _numbers(action)
-        if action.shape != (2, 3):
-            raise SimulationError(f"an action must have shape (2, 3), got {action.shape}")
-        if not np.isfinite(action).all():
-            raise SimulationError(f"an action must be finite, got {action.tolist()}")
-        moves, turns = np.hypot(action[:, 0], action[:, 1]), np.abs(action[:, 2])
-        for name, values, limit, unit in (
-            ("step", moves, self.config.largest_step, "m"),
-            ("turn", turns, self.config.largest_turn, "rad"),
-        ):
-            if values.max() > limit:
-                side = ("left", "right")[int(np.argmax(values))]
-                raise SimulationError(
-                    f"the {side} gripper's {name} of {values.max():.4g} {unit} exceeds the plant's {limit:g} {unit}"
-                )
-        return action
+        return checked_action(action, self.config)
 
     def _target(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
         """Where an action leads the grippers; farther apart than the cable is long is an error."""
@@ -283,6 +268,26 @@ def _check_grasp(slip: Float[np.ndarray, "k 2 3"]) -> None:
             f"the cable slipped in a gripper by {1000 * distance:.1f} mm and {angle:.2f} rad, "
             "pulled too far or pressed against something"
         )
+
+
+def checked_action(action: Any, config: PlantConfig) -> Float[np.ndarray, "2 3"]:
+    """An action as an array; see `CableSimulator.check`."""
+    action = _numbers(action)
+    if action.shape != (2, 3):
+        raise SimulationError(f"an action must have shape (2, 3), got {action.shape}")
+    if not np.isfinite(action).all():
+        raise SimulationError(f"an action must be finite, got {action.tolist()}")
+    moves, turns = np.hypot(action[:, 0], action[:, 1]), np.abs(action[:, 2])
+    for name, values, limit, unit in (
+        ("step", moves, config.largest_step, "m"),
+        ("turn", turns, config.largest_turn, "rad"),
+    ):
+        if values.max() > limit:
+            side = ("left", "right")[int(np.argmax(values))]
+            raise SimulationError(
+                f"the {side} gripper's {name} of {values.max():.4g} {unit} exceeds the plant's {limit:g} {unit}"
+            )
+    return action
 
 
 def _numbers(action: Any) -> Float[np.ndarray, "..."]:

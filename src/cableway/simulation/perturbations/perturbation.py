@@ -17,6 +17,7 @@ from cableway.scene.task import Task
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable, Offset
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator, PlantConfig
+from cableway.simulation.table_plant import TableConfig, TablePlant
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +35,8 @@ class Perturbation:
             starts in the stable shape nearest to the task's.
         obstacles: Displacement [m] of each obstacle, in the order of the task; none moves where empty. The controller
             knows the displaced obstacles, the plan does not.
-        simulation: How the plant is simulated.
+        simulation: How the planar plant is simulated.
+        table: The table plant instead, where not None; `simulation` means nothing then.
         notes: Sentences for the reader of a report.
 
     Raises:
@@ -47,6 +49,7 @@ class Perturbation:
     start: tuple[Offset, Offset] | None = None
     obstacles: tuple[tuple[float, float], ...] = ()
     simulation: PlantConfig = field(default_factory=PlantConfig)
+    table: TableConfig | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -100,6 +103,9 @@ class Perturbation:
             InputError: Cable or displacements do not fit the task.
             SimulationError: The plant cannot take the start.
         """
+        if self.table is not None:
+            plant = TablePlant(self.true_task(task), self.cable, self.grasp, self.table, self.known_task(task))
+            return SensedPlant(plant, self.sensing, seed)
         plant = CableSimulator(self.true_task(task), self.simulation, self.cable)
         if self.grasp == GraspConfig() and self.start is None and not self.obstacles:
             return SensedPlant(plant, self.sensing, seed)
@@ -107,7 +113,7 @@ class Perturbation:
 
     def as_dict(self, task: Task) -> dict[str, Any]:
         """The resolved configuration as plain data, for the record of a run."""
-        parts = {name: describe(getattr(self, name)) for name in ("grasp", "sensing", "start", "obstacles")}
+        parts = {name: describe(getattr(self, name)) for name in ("grasp", "sensing", "start", "obstacles", "table")}
         return {**describe(self.simulation), "cable": describe(self.true_cable(task)), **parts}
 
 

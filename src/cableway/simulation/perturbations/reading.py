@@ -18,7 +18,7 @@ from cableway.simulation.perturbations.perturbation import Perturbation
 FORMAT_VERSION = 1
 """The value of the key `cableway`."""
 
-SECTIONS = ("cable", "grasp", "simulation", "sensing", "start", "obstacles")
+SECTIONS = ("cable", "grasp", "simulation", "sensing", "start", "obstacles", "table")
 """Keys of the file: fields of `Perturbation`."""
 
 

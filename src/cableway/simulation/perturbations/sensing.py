@@ -25,6 +25,7 @@ from cableway.records import Measurement, Observation
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.grasp import GraspedCable, GraspedState
 from cableway.simulation.plant import CableSimulator, PlantState
+from cableway.simulation.table_plant import TablePlant, TableState
 
 ROUNDING = 1e-6
 """Share of a frame or a control step up to which two times count as one."""
@@ -76,7 +77,7 @@ class SensedState:
         sent: (D, 2, 3) last actions sent, the newest last.
     """
 
-    plant: PlantState | GraspedState
+    plant: PlantState | GraspedState | TableState
     steps: int
     past: Float[np.ndarray, "H n 2"]
     sent: Float[np.ndarray, "D 2 3"]
@@ -98,7 +99,7 @@ class SensedPlant:
     """
 
     def __init__(
-        self, plant: CableSimulator | GraspedCable, config: SensingConfig | None = None, seed: int = 0
+        self, plant: CableSimulator | GraspedCable | TablePlant, config: SensingConfig | None = None, seed: int = 0
     ) -> None:
         if seed < 0:
             raise InputError(f"the seed of a plant must not be negative, got {seed}")

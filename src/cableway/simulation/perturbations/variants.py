@@ -14,17 +14,22 @@ from typing import Any
 import numpy as np
 
 from cableway.core.errors import UnknownNameError
+from cableway.scene.cable import Cable
 from cableway.scene.files.presets import preset_names, preset_values
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.grasp import GraspConfig, Offset
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
+from cableway.simulation.table_plant import TableConfig
 
 DISPLACEMENT = 0.010
 """Distance [m] by which "obstacles-moved" displaces each obstacle, and "start-off" each gripper."""
 
 LAB = SensingConfig(keypoint_noise=0.002, drop_rate=0.1, measurement_delay=0.1)
 """Sensing as in a laboratory: 2 mm of noise, 0.1 s of latency, one frame in ten lost."""
+
+SHORTEST = 0.95
+"""Largest distance of the grippers at start or goal, over the length of a cable that is drawn shorter."""
 
 DRAWN_PER_SEED = ("laid", "drawn")
 """Perturbations that depend on the seed of an episode, not on its task alone."""
@@ -171,6 +176,76 @@ _PLANTS = {
     "obstacles-moved": Variant("every obstacle 10 mm from where it was planned", _obstacles_moved),
 }  # fmt: skip
 
+
+def _on_a_table(**differs: Callable[[Cable, np.random.Generator], dict[str, Any]]) -> Draw:
+    """The table plant: 2 to 5% longer or shorter, held 3 to 5 mm and 5 to 10 degrees askew, measured 0.1 s late with 1
+    to 2 mm of noise.
+
+    Args:
+        differs: Draw the keys of `cable` and of `table` that differ besides.
+    """
+
+    def draw(task: Task, rng: np.random.Generator) -> Perturbation:
+        nominal, sign = task.cable, float(rng.choice([-1, 1]))
+        length = nominal.length * (1 + sign * rng.uniform(0.02, 0.05))
+        spans = [np.linalg.norm(shape[-1] - shape[0]) for shape in (task.start, task.goal)]
+        if length < max(spans) / SHORTEST:
+            length = 2 * nominal.length - length
+        values = {"friction": 0.0, "length": float(length), "damping_time": 0.1}
+        table: dict[str, Any] = {"friction": float(rng.uniform(0.2, 0.5))}
+        if "cable" in differs:
+            values |= differs["cable"](nominal, rng)
+        if "table" in differs:
+            table |= differs["table"](nominal, rng)
+        shift, turn = float(rng.uniform(0.003, 0.005)), float(rng.uniform(5.0, 10.0))
+        sensing = SensingConfig(keypoint_noise=float(rng.uniform(0.001, 0.002)), measurement_delay=0.1)
+        return Perturbation(
+            cable=replace(nominal, **values),
+            grasp=_askew(rng, shift, turn),
+            sensing=sensing,
+            table=TableConfig(**table),
+        )
+
+    return draw
+
+
+def _coiled(cable: Cable, rng: np.random.Generator) -> dict[str, Any]:
+    """Rest curvature of 3 to 8 1/m on 0.3 m that changes sign two to four times along the cable."""
+    count = int(rng.integers(3, 6))
+    signs = float(rng.choice([-1, 1])) * (-1.0) ** np.arange(count)
+    return {"rest_curvature": tuple((signs * rng.uniform(3.0, 8.0, count) * 0.3 / cable.length).tolist())}
+
+
+def _limp(cable: Cable, rng: np.random.Generator) -> dict[str, Any]:
+    return {"bending_stiffness": cable.bending_stiffness * float(rng.uniform(0.1, 0.3))}
+
+
+def _stiff_third(cable: Cable, rng: np.random.Generator) -> dict[str, Any]:
+    """A slow cable of which one third is five times as stiff."""
+    profile, third = np.ones(9), 3 * int(rng.integers(3))
+    profile[third : third + 3] = 5.0
+    return {"stiffness_profile": tuple(profile.tolist()), "damping_time": float(rng.uniform(0.3, 1.0))}
+
+
+def _rough(cable: Cable, rng: np.random.Generator) -> dict[str, Any]:
+    """Much friction, half or twice as much across the cable as along it."""
+    return {"friction": float(rng.uniform(0.4, 0.8)), "across": float(rng.choice([0.5, 2.0]))}
+
+
+def _everything(cable: Cable, rng: np.random.Generator) -> dict[str, Any]:
+    return {**_coiled(cable, rng), **_stiff_third(cable, rng), **_limp(cable, rng)}
+
+
+_TABLE = {
+    "table-uniform": Variant("the table plant, a uniform cable", _on_a_table(), noisy=True),
+    "table-coiled": Variant("the table plant, a coiled cable", _on_a_table(cable=_coiled), noisy=True),
+    "table-limp": Variant("the table plant, a limp cable", _on_a_table(cable=_limp), noisy=True),
+    "table-rough": Variant("the table plant, much friction", _on_a_table(table=_rough), noisy=True),
+    "table-stiff-third": Variant("the table plant, slow, a third of the cable stiff", _on_a_table(cable=_stiff_third),
+                                 noisy=True),
+    "table-all": Variant("the table plant, all of these", _on_a_table(cable=_everything, table=_rough), noisy=True),
+}  # fmt: skip
+
 _SENSING = {
     "noise-1": Variant("1 mm of noise on keypoints", _sensed(keypoint_noise=0.001), noisy=True),
     "noise-2": Variant("2 mm of noise on keypoints", _sensed(keypoint_noise=0.002), noisy=True),
@@ -188,6 +263,7 @@ VARIANTS: dict[str, Variant] = {
     "nominal": Variant("the task's cable", lambda task, _: Perturbation()),
     **_PLANTS,
     **_SENSING,
+    **_TABLE,
     "laid": Variant("the start off by 5 mm and 3 degrees, sensed as 'lab'",
                     lambda task, rng: Perturbation(sensing=LAB, start=_offsets(rng, 0.005, 3.0)), noisy=True),
     "drawn": Variant("a cable drawn from the ranges of the task's preset, sensed as 'lab'",
@@ -203,3 +279,6 @@ PLANTS_SUITE = tuple(_PLANTS)
 
 SENSING_SUITE = tuple(_SENSING)
 """Perturbations of the suite "sensing"."""
+
+TABLE_SUITE = tuple(_TABLE)
+"""Perturbations of the suite "table"."""

@@ -1,0 +1,401 @@
+"""A second plant: a cable in space that lies on a table, led by grippers with servos.
+
+It shares nothing with the planar rod of planner and estimator but the shape its settling starts from. The cable is a
+chain of capsules of length h, the first and the last half as long, with ball joints that bend and twist with the
+stiffness EI / h. It has weight, lies on the table, and rubs on table, obstacles and walls with elliptic friction cones.
+Obstacles are prisms that stand on the table. Each gripper is a first-order servo: it follows the commanded motion with
+the time constant `TableConfig.servo_time`, and reports where it is.
+
+Note:
+    The twisting stiffness GJ equals EI; it is 0.67 EI for a solid rod of rubber. The cable does not collide with
+    itself. Drag, plasticity and the friction of the cable's record are those of the planar plant and ignored here.
+"""
+
+# MuJoCo's bindings are compiled and carry no type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.checks import require_range
+from cableway.core.errors import InputError, SimulationError
+from cableway.geometry.groups import SE2
+from cableway.records import Measurement, Observation
+from cableway.rod.inverse import equilibria_at
+from cableway.scene.cable import Cable
+from cableway.scene.obstacles import Box, Disc, Obstacle
+from cableway.scene.scene import Scene
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.simulation.chain import collected_warnings
+from cableway.simulation.perturbations.grasp import GraspConfig
+from cableway.simulation.plant import PlantConfig, checked_action
+
+CABLE, SURROUNDINGS = 1, 2
+"""Bits of MuJoCo's collision masks."""
+
+HOLD = {"solref": [0.005, 1.0], "solimp": [0.99, 0.9999, 0.001, 0.5, 2.0]}
+"""Stiffness of a grasp: a time constant of two time steps."""
+
+CONTACT = {"solref": [0.005, 1.0], "solimp": [0.99, 0.999, 0.001, 0.5, 2.0]}
+"""Stiffness of contacts: a time constant of two time steps. A cable pressed with 0.1 N gives way by less than 1 mm."""
+
+ROLLING = [0.005, 0.0001]
+"""Torsional and rolling friction [m], MuJoCo's defaults."""
+
+SLIP_DISTANCE = 0.010
+"""Distance [m] of a cable's end from where its gripper holds it beyond which the grasp counts as lost."""
+
+REST = 0.002
+"""Speed [m/s] of the centreline below which the cable counts as at rest."""
+
+LONGEST_SETTLING = 10.0
+"""Time [s] that the cable may take to come to rest at the start; what moves then, friction will stop."""
+
+EVERY = 4
+"""Time steps between two looks at the clearance."""
+
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableConfig:
+    """What the table plant is.
+
+    Attributes:
+        segments: Of the chain.
+        time_step: Of MuJoCo [s]; must divide the control step.
+        friction: Coefficient between cable and table, along the cable.
+        across: Friction across the cable over that along it.
+        obstacle_friction: Coefficient between cable and obstacles.
+        obstacle_height: [m].
+        servo_time: Time constant [s] of the grippers' servos.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    segments: int = 41
+    time_step: float = 0.0025
+    friction: float = 0.3
+    across: float = 1.0
+    obstacle_friction: float = 0.3
+    obstacle_height: float = 0.05
+    servo_time: float = 0.05
+
+    def __post_init__(self) -> None:
+        require_range(self, 10, 200, "segments")
+        require_range(self, 5e-4, 5e-3, "time_step")
+        require_range(self, 0, 3, "friction", "obstacle_friction")
+        require_range(self, 0.1, 10, "across")
+        require_range(self, 0.01, 1, "obstacle_height")
+        require_range(self, 0, 1, "servo_time")
+        if abs(CONTROL_STEP / self.time_step - self.substeps) > 1e-6:
+            raise InputError(f"table.time_step must divide {CONTROL_STEP} s, got {self.time_step!r}")
+
+    @property
+    def substeps(self) -> int:
+        """Time steps in one control step."""
+        return round(CONTROL_STEP / self.time_step)
+
+
+@dataclass(frozen=True)
+class TableState:
+    """All that the plant's future and its next measurement depend on; see `TablePlant.state`.
+
+    Attributes:
+        physics: MuJoCo's integration state.
+        commanded: Gripper poses asked for so far [m, m, rad].
+        reached: Where the grippers are [m, m, rad].
+        steps: Control steps since the start.
+        clearances: Of cable and gripper discs in the last step [m].
+    """
+
+    physics: Float[np.ndarray, "s"]
+    commanded: Float[np.ndarray, "2 3"]
+    reached: Float[np.ndarray, "2 3"]
+    steps: int
+    clearances: tuple[float, float]
+
+
+class TablePlant:
+    """A task's cable on a table; a step that fails leaves it as it was.
+
+    Args:
+        task: Scene, start and grippers as they are.
+        cable: The true cable; the task's where None.
+        grasp: Where its ends are in the grippers; a slip takes one control step.
+        config: What the table plant is.
+        nominal: The task that planner and controller know; `task` where None.
+
+    Raises:
+        InputError: The cable is shorter than the distance of its ends at the start.
+        SimulationError: The cable has no stable shape there, or touches something once it lies still.
+    """
+
+    control_step = CONTROL_STEP
+    """Time [s] that one step takes."""
+
+    def __init__(
+        self,
+        task: Task,
+        cable: Cable | None = None,
+        grasp: GraspConfig | None = None,
+        config: TableConfig | None = None,
+        nominal: Task | None = None,
+    ) -> None:
+        self.task, self._scene = nominal or task, task.scene
+        self.cable, self.grasp, self.config = cable or task.cable, grasp or GraspConfig(), config or TableConfig()
+        self.model = build_model(self.cable, task.scene, self.config)
+        self._data = mujoco.MjData(self.model)
+        names = [self.model.geom(index).name for index in range(self.model.ngeom)]
+        self._is_scene = np.array([name.startswith("scene") for name in names])
+        self._tip = self.cable.length / (2 * (self.config.segments - 1))
+        self._steps, self._clearances = 0, (math.inf, math.inf)
+        self._start(task)
+        self._initial = self.state()
+
+    @property
+    def time(self) -> float:
+        """[s] since the start."""
+        return self._steps * self.control_step
+
+    @property
+    def unmodelled(self) -> tuple[str, ...]:
+        """What the task holds that this plant leaves out, one sentence each, for reports."""
+        notes = ("Gripper bodies do not collide; the clearance of their discs is measured.",)
+        return notes if self.task.plug is None else (*notes, "The plug does not collide.")
+
+    def reset(self) -> Observation:
+        """Go back to the start; the same run after it gives the same result bit for bit."""
+        self.restore(self._initial)
+        return self._observe()
+
+    def check(self, action: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
+        """See `CableSimulator.check`."""
+        return checked_action(action, PlantConfig())
+
+    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
+        """Move the targets of the grippers at constant speed by `action` [m, m, rad] in one control step.
+
+        Raises:
+            SimulationError: The action is refused, the simulation diverged or a grasp is lost.
+        """
+        target, before = SE2.plus(self._commanded, self.check(action)), self.state()
+        try:
+            self._clearances = self._lead(target)
+        except SimulationError as error:
+            self.restore(before)
+            raise SimulationError(f"{error} (step {self._steps + 1}, t = {self.time:.1f} s)") from None
+        self._commanded, self._steps = target, self._steps + 1
+        return self._observe()
+
+    def measure(self) -> Measurement:
+        """The truth after the last step, seen from above, with the least clearances during it."""
+        line = self._line()
+        ends = SE2.compose(self._reached, self.grasp.offsets(self.time))
+        return Measurement(self._keypoints(line), ends, line, *self._clearances)
+
+    def state(self) -> TableState:
+        """A copy of the whole state, to branch a run from."""
+        physics = np.empty(mujoco.mj_stateSize(self.model, STATE))
+        mujoco.mj_getState(self.model, self._data, physics, STATE)
+        return TableState(physics, self._commanded.copy(), self._reached.copy(), self._steps, self._clearances)
+
+    def restore(self, state: TableState) -> None:
+        """Go back to a state of this plant; what follows is the same bit for bit."""
+        mujoco.mj_setState(self.model, self._data, state.physics, STATE)
+        mujoco.mj_forward(self.model, self._data)
+        self._commanded, self._reached = state.commanded.copy(), state.reached.copy()
+        self._steps, self._clearances = state.steps, state.clearances
+
+    def _observe(self) -> Observation:
+        return Observation(time=self.time, keypoints=self._keypoints(self._line()), poses=self._reached.copy())
+
+    def _start(self, task: Task) -> None:
+        """Lay the cable into the stable shape of its length nearest to the task's start, and let it come to rest."""
+        shape, poses = (rows[0] for rows in task.cable.rod.shapes(task.start_equilibrium[None]))
+        self._commanded, self._reached = poses.copy(), poses.copy()
+        found = equilibria_at(self.cable.rod, SE2.compose(poses, self.grasp.offsets(0.0)))
+        if not len(found):
+            raise SimulationError("the plant's cable has no stable shape between the grippers at the task's start")
+        lines = self.cable.rod.shapes(found)[0]
+        self._lay(lines[int(np.argmin(np.linalg.norm(lines - shape, axis=-1).max(axis=1)))])
+        for _ in range(round(LONGEST_SETTLING / self.control_step)):
+            before = self._line()
+            self._clearances = self._lead(poses)
+            if np.abs(self._line() - before).max() < REST * self.control_step:
+                break
+        if min(self._clearances) <= 0:
+            raise SimulationError(
+                f"the cable touches something at the start, {1000 * -min(self._clearances):.1f} mm deep"
+            )
+
+    def _lay(self, line: Float[np.ndarray, "v 2"]) -> None:
+        """Lay the chain along a planar curve of its length."""
+        along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+        places = along[-1] * _joints(self.config)
+        points = np.column_stack([np.interp(places, along, column) for column in line.T])
+        angles = np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1]))
+        self._data.qpos[:3] = [*points[0], self.cable.radius]
+        self._data.qpos[3:] = _turned(np.r_[angles[:1], np.diff(angles)]).ravel()
+
+    def _lead(self, target: Float[np.ndarray, "2 3"]) -> tuple[float, float]:
+        """Move the grippers' targets at constant speed in one control step; the least clearances on the way."""
+        data, count = self._data, self.config.substeps
+        offsets = self.grasp.offsets(self.time + self.control_step / 2)
+        late = math.exp(-self.config.time_step / self.config.servo_time) if self.config.servo_time else 0.0
+        lines, discs, deepest = [], [], math.inf
+        data.warning.number[:] = 0
+        with collected_warnings() as messages:
+            for substep in range(1, count + 1):
+                wanted = self._commanded + substep / count * (target - self._commanded)
+                self._reached = wanted + late * (self._reached - wanted)
+                self._place_grippers(SE2.compose(self._reached, offsets))
+                mujoco.mj_step(self.model, data)
+                deepest = min(deepest, self._contact())
+                if substep % EVERY == 0:
+                    lines.append(self._line())
+                    discs.append(self._reached[:, :2].copy())
+        if data.warning.number.any() or not np.isfinite(data.qpos).all():
+            raise SimulationError(f"the simulation diverged: {' '.join(messages[:1]) or 'a state is not finite'}")
+        slip = np.linalg.norm(lines[-1][[0, -1]] - data.mocap_pos[:, :2], axis=1).max()
+        if slip > SLIP_DISTANCE:
+            raise SimulationError(f"the cable slipped in a gripper by {1000 * slip:.1f} mm, pulled or pressed too hard")
+        cable = float(self._scene.clearance(np.array(lines), self.cable.radius).min())
+        return min(cable, deepest), float(
+            self._scene.signed_distance(np.array(discs)).min()
+        ) - self.task.grippers.radius
+
+    def _place_grippers(self, ends: Float[np.ndarray, "2 3"]) -> None:
+        """Where the grippers hold the ends of the cable: at its radius above the table."""
+        self._data.mocap_pos[:] = np.column_stack([ends[:, :2], np.full(2, self.cable.radius)])
+        self._data.mocap_quat[:] = _turned(ends[:, 2])
+
+    def _contact(self) -> float:
+        """Distance [m] of the deepest contact of the cable with an obstacle or a wall; infinite without one."""
+        touching = self._is_scene[self._data.contact.geom].any(axis=1) if self._data.ncon else np.zeros(0, bool)
+        return float(self._data.contact.dist[touching].min()) if touching.any() else math.inf
+
+    def _line(self) -> Float[np.ndarray, "v 2"]:
+        """The centreline seen from above [m]: both ends and all joints."""
+        last = self.config.segments
+        tip = self._data.xpos[last] + self._data.xmat[last].reshape(3, 3)[:, 0] * self._tip
+        return np.vstack([self._data.xpos[1 : last + 1, :2], tip[:2]])
+
+    def _keypoints(self, line: Float[np.ndarray, "v 2"]) -> Float[np.ndarray, "n 2"]:
+        places = np.linspace(0.0, 1.0, self.cable.keypoints)
+        return np.column_stack([np.interp(places, _joints(self.config), column) for column in line.T])
+
+
+def build_model(cable: Cable, scene: Scene, config: TableConfig) -> mujoco.MjModel:
+    """MuJoCo's model of a cable on a table among obstacles; of its bodies without dynamics the first is the left one.
+
+    Args:
+        cable: Length, radius, weight per metre, stiffness, damping time, and the profiles of stiffness and rest
+            curvature.
+        scene: Obstacles and workspace.
+        config: Everything else.
+    """
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    option = spec.option
+    option.timestep, option.integrator = config.time_step, mujoco.mjtIntegrator.mjINT_DISCRETE
+    option.cone, option.solver = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtSolver.mjSOL_NEWTON
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    # the approximate diagonal makes the grasps of a long chain soft
+    option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
+    _add_plane(spec, "table", [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], config.friction)
+    _add_chain(spec, cable, config)
+    for index, obstacle in enumerate(scene.obstacles):
+        _add_obstacle(spec, f"scene {index}", obstacle, config)
+    corner = [*scene.size, 0.0]
+    for name, point, inward in (
+        ("scene left", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
+        ("scene bottom", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]),
+        ("scene right", corner, [-1.0, 0.0, 0.0]),
+        ("scene top", corner, [0.0, -1.0, 0.0]),
+    ):
+        _add_plane(spec, name, point, inward, config.obstacle_friction)
+    model = spec.compile()
+    bends = cable.length / (config.segments - 1) * cable.along("rest_curvature", _joints(config)[1:-1])
+    model.qpos_spring[7:] = _turned(bends).ravel()
+    return model
+
+
+def _joints(config: TableConfig) -> Float[np.ndarray, "v"]:
+    """Where the ends and the joints of the chain are, from 0 to 1 along the cable."""
+    inner = np.arange(config.segments - 1) + 0.5
+    return np.concatenate([[0.0], inner / (config.segments - 1), [1.0]])
+
+
+def _surface(friction: float) -> dict[str, object]:
+    return {"contype": SURROUNDINGS, "conaffinity": CABLE, "condim": 3, "friction": [friction, *ROLLING], **CONTACT}
+
+
+def _add_plane(spec: mujoco.MjSpec, name: str, point: list[float], normal: list[float], friction: float) -> None:
+    kind, size = mujoco.mjtGeom.mjGEOM_PLANE, [1.0, 1.0, 1.0]
+    spec.worldbody.add_geom(name=name, type=kind, pos=point, zaxis=normal, size=size, **_surface(friction))
+
+
+def _add_chain(spec: mujoco.MjSpec, cable: Cable, config: TableConfig) -> None:
+    count, joints, body, before = config.segments, _joints(config), spec.worldbody, 0.0
+    stiffness = cable.bending_stiffness * (count - 1) / cable.length * cable.along("stiffness_profile", joints)
+    lengths = cable.length * np.diff(joints)
+    for index in range(count):
+        name, share = f"segment {index}", float(lengths[index])
+        body, before = body.add_body(name=name, pos=[before, 0.0, 0.0]), share
+        if index == 0:
+            body.add_freejoint()
+        else:
+            joint = body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
+            joint.stiffness[0], joint.damping[0] = stiffness[index], cable.damping_time * stiffness[index]
+        body.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=[0.0, 0.0, 0.0, share, 0.0, 0.0],
+            size=[cable.radius, 0.0, 0.0],
+            mass=cable.linear_density * share,
+            contype=CABLE,
+            conaffinity=SURROUNDINGS,
+            condim=3,
+            friction=[0.0, *ROLLING],
+            **CONTACT,
+        )
+        if config.across != 1.0:  # MuJoCo's first tangent of a capsule on a plane is along the capsule
+            pair = spec.add_pair(geomname1="table", geomname2=name, condim=3, **CONTACT)
+            pair.friction = [config.friction, config.across * config.friction, *ROLLING, ROLLING[-1]]
+    for name, link, along in (("left", 0, 0.0), ("right", count - 1, before)):
+        spec.worldbody.add_body(name=f"{name} gripper", mocap=True)
+        hold, body_type = mujoco.mjtEq.mjEQ_WELD, mujoco.mjtObj.mjOBJ_BODY
+        names = {"name1": f"segment {link}", "name2": f"{name} gripper"}
+        weld = spec.add_equality(type=hold, objtype=body_type, **names, **HOLD)
+        # anchor in the gripper, then position and quaternion of the gripper in the segment, torque scale
+        weld.data = [0.0, 0.0, 0.0, along, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+def _add_obstacle(spec: mujoco.MjSpec, name: str, obstacle: Obstacle, config: TableConfig) -> None:
+    half, common = config.obstacle_height / 2, {"name": name, **_surface(config.obstacle_friction)}
+    match obstacle:
+        case Disc():
+            size, kind = [obstacle.radius, half, 0.0], mujoco.mjtGeom.mjGEOM_CYLINDER
+            spec.worldbody.add_geom(type=kind, pos=[*obstacle.center, half], size=size, **common)
+        case Box():
+            size, kind = [obstacle.size[0] / 2, obstacle.size[1] / 2, half], mujoco.mjtGeom.mjGEOM_BOX
+            quat = _turned(np.array(obstacle.angle)).tolist()
+            spec.worldbody.add_geom(type=kind, pos=[*obstacle.center, half], quat=quat, size=size, **common)
+        case _:
+            corners = [[*vertex, level] for level in (0.0, 2 * half) for vertex in obstacle.vertices]
+            spec.add_mesh(name=name, uservert=np.ravel(corners).tolist())
+            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **common)
+
+
+def _turned(angles: Float[np.ndarray, "..."]) -> Float[np.ndarray, "... 4"]:
+    """Quaternions of turns about the vertical."""
+    half, zero = angles / 2, np.zeros_like(angles)
+    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
