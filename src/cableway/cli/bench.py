@@ -34,8 +34,8 @@ class Bench(EpisodeOptions):
     """
 
     suites: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SUITES")]
-    """Names with commas between, or all: paper, clutter, dense, corridors, mazes, plants, sensing, table, unconstrained,
-    lab-constrained, lab-unconstrained, lab-drawn, blocked."""
+    """Names with commas between, or all: paper, clutter, dense, corridors, mazes, plants, sensing, table,
+    unconstrained, lab-constrained, lab-unconstrained, lab-drawn, blocked."""
 
     size: str = "quick"
     """quick, standard or full."""
