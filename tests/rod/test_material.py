@@ -23,7 +23,7 @@ def parameters(rod: PlanarRod, seed: int = 0) -> np.ndarray:
 
 
 def shape(q: np.ndarray, p: np.ndarray, rod: PlanarRod) -> tuple[np.ndarray, ...]:
-    arrays = workspace(material.modes(rod.hinges))
+    arrays = workspace(material.modes(rod.hinges), len(q) + len(p))
     held_shape(q, p, material.modes(rod.hinges), *arrays)
     return arrays
 

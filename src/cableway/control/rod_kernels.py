@@ -134,8 +134,8 @@ def assemble(
         gradient: (6H,), changed.
     """
     w_track, w_load, w_clear, w_apart = weights[0], weights[3], weights[4], weights[5]
-    stations, dstations, ends, dends = workspace(modes)
     d, scale = q.shape[1], scales(p[0])
+    stations, dstations, ends, dends = workspace(modes, d)
     first_load = d - loads.shape[1]
     last, dlast, rates, earlier = before.copy(), np.zeros_like(dends), np.empty(d), np.empty(d)
     normal[:] = 0.0
@@ -144,7 +144,7 @@ def assemble(
     for t in range(len(q)):
         at = d * t
         scaled_shape(q[t], p, modes, scale, stations, dstations, ends, dends)
-        cost += _add_tracking(normal, gradient, stations, dstations[:, :, :d], stride, offset, wanted[t], w_track, at)
+        cost += _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted[t], w_track, at)
         for k in range(first_load, d):
             residual = (q[t, k] - loads[t, k - first_load]) / scale[k]
             normal[at + k, at + k] += w_load
@@ -152,8 +152,7 @@ def assemble(
             cost += w_load * residual * residual
         cost += _add_clearance(normal, gradient, stations, dstations, offset, world, limits, w_clear, rates, at)
         cost += _add_motion(
-            normal, gradient, ends, dends[:, :, :d], last, dlast[:, :, :d], steps[t], limits, weights, rates, earlier,
-            at,
+            normal, gradient, ends, dends, last, dlast, steps[t], limits, weights, rates, earlier, at
         )  # fmt: skip
         cost += _add_separation(normal, gradient, ends, dends, limits[5], max_span[t], w_apart, rates, at)
         last[:] = ends

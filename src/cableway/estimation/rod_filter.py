@@ -176,9 +176,10 @@ class RodEstimator:
 
     def _by_grasps(self, poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3 g"]:
         """Derivative of the ends' poses by the grasps."""
-        left, right = self.rod.group.to_world(poses)
-        nothing = np.zeros_like(left)
-        return np.stack([np.hstack([left, nothing]), np.hstack([nothing, right])])
+        dof = self.rod.group.dof
+        out = np.zeros((2, dof, 2 * dof))
+        out[0, :, :dof], out[1, :, dof:] = self.rod.group.to_world(poses)
+        return out
 
     def update(
         self,

@@ -26,7 +26,7 @@ def predict(q, ends, by_grasps, p, modes, stride, keypoints, by_theta):
     found. Returns the largest residual of the ends left.
     """
     left = meet_ends(q, ends, p, modes, MEETING_STEPS)
-    stations, dstations, poses, dposes = workspace(modes)
+    stations, dstations, poses, dposes = workspace(modes, len(q) + len(p))
     held_shape(q, p, modes, stations, dstations, poses, dposes)
     rows, size, dof = len(by_grasps), by_theta.shape[2], len(q)
     wanted = np.empty((rows, size))

@@ -96,16 +96,24 @@ class SE2(Group):
     @staticmethod
     def compose(a: Float[np.ndarray, "... 3"], b: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
         """See `Group.compose`."""
+        a, b = np.asarray(a, float), np.asarray(b, float)
         c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-        x, y, turn = np.moveaxis(b, -1, 0)
-        return a + np.stack(np.broadcast_arrays(c * x - s * y, s * x + c * y, turn), axis=-1)
+        out = np.empty(a.shape if a.shape == b.shape else np.broadcast_shapes(a.shape, b.shape))
+        out[..., 0] = a[..., 0] + (c * b[..., 0] - s * b[..., 1])
+        out[..., 1] = a[..., 1] + (s * b[..., 0] + c * b[..., 1])
+        out[..., 2] = a[..., 2] + b[..., 2]
+        return out
 
     @staticmethod
     def inverse(a: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
         """See `Group.inverse`."""
+        a = np.asarray(a, float)
         c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-        x, y, turn = np.moveaxis(a, -1, 0)
-        return -np.stack([c * x + s * y, c * y - s * x, turn], axis=-1)
+        out = np.empty(a.shape)
+        out[..., 0] = -(c * a[..., 0] + s * a[..., 1])
+        out[..., 1] = -(c * a[..., 1] - s * a[..., 0])
+        out[..., 2] = -a[..., 2]
+        return out
 
     @staticmethod
     def plus(pose: Float[np.ndarray, "... 3"], step: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:

@@ -30,10 +30,9 @@ MEETING = Rule(enough=1e-20)
 
 
 @kernel
-def workspace(modes):
-    """Empty arrays for `held_shape` with all derivatives."""
-    count, hinges = modes.shape
-    columns = 7 + 2 * count
+def workspace(modes, columns):
+    """Empty arrays for `held_shape` with so many derivatives."""
+    hinges = modes.shape[1]
     return (
         np.empty((2 * hinges + 1, 2)),
         np.empty((2 * hinges + 1, 2, columns)),
@@ -64,24 +63,19 @@ def fit_shape(q, wanted, p, modes, stride, pull, steps, rule):
     A pull on the change of the load in each step, of weight `pull` in squared lengths, keeps it where keypoints cannot
     tell. Returns half the squared stacked distance, in squared lengths of the rod.
     """
-    stations, poses = np.empty((2 * modes.shape[1] + 1, 2)), np.empty((2, 3))
-    dstations, dposes = np.empty((len(stations), 2, len(q))), np.empty((2, 3, len(q)))
-    no_stations, no_poses = np.empty((len(stations), 2, 0)), np.empty((2, 3, 0))
+    stations, dstations, poses, dposes = workspace(modes, len(q))
     search, scale, length, rates = begin(q), scales(p[0]), p[0], np.empty(len(q))
     while True:
-        held_shape(search.trial, p, modes, stations, no_stations, poses, no_poses)
-        cost = 0.0
-        for i in range(len(wanted)):
-            for k in range(wanted.shape[1]):
-                cost += ((stations[i * stride, k] - wanted[i, k]) / length) ** 2
         held_shape(search.trial, p, modes, stations, dstations, poses, dposes)
         clear(search)
+        cost = 0.0
         for i in range(len(wanted)):
             for k in range(wanted.shape[1]):
                 residual = (stations[i * stride, k] - wanted[i, k]) / length
                 for a in range(len(q)):
                     rates[a] = dstations[i * stride, k, a] * (scale[a] / length)
                 add_row(search.trial_normal, search.trial_gradient, rates, residual, 1.0, 0)
+                cost += residual * residual
         for a in range(LOADS, len(q)):
             search.trial_normal[a, a] += pull
         if not advance(search, 0.5 * cost, scale, steps, rule):
@@ -96,7 +90,7 @@ def meet_ends(q, ends, p, modes, steps):
 
     Angles count as they are, not modulo a turn. Returns the residual left, in lengths and radians.
     """
-    stations, dstations, poses, dposes = workspace(modes)
+    stations, dstations, poses, dposes = workspace(modes, len(q))
     search, scale = begin(q), scales(p[0])
     rates = np.empty((ends.size, len(q)))
     while True:
@@ -157,8 +151,7 @@ def fit_shapes(q, wanted, p, modes, stride, pull, steps, keypoints, ends):
 
     Fills `keypoints` (H, n, 2) and `ends` (H, 2, 3) of the shapes found.
     """
-    stations, poses = np.empty((2 * modes.shape[1] + 1, 2)), np.empty((2, 3))
-    no_stations, no_poses = np.empty((len(stations), 2, 0)), np.empty((2, 3, 0))
+    stations, no_stations, poses, no_poses = workspace(modes, 0)
     for t in range(len(q)):
         if steps > 0:
             fit_shape(q[t], wanted[t], p, modes, stride, pull / p[0] ** 2, steps, QUICK)

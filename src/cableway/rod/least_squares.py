@@ -183,8 +183,9 @@ def factorize(normal, relative, absolute, factor):
     """Cholesky's factor (lower) of `normal`, with more on the diagonal: a share of it, and a constant."""
     for a in range(len(normal)):
         for b in range(a + 1):
-            grown = normal[a, b] * (1.0 + relative) if a == b else normal[a, b]
-            value = grown - np.dot(factor[a, :b], factor[b, :b])
+            value = normal[a, b] * (1.0 + relative) if a == b else normal[a, b]
+            for c in range(b):  # a call of BLAS costs more than rows as short as these
+                value -= factor[a, c] * factor[b, c]
             factor[a, b] = math.sqrt(max(value + absolute, LEAST_PIVOT)) if a == b else value / factor[b, b]
 
 
@@ -192,7 +193,9 @@ def factorize(normal, relative, absolute, factor):
 def substitute(factor, x):
     """Solve the factored system in place."""
     for a in range(len(x)):
-        x[a] = (x[a] - np.dot(factor[a, :a], x[:a])) / factor[a, a]
+        for c in range(a):
+            x[a] -= factor[a, c] * x[c]
+        x[a] /= factor[a, a]
     for a in range(len(x) - 1, -1, -1):
         for c in range(a + 1, len(x)):
             x[a] -= factor[c, a] * x[c]

@@ -52,10 +52,10 @@ SLIP_DISTANCE = 0.010
 """Distance [m] of a cable's end from where its gripper holds it beyond which the grasp counts as lost."""
 
 REST = 0.002
-"""Speed [m/s] of the centreline below which the cable counts as at rest."""
+"""Speed [m/s] of the centreline that counts as rest."""
 
 LONGEST_SETTLING = 10.0
-"""Time [s] that the cable may take to come to rest at the start; what moves then, friction will stop."""
+"""[s] that the cable may take to come to rest at the start."""
 
 EVERY = 4
 """Time steps between two looks at the clearance."""
@@ -256,7 +256,9 @@ class TablePlant:
             for substep in range(1, count + 1):
                 wanted = self._commanded + substep / count * (target - self._commanded)
                 self._reached = wanted + late * (self._reached - wanted)
-                self._place_grippers(SE2.compose(self._reached, offsets))
+                ends = SE2.compose(self._reached, offsets)
+                data.mocap_pos[:] = np.column_stack([ends[:, :2], np.full(2, self.cable.radius)])  # above the table
+                data.mocap_quat[:] = _turned(ends[:, 2])
                 mujoco.mj_step(self.model, data)
                 deepest = min(deepest, self._contact())
                 if substep % EVERY == 0:
@@ -271,11 +273,6 @@ class TablePlant:
         return min(cable, deepest), float(
             self._scene.signed_distance(np.array(discs)).min()
         ) - self.task.grippers.radius
-
-    def _place_grippers(self, ends: Float[np.ndarray, "2 3"]) -> None:
-        """Where the grippers hold the ends of the cable: at its radius above the table."""
-        self._data.mocap_pos[:] = np.column_stack([ends[:, :2], np.full(2, self.cable.radius)])
-        self._data.mocap_quat[:] = _turned(ends[:, 2])
 
     def _contact(self) -> float:
         """Distance [m] of the deepest contact of the cable with an obstacle or a wall; infinite without one."""

@@ -49,7 +49,7 @@ def test_a_rod_that_is_not_uniform_is_the_rod_of_the_estimator(keypoints):
     p = np.concatenate([[rod.length], stiffness, rest])
     shapes, poses = [], []
     for q in (FROM, TO):
-        stations, _, ends, _ = arrays = workspace(rod_material.modes(rod.hinges))
+        stations, _, ends, _ = arrays = workspace(rod_material.modes(rod.hinges), len(q) + len(p))
         held_shape(q, p, rod_material.modes(rod.hinges), *arrays)
         shapes.append(rod.at_keypoints(stations[None])[0])
         poses.append(ends)
