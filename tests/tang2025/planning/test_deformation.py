@@ -103,7 +103,7 @@ def test_a_sharp_sigmoid_runs_along_the_polyline():
 
 def jax_value(coefficients: np.ndarray, sigma: jax.Array, springs: Springs) -> jax.Array:
     """The objective again, in JAX, on paths that are cubic polynomials with (4, n, 2) coefficients."""
-    x = sum(coefficients[3 - k] * sigma[..., None] ** k for k in range(4))
+    x = sum(coefficients[3 - k][None] * sigma[..., None] ** k for k in range(4))
     total = jnp.sum(0.5 * springs.step_stiffness * springs.travel**2 * jnp.diff(sigma, axis=0) ** 2)
     for stride, k in enumerate(springs.stiffness, start=1):
         d = jnp.sqrt(jnp.sum((x[:, stride:] - x[:, :-stride]) ** 2, axis=2))
