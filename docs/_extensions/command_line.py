@@ -20,7 +20,7 @@ WIDTH = "90"
 
 def names() -> list[str]:
     """Of all commands, in the order of the help."""
-    return [get_args(command)[1].name for command in get_args(commands.Command)]
+    return [command.__name__.lower() for command in get_args(commands.Command)]
 
 
 def help_text(*arguments: str) -> str:
