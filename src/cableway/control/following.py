@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -79,6 +80,10 @@ class FollowerState(ControllerState):
         """
         action = within_limits(action, self.tracker.commanded, self.task.grippers, max_span)
         return action, self._sent(action, status, waiting=status == Status.STOPPED)
+
+    def stopping(self) -> tuple[Float[np.ndarray, "2 3"], Self]:
+        """Grippers that stand still, and the state after that."""
+        return self.sending(np.zeros(self.task.cable.rod.step_shape), Status.STOPPED, math.inf)
 
     def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
         """See `ControllerState.overruled`; where the grippers stand still the reference waits."""

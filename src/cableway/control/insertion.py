@@ -11,14 +11,13 @@ Note:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.base import Controller, Status
+from cableway.control.base import Controller
 from cableway.control.following import FollowerState
 from cableway.core.checks import number_fields, require_not_negative, require_range
 from cableway.core.deprecation import renamed, renamed_keywords
@@ -100,10 +99,11 @@ class InsertionController(Controller[InsertionState]):
         """See `Controller.step`."""
         state = state.looking(observation, state.estimate.grasps)
         if state.tracker.steps_without_poses > self.config.blind_steps:
-            return state.sending(np.zeros((2, 3)), Status.STOPPED, math.inf)
+            return state.stopping()
         if state.index < state.plan.held_steps:
             state = self._learning(state)
-            action = np.stack([np.zeros(3), self.config.gain * self._misaligned(state)])
+            right = self.config.gain * self._misaligned(state)
+            action = np.stack([np.zeros_like(right), right])
         else:
             action = state.plan.actions(state.index, 1)[0]
         max_span = self.config.max_span * state.estimate.length

@@ -27,6 +27,7 @@ from cableway.control.following import FollowerState
 from cableway.control.limits import span_limit
 from cableway.core.checks import number_fields, require_choice, require_not_negative, require_positive
 from cableway.core.deprecation import renamed_keywords
+from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan
 from cableway.rod.inverse import fit_keypoints, motion_jacobian
 from cableway.scene.task import Task
@@ -84,14 +85,14 @@ class JacobianState(FollowerState):
     """State of `JacobianFeedback`.
 
     Attributes:
-        jacobian: (2n, 6) derivative of the keypoints by the gripper poses.
+        jacobian: (m, a) derivative of the keypoints by the gripper poses.
         previous: Keypoints (n, 2) and gripper poses (2, 3) of the last complete observation, None before it.
-        q: (6,) rod coordinates of the plan's shape.
+        q: (d,) rod coordinates of the plan's shape.
     """
 
-    jacobian: Float[np.ndarray, "m 6"]
+    jacobian: Float[np.ndarray, "m a"]
     previous: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
-    q: Float[np.ndarray, "6"]
+    q: Float[np.ndarray, "d"]
 
 
 class JacobianFeedback(Controller[JacobianState]):
@@ -120,9 +121,9 @@ class JacobianFeedback(Controller[JacobianState]):
     ) -> tuple[Float[np.ndarray, "2 3"], JacobianState]:
         """See `Controller.step`."""
         config, state = self.config, state.looking(observation)
-        max_span = float(span_limit(state.plan.poses(state.index, 1), state.task.cable.length, config.max_span)[0])
         if state.must_stop(config):
-            return state.sending(np.zeros((2, 3)), Status.STOPPED, max_span)
+            return state.stopping()
+        max_span = float(span_limit(state.plan.poses(state.index, 1), state.task.cable.length, config.max_span)[0])
         forward = state.plan.actions(state.index, 1)[0]
         if not np.isfinite(state.tracker.keypoints).all():
             return state.sending(forward, Status.UNSEEN, max_span)
@@ -142,7 +143,7 @@ class JacobianFeedback(Controller[JacobianState]):
             return replace(state, q=q, jacobian=motion_jacobian(rod, q), previous=now)
         jacobian = state.jacobian
         if state.previous is not None:
-            change, motion = (now[0] - state.previous[0]).ravel(), (now[1] - state.previous[1]).ravel()
+            change, motion = (now[0] - state.previous[0]).ravel(), SE2.minus(now[1], state.previous[1]).ravel()
             weighted = self._units * motion
             surprise = change - jacobian @ motion
             rate = config.learning_rate / (motion @ weighted + config.least_motion**2)
@@ -152,27 +153,26 @@ class JacobianFeedback(Controller[JacobianState]):
     def _feedback(self, state: JacobianState, forward: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
         """K (s_ref - s - J a_ref), with the motions under way counted as done."""
         tracker, jacobian = state.tracker, state.jacobian
-        under_way = (tracker.commanded - tracker.at_frame).ravel()
+        under_way = SE2.minus(tracker.commanded, tracker.at_frame).ravel()
         wanted = state.plan.shapes(state.index, 1)[0]
         error = (wanted - tracker.keypoints).ravel() - jacobian @ (forward.ravel() + under_way)
         normal = np.einsum("ka,kb->ab", jacobian, jacobian) + self.config.damping * np.diag(self._units)
-        return self.config.gain * np.linalg.solve(normal, error @ jacobian).reshape(2, 3)
+        return self.config.gain * np.linalg.solve(normal, error @ jacobian).reshape(forward.shape)
 
     @property
-    def _units(self) -> Float[np.ndarray, "6"]:
-        return np.tile([1.0, 1.0, self.config.turn_lever**2], 2)
+    def _units(self) -> Float[np.ndarray, "a"]:
+        """R, for both grippers."""
+        lever = self.config.turn_lever
+        return np.tile((lever / SE2.step_units(lever)) ** 2, 2)
 
 
 def blend_jacobian(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2*n 6"]:
     """The derivative of keypoints [m] that follow both ends' rigid motions in proportion to where they are."""
     share = np.linspace(0.0, 1.0, len(keypoints))
-    found = np.zeros((len(keypoints), 2, 2, 3))
-    for side, weight in enumerate((1.0 - share, share)):
-        arm = keypoints - poses[side, :2]
-        found[:, 0, side, 0] = found[:, 1, side, 1] = weight
-        found[:, 0, side, 2] = -weight * arm[:, 1]
-        found[:, 1, side, 2] = weight * arm[:, 0]
-    return found.reshape(-1, 6)
+    shares = np.stack([1.0 - share, share], axis=1)[:, None, :, None]
+    axes = np.eye(SE2.space)[:, None]
+    found = shares * SE2.pulled_back(axes, keypoints[:, None, None], poses)
+    return found.reshape(keypoints.size, -1)
 
 
 def broyden() -> JacobianFeedback:

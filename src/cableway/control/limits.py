@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import body_clearance
+from cableway.motion.validity import gripper_spans
 from cableway.scene.task import Grippers, Task
 
 MARGIN = 1.0 - 1e-9
@@ -40,10 +41,11 @@ def within_limits(
     """
     action = np.asarray(action, float)
     if not np.isfinite(action).all():
-        return np.zeros((2, 3))
-    moves = shorten(action[:, :2], MARGIN * grippers.max_step)
-    turns = np.clip(action[:, 2:], -MARGIN * grippers.max_turn, MARGIN * grippers.max_turn)
-    share = _separation_share(poses[1, :2] - poses[0, :2], moves[1] - moves[0], max_span)
+        return np.zeros_like(action)
+    moves = shorten(SE2.position(action), MARGIN * grippers.max_step)
+    turns = np.clip(action[:, SE2.space :], -MARGIN * grippers.max_turn, MARGIN * grippers.max_turn)
+    left, right = SE2.position(poses)
+    share = _separation_share(right - left, moves[1] - moves[0], max_span)
     together, apart = moves.mean(axis=0), (moves[1] - moves[0]) / 2
     return np.column_stack([np.stack([together - share * apart, together + share * apart]), turns])
 
@@ -64,13 +66,12 @@ def last_filter(
         task: Limits, scene and bodies.
     """
     action = np.asarray(action, float)
-    span = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
+    span = float(gripper_spans(poses[None])[0])
     if not np.isfinite(action).all() or exceeds_limits(action, task.grippers) or not _is_slack(action, poses, task):
         action = within_limits(action, poses, task.grippers, max(task.cable.length, span))
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
     kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.bodies])
-    spans = np.linalg.norm(reached[:, 1, :2] - reached[:, 0, :2], axis=1)
-    kept = np.column_stack([kept, spans - max(task.grippers.separation, 2 * task.grippers.radius)])
+    kept = np.column_stack([kept, gripper_spans(reached) - max(task.grippers.separation, 2 * task.grippers.radius)])
     allowed = (kept >= np.minimum(kept[0], 0.0) - ROUNDING).all(axis=1)
     # the first share that is not allowed bounds those that are
     share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0
@@ -78,13 +79,12 @@ def last_filter(
 
 
 def _is_slack(action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"], task: Task) -> bool:
-    reached = SE2.plus(poses, action)
-    return float(np.linalg.norm(reached[1, :2] - reached[0, :2])) <= task.cable.length
+    return float(gripper_spans(SE2.plus(poses, action)[None])[0]) <= task.cable.length
 
 
 def exceeds_limits(action: Float[np.ndarray, "2 3"], grippers: Grippers) -> bool:
     """Whether a step or a turn [m, m, rad] is beyond the grippers' limits."""
-    steps, turns = np.linalg.norm(action[:, :2], axis=1), np.abs(action[:, 2])
+    steps, turns = np.linalg.norm(SE2.position(action), axis=1), np.abs(action[:, SE2.space :])
     return bool(steps.max() > grippers.max_step or turns.max() > grippers.max_turn)
 
 
@@ -93,7 +93,7 @@ def span_limit(poses: Float[np.ndarray, "H 2 3"], length: float, share: float) -
 
     A plan that pulls the grippers farther apart than the cable is long is not followed there.
     """
-    planned = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+    planned = gripper_spans(poses)
     return np.where(planned <= length, np.maximum(planned, share * length), share * length)
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import require_not_negative
 from cableway.core.errors import InputError
+from cableway.geometry.groups import SE2
 from cableway.records import Plan
 from cableway.scene.task import CONTROL_STEP, Task
 
@@ -57,7 +58,8 @@ class PlanReference:
 
     def actions(self, step: int, horizon: int) -> Float[np.ndarray, "H 2 3"]:
         """The plan's next `horizon` gripper motions [m, m, rad]."""
-        return np.diff(self.plan.poses[self.rows(step, horizon + 1)], axis=0)
+        poses = self.plan.poses[self.rows(step, horizon + 1)]
+        return SE2.minus(poses[1:], poses[:-1])
 
 
 def reference_for(task: Task, plan: Plan, hold: float) -> PlanReference:

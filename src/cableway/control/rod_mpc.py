@@ -39,6 +39,7 @@ from cableway.core.checks import number_fields, require_not_negative, require_po
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
+from cableway.motion.validity import gripper_spans
 from cableway.records import Estimate, Observation, Plan
 from cableway.rod.fitting import fit_shapes, meet_ends
 from cableway.rod.inverse import fit_keypoints
@@ -195,7 +196,7 @@ class RodMPC(Controller[RodMPCState]):
         state = state.looking(observation, state.estimate.grasps)
         tracker = state.tracker
         if state.must_stop(self.config):
-            return state.sending(np.zeros((2, 3)), Status.STOPPED, self._span_limit(state))
+            return state.stopping()
         estimate = state.problem.estimator.update(
             state.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence
         )
@@ -217,8 +218,8 @@ class RodMPC(Controller[RodMPCState]):
         if state.index < state.plan.held_steps:
             return planned
         slack, deviation = state.problem.estimator.slack(state.estimate, commanded)
-        gap = float(np.linalg.norm(commanded[1, :2] - commanded[0, :2]))
-        return max(planned, gap + slack - (1 - share) * state.estimate.length - SURE * deviation)
+        span = float(gripper_spans(commanded[None])[0])
+        return max(planned, span + slack - (1 - share) * state.estimate.length - SURE * deviation)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion."""
@@ -232,18 +233,19 @@ class RodMPC(Controller[RodMPCState]):
         before = rod.group.compose(commanded, estimate.grasps)
         now = estimate.q.copy()
         meet_ends(now, before, p, modes, MEETING_STEPS)
-        q = now + fits[1:] - fits[0]
+        q = rod.retract(now, rod.difference(fits[0], fits[1:]))
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), wanted[1:].copy(),
-            np.diff(ends, axis=0), fits[1:, rod.loads].copy(), span_limit(ends[1:], estimate.length, config.soft_span),
+            rod.group.minus(ends[1:], ends[:-1]), fits[1:, rod.loads].copy(),
+            span_limit(ends[1:], estimate.length, config.soft_span),
             state.task.scene.world.arrays, problem.limits, config.weights,
         )  # fmt: skip
         first, reached = q[:1].copy(), np.empty((1, *rod.end_shape))
         fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
         farthest = float(span_limit(ends[1:2], estimate.length, config.max_span)[0])
-        moved = within_limits(reached[0] - before, before, state.task.grippers, farthest)
+        moved = within_limits(rod.group.minus(reached[0], before), before, state.task.grippers, farthest)
         grippers = rod.group.compose(rod.group.plus(before, moved), rod.group.inverse(estimate.grasps))
-        return grippers - commanded
+        return rod.group.minus(grippers, commanded)
 
 
 def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
@@ -264,4 +266,4 @@ def _at_stations(offset: Float[np.ndarray, "n 2"], stride: int) -> Float[np.ndar
     """The offset of the keypoints at all stations, linear between them."""
     keypoints = np.arange(len(offset))
     stations = np.arange((len(offset) - 1) * stride + 1) / stride
-    return np.column_stack([np.interp(stations, keypoints, offset[:, k]) for k in range(2)])
+    return np.column_stack([np.interp(stations, keypoints, column) for column in offset.T])

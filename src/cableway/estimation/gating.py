@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.cable import Cable
 
@@ -21,7 +22,7 @@ FAR = 1e3
 
 def poses_usable(observation: Observation | None) -> bool:
     """Whether an observation has gripper poses, finite and within `FAR`."""
-    if observation is None or np.shape(observation.poses) != (2, 3):
+    if observation is None or np.shape(observation.poses) != (2, SE2.size):
         return False
     return bool(np.isfinite(observation.poses).all() and np.abs(observation.poses).max() < FAR)
 
@@ -34,14 +35,14 @@ def gated_keypoints(
     A keypoint may not be farther from either gripper than along the cable, neighbours not farther apart than twice
     their distance along it, both with some slack. A frame with too few keypoints left is rejected whole.
     """
-    n, nothing = cable.keypoints, np.full((cable.keypoints, 2), np.nan)
-    if np.shape(keypoints) != (n, 2):
+    n, nothing = cable.keypoints, np.full((cable.keypoints, SE2.space), np.nan)
+    if np.shape(keypoints) != nothing.shape:
         return nothing
     left = np.array(keypoints, dtype=float)
     left[~(np.abs(left) < FAR).all(axis=1)] = np.nan
     spacing, along = cable.length / (n - 1), np.linspace(0.0, cable.length, n)
     slack = SLACK * spacing
-    for gripper, distance in zip(poses[:, :2], (along, along[::-1]), strict=True):
+    for gripper, distance in zip(SE2.position(poses), (along, along[::-1]), strict=True):
         left[np.linalg.norm(left - gripper, axis=1) > distance + slack] = np.nan
     apart = np.flatnonzero(np.linalg.norm(np.diff(left, axis=0), axis=1) > spacing + slack)
     left[apart] = left[apart + 1] = np.nan

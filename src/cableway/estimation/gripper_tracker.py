@@ -15,7 +15,7 @@ from cableway.records import Observation
 from cableway.scene.cable import Cable
 from cableway.scene.task import CONTROL_STEP
 
-NOMINAL_GRASPS = np.zeros((2, 3))
+NOMINAL_GRASPS = np.zeros((2, SE2.size))
 """Grasps without any offset."""
 
 TURN_LEVER = 0.1
@@ -48,8 +48,8 @@ class GripperTracker:
     @classmethod
     def at_rest(cls, poses: Float[np.ndarray, "2 3"], keypoints: int) -> GripperTracker:
         """Before the first observation, with grippers that stand at `poses`."""
-        nothing = np.full((keypoints, 2), np.nan)
-        return cls(DelayEstimator.constant(poses), DelayEstimator.constant(np.zeros((2, 3))), nothing)
+        nothing = np.full((keypoints, SE2.space), np.nan)
+        return cls(DelayEstimator.constant(poses), DelayEstimator.constant(np.zeros((2, SE2.dof))), nothing)
 
     @property
     def at_frame(self) -> Float[np.ndarray, "2 3"]:
@@ -60,12 +60,12 @@ class GripperTracker:
     def speed(self) -> float:
         """Of the faster gripper then [m per control step]."""
         before = self.poses.at(np.float64(self.poses.delay + 1))
-        return float(np.linalg.norm((self.at_frame - before)[:, :2], axis=1).max())
+        return float(np.linalg.norm(SE2.position(self.at_frame) - SE2.position(before), axis=1).max())
 
     @property
     def commanded(self) -> Float[np.ndarray, "2 3"]:
         """Gripper poses once all commands are carried out."""
-        return self.poses.history[-1] + self.commands.newer
+        return SE2.plus(self.poses.history[-1], self.commands.newer)
 
     @property
     def path(self) -> Float[np.ndarray, "k 2 3"]:
@@ -76,7 +76,7 @@ class GripperTracker:
         if pending:
             shares[0] = 1 - (pending - self.commands.delay)
         motions = shares[:, None, None] * self.commands.history[len(self.commands.history) - pending :]
-        to_come = self.poses.history[-1] + np.cumsum(motions, axis=0)
+        to_come = SE2.plus(self.poses.history[-1], np.cumsum(motions, axis=0))
         return np.concatenate([self.at_frame[None], passed, to_come])
 
     def updated(self, observation: Observation, grasps: Float[np.ndarray, "2 3"], cable: Cable) -> GripperTracker:
@@ -94,7 +94,7 @@ class GripperTracker:
         last = self.poses.history[-1]
         step = SE2.minus(observation.poses, last)
         differences = np.moveaxis(self.commands.at(DELAYS) - step, 0, -1)
-        differences[:, 2] *= TURN_LEVER
+        differences[:, SE2.space :] *= TURN_LEVER
         commands = self.commands.updated(np.sum(differences**2, axis=(0, 1)))
         poses = self.poses.appended(SE2.plus(last, step))
         if observation.taken is not None:
@@ -104,7 +104,7 @@ class GripperTracker:
             keypoints = np.where(observation.confidence[:, None] > 0, keypoints, np.nan)
         visible = np.isfinite(keypoints[[0, -1], 0])
         if visible.any() and observation.taken is None:
-            ends = SE2.compose(poses.at(DELAYS), grasps)[..., :2]
+            ends = SE2.position(SE2.compose(poses.at(DELAYS), grasps))
             poses = poses.updated(np.sum((ends - keypoints[[0, -1]])[:, visible] ** 2, axis=(1, 2)))
         missing = 0 if np.isfinite(keypoints).any() else self.steps_without_keypoints + 1
         return GripperTracker(poses, commands, keypoints, missing, started=True, confidence=observation.confidence)

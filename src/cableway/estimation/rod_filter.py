@@ -90,7 +90,7 @@ class RodEstimate:
     Attributes:
         theta: (p,) parameters, see `cableway.rod.material`.
         covariance: (p, p) of theta, in units of its prior.
-        q: (6,) shape last predicted.
+        q: (d,) shape last predicted.
         offset: (n, 2) [m] what the prediction is short of.
     """
 
@@ -112,7 +112,7 @@ class RodEstimate:
 
 @dataclass(frozen=True)
 class _Prediction:
-    """Shape q (6,), keypoints (n, 2), their derivative (n, 2, p) by theta, and whether the rod can be held so."""
+    """Shape q (d,), keypoints (n, 2), their derivative (n, 2, p) by theta, and whether the rod can be held so."""
 
     q: Float[np.ndarray, "d"]
     keypoints: Float[np.ndarray, "n 2"]
@@ -145,7 +145,9 @@ class RodEstimator:
 
     def start(self, q: Float[np.ndarray, "d"]) -> RodEstimate:
         """Nothing known but the first shape q."""
-        return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros((self.rod.keypoints, 2)))
+        return RodEstimate(
+            self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros((self.rod.keypoints, self.rod.group.space))
+        )
 
     def estimates(self, estimate: RodEstimate) -> dict[str, Estimate]:
         """The parameters by name."""
@@ -222,7 +224,8 @@ class RodEstimator:
         self, q: Float[np.ndarray, "d"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 3"]
     ) -> _Prediction:
         q, n = q.copy(), self.rod.keypoints
-        keypoints, by_theta = np.empty((n, 2)), np.empty((n, 2, PARAMETERS))
+        space = self.rod.group.space
+        keypoints, by_theta = np.empty((n, space)), np.empty((n, space, PARAMETERS))
         ends = self.rod.group.compose(poses, theta[GRASPS].reshape(2, -1))
         by_grasps = self._by_grasps(poses).reshape(ends.size, -1)
         left = rod_kernels.predict(q, ends, by_grasps, theta[ROD], self.modes, self.rod.stride, keypoints, by_theta)

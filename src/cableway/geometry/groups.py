@@ -71,8 +71,22 @@ class Group(ABC):
 
     @staticmethod
     @abstractmethod
+    def pulled_back(
+        slope: Float[np.ndarray, "... space"],
+        points: Float[np.ndarray, "... space"],
+        pose: Float[np.ndarray, "... size"],
+    ) -> Float[np.ndarray, "... dof"]:
+        """The slope by a pose of what has this slope by points [m] that move with the pose."""
+
+    @staticmethod
+    @abstractmethod
     def step_units(length: float) -> Float[np.ndarray, "dof"]:
         """What a step is divided by to be in units of `length` [m] and radians."""
+
+    @classmethod
+    def position(cls, pose: Float[np.ndarray, "... size"]) -> Float[np.ndarray, "... space"]:
+        """The positions [m] of poses, or the translations of steps."""
+        return pose[..., : cls.space]
 
     @classmethod
     def between(
@@ -150,6 +164,17 @@ class SE2(Group):
         """See `Group.distance`."""
         step = SE2.minus(b, a)
         return np.linalg.norm(step[..., :2], axis=-1), np.abs(step[..., 2])
+
+    @staticmethod
+    def pulled_back(
+        slope: Float[np.ndarray, "... 2"], points: Float[np.ndarray, "... 2"], pose: Float[np.ndarray, "... 3"]
+    ) -> Float[np.ndarray, "... 3"]:
+        """See `Group.pulled_back`: (g, g . R'(theta) l) with the slope g by a point x + R(theta) l."""
+        lever = points - pose[..., :2]
+        out = np.empty((*np.broadcast_shapes(slope.shape, lever.shape)[:-1], 3))
+        out[..., :2] = slope
+        out[..., 2] = slope[..., 1] * lever[..., 0] - slope[..., 0] * lever[..., 1]
+        return out
 
     @staticmethod
     def step_units(length: float) -> Float[np.ndarray, "3"]:

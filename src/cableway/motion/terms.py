@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import convex
+from cableway.geometry.groups import SE2
 from cableway.motion.limits import body_rounding
 from cableway.rod.held_rod import HeldRod
 from cableway.scene.task import Task
@@ -31,20 +32,15 @@ def clearance_shortfall(
 def body_shortfall(
     task: Task, poses: Float[np.ndarray, "t 2 3"], margin: float
 ) -> tuple[Float[np.ndarray, "t k"], Float[np.ndarray, "t k 2 3"]]:
-    """How far points round the bodies lack a clearance of `margin` [m], and the slope by the gripper poses.
-
-    With the slope g by a point p = x + R(theta) l of a body, the slope by its pose is (g, g . R'(theta) l).
-    """
-    short, slopes = [], []
+    """How far points round the bodies lack a clearance of `margin` [m], and the slope by the gripper poses."""
+    rod, short, slopes = task.cable.rod, [], []
     for body in task.bodies:
         at = poses[:, body.side]
         points = body.placed(at, BODY_SPACING)
         points = points if points.shape[1] == 1 else points[:, :-1]
         lack, slope = clearance_shortfall(points, task.scene.world, margin + body_rounding(body, task.cable))
-        lever = points - at[:, None, :2]
-        by_poses = np.zeros((*lack.shape, 2, 3))
-        by_poses[:, :, body.side, :2] = slope
-        by_poses[:, :, body.side, 2] = slope[..., 1] * lever[..., 0] - slope[..., 0] * lever[..., 1]
+        by_poses = np.zeros((*lack.shape, *rod.step_shape))
+        by_poses[:, :, body.side] = rod.group.pulled_back(slope, points, at[:, None])
         short.append(lack)
         slopes.append(by_poses)
     return np.concatenate(short, axis=1), np.concatenate(slopes, axis=1)
@@ -54,12 +50,13 @@ def span_excess(
     poses: Float[np.ndarray, "t 2 3"], most: float, least: float
 ) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, "t 2 2 3"]]:
     """How far [m] the gripper span is above `most` and below `least` [m], and the slopes by the gripper poses."""
-    between = poses[:, 1, :2] - poses[:, 0, :2]
+    space, dof = SE2.space, SE2.dof
+    between = poses[:, 1, :space] - poses[:, 0, :space]
     span = np.linalg.norm(between, axis=1)
     over = np.column_stack([span - most, least - span])
-    slope = np.zeros((len(poses), 2, 2, 3))
+    slope = np.zeros((*over.shape, 2, dof))
     unit = between / np.maximum(span, 1e-12)[:, None]
-    slope[:, 0, 1, :2], slope[:, 1, 1, :2] = unit, -unit
+    slope[:, 0, 1, :space], slope[:, 1, 1, :space] = unit, -unit
     slope[:, :, 0] = -slope[:, :, 1]
     return np.maximum(0.0, over), slope * (over > 0)[..., None, None]
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from cableway.geometry.convex import ConvexWorld, polyline_distance
+from cableway.geometry.groups import SE2
 from cableway.motion import kernels
 from cableway.motion.clearance import body_clearance
 from cableway.motion.limits import Margins, ShapeLimits, body_rounding, sharpest_turn_of, stations_apart
@@ -108,7 +109,8 @@ def task_ends(task: Task) -> tuple[Float[np.ndarray, "dof"], Float[np.ndarray, "
 
 def gripper_spans(poses: Float[np.ndarray, "t 2 pose"]) -> Float[np.ndarray, "t"]:
     """Distance [m] between the grippers in each row."""
-    return np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+    at = SE2.position(poses)
+    return np.linalg.norm(at[:, 1] - at[:, 0], axis=1)
 
 
 def _body_distance(body: Body, ends: Float[np.ndarray, "2 2 pose"], task: Task, margins: Margins) -> float:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from cableway.core.errors import Cancelled
+from cableway.geometry.groups import SE2
 from cableway.motion.clearance import cable_clearance
 from cableway.planning.candidates import OutOfTime, Search
 from cableway.planning.initial_trajectories import PIVOTED
@@ -21,7 +20,7 @@ CLEARANCE_WEIGHT = 0.001
 
 def plan_cost(plan: Plan, task: Task) -> float:
     """What alternatives are ranked by: travel of both grippers [m] + 0.001 m^2 / least clearance of the cable."""
-    travel = float(np.linalg.norm(np.diff(plan.poses[:, :, :2], axis=0), axis=2).sum())
+    travel = float(SE2.distance(plan.poses[1:], plan.poses[:-1])[0].sum())
     clearance = float(cable_clearance(plan.shapes, task).min())
     return travel + CLEARANCE_WEIGHT / max(clearance, 1e-4)
 

@@ -66,22 +66,23 @@ def _poses(task: Task, share: float) -> Float[np.ndarray, "t 2 3"]:
     assert task.plug is not None
     assert task.port is not None
     first = task.cable.rod.shapes(task.goal_equilibrium[None])[1][0]
-    before = first[1] + SE2.minus(task.port.pose(task.plug, -task.port.standoff), first[1])
-    after = before + task.port.pose(task.plug, task.port.depth) - task.port.pose(task.plug, -task.port.standoff)
+    outside, inside = (task.port.pose(task.plug, depth) for depth in (-task.port.standoff, task.port.depth))
+    before = SE2.continued(outside, first[1])
+    after = SE2.plus(before, SE2.minus(inside, outside))
     right = np.vstack([_straight(task, first[1], before), _straight(task, before, after)[1:]])
     left = np.repeat(first[:1], len(right), axis=0)
-    left[:, :2] += share * (right[:, :2] - right[0, :2])
+    left[:, : SE2.space] += share * (SE2.position(right) - SE2.position(right[0]))
     return np.stack([left, right], axis=1)
 
 
 def _straight(task: Task, a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 3"]:
     """Poses from a to b, both included, no farther apart than `STEP` and `TURN` and the limits of the grippers."""
-    steps = np.linalg.norm(b[:2] - a[:2]) / min(STEP, task.grippers.max_step)
-    turns = abs(b[2] - a[2]) / min(TURN, task.grippers.max_turn)
+    moved, turned = SE2.distance(a, b)
+    steps, turns = moved / min(STEP, task.grippers.max_step), turned / min(TURN, task.grippers.max_turn)
     return np.linspace(a, b, max(1, int(np.ceil(max(steps, turns) - 1e-9))) + 1)
 
 
-def _plan(task: Task, q: Float[np.ndarray, "t 6"], left: str) -> Plan:
+def _plan(task: Task, q: Float[np.ndarray, "t dof"], left: str) -> Plan:
     stations, poses = task.cable.rod.shapes(q)
     shapes = np.ascontiguousarray(task.cable.rod.at_keypoints(stations))
     made_by = {"part": INSERTION, "left gripper": left, "versions": versions()}

@@ -154,7 +154,7 @@ def _tangent_poses(shapes: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 2
     return np.concatenate([shapes[:, [0, -1]], angles[..., None]], axis=2)
 
 
-def end_equilibria(task: Task, config: ProjectionConfig) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]]:
+def end_equilibria(task: Task, config: ProjectionConfig) -> tuple[Float[np.ndarray, "dof"], Float[np.ndarray, "dof"]]:
     """The equilibria nearest to start and goal.
 
     Raises:
@@ -172,19 +172,20 @@ def end_equilibria(task: Task, config: ProjectionConfig) -> tuple[Float[np.ndarr
 def fit_sequence(
     rod: PlanarRod,
     shapes: Float[np.ndarray, "T+1 n 2"],
-    start: Float[np.ndarray, "6"],
-    goal: Float[np.ndarray, "6"],
+    start: Float[np.ndarray, "dof"],
+    goal: Float[np.ndarray, "dof"],
     row_step: float,
-) -> tuple[Float[np.ndarray, "R+1 6"], Float[np.ndarray, "R+1"]]:
+) -> tuple[Float[np.ndarray, "R+1 dof"], Float[np.ndarray, "R+1"]]:
     """The nearest equilibrium of each shape, resampled so that keypoints move at most about `row_step` [m] a row.
 
     Returns:
-        q (R+1, 6), from `start` to `goal` with angles that run on, and for each row its place 0..T in `shapes`.
+        q (R+1, dof), from `start` to `goal` with angles that run on, and for each row its place 0..T in `shapes`.
     """
     q = np.vstack([start, inverse.fit_sequence(rod, shapes[1:-1], start), goal])
-    q[:, 2] = np.unwrap(q[:, 2])
-    q[:, 3:] = np.clip(q[:, 3:], -60.0, 60.0)
-    q[0, 3:], q[-1, 3:] = start[3:], goal[3:]
+    angle, loads = rod.group.space, rod.loads
+    q[:, angle] = np.unwrap(q[:, angle])
+    q[:, loads] = np.clip(q[:, loads], -60.0, 60.0)
+    q[0, loads], q[-1, loads] = start[loads], goal[loads]
     rows = evenly_moved(rod, q, row_step)
     return rows_at(q, rows), rows
 

@@ -70,7 +70,7 @@ def anywhere(task: Task, config: RRTConnectConfig) -> Sampler:
     loads = _loads(task, config)
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
-        place = rng.uniform(0, 1, (count, 2)) * task.scene.size
+        place = rng.uniform(0, 1, (count, task.cable.rod.group.space)) * task.scene.size
         return np.column_stack([place, _angles(task, rng, count), loads(rng, count)])
 
     return draw
@@ -81,18 +81,18 @@ def about_path(task: Task, path: Float[np.ndarray, "P 2"], config: RRTConnectCon
     loads = _loads(task, config)
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
-        place = path[rng.integers(len(path), size=count)] + config.corridor * rng.normal(size=(count, 2))
+        place = path[rng.integers(len(path), size=count)] + config.corridor * rng.normal(size=(count, path.shape[1]))
         return np.column_stack([place, _angles(task, rng, count), loads(rng, count)])
 
     return draw
 
 
-def about_shapes(q: Float[np.ndarray, "t 6"], config: RRTConnectConfig) -> Sampler:
+def about_shapes(q: Float[np.ndarray, "t d"], config: RRTConnectConfig) -> Sampler:
     """Samples about the rows of another sequence, at distances from nothing to twice `config.tube`."""
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
         spread = rng.uniform(0, 2, (count, 1)) * np.array(config.tube)
-        return q[rng.integers(len(q), size=count)] + spread * rng.normal(size=(count, 6))
+        return q[rng.integers(len(q), size=count)] + spread * rng.normal(size=(count, q.shape[1]))
 
     return draw
 
@@ -104,8 +104,8 @@ def rrt_connect_path(
     *,
     seed: int | tuple[int, ...] = 0,
     progress: Callable[[float], None] | None = None,
-    ends: tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6"]] | None = None,
-) -> Float[np.ndarray, "r 6"]:
+    ends: tuple[Float[np.ndarray, "d"], Float[np.ndarray, "d"]] | None = None,
+) -> Float[np.ndarray, "r d"]:
     """A path among free stable equilibria from start to goal.
 
     Args:
@@ -117,7 +117,7 @@ def rrt_connect_path(
         ends: Free equilibria to begin and end at, with angles that run on, in place of the task's start and goal.
 
     Returns:
-        q (R+1, 6), from one end to the other, neighbours at most about `config.step` apart.
+        q (R+1, d), from one end to the other, neighbours at most about `config.step` apart.
 
     Raises:
         PlanningError: The samples are used up.
@@ -145,17 +145,18 @@ def rrt_connect_path(
 
 def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:
     """Angles of the centre all around, about that of the start."""
-    return task.start_equilibrium[2] + rng.uniform(-np.pi, np.pi, count)
+    return task.start_equilibrium[task.cable.rod.group.space] + rng.uniform(-np.pi, np.pi, count)
 
 
 def _loads(task: Task, config: RRTConnectConfig) -> Sampler:
     """Loads about those of start and goal, spread at least by `load_spread`."""
-    ends = np.array([task.start_equilibrium[3:], task.goal_equilibrium[3:]])
+    loads = task.cable.rod.loads
+    ends = np.array([task.start_equilibrium[loads], task.goal_equilibrium[loads]])
     spread = np.maximum(config.load_spread, np.abs(ends).max(0))
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
         middle = ends[rng.integers(2, size=count)] * rng.uniform(0, 1, (count, 1))
-        return middle + spread * rng.normal(size=(count, 3))
+        return middle + spread * rng.normal(size=(count, ends.shape[1]))
 
     return draw
 
@@ -174,7 +175,9 @@ def _dense(path: np.ndarray, task: Task, step: float) -> np.ndarray:
     rod = task.cable.rod
     points = rod.at_keypoints(rod.shapes(path)[0])
     moves = np.linalg.norm(np.diff(points, axis=0), axis=2).max(1)
-    counts = np.maximum(1, np.ceil(np.maximum(moves, np.abs(np.diff(path[:, 2])) * rod.length / 2) / step)).astype(int)
+    counts = np.maximum(
+        1, np.ceil(np.maximum(moves, np.abs(np.diff(path[:, rod.group.space])) * rod.length / 2) / step)
+    ).astype(int)
     at = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(counts))])
     return np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
 

@@ -10,7 +10,7 @@ Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
     + small pulls on the loads and on their differences,
 
 with the clearance weight w rising in stages. Smoothness couples rows at most two apart, so the normal matrix has
-blocks of six on five diagonals, and each step is one banded Cholesky solution.
+blocks on five diagonals, square in the rod's coordinates, and each step is one banded Cholesky solution.
 
 Note:
     Not in the paper (Tang et al.), whose planned shapes are never made equilibria.
@@ -49,6 +49,9 @@ STABILITY_SCALE = 2.0
 SPAN_SCALE = 0.005
 """Of the excess of the gripper span, over L."""
 
+BANDS = 3
+"""Block diagonals of the normal matrix from the middle one up: smoothness couples rows at most two apart."""
+
 BEND_SCALE = 0.01
 """Of the excess of the sine of the turn at a hinge."""
 
@@ -60,7 +63,7 @@ class TrajectoryOptimizationConfig:
     Attributes:
         margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
         clearance_scale: [m].
-        load_scale: Of a load, in units of (10, 10, 3) for (a_x, a_y, m).
+        load_scale: Of a load, in its unit (`HeldRod.units`).
         stability_wanted: Margin mu under which a shape is pushed back.
         span_wanted: Distance between the grippers over L above which the cable is given slack.
         separation_margin: Distance between the grippers beyond the least one that the task allows [m].
@@ -82,27 +85,27 @@ class TrajectoryOptimizationConfig:
 
 @dataclass
 class _Normal:
-    """Gradient (T+1, 6) and the blocks (T+1, 6, 6) of the normal matrix on the diagonal and the two above it."""
+    """Gradient (T+1, d) and the blocks (T+1, d, d) of the normal matrix on the diagonal and the two above it."""
 
     cost: float
-    gradient: Float[np.ndarray, "t 6"]
+    gradient: Float[np.ndarray, "t d"]
     blocks: tuple[
-        Float[np.ndarray, "t 6 6"],
-        Float[np.ndarray, "t-1 6 6"],
-        Float[np.ndarray, "t-2 6 6"],
+        Float[np.ndarray, "t d d"],
+        Float[np.ndarray, "t-1 d d"],
+        Float[np.ndarray, "t-2 d d"],
     ]
 
 
 def optimize_trajectory(
-    q: Float[np.ndarray, "t 6"],
+    q: Float[np.ndarray, "t d"],
     task: Task,
     config: TrajectoryOptimizationConfig,
     progress: Callable[[float], None] = lambda _: None,
-) -> Float[np.ndarray, "t 6"]:
+) -> Float[np.ndarray, "t d"]:
     """The sequence moved to a local minimum of the cost above; its first and last row stay.
 
     Args:
-        q: (T+1, 6) rod coordinates with angles that run on, T at least 2.
+        q: (T+1, d) rod coordinates with angles that run on, T at least 2.
         task: The task; its cable, grippers and scene.
         config: Weights and margins.
         progress: Called with the share that is done; it may raise to stop.
@@ -110,10 +113,10 @@ def optimize_trajectory(
     stages = len(CLEARANCE_WEIGHTS)
     for stage, weight in enumerate(CLEARANCE_WEIGHTS):
 
-        def tell(share: float, stage: int = stage) -> None:
+        def report(share: float, stage: int = stage) -> None:
             progress((stage + share) / stages)
 
-        q = _levenberg_marquardt(q, _Problem(task, config, weight, len(q)), config.iterations, tell)
+        q = _levenberg_marquardt(q, _Problem(task, config, weight, len(q)), config.iterations, report)
     return q
 
 
@@ -122,42 +125,44 @@ class _Problem:
         self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
         first, second = np.diff(np.eye(rows), axis=0), np.diff(np.eye(rows), n=2, axis=0)
         smooth = first.T @ first / STEP_SCALE**2 + second.T @ second / CHANGE_SCALE**2
-        self.smooth = tuple(np.diagonal(smooth, d).copy() for d in range(3))
+        self.smooth = tuple(np.diagonal(smooth, k).copy() for k in range(BANDS))
         loads = first.T @ first / LOAD_STEP_SCALE**2
-        self.loads = tuple(np.diagonal(loads, d).copy() for d in range(3))
+        self.loads = tuple(np.diagonal(loads, k).copy() for k in range(BANDS))
+        self.load_units = self.rod.units[self.rod.loads]
         self.sharpest = config.bend_share * sharpest_turn_of(task)
         self.clearance_scale = np.sqrt(weight) / config.clearance_scale
 
-    def cost(self, q: Float[np.ndarray, "t 6"]) -> float:
+    def cost(self, q: Float[np.ndarray, "t d"]) -> float:
         """The cost alone, for trial steps."""
         stations, poses = self.rod.shapes(q)
         keypoints = self.rod.at_keypoints(stations).reshape(len(q), -1)
-        loads = q[:, 3:] / _LOAD_UNITS
+        loads = q[:, self.rod.loads] / self.load_units
         total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
         total += 0.5 * np.sum(loads**2) / self.config.load_scale**2
         residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), self._stability(q))
         total += sum(0.5 * np.sum(value**2) for value, _ in residuals) + 0.5 * np.sum(self._bends(stations) ** 2)
         return float(total)
 
-    def linearise(self, q: Float[np.ndarray, "t 6"]) -> _Normal:
+    def linearise(self, q: Float[np.ndarray, "t d"]) -> _Normal:
         """Cost, gradient and Gauss-Newton blocks at q."""
         rows = len(q)
         stations, dstations, poses, dposes = self.rod.jacobians(q)
         keypoints = self.rod.at_keypoints(stations).reshape(rows, -1)
-        jacobian = np.ascontiguousarray(self.rod.at_keypoints(dstations).reshape(rows, -1, 6))
+        jacobian = np.ascontiguousarray(self.rod.at_keypoints(dstations).reshape(rows, -1, self.rod.dof))
         gradient = np.einsum("tki,tk->ti", jacobian, _band_product(self.smooth, keypoints))
         blocks = [
-            self.smooth[d][:, None, None] * np.matmul(jacobian[: rows - d].transpose(0, 2, 1), jacobian[d:])
-            for d in range(3)
+            self.smooth[k][:, None, None] * np.matmul(jacobian[: rows - k].transpose(0, 2, 1), jacobian[k:])
+            for k in range(BANDS)
         ]
         cost = _band_form(self.smooth, keypoints)
 
-        loads = q[:, 3:] / _LOAD_UNITS
+        loads = q[:, self.rod.loads] / self.load_units
         pull = _band_product(self.loads, loads) + loads / self.config.load_scale**2
-        gradient[:, 3:] += pull / _LOAD_UNITS
-        for d in range(3):
-            diagonal = self.loads[d] + (1 / self.config.load_scale**2 if d == 0 else 0.0)
-            blocks[d][:, range(3, 6), range(3, 6)] += diagonal[:, None] / _LOAD_UNITS**2
+        gradient[:, self.rod.loads] += pull / self.load_units
+        places = np.arange(self.rod.dof)[self.rod.loads]
+        for k in range(BANDS):
+            diagonal = self.loads[k] + (1 / self.config.load_scale**2 if k == 0 else 0.0)
+            blocks[k][:, places, places] += diagonal[:, None] / self.load_units**2
         cost += _band_form(self.loads, loads) + 0.5 * np.sum(loads**2) / self.config.load_scale**2
 
         short, slope = self._clearance(stations)
@@ -181,7 +186,7 @@ class _Problem:
         return self.clearance_scale * short, self.clearance_scale * slope
 
     def _bodies(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for points round the bodies, and its slope (t, k, 2, 3) by the gripper poses."""
+        """The same for points round the bodies, and its slope by the gripper poses."""
         short, slope = terms.body_shortfall(self.task, poses, self.config.margin)
         return self.clearance_scale * short, self.clearance_scale * slope
 
@@ -190,7 +195,7 @@ class _Problem:
         return lack / STABILITY_SCALE, slope / STABILITY_SCALE
 
     def _span(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Excess and shortfall (t, 2) of the gripper span, and their slopes (t, 2, 2, 3) by the poses."""
+        """Excess and shortfall (t, 2) of the gripper span, and their slopes by the poses."""
         length, least = self.rod.length, self.task.grippers.separation
         least += self.config.separation_margin if least else 0.0
         over, slope = terms.span_excess(poses, self.config.span_wanted * length, least)
@@ -199,10 +204,6 @@ class _Problem:
     def _bends(self, stations: np.ndarray) -> np.ndarray:
         """Excess (t, hinges) of the sine of the turn at each hinge over the greatest wanted."""
         return terms.turn_excess(stations, self.rod, self.sharpest) / BEND_SCALE
-
-
-_LOAD_UNITS = np.array([10.0, 10.0, 3.0])
-"""Usual size of (a_x, a_y, m) over the shapes of a cable bent by less than half a turn."""
 
 
 def _band_product(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> Float[np.ndarray, "t k"]:
@@ -245,30 +246,32 @@ def _levenberg_marquardt(
     return q
 
 
-def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "t-2 6"] | None:
+def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "t-2 d"] | None:
     """Solve (H + damping diag H) step = -gradient on the free rows; None where H is not positive definite."""
     diagonal, above, further = (block[1:-1] for block in normal.blocks)
-    free = len(diagonal)
-    banded = np.zeros((18, 6 * free))
+    free, dof = normal.gradient[1:-1].shape
+    banded = np.zeros((BANDS * dof, free * dof))
     _fill_bands(diagonal, above, further, banded)
-    banded[17] += damping * np.maximum(banded[17], 1e-9)
+    banded[-1] += damping * np.maximum(banded[-1], 1e-9)
     try:
-        return -solveh_banded(banded, normal.gradient[1:-1].ravel(), check_finite=False).reshape(free, 6)
+        return -solveh_banded(banded, normal.gradient[1:-1].ravel(), check_finite=False).reshape(free, dof)
     except LinAlgError:
         return None
 
 
 @kernel
 def _fill_bands(diagonal, above, further, banded):
-    """Write blocks (t, 6, 6), (t-1, 6, 6), (t-2, 6, 6) into the upper banded form (18, 6 t) of `solveh_banded`."""
-    for i in range(6):
-        for j in range(6):
+    """Write blocks (t, d, d), (t-1, d, d), (t-2, d, d) into the upper banded form (3 d, d t) of `solveh_banded`."""
+    dof = diagonal.shape[1]
+    last = len(banded) - 1
+    for i in range(dof):
+        for j in range(dof):
             for t in range(len(diagonal) if j >= i else 0):
-                banded[17 + i - j, 6 * t + j] = diagonal[t, i, j]
+                banded[last + i - j, dof * t + j] = diagonal[t, i, j]
             for t in range(len(above)):
-                banded[11 + i - j, 6 * (t + 1) + j] = above[t, i, j]
+                banded[last - dof + i - j, dof * (t + 1) + j] = above[t, i, j]
             for t in range(len(further)):
-                banded[5 + i - j, 6 * (t + 2) + j] = further[t, i, j]
+                banded[last - 2 * dof + i - j, dof * (t + 2) + j] = further[t, i, j]
 
 
 __getattr__ = renamed(__name__, {"RefinementConfig": "TrajectoryOptimizationConfig", "refine": "optimize_trajectory"})

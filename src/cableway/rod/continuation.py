@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
-from cableway.geometry.groups import SE2
+from cableway.rod.held_rod import HeldRod
 from cableway.rod.inverse import SAME_SHAPE, meet_poses
-from cableway.rod.planar import PlanarRod
 
 LONGEST_MOVE = 0.02
 """Move of any point of the rod, in its lengths, that one predicted step may make."""
@@ -32,17 +31,17 @@ class Led:
     """What the rod did.
 
     Attributes:
-        q: (k, 6) rod coordinates at each row of poses reached, the first one included.
+        q: (k, d) rod coordinates at each row of poses reached, the first one included.
         stability: (k,) stability margin there.
         snap: Fractional row of poses at which the rod snaps; None where it follows to the last.
     """
 
-    q: Float[np.ndarray, "k 6"]
+    q: Float[np.ndarray, "k d"]
     stability: Float[np.ndarray, "k"]
     snap: float | None
 
 
-def lead(rod: PlanarRod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 2 3"]) -> Led:
+def lead(rod: HeldRod, q: Float[np.ndarray, "d"], poses: Float[np.ndarray, "t 2 pose"]) -> Led:
     """Lead a rod through gripper poses, straight and the short way round from row to row.
 
     Predictor and corrector: a step along the branch's tangent, dq = (d poses/dq)^-1 d poses, then Newton's method on
@@ -50,13 +49,13 @@ def lead(rod: PlanarRod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 
 
     Args:
         rod: The rod.
-        q: (6,) a stable equilibrium with its grippers at the first poses.
+        q: (d,) a stable equilibrium with its grippers at the first poses.
         poses: (t, 2, 3) left and right gripper (x, y, theta) [m, m, rad].
 
     Raises:
         InputError: The grippers of `q` are not at the first poses, or it is not stable.
     """
-    gap, turn = SE2.distance(rod.shapes(q[None])[1][0], poses[0])
+    gap, turn = rod.group.distance(rod.end_poses(q[None])[0], poses[0])
     if gap.max() > SAME_SHAPE * rod.length or turn.max() > SAME_SHAPE:
         raise InputError("the grippers of the rod's first shape are not at the first poses")
     margin = float(rod.stability(q[None])[0][0])
@@ -64,7 +63,7 @@ def lead(rod: PlanarRod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 
         raise InputError(f"the rod's first shape is not stable (margin {margin:.3g})")
     rows, margins = [q], [margin]
     for row, (pose, following) in enumerate(pairwise(poses)):
-        reached, share = _lead_to(rod, rows[-1], pose, SE2.minus(following, pose))
+        reached, share = _lead_to(rod, rows[-1], pose, rod.group.minus(following, pose))
         if share < 1:
             return Led(np.array(rows), np.array(margins), row + share)
         rows.append(reached)
@@ -72,12 +71,12 @@ def lead(rod: PlanarRod, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "t 
     return Led(np.array(rows), np.array(margins), None)
 
 
-def _lead_to(rod: PlanarRod, q: np.ndarray, pose: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, float]:
+def _lead_to(rod: HeldRod, q: np.ndarray, pose: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, float]:
     """Follow from `pose` along `step`: the last stable q, and the share of the step at which that is."""
     share, width = 0.0, 1.0
     while share < 1:
         width = min(width, 1 - share)
-        following = _next(rod, q, pose + (share + width) * step, width * step)
+        following = _next(rod, q, rod.group.plus(pose, (share + width) * step), width * step)
         if following is not None:
             q, share, width = following, share + width, 2 * width
         elif width < SHORTEST_STEP:
@@ -87,15 +86,15 @@ def _lead_to(rod: PlanarRod, q: np.ndarray, pose: np.ndarray, step: np.ndarray) 
     return q, min(share, 1.0)
 
 
-def _next(rod: PlanarRod, q: np.ndarray, target: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+def _next(rod: HeldRod, q: np.ndarray, target: np.ndarray, step: np.ndarray) -> np.ndarray | None:
     """The stable equilibrium at `target` that continues q by `step`; None where the step is too long or there is none.
 
     Lengths are measured in those of the rod, so that the tangent does not depend on the unit.
     """
-    units = np.array([rod.length, rod.length, 1.0])
+    units = rod.group.step_units(rod.length)
     before, _, _, dposes = rod.jacobians(q[None])
-    slope = (dposes[0] / units[:, None]).reshape(6, 6)
-    guess = q + np.linalg.lstsq(slope, (step / units).ravel(), rcond=1e-9)[0]
+    slope = (dposes[0] / units[:, None]).reshape(-1, rod.dof)
+    guess = rod.retract(q, np.linalg.lstsq(slope, (step / units).ravel(), rcond=1e-9)[0])
     predicted = rod.shapes(guess[None])[0]
     if np.abs(predicted - before).max() > LONGEST_MOVE * rod.length:
         return None

@@ -59,6 +59,11 @@ class HeldRod(ABC):
         """Shape of an array with the poses of both grippers."""
         return 2, self.group.size
 
+    @property
+    def step_shape(self) -> tuple[int, int]:
+        """Shape of an array with a motion of both grippers."""
+        return 2, self.group.dof
+
     @abstractmethod
     def shapes(
         self, q: Float[np.ndarray, "t d"]
@@ -93,6 +98,14 @@ class HeldRod(ABC):
     @abstractmethod
     def difference(self, a: Float[np.ndarray, "... d"], b: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:
         """The step from `a` to `b`: `retract(a, difference(a, b))` is `b`."""
+
+    @abstractmethod
+    def guesses(self, keypoints: Float[np.ndarray, "t n space"]) -> Float[np.ndarray, "t d"]:
+        """Coordinates near the shapes with these keypoints [m], from which a fit can start."""
+
+    @abstractmethod
+    def guesses_between(self, poses: Float[np.ndarray, "2 pose"], count: int) -> Float[np.ndarray, "k d"]:
+        """Coordinates spread over the loads, at least `count`, with ends about `poses`: starts of a search."""
 
     @abstractmethod
     def continued(self, q: Float[np.ndarray, "d"], poses: Float[np.ndarray, "2 pose"]) -> Float[np.ndarray, "d"]:

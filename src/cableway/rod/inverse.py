@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
-from cableway.geometry import polyline, se2
-from cableway.geometry.groups import SE2
+from cableway.geometry import polyline
 from cableway.rod import fitting, kernels
 from cableway.rod.held_rod import HeldRod
 from cableway.rod.planar import PlanarRod
@@ -17,7 +16,7 @@ from cableway.rod.planar import PlanarRod
 Bend = Literal["left", "right"]
 
 LEAST_AREA = 1e-6
-"""Area beside the chord, in squared lengths of the rod, up to which a shape counts as bent to neither side."""
+"""Area beside the line between the ends, in squared lengths of the rod, up to which a shape is bent to neither side."""
 
 SAME_SHAPE = 1e-4
 """Distance, in lengths of the rod, up to which two shapes count as one."""
@@ -29,26 +28,21 @@ STAGES = 16
 """Steps from the uniform rod to another one in `nearest_shape`; with four, one that is curled by a full turn at one end
 is lost."""
 
-LOAD_RANGE = (30.0, 30.0, 6.0)
-"""Largest |a_x|, |a_y|, |m| of a first guess, beside the turn between the grippers: stable shapes have about these."""
-
 
 def fit_keypoints(
     rod: PlanarRod, keypoints: Float[np.ndarray, "n 2"], guess: Float[np.ndarray, "6"] | None = None
 ) -> tuple[Float[np.ndarray, "6"], float]:
     """The equilibrium q whose keypoints are nearest to the given ones, and the stacked distance left [m].
 
-    The first guess comes from the bends of the polyline: phi_j N = m + a x (p_j - c)/L is linear in (a, m).
-
     Args:
         rod: The rod; its length is kept whatever the length of `keypoints`.
         keypoints: (n, 2) [m], at equal arc length.
-        guess: q to start from, in addition to that estimate.
+        guess: q to start from, in addition to `HeldRod.guesses`.
 
     Returns:
         q (6,) and ||keypoints(q) - keypoints|| [m].
     """
-    return _fit(rod, keypoints, [_guesses_from_bends(rod, keypoints[None])[0], *([] if guess is None else [guess])])
+    return _fit(rod, keypoints, [rod.guesses(keypoints[None])[0], *([] if guess is None else [guess])])
 
 
 def fit_sequence(
@@ -56,9 +50,9 @@ def fit_sequence(
 ) -> Float[np.ndarray, "t 6"]:
     """`fit_keypoints` of one shape after the other, each guessed from the one before, the first one from `first`."""
     fits = [first]
-    for shape, guess in zip(shapes, _guesses_from_bends(rod, shapes), strict=True):
+    for shape, guess in zip(shapes, rod.guesses(shapes), strict=True):
         fits.append(_fit(rod, shape, [guess, fits[-1]])[0])
-    return np.array(fits[1:]).reshape(-1, 6)
+    return np.array(fits[1:]).reshape(-1, rod.dof)
 
 
 def _fit(rod: PlanarRod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tuple[np.ndarray, float]:
@@ -68,22 +62,6 @@ def _fit(rod: PlanarRod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tu
     costs = [fitting.fit_shape(q, keypoints, p, modes, rod.stride, 0.0, FIT_STEPS, fitting.EXACT) for q in starts]
     best = int(np.argmin(costs))
     return starts[best], float(np.sqrt(2 * costs[best]) * rod.length)
-
-
-def _guesses_from_bends(rod: PlanarRod, keypoints: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 6"]:
-    n = keypoints.shape[1]
-    steps = np.diff(keypoints, axis=1)
-    angles = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
-    bends = np.diff(angles, axis=1) * (n - 1)
-    centre = np.array([polyline.resample(line, 3)[1] for line in keypoints]).reshape(-1, 2)
-    theta = (angles[:, (n - 2) // 2] + angles[:, (n - 1) // 2]) / 2
-    x, y = np.moveaxis(keypoints[:, 1:-1] - centre[:, None], 2, 0) / rod.length
-    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
-    # a x p = a_x p_y - a_y p_x; a pull to zero where the points cannot tell the loads apart
-    rows = np.stack([c * y - s * x, -c * x - s * y, np.ones_like(bends)], axis=2)
-    normal = rows.swapaxes(1, 2) @ rows + 0.03**2 * np.eye(3)
-    load = np.linalg.solve(normal, rows.swapaxes(1, 2) @ bends[..., None])[..., 0]
-    return np.column_stack([centre, theta, np.clip(load, -150, 150)])
 
 
 FOLD_DAMPING = 1e-4
@@ -111,9 +89,9 @@ def equilibria_at(
 ) -> Float[np.ndarray, "k 6"]:
     """The stable equilibria that grippers at `poses` allow, lowest energy first.
 
-    Newton's method from a fixed set of `starts` loads, so the answer is the same every time. The set is its own mirror
-    image, and its own under reversal of the rod, so the answers are too. The rod's total turn is that of the grippers,
-    modulo full turns.
+    Newton's method from a fixed set of loads, so the answer is the same every time. The set is its own mirror image,
+    and its own under reversal of the rod, so the answers are too. The rod's total turn is that of the grippers, modulo
+    full turns.
 
     Args:
         rod: The rod.
@@ -126,10 +104,10 @@ def equilibria_at(
         InputError: The grippers are farther apart than the rod is long.
     """
     poses = np.asarray(poses, float)
-    gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
-    if gap > rod.length * (1 + 1e-9):
-        raise InputError(f"the grippers are {gap:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)")
-    q = meet_poses(rod, poses, _load_guesses(rod, poses, starts))
+    span = float(rod.group.distance(*poses)[0])
+    if span > rod.length * (1 + 1e-9):
+        raise InputError(f"the grippers are {span:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)")
+    q = meet_poses(rod, poses, rod.guesses_between(poses, starts))
     q = q[(rod.stability(q)[0] > minimum_stability) & (rod.energy(q) <= most_energy)]
     q = q[np.argsort(rod.energy(q), kind="stable")]
     shapes = rod.shapes(q)[0]
@@ -159,38 +137,19 @@ def shape_between(rod: PlanarRod, poses: Float[np.ndarray, "2 3"], bend: Bend) -
     raise InputError(f"no stable shape of the cable bends to the {bend} between these gripper poses")
 
 
-def _load_guesses(rod: PlanarRod, poses: np.ndarray, count: int) -> np.ndarray:
-    """First guesses (count, 6): spread loads, each moved so that its ends lie about the grippers.
-
-    The loads are a low-discrepancy sequence (multiples of powers of 1/g, g^4 = 1 + g, modulo 1: Roberts 2018, "The
-    unreasonable effectiveness of quasirandom sequences") in all four images under mirroring and reversal, after none.
-    """
-    g = 1.2207440846057596
-    unit = (0.5 + np.arange(-(-(count - 1) // 4))[:, None] / g ** np.arange(1, 4)) % 1.0
-    unit[:, 0] = 2 * unit[:, 0] - 1
-    images = np.array([[1, 1, 1], [1, -1, -1], [1, 1, -1], [1, -1, 1]])
-    q = np.zeros((1 + 4 * len(unit), 6))
-    q[1:, 3:] = (unit[:, None] * images * LOAD_RANGE).reshape(-1, 3)
-    q[:, 5] += float(se2.wrap_angle(poses[1, 2] - poses[0, 2]))
-    target = poses[1, :2] - poses[0, :2]
-    ends = rod.shapes(q)[1]
-    chord = ends[:, 1, :2] - ends[:, 0, :2]
-    q[:, 2] = np.arctan2(target[1], target[0]) - np.arctan2(chord[:, 1], chord[:, 0])
-    if np.linalg.norm(target) < 0.2 * rod.length:
-        turns = poses[:, 2] - ends[:, :, 2]
-        q[:, 2] = turns[:, 0] + se2.wrap_angle(turns[:, 1] - turns[:, 0]) / 2
-    q[:, :2] = poses[:, :2].mean(0) - rod.shapes(q)[1][:, :, :2].mean(1)
-    return q
+LARGEST_STEP = (1.0, 1.5, 2.0)
+"""Of a position, an angle and a load, each in its unit, in one step of `meet_poses`."""
 
 
-def meet_poses(rod: PlanarRod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
-    """Damped Newton on the six pose residuals from each row of q; the rows that arrive."""
-    units = np.array([rod.length, rod.length, 1.0])
-    scale = np.array([rod.length, rod.length, 1.0, 10.0, 10.0, 3.0])
-    longest = np.array([1.0, 1.0, 1.5, 2.0, 2.0, 2.0]) * scale
+def meet_poses(rod: HeldRod, poses: np.ndarray, q: np.ndarray, iterations: int = 40) -> np.ndarray:
+    """Damped Newton on the residuals of both gripper poses from each row of q; the rows that arrive."""
+    units, scale, count = rod.group.step_units(rod.length), rod.units, int(np.prod(rod.step_shape))
+    largest = np.full(rod.dof, LARGEST_STEP[1])
+    largest[: rod.group.space], largest[rod.loads] = LARGEST_STEP[0], LARGEST_STEP[2]
+    largest *= scale
 
     def residual(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        error = (SE2.minus(rod.shapes(rows)[1], poses) / units).reshape(-1, 6)
+        error = (rod.group.minus(rod.end_poses(rows), poses) / units).reshape(-1, count)
         return error, np.linalg.norm(error, axis=1)
 
     error, norm = residual(q)
@@ -199,12 +158,12 @@ def meet_poses(rod: PlanarRod, poses: np.ndarray, q: np.ndarray, iterations: int
         moving &= norm > 1e-11
         if not moving.any():
             break
-        jacobian = (rod.jacobians(q[moving])[3] / units[:, None]).reshape(-1, 6, 6) * scale
+        jacobian = (rod.jacobians(q[moving])[3] / units[:, None]).reshape(-1, count, rod.dof) * scale
         step = -scale * np.einsum("kij,kj->ki", np.linalg.pinv(jacobian, rcond=1e-9), error[moving])
-        step *= np.minimum(1.0, (longest / (np.abs(step) + 1e-15)).min(axis=1, keepdims=True))
+        step *= np.minimum(1.0, (largest / (np.abs(step) + 1e-15)).min(axis=1, keepdims=True))
         left = np.flatnonzero(moving)
         for _ in range(8):
-            trial = q[left] + step
+            trial = rod.retract(q[left], step)
             trial_error, trial_norm = residual(trial)
             better = trial_norm < norm[left]
             q[left[better]], error[left[better]], norm[left[better]] = (
@@ -240,5 +199,5 @@ def nearest_shape(
     q, found = fit_keypoints(rod, wanted[0])[0][None].copy(), np.empty_like(wanted)
     for share in np.linspace(0.0, 1.0, STAGES + 1)[1:]:
         p = np.array([rod.length, share, 0.0, 0.0, share])
-        fitting.fit_shapes(q, wanted, p, modes, rod.stride, 0.0, 50, found, np.empty((1, 2, 3)))
+        fitting.fit_shapes(q, wanted, p, modes, rod.stride, 0.0, 50, found, np.empty((1, *rod.end_shape)))
     return found[0], float(np.linalg.norm(found - wanted))

@@ -34,12 +34,16 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
+from cableway.geometry import polyline, se2
 from cableway.geometry.groups import SE2, Group
 from cableway.rod import fitting, kernels
 from cableway.rod.held_rod import HeldRod
 
 STRAIGHT_STABILITY = 4 * np.pi**2
 """Stability margin of the straight unloaded rod, the largest scale to compare margins with."""
+
+LOAD_RANGE = (30.0, 30.0, 6.0)
+"""Largest |a_x|, |a_y|, |m| of a first guess, beside the turn between the grippers: stable shapes have about these."""
 
 
 def hinge_count(keypoints: int) -> int:
@@ -128,6 +132,46 @@ class PlanarRod(HeldRod):
         """See `HeldRod.difference`; the angle of the centre is not wrapped."""
         return b - a
 
+    def guesses(self, keypoints: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t 6"]:
+        """See `HeldRod.guesses`: from the bends of the polyline; phi_j N = m + a x (p_j - c)/L is linear in (a, m)."""
+        n = keypoints.shape[1]
+        steps = np.diff(keypoints, axis=1)
+        angles = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
+        bends = np.diff(angles, axis=1) * (n - 1)
+        centre = np.array([polyline.resample(line, 3)[1] for line in keypoints]).reshape(-1, 2)
+        theta = (angles[:, (n - 2) // 2] + angles[:, (n - 1) // 2]) / 2
+        x, y = np.moveaxis(keypoints[:, 1:-1] - centre[:, None], 2, 0) / self.length
+        c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
+        # a x p = a_x p_y - a_y p_x; a pull to zero where the points cannot distinguish the loads
+        rows = np.stack([c * y - s * x, -c * x - s * y, np.ones_like(bends)], axis=2)
+        normal = rows.swapaxes(1, 2) @ rows + 0.03**2 * np.eye(3)
+        load = np.linalg.solve(normal, rows.swapaxes(1, 2) @ bends[..., None])[..., 0]
+        return np.column_stack([centre, theta, np.clip(load, -150, 150)])
+
+    def guesses_between(self, poses: Float[np.ndarray, "2 3"], count: int) -> Float[np.ndarray, "k 6"]:
+        """See `HeldRod.guesses_between`; one more than a multiple of four.
+
+        The loads are a low-discrepancy sequence (multiples of powers of 1/g, g^4 = 1 + g, modulo 1: Roberts 2018, "The
+        unreasonable effectiveness of quasirandom sequences") in all four images under mirroring and reversal, after
+        none.
+        """
+        g = 1.2207440846057596
+        unit = (0.5 + np.arange(-(-(count - 1) // 4))[:, None] / g ** np.arange(1, 4)) % 1.0
+        unit[:, 0] = 2 * unit[:, 0] - 1
+        images = np.array([[1, 1, 1], [1, -1, -1], [1, 1, -1], [1, -1, 1]])
+        q = np.zeros((1 + 4 * len(unit), self.dof))
+        q[1:, 3:] = (unit[:, None] * images * LOAD_RANGE).reshape(-1, 3)
+        q[:, 5] += float(se2.wrap_angle(poses[1, 2] - poses[0, 2]))
+        target = poses[1, :2] - poses[0, :2]
+        ends = self.end_poses(q)
+        between = ends[:, 1, :2] - ends[:, 0, :2]
+        q[:, 2] = np.arctan2(target[1], target[0]) - np.arctan2(between[:, 1], between[:, 0])
+        if np.linalg.norm(target) < 0.2 * self.length:
+            turns = poses[:, 2] - ends[:, :, 2]
+            q[:, 2] = turns[:, 0] + se2.wrap_angle(turns[:, 1] - turns[:, 0]) / 2
+        q[:, :2] = poses[:, :2].mean(0) - self.end_poses(q)[:, :, :2].mean(1)
+        return q
+
     def continued(self, q: Float[np.ndarray, "6"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "6"]:
         """See `HeldRod.continued`: the angle of the centre goes on by full turns."""
         turns = poses[:, 2] - self.end_poses(q[None])[0, :, 2]
@@ -135,9 +179,7 @@ class PlanarRod(HeldRod):
 
     def written_near(self, q: Float[np.ndarray, "6"], near: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
         """See `HeldRod.written_near`."""
-        out = q.copy()
-        out[2] = near[2] + (q[2] - near[2] + np.pi) % (2 * np.pi) - np.pi
-        return out
+        return np.concatenate([SE2.continued(q[:3], near[:3]), q[3:]])
 
     def energy(self, q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t"]:
         """Bending energy in units of EI/L: N/2 times the sum of the squared bends."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from cableway.control.insertion import InsertionController
 from cableway.core.deprecation import renamed_keywords
+from cableway.geometry.groups import SE2
 from cableway.outcome import SUCCESS_ERROR, stacked_limit
 from cableway.records import INSERTION, Observation, Plan, Rollout
 from cableway.scene.task import Task
@@ -28,7 +29,7 @@ class _GoingOn:
         return getattr(self._plant, name)
 
     def reset(self) -> Observation:
-        return self._plant.step(np.zeros((2, 3)))
+        return self._plant.step(np.zeros((2, SE2.dof)))
 
 
 @renamed_keywords(push="plan")

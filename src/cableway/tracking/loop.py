@@ -82,7 +82,7 @@ class Log:
             times=np.array(self.times),
             observed=np.array(self.observed),
             reference=np.array(self.reference),
-            actions=np.array(self.actions[:steps]).reshape(steps, 2, 3),
+            actions=np.array(self.actions[:steps]).reshape(steps, 2, SE2.dof),
             solve_time=np.array(self.solve_time[:steps]),
             status=np.array(self.status, dtype=np.str_),
             metadata={**metadata, **estimates.pop("metadata", {})},
@@ -103,6 +103,11 @@ class Log:
             "deviations": np.array([[row[name].deviation for name in first] for row in rows]),
             "metadata": {"estimates": described},
         }
+
+
+def _still() -> np.ndarray:
+    """No motion of either gripper."""
+    return np.zeros((2, SE2.dof))
 
 
 def _require_finite(measurement: Measurement) -> None:
@@ -149,7 +154,7 @@ class Loop:
         """One control step; how the run ended, if it did."""
         if self._robot.holding:
             return self._hold()
-        before = self.log.actions[-1] if self.log.actions else np.zeros((2, 3))
+        before = self.log.actions[-1] if self.log.actions else _still()
         answer = self.guard.step(self.state, self.observation, before, self._robot.target)
         self.state = answer.state
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
@@ -157,8 +162,8 @@ class Loop:
 
     def stand(self, status: str = LOST) -> Ending | None:
         """One control step without motion."""
-        self.log.act(np.zeros((2, 3)), 0.0, status, self.state.estimates())
-        return self._move(np.zeros((2, 3)))
+        self.log.act(_still(), 0.0, status, self.state.estimates())
+        return self._move(_still())
 
     def _hold(self) -> Ending | None:
         """One control step in which the measured gripper poses become the target."""

@@ -51,7 +51,7 @@ class MessageGate:
         fresh, self._time = message.time > self._time, message.time
         if not fresh:
             nothing = np.full_like(message.keypoints, np.nan, dtype=float)
-            return replace(message, keypoints=nothing, poses=np.full((2, 3), np.nan))
+            return replace(message, keypoints=nothing, poses=np.full((2, SE2.size), np.nan))
         if not poses_usable(message) or not np.isfinite(message.keypoints).any():
             return message
         if self._frame is None or not np.array_equal(message.keypoints, self._frame, equal_nan=True):
@@ -90,7 +90,7 @@ class FollowingError:
             return
         self._measured = SE2.continued(observation.poses, self._measured)
         away, turned = SE2.distance(self._measured, self._commands.delayed)
-        apart = SE2.minus(self._commands.at(DELAYS), self._measured)[..., :2]
+        apart = SE2.position(SE2.minus(self._commands.at(DELAYS), self._measured))
         self._commands = self._commands.updated(np.sum(apart**2, axis=(1, 2)))
         worst = int(np.argmax(np.maximum(away / FOLLOWING_ERROR[0], turned / FOLLOWING_ERROR[1])))
         lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1]
@@ -116,5 +116,5 @@ class FollowingError:
     def stop(self, grippers: Grippers) -> Float[np.ndarray, "2 3"]:
         """The motion [m, m, rad] that makes the measured poses the target, within the grippers' limits."""
         back = SE2.minus(self._measured, self.target)
-        turns = np.clip(back[:, 2:], -grippers.max_turn, grippers.max_turn)
-        return np.column_stack([shorten(back[:, :2], grippers.max_step), turns])
+        turns = np.clip(back[:, SE2.space :], -grippers.max_turn, grippers.max_turn)
+        return np.column_stack([shorten(SE2.position(back), grippers.max_step), turns])

@@ -39,7 +39,7 @@ def setup_mistake(observation: Observation, plan: Plan, task: Task) -> str:
         found = f"{len(keypoints)} keypoints" if keypoints.ndim == 2 else f"keypoints of shape {keypoints.shape}"
         raise InputError(f"the camera reports {found}, the plan has {len(start)}")
     poses = np.asarray(observation.poses, float)
-    if poses.shape != (2, 3):
+    if poses.shape != task.cable.rod.end_shape:
         raise InputError(f"the robot reports gripper poses of shape {poses.shape}, not (2, 3)")
     return _explained(keypoints, start, task, "the camera's keypoints") or _explained_poses(poses, plan.poses[0], task)
 

@@ -104,7 +104,7 @@ class Guard:
         self._missed = 0
         self._late, self._failed, self._cut, self._fallback = 0, 0, 0, 0
         self._reason: str | None = None
-        clearances(task.start[None], np.zeros((1, 2, 3)), task)  # compiles what it needs
+        clearances(task.start[None], np.zeros((1, *task.cable.rod.end_shape)), task)  # compiles what it needs
 
     @property
     def outcome(self) -> Ending | None:
@@ -164,7 +164,7 @@ class Guard:
     ) -> Answer:
         """What is done in place of a missed step."""
         self._missed += 1
-        action = np.zeros((2, 3))
+        action = np.zeros(self.task.cable.rod.step_shape)
         if self._missed <= COASTING and poses_usable(observation):
             coasted = within_limits(COASTED * before, observation.poses, self.task.grippers, max_span=0.0)
             action = coasted if self._is_safe(coasted, observation) else action
@@ -176,7 +176,7 @@ class Guard:
         poses, keypoints = observation.poses, observation.keypoints
         if np.shape(keypoints) != self.task.start.shape or not np.isfinite(keypoints).all():
             return False
-        moved = keypoints + (blend_jacobian(keypoints, poses) @ action.ravel()).reshape(-1, 2)
+        moved = keypoints + (blend_jacobian(keypoints, poses) @ action.ravel()).reshape(keypoints.shape)
         ends = np.stack([poses, SE2.plus(poses, action)])
         now, then = clearances(np.stack([keypoints, moved]), ends, self.task)
         span, span_after = gripper_spans(ends)
@@ -190,7 +190,7 @@ def _usable(action: Any, state: ControllerState) -> tuple[Float[np.ndarray, "2 3
     Raises:
         ControlError: It is not.
     """
-    if np.shape(action) != (2, 3) or not (np.abs(action) < FAR).all():
+    if np.shape(action) != (2, SE2.dof) or not (np.abs(action) < FAR).all():
         raise ControlError(f"the action must be 2 x 3 numbers below {FAR:g}, got {np.asarray(action).tolist()!r:.200}")
     if not (np.isfinite(state.reference).all() and math.isfinite(state.progress)):
         raise ControlError("the state's reference or progress is not finite")
