@@ -9,7 +9,7 @@ import pytest
 
 from cableway.benchmark.suites import SIZES, SUITES, frozen_episodes, get_suite, make_task
 from cableway.core.errors import TaskError, UnknownNameError
-from cableway.simulation.perturbations.variants import VARIANTS, named_perturbation
+from cableway.simulation.perturbations.variants import VARIANTS, named_perturbation, variant
 
 
 @pytest.mark.parametrize("name", SUITES)
@@ -75,3 +75,8 @@ def test_plants_of_two_seeds_differ_only_where_they_should():
     assert named_perturbation("hard", task, 0) == named_perturbation("hard", task, 1)
     with pytest.raises(UnknownNameError, match="very-hard"):
         named_perturbation("harder", task)
+
+
+def test_a_plant_can_be_named_as_in_old_files():
+    with pytest.warns(DeprecationWarning, match="the plant 'seen-late' is now 'frames-late'"):
+        assert variant("seen-late") is VARIANTS["frames-late"]

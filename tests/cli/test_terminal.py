@@ -10,8 +10,8 @@ from cableway.workflow.find import StageTimer
 
 
 def test_every_second_is_counted_to_one_stage():
-    now, told = [100.0], []
-    timer = StageTimer(lambda stage, share: told.append((stage, share)), clock=lambda: now[0])
+    now, reported = [100.0], []
+    timer = StageTimer(lambda stage, share: reported.append((stage, share)), clock=lambda: now[0])
     for wait, stage, share in (
         (1.0, "a", 0.0),  # before the first word: to a
         (2.0, "a", 0.5),
@@ -28,13 +28,13 @@ def test_every_second_is_counted_to_one_stage():
     timer.stop()
     assert timer.seconds == {"a": 7.0, "b": 8.0 + 16.0 + 64.0 + 128.0, "c": 32.0}
     assert sum(timer.seconds.values()) == now[0] - 100.0
-    assert told[:2] == [("a", 0.0), ("a", 0.5)]
+    assert reported[:2] == [("a", 0.0), ("a", 0.5)]
 
 
 def test_progress_goes_to_stderr_and_each_stage_has_one_line(capsys: pytest.CaptureFixture[str]):
-    with Terminal(Options()).progress() as tell:
+    with Terminal(Options()).progress() as report:
         for stage, share in (("dig", 0.0), ("dig", 1.0), ("train: epoch 1", 0.3), ("train: epoch 2", 1.0)):
-            tell(stage, share)
+            report(stage, share)
     shown = capsys.readouterr()
     assert shown.out == ""
     assert [line.split()[0] for line in shown.err.splitlines()] == ["dig", "train"]
@@ -45,8 +45,8 @@ def test_progress_goes_to_stderr_and_each_stage_has_one_line(capsys: pytest.Capt
 def test_quiet_is_quiet_and_json_is_json(capsys: pytest.CaptureFixture[str]):
     for options in (Options(quiet=True), Options(json=True)):
         terminal = Terminal(options)
-        with terminal.progress() as tell:
-            tell("dig", 1.0)
+        with terminal.progress() as report:
+            report("dig", 1.0)
         terminal.note("by the way")
         terminal.result({"a": 1}, "table")
         shown = capsys.readouterr()

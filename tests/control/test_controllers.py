@@ -81,17 +81,17 @@ def test_what_shows_nothing_is_led_through_for_a_while_then_the_grippers_stop(
 ) -> None:
     controller, state = started(name)
     hostile = {**WITHOUT_POSES, **WITHOUT_KEYPOINTS}[what]
-    seen = []
+    statuses = []
     for _ in range(12):
         action, state = controller.step(state, hostile)
-        seen.append(state.status)
+        statuses.append(state.status)
         if state.status == Status.STOPPED:
             np.testing.assert_array_equal(action, 0.0)
         elif not name.startswith("paper"):
             assert np.linalg.norm(action[:, :2]) < 3 * np.linalg.norm(np.diff(PLAN.poses[:2, :, :2], axis=0)) + 1e-3
-    moving = seen.count(Status.UNSEEN)
+    moving = statuses.count(Status.UNSEEN)
     assert 1 <= moving <= 10
-    assert seen == [Status.UNSEEN] * moving + [Status.STOPPED] * (12 - moving)
+    assert statuses == [Status.UNSEEN] * moving + [Status.STOPPED] * (12 - moving)
     waiting = state.progress
     _, state = controller.step(state, hostile)
     assert state.progress == waiting
@@ -102,7 +102,7 @@ def test_what_shows_nothing_is_led_through_for_a_while_then_the_grippers_stop(
 
 @pytest.mark.parametrize("name", ["neural", "rod"])
 @pytest.mark.parametrize("what", PARTLY)
-def test_one_keypoint_that_is_not_believed_does_not_matter(started: Callable[[str], Any], name: str, what: str) -> None:
+def test_one_rejected_keypoint_does_not_matter(started: Callable[[str], Any], name: str, what: str) -> None:
     controller, state = started(name)
     _, state = controller.step(state, at(0))
     clean, _ = controller.step(state, at(0))
@@ -112,7 +112,7 @@ def test_one_keypoint_that_is_not_believed_does_not_matter(started: Callable[[st
 
 
 @pytest.mark.parametrize("name", MAKERS)
-def test_limits_hold_whatever_is_seen(started: Callable[[str], Any], name: str) -> None:
+def test_limits_hold_whatever_is_observed(started: Callable[[str], Any], name: str) -> None:
     controller, state = started(name)
     rng = np.random.default_rng(4)
     hostile = [*WITHOUT_POSES.values(), *WITHOUT_KEYPOINTS.values(), *PARTLY.values()]
@@ -120,20 +120,20 @@ def test_limits_hold_whatever_is_seen(started: Callable[[str], Any], name: str) 
     for row in range(200):
         kind = rng.integers(7)
         if kind == 0:
-            seen = hostile[rng.integers(len(hostile))]
+            observation = hostile[rng.integers(len(hostile))]
         elif kind == 1:
             offset = rng.normal(size=2) * 10.0 ** rng.integers(-3, 3)
             poses = PLAN.poses[row % 51] + [*offset, rng.normal() * 10]
-            seen = Observation(0.0, PLAN.shapes[row % 51] + offset, poses)
+            observation = Observation(0.0, PLAN.shapes[row % 51] + offset, poses)
         elif kind == 2:
-            seen = frozen
+            observation = frozen
         elif kind == 3:
-            seen = Observation(0.0, PLAN.shapes[row % 51][::-1], PLAN.poses[row % 51][::-1])
+            observation = Observation(0.0, PLAN.shapes[row % 51][::-1], PLAN.poses[row % 51][::-1])
         elif kind == 4:
-            seen = at(max(row % 51 - rng.integers(20), 0))
+            observation = at(max(row % 51 - rng.integers(20), 0))
         else:
-            seen = at(row % 51, shift=rng.normal(size=(13, 2)) * 10.0 ** rng.integers(-4, -1))
-        action, state = controller.step(state, seen)
+            observation = at(row % 51, shift=rng.normal(size=(13, 2)) * 10.0 ** rng.integers(-4, -1))
+        action, state = controller.step(state, observation)
         assert np.isfinite(action).all()
         assert np.linalg.norm(action[:, :2], axis=1).max() <= GRIPPERS.max_step
         assert np.abs(action[:, 2]).max() <= GRIPPERS.max_turn

@@ -33,22 +33,22 @@ def before() -> Task:
 
 
 @pytest.fixture(scope="module")
-def push(before: Task) -> Plan:
+def insertion(before: Task) -> Plan:
     return plan_insertion(before)
 
 
-def pushed(task: Task, push: Plan, grasp: GraspConfig, estimator: EstimatorConfig, **seen: float) -> Rollout:
-    plant = SensedPlant(GraspedCable(CableSimulator(task), grasp), SensingConfig(**seen), seed=1)
-    return insert_plug(plant, push, controller=InsertionController(InsertionConfig(estimator=estimator)), seed=1)
+def inserted(task: Task, insertion: Plan, grasp: GraspConfig, estimator: EstimatorConfig, **sensing: float) -> Rollout:
+    plant = SensedPlant(GraspedCable(CableSimulator(task), grasp), SensingConfig(**sensing), seed=1)
+    return insert_plug(plant, insertion, controller=InsertionController(InsertionConfig(estimator=estimator)), seed=1)
 
 
 @pytest.fixture(scope="module")
-def askew(before: Task, push: Plan) -> Rollout:
-    return pushed(before, push, ASKEW, EstimatorConfig(), keypoint_noise=0.001, measurement_delay=0.1)
+def askew(before: Task, insertion: Plan) -> Rollout:
+    return inserted(before, insertion, ASKEW, EstimatorConfig(), keypoint_noise=0.001, measurement_delay=0.1)
 
 
-def test_as_believed_it_goes_in_exactly(before: Task, push: Plan):
-    rollout = pushed(before, push, GraspConfig(), EstimatorConfig())
+def test_a_nominal_cable_goes_in_exactly(before: Task, insertion: Plan):
+    rollout = inserted(before, insertion, GraspConfig(), EstimatorConfig())
     found = measure_insertion(rollout.poses[:, 1], before)
     assert found.inserted
     assert abs(found.lateral) < 1e-4
@@ -56,20 +56,20 @@ def test_as_believed_it_goes_in_exactly(before: Task, push: Plan):
     assert verify_insertion(rollout, before).passed
 
 
-def test_held_askew_it_goes_in_because_the_grasp_is_estimated(before: Task, push: Plan, askew: Rollout):
+def test_held_askew_it_goes_in_because_the_grasp_is_estimated(before: Task, insertion: Plan, askew: Rollout):
     assert verify_insertion(askew, before).passed
-    blindly = pushed(before, push, ASKEW, EstimatorConfig.nominal(), keypoint_noise=0.001, measurement_delay=0.1)
+    blindly = inserted(before, insertion, ASKEW, EstimatorConfig.nominal(), keypoint_noise=0.001, measurement_delay=0.1)
     assert not measure_insertion(blindly.poses[:, 1], before).inserted
 
 
 def test_in_the_port_it_goes_straight(before: Task, askew: Rollout):
     assert before.plug is not None
     assert before.port is not None
-    seen = before.port.alignment(before.plug, askew.poses[:, 1])
-    inside = seen.depth > 0
+    alignment = before.port.alignment(before.plug, askew.poses[:, 1])
+    inside = alignment.depth > 0
     assert inside.sum() > 5
-    assert np.ptp(seen.lateral[inside]) < 1e-4
-    assert np.ptp(seen.angle[inside]) < 1e-3
+    assert np.ptp(alignment.lateral[inside]) < 1e-4
+    assert np.ptp(alignment.angle[inside]) < 1e-3
 
 
 def test_the_record_says_what_it_is_of(askew: Rollout):
@@ -77,11 +77,11 @@ def test_the_record_says_what_it_is_of(askew: Rollout):
     assert askew.metadata["controller"]["name"] == "InsertionController"
 
 
-def test_limits_are_kept(before: Task, push: Plan):
+def test_limits_are_kept(before: Task, insertion: Plan):
     """Also where the plug would have to turn by half a radian at once."""
     controller = InsertionController(InsertionConfig(gain=1.0))
-    state = controller.init(before, push)
-    away = push.poses[0] + [[0.0, 0.0, 0.0], [0.03, -0.02, 0.5]]
+    state = controller.init(before, insertion)
+    away = insertion.poses[0] + [[0.0, 0.0, 0.0], [0.03, -0.02, 0.5]]
     observation = replace(CableSimulator(before).reset(), poses=away)
     action, _ = controller.step(state, observation)
     assert np.linalg.norm(action[1, :2]) <= before.grippers.max_step
@@ -89,9 +89,9 @@ def test_limits_are_kept(before: Task, push: Plan):
     np.testing.assert_array_equal(action[0], 0.0)
 
 
-def test_without_gripper_poses_it_stops_and_waits(before: Task, push: Plan):
+def test_without_gripper_poses_it_stops_and_waits(before: Task, insertion: Plan):
     controller = InsertionController(InsertionConfig(hold=0.0))
-    state = controller.init(before, push)
+    state = controller.init(before, insertion)
     action = np.ones((2, 3))
     for _ in range(6):
         action, state = controller.step(state, None)

@@ -169,7 +169,7 @@ def test_how_taut_the_cable_is_believed_to_be_and_how_surely() -> None:
 
 
 def test_what_cannot_be_seen_stays_at_its_prior() -> None:
-    """Of a cable that lies still, stiffness and curvature are not told apart; no parameter runs away."""
+    """Of a cable that lies still, stiffness and curvature are not distinguished; no parameter runs away."""
     estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
     estimate = estimator.start(fit_keypoints(ROD, PLAN.shapes[0])[0])
     for _ in range(600):
@@ -195,10 +195,10 @@ def test_a_jump_to_another_shape_is_followed() -> None:
     rod, poses = PlanarRod(0.3), np.array([[0.2, 0.3, 0.0], [0.42, 0.3, 0.0]])
     up, down = (shape_between(rod, poses, side) for side in ("left", "right"))
     estimator = RodEstimator(rod, EstimatorConfig(), 0.1)
-    seen = rod.at_keypoints(rod.shapes(down[None])[0])[0]
-    estimate = estimator.update(estimator.start(up), seen, poses, 0.0)
+    keypoints = rod.at_keypoints(rod.shapes(down[None])[0])[0]
+    estimate = estimator.update(estimator.start(up), keypoints, poses, 0.0)
     stations = rod.shapes(estimate.q[None])[0]
-    assert np.linalg.norm(rod.at_keypoints(stations)[0] - seen, axis=1).max() < 0.005
+    assert np.linalg.norm(rod.at_keypoints(stations)[0] - keypoints, axis=1).max() < 0.005
 
 
 def test_delays_are_estimated_from_what_moved() -> None:
@@ -246,7 +246,7 @@ CASES = {
     "askew": ({"grasp": GraspConfig(left=(0.002, 0.0, 0.035), right=(0.0, -0.002, 0.035))}, 1e-3),
     "graded": ({"cable": Cable(stiffness_profile=(0.5, 2.0))}, 4e-3),
     "late": ({"sensing": SensingConfig(measurement_delay=0.2, action_delay=0.1)}, 1e-3),
-    "poorly seen": (
+    "poor keypoints": (
         {"sensing": SensingConfig(keypoint_noise=0.001, drop_rate=0.3, occlusion_rate=0.3, frame_rate=30.0)},
         4e-3,
     ),
@@ -272,7 +272,7 @@ def test_a_shorter_cable_is_led_as_near_as_it_comes() -> None:
 
 @pytest.mark.parametrize("seed", [1, 5, 9])
 def test_an_almost_straight_cable_is_not_pulled_by_what_the_first_frames_make_believe(seed: int) -> None:
-    """Laid and seen as in a laboratory, the grippers stay within the plan's distance, or that of the start."""
+    """Laid and observed as in a laboratory, the grippers stay within the plan's distance, or that of the start."""
     plan = straight_plan(ROD, np.array([0.3, 0.3, 0.2, 0.0, 2.4, 0.0]), np.array([0.35, 0.35, 0.3, 6.0, 2.0, 0.0]))
     task, controller = task_for(plan), RodMPC()
     plant, state = named_perturbation("laid", task, seed).build(task, seed), controller.init(task, plan)
@@ -288,7 +288,7 @@ def test_an_almost_straight_cable_is_not_pulled_by_what_the_first_frames_make_be
 
 
 def test_the_grippers_go_farther_apart_than_planned_only_where_the_cable_is_surely_long_enough() -> None:
-    """A cable believed to be 3% long: not while the estimates settle, not while it is vague, then by two deviations."""
+    """A cable estimated 3% too long: not while the estimates settle, not while they are vague, then by two deviations."""
     controller, length = RodMPC(), TASK.cable.length
     state = controller.init(TASK, PLAN)
     theta = state.estimate.theta.copy()
@@ -352,10 +352,10 @@ def test_settings_out_of_range_are_named(config: type, settings: dict[str, float
 def test_a_cable_too_short_to_be_held_as_first_believed_is_found_all_the_same() -> None:
     """Nearly taut and 3% short: the first correction overshoots what its grippers allow."""
     rod, poses = PlanarRod(0.291), np.array([[0.2, 0.3, 0.3], [0.4885, 0.31, -0.2]])
-    seen = rod.at_keypoints(rod.shapes(shape_between(rod, poses, "left")[None])[0])[0]
-    believed = shape_between(ROD, poses, "left")
+    keypoints = rod.at_keypoints(rod.shapes(shape_between(rod, poses, "left")[None])[0])[0]
+    nominal = shape_between(ROD, poses, "left")
     estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
-    estimate = estimator.start(believed)
+    estimate = estimator.start(nominal)
     for _ in range(20):
-        estimate = estimator.update(estimate, seen, poses, 0.0)
+        estimate = estimator.update(estimate, keypoints, poses, 0.0)
     assert estimate.theta[LENGTH] == pytest.approx(0.291, abs=1e-3)

@@ -40,10 +40,10 @@ def test_keypoints_without_confidence_are_not_seen():
 def test_confidence_scales_how_much_keypoints_count():
     """Full confidence changes nothing; with a little of it the same difference moves the estimate less."""
     estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
-    seen = SHAPE + 0.002 * np.sin(np.arange(26)).reshape(13, 2)
+    measured = SHAPE + 0.002 * np.sin(np.arange(26)).reshape(13, 2)
     start = estimator.start(Q)
     plain, full, little = (
-        estimator.update(start, seen, POSES, 0.0, confidence).theta - start.theta
+        estimator.update(start, measured, POSES, 0.0, confidence).theta - start.theta
         for confidence in (None, np.ones(13), np.full(13, 0.01))
     )
     np.testing.assert_array_equal(plain, full)

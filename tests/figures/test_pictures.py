@@ -98,10 +98,10 @@ def test_a_cable_that_closes_on_itself_has_a_hole(task: Task):
 def test_the_picture_of_a_plan_shows_its_parts():
     figure = plan_figure(PLANNED, PLAN)
     assert not_blank(figure)
-    guide, shapes = figure.axes[0], figure.axes[1]
-    names = [text.get_text() for text in guide.get_legend().get_texts()]  # pyright: ignore[reportOptionalMemberAccess]
+    initial, shapes = figure.axes[0], figure.axes[1]
+    names = [text.get_text() for text in initial.get_legend().get_texts()]  # pyright: ignore[reportOptionalMemberAccess]
     assert {"start", "goal", "pivot path", "keypoint paths", "passage traversed", "obstacle"} <= set(names)
-    assert is_colour(colour_at(figure, guide, *STAGES.pivot[20]), style.PIVOT)
+    assert is_colour(colour_at(figure, initial, *STAGES.pivot[20]), style.PIVOT)
     line = smooth(PLAN.shapes[-1])
     along = (line[31] - line[30]) / np.linalg.norm(line[31] - line[30])
     beside = line[30] + 0.0025 * np.array([-along[1], along[0]])

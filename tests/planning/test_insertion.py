@@ -29,12 +29,12 @@ def test_the_plug_goes_straight_from_before_the_port_until_it_is_in(task: Task):
     plan = plan_insertion(task)
     assert task.plug is not None
     assert task.port is not None
-    seen = task.port.alignment(task.plug, plan.poses[:, 1])
-    np.testing.assert_allclose(seen.depth[[0, -1]], [-0.015, 0.012], atol=3e-4)
-    np.testing.assert_allclose(seen.lateral[1:], 0.0, atol=1e-9)
-    np.testing.assert_allclose(seen.angle[1:], 0.0, atol=1e-9)
-    assert (np.diff(seen.depth[1:]) > 0).all()
-    assert np.diff(seen.depth).max() <= STEP + 1e-9
+    alignment = task.port.alignment(task.plug, plan.poses[:, 1])
+    np.testing.assert_allclose(alignment.depth[[0, -1]], [-0.015, 0.012], atol=3e-4)
+    np.testing.assert_allclose(alignment.lateral[1:], 0.0, atol=1e-9)
+    np.testing.assert_allclose(alignment.angle[1:], 0.0, atol=1e-9)
+    assert (np.diff(alignment.depth[1:]) > 0).all()
+    assert np.diff(alignment.depth).max() <= STEP + 1e-9
     assert verify_insertion_plan(plan, task).passed
 
 
@@ -56,9 +56,9 @@ def test_where_the_left_gripper_has_no_room_it_stands_still(task: Task):
 def test_a_push_that_cannot_be_says_why_and_shows_the_attempt(task: Task):
     blocked = with_disc(task, 0.57, 0.483, 0.005)
     said = r"^the plug cannot be inserted: .* goes along: plug clearance .* stands still: plug clearance"
-    with pytest.raises(PlanningError, match=said) as told:
+    with pytest.raises(PlanningError, match=said) as caught:
         plan_insertion(blocked)
-    attempt = told.value.attempt
+    attempt = caught.value.attempt
     assert attempt is not None
     assert attempt.verdict is not None
     assert {check.name for check in attempt.verdict.failures()} == {"plug clearance"}

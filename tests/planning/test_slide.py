@@ -15,7 +15,7 @@ from cableway.planning.slide import slide
 @pytest.mark.parametrize("leading", ["head", "tail"])
 @pytest.mark.parametrize("name", problems.SOLVABLE)
 def test_goes_from_start_to_goal_at_full_length(name, leading):
-    """The ends are the task's, and keypoints never come closer along the curve than a segment less a bend's chord."""
+    """The ends are the task's; keypoints come no closer along the curve than a segment less what a bend cuts short."""
     task = problems.SOLVABLE[name]()
     shapes = slide(task, leading, PivotConfig())
     assert np.array_equal(shapes[0], task.start)

@@ -75,7 +75,7 @@ def test_cost_never_rises(crossing):
 
 
 def test_raises_the_stability_margin():
-    """Rows strung out over the wanted chord and under the wanted margin are slackened and stabilised."""
+    """Rows strung out over the wanted gripper span and under the wanted margin are slackened and stabilised."""
     task = problems.free()
     q = problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.HIGH_ARC, 30)
     q[10:20, 3] = -75.0

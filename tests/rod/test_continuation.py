@@ -103,9 +103,9 @@ def test_the_simulated_cable_follows_until_there_and_then_leaves():
     shapes, last = rod.at_keypoints(rod.shapes(led.q)[0]), int(led.snap)
     task = Task(name="arch", scene=Scene(), cable=cable, start=shapes[0], goal=shapes[1])
     plant = CableSimulator(task)
-    seen = np.array([plant.reset().keypoints, *(plant.step(step).keypoints for step in np.diff(poses, axis=0))])
-    assert np.abs(seen[: last - 4] - shapes[: last - 4]).max() < 0.002
-    assert np.abs(seen[last + 10] - shapes[-1]).max() > 0.03
+    observed = np.array([plant.reset().keypoints, *(plant.step(step).keypoints for step in np.diff(poses, axis=0))])
+    assert np.abs(observed[: last - 4] - shapes[: last - 4]).max() < 0.002
+    assert np.abs(observed[last + 10] - shapes[-1]).max() > 0.03
 
 
 def test_first_shapes_that_do_not_fit_are_refused():

@@ -36,7 +36,7 @@ def test_fitting_its_own_keypoints_gives_the_rod_back(n: int):
     for q in stable_rows(rod, 12):
         found, distance = fit_keypoints(rod, keypoints_of(rod, q))
         assert distance < 1e-6 * rod.length
-        if n > 5:  # five keypoints hardly tell the loads
+        if n > 5:  # five keypoints hardly determine the loads
             np.testing.assert_allclose(found * [1, 1, 0, 1, 1, 1], q * [1, 1, 0, 1, 1, 1], atol=1e-3)
             np.testing.assert_allclose(se2.wrap_angle(found[2] - q[2]), 0, atol=1e-6)
 

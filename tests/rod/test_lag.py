@@ -58,8 +58,8 @@ def test_the_simulated_cable_trails_as_far(tau: float):
     shapes = cable.rod.at_keypoints(stations)
     plant = CableSimulator(Task(name="lag", scene=Scene(), cable=cable, start=shapes[0], goal=shapes[-1]))
     plant.reset()
-    seen = np.array([plant.step(step).keypoints for step in SE2.minus(poses[1:], poses[:-1])])
-    off = np.linalg.norm(seen - shapes[1:], axis=2).max(1)
+    observed = np.array([plant.step(step).keypoints for step in SE2.minus(poses[1:], poses[:-1])])
+    off = np.linalg.norm(observed - shapes[1:], axis=2).max(1)
     wanted = lag(cable.rod, q) * tau / CONTROL_STEP
     assert wanted[10:].max() > 0.001
     np.testing.assert_allclose(off[10:], wanted[10:], rtol=0.25, atol=2e-4)

@@ -42,16 +42,16 @@ def test_the_plug_moves_with_its_rear_as_one():
 
 @pytest.mark.parametrize("depth", [-0.015, 0.0, 0.012])
 def test_a_plug_that_is_aligned_is_as_deep_as_asked(depth: float):
-    seen = PORT.alignment(PLUG, PORT.pose(PLUG, depth))
-    np.testing.assert_allclose([seen.depth, seen.lateral, seen.angle], [depth, 0.0, 0.0], atol=1e-12)
+    alignment = PORT.alignment(PLUG, PORT.pose(PLUG, depth))
+    np.testing.assert_allclose([alignment.depth, alignment.lateral, alignment.angle], [depth, 0.0, 0.0], atol=1e-12)
 
 
 def test_misalignment_is_that_of_the_tip():
     """Turned about its rear by a small angle, the tip moves aside by the length times its sine."""
-    seen = PORT.alignment(PLUG, PORT.pose(PLUG, 0.0) + [0.0, 0.0, 0.05])
-    assert seen.lateral == pytest.approx(0.04 * np.sin(0.05))
-    assert seen.depth == pytest.approx(-0.04 * (1 - np.cos(0.05)))
-    assert seen.angle == pytest.approx(0.05)
+    alignment = PORT.alignment(PLUG, PORT.pose(PLUG, 0.0) + [0.0, 0.0, 0.05])
+    assert alignment.lateral == pytest.approx(0.04 * np.sin(0.05))
+    assert alignment.depth == pytest.approx(-0.04 * (1 - np.cos(0.05)))
+    assert alignment.angle == pytest.approx(0.05)
 
 
 def test_the_port_is_in_the_box_behind_it(insertion: Task):

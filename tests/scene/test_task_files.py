@@ -1,4 +1,4 @@
-"""Task files: what a valid one means, and what each kind of mistake is told."""
+"""Task files: what a valid one means, and the message for each kind of mistake."""
 
 from __future__ import annotations
 
@@ -509,8 +509,8 @@ def test_an_overlap_is_as_deep_as_the_cable_must_move(tmp_path: Path, height: fl
 
 
 def test_a_shape_that_crosses_itself(tmp_path: Path):
-    told = complaint(write(tmp_path, at("start", bent(6.6))))
-    assert without_line(told) == "start crosses itself"
+    message = complaint(write(tmp_path, at("start", bent(6.6))))
+    assert without_line(message) == "start crosses itself"
 
 
 def test_a_shape_bent_more_sharply_than_the_cable_may(tmp_path: Path):
@@ -521,9 +521,9 @@ def test_a_shape_bent_more_sharply_than_the_cable_may(tmp_path: Path):
         content["obstacles"] = []
         content["cable"]["min_bend_radius"] = allowed
 
-    told = complaint(write(tmp_path, lambda content: change(content, 0.11)))
-    assert without_line(told).startswith("start bends to a radius of 100.")
-    assert told.endswith("below cable.min_bend_radius 110 mm")
+    message = complaint(write(tmp_path, lambda content: change(content, 0.11)))
+    assert without_line(message).startswith("start bends to a radius of 100.")
+    assert message.endswith("below cable.min_bend_radius 110 mm")
     assert load_task(write(tmp_path, lambda content: change(content, 0.1))).cable.min_bend_radius == 0.1
 
 

@@ -148,7 +148,7 @@ def test_a_thousand_abuses(plants, tmp_path, monkeypatch):
     assert outcomes["done"] > SEQUENCES
     assert sum(outcomes.values()) - outcomes["done"] > SEQUENCES
     assert outcomes.keys() <= {"done", *REFUSALS}
-    assert pressed > 0, "some pressed the cable deeper than a millimetre, and were told so"
+    assert pressed > 0, "some pressed the cable deeper than a millimetre, which was reported"
     assert not list(tmp_path.iterdir())
 
 

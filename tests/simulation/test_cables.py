@@ -106,7 +106,7 @@ def test_a_cable_that_is_not_uniform_takes_the_shape_of_the_continuous_rod(chang
         every = (keypoints - 1) // 12
         errors.append(np.linalg.norm(settled - clamped_rod(cable, ARCHED), axis=1)[::every].mean())
         uniform = chain.rod.at_keypoints(chain.rod.shapes(ARCHED[None])[0])[0]
-        assert np.linalg.norm(settled - uniform, axis=1).max() > 2e-3, "the effect is to be seen"
+        assert np.linalg.norm(settled - uniform, axis=1).max() > 2e-3, "the effect is visible"
     assert errors[0] < 2e-4
     assert errors[1] < errors[0] / 3
 
@@ -266,5 +266,5 @@ def test_a_plant_of_every_preset_drawn_at_random_runs(task_at):
     for name in preset_names():
         cable = dataclasses.replace(task.cable, preset=name).sample(seed=1)
         plant = CableSimulator(task, cable=cable)
-        seen = [plant.step(np.tile([0.004, 0.0, 0.0], (2, 1))) for _ in range(3)][-1]
-        assert 1e-4 < np.abs(seen.keypoints - [0.012, 0.0] - task.start).max() < 0.03
+        observation = [plant.step(np.tile([0.004, 0.0, 0.0], (2, 1))) for _ in range(3)][-1]
+        assert 1e-4 < np.abs(observation.keypoints - [0.012, 0.0] - task.start).max() < 0.03

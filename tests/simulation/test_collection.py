@@ -99,9 +99,9 @@ def test_grippers_move_together_and_against_each_other(data):
 
 
 def test_shapes_run_from_near_straight_to_strongly_bent(data):
-    chord = np.linalg.norm(data.poses[:, 1, :2] - data.poses[:, 0, :2], axis=1) / 0.3
-    assert chord.max() > 0.96
-    assert chord.min() < 0.5
+    span = np.linalg.norm(data.poses[:, 1, :2] - data.poses[:, 0, :2], axis=1) / 0.3
+    assert span.max() > 0.96
+    assert span.min() < 0.5
     sides = [polyline.signed_area(shape) for shape in data.keypoints]
     assert min(sides) < -0.002
     assert max(sides) > 0.002
@@ -228,8 +228,8 @@ def test_a_motion_stays_among_stable_shapes():
         np.testing.assert_allclose(rod.shapes(q[None])[1][0], poses[0])
         assert poses.shape == (61, 2, 3)
         assert rod.stability(q[None])[0][0] >= config.least_stability
-        chord = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
-        assert chord.max() <= 0.971 * rod.length
+        span = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+        assert span.max() <= 0.971 * rod.length
 
 
 def test_progress_rises_to_one(collected):

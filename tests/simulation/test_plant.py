@@ -31,11 +31,11 @@ def run(plant: CableSimulator, actions: np.ndarray) -> np.ndarray:
 def test_starts_at_the_tasks_start(task_at):
     task = task_at()
     plant = CableSimulator(task)
-    seen, truth = plant.reset(), plant.measure()
-    assert seen.time == 0.0
+    observation, truth = plant.reset(), plant.measure()
+    assert observation.time == 0.0
     assert plant.control_step == 0.1
-    np.testing.assert_allclose(seen.keypoints, task.start, atol=1e-6)
-    np.testing.assert_allclose(seen.poses, task.cable.rod.shapes(task.start_equilibrium[None])[1][0], atol=1e-12)
+    np.testing.assert_allclose(observation.keypoints, task.start, atol=1e-6)
+    np.testing.assert_allclose(observation.poses, task.cable.rod.shapes(task.start_equilibrium[None])[1][0], atol=1e-12)
     assert truth.centreline.shape == (task.cable.rod.hinges + 2, 2)
     assert truth.clearance == pytest.approx(task.scene.clearance(truth.centreline[None], task.cable.radius)[0])
 
@@ -45,9 +45,9 @@ def test_grippers_go_where_they_are_told(task_at):
     start = plant.reset().poses
     actions = moves(0, 15)
     for k, action in enumerate(actions):
-        seen = plant.step(action)
-        assert seen.time == pytest.approx(0.1 * (k + 1))
-        np.testing.assert_allclose(seen.poses, start + actions[: k + 1].sum(axis=0), atol=3e-4)
+        observation = plant.step(action)
+        assert observation.time == pytest.approx(0.1 * (k + 1))
+        np.testing.assert_allclose(observation.poses, start + actions[: k + 1].sum(axis=0), atol=3e-4)
 
 
 def test_keypoints_lie_on_the_centreline_at_equal_arc_length_and_length_is_kept(task_at):
@@ -76,8 +76,8 @@ def test_a_mirrored_task_runs_mirrored(task_at, bent):
     one, two = CableSimulator(task), CableSimulator(other)
     lowest = []
     for action in actions:
-        seen, reflected = one.step(action), two.step(action * [1, -1, -1])
-        np.testing.assert_allclose(reflected.keypoints * [1, -1] + [0, 0.7], seen.keypoints, atol=1e-5)
+        observation, reflected = one.step(action), two.step(action * [1, -1, -1])
+        np.testing.assert_allclose(reflected.keypoints * [1, -1] + [0, 0.7], observation.keypoints, atol=1e-5)
         lowest.append(one.measure().clearance)
     assert min(lowest) < 0, "the obstacle is to take part"
 
@@ -195,11 +195,11 @@ def test_contact_in_the_middle_of_a_step_is_not_missed(task_at):
 
 def test_a_gripper_led_into_a_wall_is_reported_then_refused(task_at):
     plant = CableSimulator(task_at())
-    seen: list[Measurement] = []
-    message = until_refused(plant, np.tile([-0.012, 0.0, 0.0], (2, 1)), lambda: seen.append(plant.measure()))
+    observation: list[Measurement] = []
+    message = until_refused(plant, np.tile([-0.012, 0.0, 0.0], (2, 1)), lambda: observation.append(plant.measure()))
     assert "slipped" in message or "pressed" in message
-    assert seen[-1].gripper_clearance < 0.001
-    assert all(row.clearance > -plant.cable.radius for row in seen)
+    assert observation[-1].gripper_clearance < 0.001
+    assert all(row.clearance > -plant.cable.radius for row in observation)
 
 
 # ---------------------------------------------------------------- refusals
@@ -270,10 +270,10 @@ def test_a_cable_of_another_length_starts_between_the_same_grippers(task_at, fac
     task = task_at()
     plant = CableSimulator(task, cable=Cable(length=0.3 * factor))
     nominal = CableSimulator(task).reset()
-    seen = plant.reset()
-    np.testing.assert_allclose(seen.poses, nominal.poses, atol=1e-8)
-    assert 1e-4 < np.abs(seen.keypoints - nominal.keypoints).max() < 0.02
-    np.testing.assert_allclose(plant.step(STILL).keypoints, seen.keypoints, atol=1e-6)
+    observation = plant.reset()
+    np.testing.assert_allclose(observation.poses, nominal.poses, atol=1e-8)
+    assert 1e-4 < np.abs(observation.keypoints - nominal.keypoints).max() < 0.02
+    np.testing.assert_allclose(plant.step(STILL).keypoints, observation.keypoints, atol=1e-6)
 
 
 def test_a_cable_that_cannot_lie_there_is_refused(task_at):
@@ -317,7 +317,7 @@ def test_a_restored_state_goes_on_bit_for_bit(task_at):
 
 def test_what_is_returned_is_not_the_plants_own(task_at):
     plant = CableSimulator(task_at())
-    seen, truth = plant.reset(), plant.measure()
-    for array in (seen.keypoints, seen.poses, truth.keypoints, truth.poses, truth.centreline):
+    observation, truth = plant.reset(), plant.measure()
+    for array in (observation.keypoints, observation.poses, truth.keypoints, truth.poses, truth.centreline):
         array += 1.0
     np.testing.assert_allclose(plant.measure().keypoints, plant.task.start, atol=1e-6)

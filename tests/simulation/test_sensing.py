@@ -28,7 +28,7 @@ def sensed(config: SensingConfig | None = None, plant: PlantConfig | None = None
     return SensedPlant(CableSimulator(TASK, plant), config, seed)
 
 
-def seen(plant: CableSimulator | SensedPlant, actions: np.ndarray) -> np.ndarray:
+def observed(plant: CableSimulator | SensedPlant, actions: np.ndarray) -> np.ndarray:
     """Keypoints (K+1, n, 2) in all observations, from that of the start on."""
     return np.array([plant.reset().keypoints, *(plant.step(action).keypoints for action in actions)])
 
@@ -47,7 +47,7 @@ def true(plant: CableSimulator | SensedPlant, actions: np.ndarray) -> np.ndarray
 @pytest.mark.parametrize("plant", [None, FAST])
 def test_by_default_all_is_seen_as_it_is(plant: PlantConfig | None):
     bare, other, actions = CableSimulator(TASK, plant), sensed(plant=plant), moves(12)
-    np.testing.assert_array_equal(seen(other, actions), seen(bare, actions))
+    np.testing.assert_array_equal(observed(other, actions), observed(bare, actions))
     last, shown = bare.step(STILL), other.step(STILL)
     np.testing.assert_array_equal(shown.poses, last.poses)
     assert shown.time == last.time
@@ -59,7 +59,9 @@ def test_three_steps_of_a_thirtieth_do_what_one_of_a_tenth_does():
     """With the same time step, and the action in three equal parts."""
     slow = CableSimulator(TASK, PlantConfig(time_step=1 / 240, control_step=0.1))
     fast, actions = CableSimulator(TASK, FAST), moves(6)
-    np.testing.assert_allclose(seen(fast, np.repeat(actions / 3, 3, axis=0))[::3], seen(slow, actions), atol=1e-9)
+    np.testing.assert_allclose(
+        observed(fast, np.repeat(actions / 3, 3, axis=0))[::3], observed(slow, actions), atol=1e-9
+    )
     assert fast.time == pytest.approx(0.6)
 
 
@@ -69,7 +71,7 @@ def frames() -> np.ndarray:
     """What 600 frames of a cable at rest are off by."""
     config = SensingConfig(keypoint_noise=0.002, drop_rate=0.25, occlusion_rate=0.4, occluded_share=0.35)
     plant = sensed(config, PlantConfig(time_step=0.02), seed=5)
-    return seen(plant, np.tile(STILL, (599, 1, 1))) - plant.measure().keypoints
+    return observed(plant, np.tile(STILL, (599, 1, 1))) - plant.measure().keypoints
 
 
 def lost(frames: np.ndarray) -> np.ndarray:
@@ -111,7 +113,7 @@ def test_a_hidden_stretch_is_contiguous_and_as_long_as_asked_for(frames: np.ndar
 def test_what_is_not_hidden_is_as_it_would_be():
     actions = moves(30)
     plain, covered = (
-        seen(sensed(SensingConfig(keypoint_noise=0.002, occlusion_rate=rate)), actions) for rate in (0.0, 0.5)
+        observed(sensed(SensingConfig(keypoint_noise=0.002, occlusion_rate=rate)), actions) for rate in (0.0, 0.5)
     )
     there = ~np.isnan(covered)
     assert not there.all()
@@ -127,7 +129,7 @@ def test_the_truth_and_the_gripper_poses_are_not_touched():
 
 
 def test_where_every_frame_is_lost_nothing_is_seen():
-    assert np.isnan(seen(sensed(SensingConfig(drop_rate=1.0)), moves(5))).all()
+    assert np.isnan(observed(sensed(SensingConfig(drop_rate=1.0)), moves(5))).all()
 
 
 # ---------------------------------------------------------------- delays and rates
@@ -135,7 +137,7 @@ def test_where_every_frame_is_lost_nothing_is_seen():
 def test_a_measurement_delay_shifts_what_is_seen_by_just_as_many_steps(steps: int):
     actions = moves(10)
     truth = true(CableSimulator(TASK), actions)
-    late = seen(sensed(SensingConfig(measurement_delay=0.1 * steps)), actions)
+    late = observed(sensed(SensingConfig(measurement_delay=0.1 * steps)), actions)
     np.testing.assert_array_equal(late[steps:], truth[:-steps])
     np.testing.assert_array_equal(late[:steps], np.repeat(truth[:1], steps, axis=0))
 
@@ -158,22 +160,22 @@ def test_three_frames_in_a_step():
     """Without delay the third is the present; after 20 ms it is the second, a third of a step old."""
     actions = moves(8)
     truth = true(CableSimulator(TASK), actions)
-    np.testing.assert_array_equal(seen(sensed(SensingConfig(frame_rate=30.0)), actions), truth)
-    late = seen(sensed(SensingConfig(frame_rate=30.0, measurement_delay=0.02)), actions)
+    np.testing.assert_array_equal(observed(sensed(SensingConfig(frame_rate=30.0)), actions), truth)
+    late = observed(sensed(SensingConfig(frame_rate=30.0, measurement_delay=0.02)), actions)
     np.testing.assert_allclose(late[1:], truth[:-1] / 3 + truth[1:] * 2 / 3, atol=1e-12)
 
 
 def test_three_frames_in_a_step_are_rarely_all_lost():
     actions = np.tile(STILL, (400, 1, 1))
     config, quick = SensingConfig(frame_rate=30.0, drop_rate=0.5), PlantConfig(time_step=0.02)
-    blind = lost(seen(sensed(config, quick), actions))
+    blind = lost(observed(sensed(config, quick), actions))
     assert blind.mean() == pytest.approx(0.125, abs=4 * np.sqrt(0.125 * 0.875 / len(blind)))
 
 
 def test_a_frame_in_three_steps():
     actions = moves(12)
     truth = true(CableSimulator(TASK, FAST), actions)
-    shown = seen(sensed(SensingConfig(frame_rate=10.0), FAST), actions)
+    shown = observed(sensed(SensingConfig(frame_rate=10.0), FAST), actions)
     np.testing.assert_array_equal(shown[::3], truth[::3])
     assert np.isnan(np.delete(shown, np.arange(0, 13, 3), axis=0)).all()
 
@@ -181,10 +183,10 @@ def test_a_frame_in_three_steps():
 # ---------------------------------------------------------------- seed and state
 def test_the_same_seed_gives_the_same_run_and_another_one_another():
     actions = moves(15)
-    first = seen(plant := sensed(EVERYTHING, seed=3), actions)
-    np.testing.assert_array_equal(seen(plant, actions), first)
-    np.testing.assert_array_equal(seen(sensed(EVERYTHING, seed=3), actions), first)
-    other = seen(sensed(EVERYTHING, seed=4), actions)
+    first = observed(plant := sensed(EVERYTHING, seed=3), actions)
+    np.testing.assert_array_equal(observed(plant, actions), first)
+    np.testing.assert_array_equal(observed(sensed(EVERYTHING, seed=3), actions), first)
+    other = observed(sensed(EVERYTHING, seed=4), actions)
     assert not np.array_equal(other, first, equal_nan=True)
 
 
@@ -210,7 +212,7 @@ def test_the_state_of_another_plant_is_refused():
 # ---------------------------------------------------------------- refusals
 def test_a_refused_action_changes_nothing():
     plant, untouched, actions = sensed(EVERYTHING), sensed(EVERYTHING), moves(6)
-    np.testing.assert_array_equal(seen(plant, actions[:3]), seen(untouched, actions[:3]))
+    np.testing.assert_array_equal(observed(plant, actions[:3]), observed(untouched, actions[:3]))
     with pytest.raises(SimulationError, match="finite"):
         plant.step(np.full((2, 3), np.nan))
     for action in actions[3:]:

@@ -42,7 +42,7 @@ def test_every_step_has_its_estimates(rollout: Rollout) -> None:
     assert len({row["name"] for row in described}) == PARAMETERS
     assert (rollout.deviations > 0).all()
     first, last = (row / [entry["prior"] for entry in described] for row in rollout.deviations[[0, -1]])
-    assert (last < 1.0).all(), "what is seen makes surer"
+    assert (last < 1.0).all(), "observations reduce the uncertainty"
     assert last.mean() < 0.8 * first.mean()
 
 

@@ -47,7 +47,7 @@ def made(name: str) -> Controller[Any]:
 
 @cache
 def run(name: str, rate: float | None) -> Rollout:
-    """A longer cable that is stiffer at one end, seen with 1 mm of noise, at `rate` frames a second."""
+    """A longer cable that is stiffer at one end, with 1 mm of noise on keypoints, at `rate` frames a second."""
     camera = SensingConfig(frame_rate=rate, keypoint_noise=0.001)
     return track(SensedPlant(CableSimulator(MOVED, cable=OTHER), camera, seed=1), made(name), PLAN)
 

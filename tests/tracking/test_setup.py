@@ -24,14 +24,14 @@ DOWN = np.array([1.0, -1.0])
 
 Mistake = Callable[[Observation], Observation]
 MISTAKES: dict[str, Mistake] = {
-    "keypoints look like millimetres": lambda seen: replace(seen, keypoints=1000 * seen.keypoints),
-    "keypoints look like centimetres": lambda seen: replace(seen, keypoints=100 * seen.keypoints),
-    "keypoints come in the opposite order": lambda seen: replace(seen, keypoints=seen.keypoints[::-1].copy()),
-    "keypoints look as if y pointed downwards": lambda seen: replace(seen, keypoints=[0, 0.7] + DOWN * seen.keypoints),
-    "keypoints look as if x and y were exchanged": lambda seen: replace(seen, keypoints=seen.keypoints[:, ::-1].copy()),
-    "positions look like millimetres": lambda seen: replace(seen, poses=seen.poses * [1e3, 1e3, 1]),
-    "positions come in the opposite order": lambda seen: replace(seen, poses=seen.poses[::-1].copy()),
-    "look like degrees, not radians": lambda seen: replace(seen, poses=seen.poses * [1, 1, 180 / np.pi]),
+    "keypoints look like millimetres": lambda frame: replace(frame, keypoints=1000 * frame.keypoints),
+    "keypoints look like centimetres": lambda frame: replace(frame, keypoints=100 * frame.keypoints),
+    "keypoints come in the opposite order": lambda frame: replace(frame, keypoints=frame.keypoints[::-1].copy()),
+    "keypoints look as if y pointed downwards": lambda frame: replace(frame, keypoints=[0, 0.7] + DOWN * frame.keypoints),
+    "keypoints look as if x and y were exchanged": lambda frame: replace(frame, keypoints=frame.keypoints[:, ::-1].copy()),
+    "positions look like millimetres": lambda frame: replace(frame, poses=frame.poses * [1e3, 1e3, 1]),
+    "positions come in the opposite order": lambda frame: replace(frame, poses=frame.poses[::-1].copy()),
+    "look like degrees, not radians": lambda frame: replace(frame, poses=frame.poses * [1, 1, 180 / np.pi]),
 }  # fmt: skip
 
 
@@ -61,9 +61,9 @@ def test_nothing_moves_and_the_mistake_is_named(name: str) -> None:
 
 def test_another_number_of_keypoints_is_refused() -> None:
     with pytest.raises(InputError, match="the camera reports 7 keypoints, the plan has 13"):
-        track(Wrong(lambda seen: replace(seen, keypoints=seen.keypoints[::2])), OpenLoop(), PLAN)
+        track(Wrong(lambda frame: replace(frame, keypoints=frame.keypoints[::2])), OpenLoop(), PLAN)
     with pytest.raises(InputError, match=r"gripper poses of shape \(1, 3\)"):
-        track(Wrong(lambda seen: replace(seen, poses=seen.poses[:1])), OpenLoop(), PLAN)
+        track(Wrong(lambda frame: replace(frame, poses=frame.poses[:1])), OpenLoop(), PLAN)
 
 
 def test_a_cable_elsewhere_or_unseen_is_no_mistake() -> None:
@@ -71,14 +71,14 @@ def test_a_cable_elsewhere_or_unseen_is_no_mistake() -> None:
     for _ in range(100):
         moved = START + rng.normal(0.0, 1.0, 6) * [0.05, 0.05, 0.4, 1.0, 1.0, 0.3]
         stations, poses = ROD.shapes(moved[None])
-        seen = Observation(0.0, ROD.at_keypoints(stations)[0], poses[0])
-        assert setup_mistake(seen, PLAN, TASK) == ""
+        frame = Observation(0.0, ROD.at_keypoints(stations)[0], poses[0])
+        assert setup_mistake(frame, PLAN, TASK) == ""
     nothing = Observation(0.0, np.full((13, 2), np.nan), np.full((2, 3), np.nan))
     assert setup_mistake(nothing, PLAN, TASK) == ""
 
 
 def test_a_cable_must_end_at_its_grippers() -> None:
-    seen = Observation(0.0, PLAN.shapes[0], PLAN.poses[0])
-    assert disagreement(PLAN.shapes[0] + 0.01, seen) == ""
-    assert disagreement(PLAN.shapes[0] + [0.0, 0.05], seen) == "the camera's cable ends 50 mm from the left gripper"
-    assert disagreement(PLAN.shapes[0], replace(seen, poses=np.full((2, 3), np.nan))) != ""
+    frame = Observation(0.0, PLAN.shapes[0], PLAN.poses[0])
+    assert disagreement(PLAN.shapes[0] + 0.01, frame) == ""
+    assert disagreement(PLAN.shapes[0] + [0.0, 0.05], frame) == "the camera's cable ends 50 mm from the left gripper"
+    assert disagreement(PLAN.shapes[0], replace(frame, poses=np.full((2, 3), np.nan))) != ""

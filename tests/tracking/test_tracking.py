@@ -190,8 +190,8 @@ def test_it_ends_where_the_error_no_longer_falls() -> None:
 def test_a_controller_that_sees_nothing_stops_and_time_runs_out(mpc: NeuralMPC) -> None:
     class Dark(QuasiStaticPlant):
         def step(self, action: np.ndarray) -> Observation:
-            seen = super().step(action)
-            return replace(seen, keypoints=np.full_like(seen.keypoints, np.nan))
+            observation = super().step(action)
+            return replace(observation, keypoints=np.full_like(observation.keypoints, np.nan))
 
     rollout = track(Dark(TASK, START, ROD), mpc, PLAN, config=TrackConfig(overtime=1.0))
     assert rollout.metadata["outcome"] == "timed out"
@@ -202,11 +202,11 @@ def test_a_controller_that_sees_nothing_stops_and_time_runs_out(mpc: NeuralMPC) 
 
 
 def test_progress_rises_to_1() -> None:
-    told: list[tuple[str, float]] = []
-    note: Callable[[str, float], None] = lambda stage, share: told.append((stage, share))  # noqa: E731
+    reported: list[tuple[str, float]] = []
+    note: Callable[[str, float], None] = lambda stage, share: reported.append((stage, share))  # noqa: E731
     track(plant(), EAGER, PLAN, progress=note)
-    shares = [share for _, share in told]
-    assert {stage for stage, _ in told} == {"track"}
+    shares = [share for _, share in reported]
+    assert {stage for stage, _ in reported} == {"track"}
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     assert max(shares[:-1]) < 1.0
@@ -229,9 +229,9 @@ class Snapping(QuasiStaticPlant):
     snaps: tuple[int, ...] = (15,)
 
     def step(self, action: np.ndarray) -> Observation:
-        seen = super().step(action)
+        observation = super().step(action)
         if self._step not in self.snaps:
-            return seen
+            return observation
         shapes = equilibria_at(self.rod, self._poses)
         stations = self.rod.shapes(shapes)[0]
         farthest = int(np.argmax(np.linalg.norm(stations - self._stations, axis=(1, 2))))

@@ -103,8 +103,8 @@ def test_a_controller_with_feedback_arrives_all_the_same() -> None:
 def test_a_state_knows_what_was_sent_in_its_place() -> None:
     """Else a controller takes the difference for a delay."""
     state = OpenLoop(OPEN).init(TASK, PLAN)
-    seen = Observation(0.0, PLAN.shapes[0], PLAN.poses[0])
-    _, state = OpenLoop(OPEN).step(state, seen)
+    observation = Observation(0.0, PLAN.shapes[0], PLAN.poses[0])
+    _, state = OpenLoop(OPEN).step(state, observation)
     after = state.overruled(STEP / 2, "late: coasting")
     reached, led_on = (known.tracker.predicted().commanded for known in (state, after))
     np.testing.assert_allclose(led_on - reached, STEP / 2, atol=1e-12)
@@ -194,10 +194,10 @@ def guard(task: Task) -> Guard:
     return Guard(Watchdog(), Faulty({}, every=raising), task, 0.1)
 
 
-def coasted(task: Task, before: np.ndarray, row: int = 20, **seen: Any) -> np.ndarray:
+def coasted(task: Task, before: np.ndarray, row: int = 20, **changed: Any) -> np.ndarray:
     """What is sent after `before` in place of a step that fails, with the cable at a row of the plan."""
     state = OpenLoop(OPEN).init(task, PLAN)
-    observation = replace(Observation(0.1 * row, PLAN.shapes[row], PLAN.poses[row]), **seen)
+    observation = replace(Observation(0.1 * row, PLAN.shapes[row], PLAN.poses[row]), **changed)
     return guard(task).step(state, observation, before, PLAN.poses[row]).action
 
 

@@ -24,7 +24,7 @@ def task() -> Task:
 
 
 def way_in(task: Task, aside: float = 0.0, turned: float = 0.0, depth: float | None = None) -> np.ndarray:
-    """A straight push with the tip `aside` [m] of the axis and the plug `turned` [rad]."""
+    """A straight insertion with the tip `aside` [m] of the axis and the plug `turned` [rad]."""
     assert task.plug is not None
     assert task.port is not None
     end = task.port.depth if depth is None else depth
@@ -88,7 +88,7 @@ def test_a_straight_push_passes(task: Task):
 
 
 @pytest.mark.parametrize(
-    ("push", "name"),
+    ("insertion", "name"),
     [
         ({"aside": 0.0022}, "plug misalignment"),
         ({"aside": -0.0022}, "plug misalignment"),
@@ -97,8 +97,8 @@ def test_a_straight_push_passes(task: Task):
         ({"depth": 0.0105}, "inserted depth"),
     ],
 )
-def test_what_is_not_straight_or_deep_enough_fails(task: Task, push: dict[str, float], name: str):
-    poses = way_in(task, **push)
+def test_what_is_not_straight_or_deep_enough_fails(task: Task, insertion: dict[str, float], name: str):
+    poses = way_in(task, **insertion)
     assert failures(insertion_checks(poses, task)) == {name}
     assert not measure_insertion(poses, task).inserted
 

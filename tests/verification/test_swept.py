@@ -16,7 +16,7 @@ PIECES = 64
 
 
 def dense_distance(lines: np.ndarray, scene: Scene) -> float:
-    """Least distance over `PIECES` in-betweens of each stretch, to what the motion does not cut."""
+    """Least distance over `PIECES` in-betweens of each section, to what the motion does not cut."""
     frame = shapely.box(0, 0, *scene.size).exterior
     least = np.inf
     for before, after in pairwise(lines):

@@ -41,7 +41,7 @@ def same(one: Plan | Rollout | None, other: Plan | Rollout | None) -> None:
 
 
 def test_command_benchmark_and_python_give_the_same(tmp_path: Path):
-    """On a plant that differs, seen with noise."""
+    """On a perturbed plant, with sensor noise."""
     perturbation = named_perturbation("hard", TASK)
     run = cw.solve(TASK, cw.SolveOptions(perturbation=perturbation, seed=3))
     assert run.rollout is not None
@@ -68,23 +68,23 @@ def test_command_benchmark_and_python_give_the_same(tmp_path: Path):
 
 
 def events_of(options: SolveOptions, stop: type | None = None) -> tuple[list[Event], Run]:
-    told: list[Event] = []
+    events: list[Event] = []
 
     def on_event(event: Event) -> str | None:
-        told.append(event)
+        events.append(event)
         return CANCEL if stop is not None and isinstance(event, stop) else None
 
-    return told, solve(TASK, options, on_event)
+    return events, solve(TASK, options, on_event)
 
 
 def test_events_come_in_order_and_hold_what_there_is():
-    told, run = events_of(BLIND)
-    halves = [event for event in told if isinstance(event, Planned | Finished)]
+    events, run = events_of(BLIND)
+    halves = [event for event in events if isinstance(event, Planned | Finished)]
     assert [type(event) for event in halves] == [Planned, Finished]
-    assert told[-1] == Finished(run)
+    assert events[-1] == Finished(run)
     assert halves[0].run.plan is run.plan
     assert halves[0].run.rollout is None
-    stages = [event.stage for event in told if isinstance(event, Progress)]
+    stages = [event.stage for event in events if isinstance(event, Progress)]
     assert stages[-1] == "track"
     assert {"set up", "verification"} <= set(stages)
     assert run.success
@@ -93,11 +93,11 @@ def test_events_come_in_order_and_hold_what_there_is():
 
 @pytest.mark.parametrize(("stop", "has_plan"), [(Progress, False), (Planned, True)])
 def test_a_cancelled_run_ends_with_what_is_there(stop: type, has_plan: bool):
-    told, run = events_of(BLIND, stop)
+    events, run = events_of(BLIND, stop)
     assert (run.plan is not None, run.rollout) == (has_plan, None)
     assert run.report.outcome is Outcome.INTERRUPTED
     assert not run.success
-    assert told[-1] == Finished(run)
+    assert events[-1] == Finished(run)
 
 
 def test_a_run_cancelled_on_the_way_keeps_its_rollout():

@@ -17,7 +17,7 @@ from cableway.benchmark.statistics import difference, estimate, quantiles
 from cableway.benchmark.suites import SUITES, cable_of, kind_of
 from cableway.core.provenance import versions
 from cableway.metrics import METRICS
-from cableway.simulation.perturbations.variants import VARIANTS
+from cableway.simulation.perturbations.variants import variant
 
 Results = Mapping[str, Mapping[str, Sequence[Result]]]
 """Results by suite and by method."""
@@ -65,7 +65,7 @@ def summary(results: Results, methods: Sequence[Method], size: str, configuratio
         first = next(iter(rows.values()))
         content["suites"][suite] = {
             "version": SUITES[suite].version,
-            "plants": {name: VARIANTS[name].description for name in dict.fromkeys(result.plant for result in first)},
+            "plants": {name: variant(name).description for name in dict.fromkeys(result.plant for result in first)},
             "methods": {name: _figures(found) | _against(found, first) for name, found in rows.items()},
         }
     return content

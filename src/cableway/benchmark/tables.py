@@ -10,7 +10,7 @@ from cableway.benchmark.statistics import Estimate, difference, estimate, quanti
 from cableway.benchmark.suites import SUITES
 from cableway.benchmark.summary import Results, by_group
 from cableway.metrics import METRICS, Metric
-from cableway.simulation.perturbations.variants import VARIANTS
+from cableway.simulation.perturbations.variants import variant
 
 COLUMNS = ("success", "strict", "strict_reachable", "contact", "shape_error", "above_least_achievable", "deviation",
            "clearance", "planning_time", "control_time", "control_p99")  # fmt: skip
@@ -69,7 +69,7 @@ def suite_tables(suite: str, rows: Mapping[str, Sequence[Result]]) -> list[Table
 def _plants(results: Sequence[Result]) -> Table:
     """What is different in each plant."""
     return Table(
-        "plants", (("plant", "what differs"), *((name, VARIANTS[name].description) for name in by_group(results)))
+        "plants", (("plant", "what differs"), *((name, variant(name).description) for name in by_group(results)))
     )
 
 

@@ -17,7 +17,7 @@ from cableway.rod.least_squares import Rule, add_row, advance, begin
 ITERATIONS = 4
 """Most steps of one optimisation, which goes on from the last one."""
 
-CORRECTION = Rule(least=1e-9, restart=1e-5, most=1e3, fall=1e-4, longest=0.5)
+CORRECTION = Rule(least=1e-9, restart=1e-5, most=1e3, fall=1e-4, max_step=0.5)
 """A fall of the cost by less than 0.01% is not worth another step."""
 
 

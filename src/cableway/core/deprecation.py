@@ -153,5 +153,12 @@ def renamed_attributes(**names: str) -> Callable[[C], C]:
     return decorate
 
 
+def renamed_value(kind: str, name: str, names: Mapping[str, str]) -> str:
+    """The new name of a `kind` of thing that files and arguments may call by an old one; `names` maps old to new."""
+    if name in names:
+        _warn(f"the {kind} {name!r} is now {names[name]!r}", stacklevel=4)
+    return names.get(name, name)
+
+
 def _warn(what: str, stacklevel: int) -> None:
     warnings.warn(f"{what}; the old name goes with the next release", DeprecationWarning, stacklevel=stacklevel)

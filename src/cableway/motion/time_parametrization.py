@@ -1,6 +1,6 @@
 """Time parametrisation: rows of a motion placed so that none asks more than one control step allows.
 
-The effort of a stretch is the largest of what it asks for, each over its limit in one control step. Rows at equal
+The effort of a section is the largest of what it asks for, each over its limit in one control step. Rows at equal
 effort take the limits as far as they may, whatever the shape of the motion.
 
 Note:

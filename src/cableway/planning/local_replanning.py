@@ -1,8 +1,8 @@
 """Local replanning: where an optimised trajectory is still not free, RRT-Connect finds a way round.
 
 An initial trajectory through narrow ways is often good but for a corner or two that the optimisation, which goes
-downhill, can't get the cable round. From the last free shape before such a stretch to the first one after it, two trees
-of equilibria meet quickly, because the shapes of the stretch show them where to look.
+downhill, can't get the cable round. From the last free shape before such a section to the first one after it, two trees
+of equilibria meet quickly, because samples are drawn about the shapes of the section.
 
 Note:
     Not in the paper (Tang et al.).
@@ -28,7 +28,7 @@ SAMPLES = 4000
 """Most samples of one search."""
 
 ROOM = (1, 10, 60)
-"""Rows by which a stretch is widened on both sides, one after the other, until the search succeeds."""
+"""Rows by which a section is widened on both sides, one after the other, until the search succeeds."""
 
 
 def replanned(
@@ -51,7 +51,7 @@ def replanned(
         progress: Called with the share that is done; it may raise to stop.
 
     Raises:
-        PlanningError: A stretch was not got round, or there is none that is not free.
+        PlanningError: No way round a section was found, or all rows are free.
     """
     assert projected.nodes is not None
     assert projected.node_places is not None
@@ -83,7 +83,7 @@ def replan_locally(
         q (R+1, 6), neighbours about `config.step` apart at most, and for each row its place 0..T in the sequence given.
 
     Raises:
-        PlanningError: A stretch was not got round, or there is none that is not free.
+        PlanningError: No way round a section was found, or all rows are free.
     """
     places = evenly_moved(task.cable.rod, q, config.step)
     q = rows_at(q, places)
@@ -110,7 +110,7 @@ def _way_round(
     config: rrt_connect.RRTConnectConfig,
     seed: int,
 ) -> tuple[int, int, Float[np.ndarray, "k 6"]]:
-    """Round the first stretch after row `at`, a free one, that is not free: from which row to which, and how.
+    """The way round the first section after the free row `at` that is not free: from which row to which, and how.
 
     Raises:
         PlanningError: No search succeeded.

@@ -33,7 +33,7 @@ BATCH = 200
 """Samples between two reports of progress."""
 
 SHORTCUTS = 100
-"""Attempts to replace a stretch of the path found by a straight one."""
+"""Attempts to replace a section of the path by a straight one."""
 
 TUBE_STEP = 0.012
 """Largest move of a keypoint between the shapes that a tube is laid about [m]."""

@@ -99,7 +99,7 @@ def connect(samples, trees, shapes, parents, counts, space, step):
 
 @kernel
 def shortcut(path, pairs, space, step):
-    """Replace stretches of a path (k, 6) by straight free ones; `pairs` (m, 2) in [0, 1) says which to try."""
+    """Replace sections of a path (k, 6) by straight free ones; `pairs` (m, 2) in [0, 1) says which to try."""
     rod, shapes = space[0], np.empty((len(path), 2 * FEATURES))
     for i in range(len(path)):
         features(path[i], rod[0], rod[1], shapes[i])

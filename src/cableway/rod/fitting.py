@@ -20,9 +20,9 @@ LOADS = 3
 """From this coordinate on q holds the load."""
 
 EXACT = Rule(first=1e-3, shrink=5.0, restart=0.0, most=1e12, fall=1e-13, small=1e-10, trials=100, absolute=True)
-"""For a fit to the last digit, from far away: where keypoints cannot tell loads apart, the damping is what is left."""
+"""For a fit to the last digit, from far away: where keypoints do not determine the loads, only the damping does."""
 
-QUICK = Rule(least=1e-9, restart=1e-5, most=1e3, small=1e-5, longest=0.3)
+QUICK = Rule(least=1e-9, restart=1e-5, most=1e3, small=1e-5, max_step=0.3)
 """For a fit that goes on from one near by."""
 
 MEETING = Rule(enough=1e-20)
@@ -60,8 +60,8 @@ def scaled_shape(q, p, modes, scale, stations, dstations, poses, dposes):
 def fit_shape(q, wanted, p, modes, stride, pull, steps, rule):
     """Move q (6,) to the equilibrium nearest to keypoints (n, 2), in at most so many steps.
 
-    A pull on the change of the load in each step, of weight `pull` in squared lengths, keeps it where keypoints cannot
-    tell. Returns half the squared stacked distance, in squared lengths of the rod.
+    A pull on the change of the load in each step, of weight `pull` in squared lengths, keeps it where keypoints do not
+    determine it. Returns half the squared stacked distance, in squared lengths of the rod.
     """
     stations, dstations, poses, dposes = workspace(modes, len(q))
     search, scale, length, rates = begin(q), scales(p[0]), p[0], np.empty(len(q))

@@ -42,7 +42,7 @@ class Rule(NamedTuple):
         enough: Cost that ends the search.
         small: Largest number of a step that ends the search once it was tried.
         trials: Most steps that are tried, whether taken or not.
-        longest: Largest number of a step; a longer one is shortened.
+        max_step: Largest number of a step; a longer one is shortened.
         absolute: Whether d is added to the diagonal of J'J rather than multiplied with it.
     """
 
@@ -56,7 +56,7 @@ class Rule(NamedTuple):
     enough: float = 0.0
     small: float = 0.0
     trials: float = np.inf
-    longest: float = np.inf
+    max_step: float = np.inf
     absolute: bool = False
 
 
@@ -86,7 +86,7 @@ class Search(NamedTuple):
     state: Float[np.ndarray, "6"]
 
 
-COST, DAMPING, TAKEN, TRIED, LONGEST, DONE = range(6)
+COST, DAMPING, TAKEN, TRIED, LARGEST, DONE = range(6)
 """Places in the state: least cost, d, steps taken, steps tried, largest number of the last step, 1 at the end."""
 
 
@@ -118,7 +118,7 @@ def judge(state, cost, steps, rule):
         state[TAKEN] += 1.0
     state[TRIED] += 1.0
     ended = ended or state[TAKEN] >= steps or state[TRIED] >= rule.trials
-    if ended or state[COST] < rule.enough or state[LONGEST] < rule.small:
+    if ended or state[COST] < rule.enough or state[LARGEST] < rule.small:
         state[DONE] = 1.0
     return taken
 
@@ -149,11 +149,11 @@ def advance(search, cost, units, steps, rule):
     for a in range(len(x)):
         step[a] = -gradient[a]
     substitute(factor, step)
-    longest = 1e-30
+    largest = 1e-30
     for value in step:
-        longest = max(longest, abs(value))
-    state[LONGEST] = longest
-    share = min(1.0, rule.longest / longest)
+        largest = max(largest, abs(value))
+    state[LARGEST] = largest
+    share = min(1.0, rule.max_step / largest)
     for a in range(len(x)):
         trial[a] = x[a] + share * units[a] * step[a]
     return True

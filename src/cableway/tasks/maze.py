@@ -90,7 +90,7 @@ def _open(axis: int, line: int, k: int, opened: Opened) -> bool:
 
 
 def _runs(flags: list[bool]) -> list[tuple[int, int]]:
-    """Beginnings and ends of the stretches of true flags."""
+    """Beginnings and ends of the runs of true flags."""
     edges = np.flatnonzero(np.diff([False, *flags, False]))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

@@ -116,7 +116,7 @@ def require_free(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin
         raise Rejected("touches a wall")
 
 
-def longest_stretch(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin: float) -> np.ndarray:
+def longest_run(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin: float) -> np.ndarray:
     """The longest run of rows between which the motion is sound and keeps `margin` [m] from everything.
 
     Raises:
@@ -177,7 +177,7 @@ def led_along(
         curve: Longer than the rod; the right gripper goes first.
         rod: The rod.
         walls: What the rod is also kept away from.
-        whole: Whether it must come to the end; else the longest stretch that it can be led along is enough.
+        whole: Whether it must come to the end; else the longest run along which it can be led is enough.
 
     Raises:
         Rejected: The curve is too short, or the rod cannot be led along the whole of it.
@@ -247,9 +247,9 @@ def _fit(rod: PlanarRod, q: np.ndarray, target: np.ndarray, walls: Walls | None,
         jacobian = jacobian * scale
         normal = jacobian.T @ jacobian + 1e-5 * np.eye(rod.dof)
         step = -np.linalg.solve(normal, jacobian.T @ residual)
-        longest = float(np.abs(step).max())
-        q = q + scale * step * min(1.0, 0.5 / (longest + 1e-12))
-        if longest < 1e-5:
+        largest = float(np.abs(step).max())
+        q = q + scale * step * min(1.0, 0.5 / (largest + 1e-12))
+        if largest < 1e-5:
             break
     return q
 

@@ -66,7 +66,7 @@ def way_between(
     walls = motion.Walls(scene.world, keep, setup.thickness + PASSAGE_MARGIN)
     led = motion.led_along(curve if rng.integers(2) else curve[::-1], setup.rod, walls, whole)
     if not whole:
-        led = motion.longest_stretch(led, setup, scene, PASSAGE_MARGIN)
+        led = motion.longest_run(led, setup, scene, PASSAGE_MARGIN)
         led = _part(rng, led)
     motion.require_sound(led, setup, PASSAGE_MARGIN)
     motion.require_free(led, setup, scene, PASSAGE_MARGIN)

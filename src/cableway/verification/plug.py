@@ -100,8 +100,8 @@ def measure_insertion(poses: Float[np.ndarray, "t 3"], task: Task) -> Inserted:
     """
     assert task.plug is not None
     assert task.port is not None
-    seen = alignment(task.plug, task.port, poses)
-    depth, lateral, angle = seen.depth, np.abs(seen.lateral), np.abs(seen.angle)
+    along = alignment(task.plug, task.port, poses)
+    depth, lateral, angle = along.depth, np.abs(along.lateral), np.abs(along.angle)
     reached = np.flatnonzero(depth >= 0)
     aligned, mouth = False, (None, None)
     if len(reached):
@@ -109,7 +109,7 @@ def measure_insertion(poses: Float[np.ndarray, "t 3"], task: Task) -> Inserted:
         share = 0.0 if first == 0 else float(depth[first - 1] / (depth[first - 1] - depth[first]))
         at = max(first - 1, 0) + (share if first else 0.0)
         rows = np.arange(len(poses))
-        mouth = (float(abs(np.interp(at, rows, seen.lateral))), float(abs(np.interp(at, rows, seen.angle))))
+        mouth = (float(abs(np.interp(at, rows, along.lateral))), float(abs(np.interp(at, rows, along.angle))))
         worst = max(mouth[0], lateral[first:].max()), max(mouth[1], angle[first:].max())
         aligned = bool(worst[0] <= PORT_LATERAL and worst[1] <= PORT_ANGLE)
     deep = bool(depth[-1] >= task.port.depth - PORT_DEPTH)
@@ -120,13 +120,13 @@ def insertion_checks(poses: Float[np.ndarray, "t 3"], task: Task) -> list[Check]
     """Checks of depth and alignment; those of the whole way from the mouth on."""
     assert task.plug is not None
     assert task.port is not None
-    found, seen = measure_insertion(poses, task), alignment(task.plug, task.port, poses)
-    inside = seen.depth >= 0
+    found, along = measure_insertion(poses, task), alignment(task.plug, task.port, poses)
+    inside = along.depth >= 0
     wanted = task.port.depth - PORT_DEPTH
     checks = [Check("inserted depth", found.depth, "m", wanted, found.depth >= wanted)]
     for name, values, at_mouth, unit, limit in (
-        ("plug misalignment", seen.lateral, found.lateral_at_mouth, "m", PORT_LATERAL),
-        ("plug angle", seen.angle, found.angle_at_mouth, "rad", PORT_ANGLE),
+        ("plug misalignment", along.lateral, found.lateral_at_mouth, "m", PORT_LATERAL),
+        ("plug angle", along.angle, found.angle_at_mouth, "rad", PORT_ANGLE),
     ):
         worst = max(float(np.abs(values[inside]).max()), at_mouth) if at_mouth is not None else float("nan")
         checks.append(Check(name, worst, unit, limit, worst <= limit, "" if inside.any() else "never reached the port"))

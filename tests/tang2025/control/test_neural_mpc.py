@@ -116,16 +116,16 @@ def test_a_hidden_keypoint_is_where_the_model_expects_it(started: Shared) -> Non
     for hidden in (slice(0), slice(5, 8)):
         controller, state = started()
         for row in range(6):
-            seen = at(row)
+            observation = at(row)
             if row == 5:
-                seen.keypoints[hidden] = np.nan
-            action, state = controller.step(state, replace(seen, keypoints=seen.keypoints.copy()))
+                observation.keypoints[hidden] = np.nan
+            action, state = controller.step(state, replace(observation, keypoints=observation.keypoints.copy()))
             assert state.status == Status.TRACKING
         sent.append(action)
     np.testing.assert_allclose(sent[1], sent[0], atol=0.1 * np.abs(sent[0]).max())
 
 
-def test_what_is_seen_late_is_led_on_by_the_motion_since(started: Shared) -> None:
+def test_a_late_frame_is_predicted_forward_by_the_motion_since(started: Shared) -> None:
     """Keypoints 0.2 s late: after some steps about the same is sent as with those of the moment."""
     controller, state = started()
     for row in range(15):

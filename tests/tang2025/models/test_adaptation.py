@@ -26,7 +26,7 @@ run = eqx.filter_jit(jax.vmap(rollout, in_axes=(None, 0, 0, 0)))
 
 
 @pytest.fixture(scope="module")
-def seen() -> Transitions:
+def observed() -> Transitions:
     """A cable with one stiff end, as led in forty-step episodes."""
     led = quasi_static(10, 40, seed=3)
     first = slice(None, None, 40)
@@ -48,13 +48,13 @@ def error(state: AdaptationState, data: Transitions) -> float:
 
 
 @pytest.fixture(scope="module")
-def adapted(seen: Transitions) -> AdaptationState:
-    return fed(start_adaptation(NOMINAL), seen, range(160))
+def adapted(observed: Transitions) -> AdaptationState:
+    return fed(start_adaptation(NOMINAL), observed, range(160))
 
 
-def test_a_stiff_end_is_learned_and_other_motions_are_predicted_better(adapted, seen):
+def test_a_stiff_end_is_learned_and_other_motions_are_predicted_better(adapted, observed):
     assert adapted.accepted >= 1
-    assert error(adapted, seen) < 0.4 * error(start_adaptation(NOMINAL), seen)
+    assert error(adapted, observed) < 0.4 * error(start_adaptation(NOMINAL), observed)
     assert adapted.model.rod.stiffness[0] > 0.3
 
 
@@ -74,16 +74,16 @@ def fed_spoilt(data: Transitions, count: int, seed: int) -> AdaptationState:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_it_learns_in_spite_of_outliers_and_lost_frames(seen, seed):
-    assert error(fed_spoilt(seen, 4, seed), seen) < error(start_adaptation(NOMINAL), seen)
+def test_it_learns_in_spite_of_outliers_and_lost_frames(observed, seed):
+    assert error(fed_spoilt(observed, 4, seed), observed) < error(start_adaptation(NOMINAL), observed)
 
 
-def test_a_spoilt_frame_in_two_does_not_lead_astray(seen):
-    assert error(fed_spoilt(seen, 80, 2), seen) <= error(start_adaptation(NOMINAL), seen)
+def test_a_spoilt_frame_in_two_does_not_lead_astray(observed):
+    assert error(fed_spoilt(observed, 80, 2), observed) <= error(start_adaptation(NOMINAL), observed)
 
 
-def test_a_still_cable_changes_nothing(adapted, seen):
-    shape, pose = seen.keypoints[:1], seen.poses[:1]
+def test_a_still_cable_changes_nothing(adapted, observed):
+    shape, pose = observed.keypoints[:1], observed.poses[:1]
     still = Transitions(
         *(np.repeat(part, 200, axis=0) for part in (shape, pose, 0 * pose, shape)), episode=np.full(200, 77)
     )
@@ -92,29 +92,29 @@ def test_a_still_cable_changes_nothing(adapted, seen):
     assert (after.accepted, after.refused) == (adapted.accepted, adapted.refused)
 
 
-def test_a_model_that_is_right_already_is_left_alone(seen):
-    state = fed(start_adaptation(GRADED), seen, range(100))
+def test_a_model_that_is_right_already_is_left_alone(observed):
+    state = fed(start_adaptation(GRADED), observed, range(100))
     assert state.accepted == 0
     assert eqx.tree_equal(state.model, GRADED)
 
 
-def test_what_does_not_help_is_refused(seen):
+def test_what_does_not_help_is_refused(observed):
     demanding = AdaptationConfig(improvement=0.999)
-    state = fed(start_adaptation(NOMINAL, config=demanding), seen, range(100))
+    state = fed(start_adaptation(NOMINAL, config=demanding), observed, range(100))
     assert state.accepted == 0
     assert state.refused >= 1
     assert state.model is NOMINAL
 
 
-def test_a_change_that_explains_only_part_is_refused(seen):
-    state = fed(start_adaptation(NOMINAL, config=AdaptationConfig(improvement=0.99)), seen, range(160))
+def test_a_change_that_explains_only_part_is_refused(observed):
+    state = fed(start_adaptation(NOMINAL, config=AdaptationConfig(improvement=0.99)), observed, range(160))
     assert (state.accepted, state.refused > 0) == (0, True)
     assert eqx.tree_equal(state.model, NOMINAL)
 
 
-def test_small_errors_are_left_alone(seen):
+def test_small_errors_are_left_alone(observed):
     for enough, tried in ((0.0, True), (0.1, False)):
-        state = fed(start_adaptation(NOMINAL, config=AdaptationConfig(enough=enough)), seen, range(100))
+        state = fed(start_adaptation(NOMINAL, config=AdaptationConfig(enough=enough)), observed, range(100))
         assert (state.accepted + state.refused > 0) == tried
 
 
@@ -131,13 +131,13 @@ def test_a_network_has_settings_of_its_own(model):
     assert start_adaptation(model).config == AdaptationConfig.for_network() != AdaptationConfig()
 
 
-def test_the_same_transitions_give_the_same_model(adapted, seen):
-    again = fed(start_adaptation(NOMINAL), seen, range(160))
+def test_the_same_transitions_give_the_same_model(adapted, observed):
+    again = fed(start_adaptation(NOMINAL), observed, range(160))
     assert eqx.tree_equal(again.model, adapted.model)
 
 
-def test_a_network_changes_in_its_last_layer_only(model, seen, transitions):
-    state = fed(start_adaptation(model, replay=transitions), seen, range(100))
+def test_a_network_changes_in_its_last_layer_only(model, observed, transitions):
+    state = fed(start_adaptation(model, replay=transitions), observed, range(100))
     assert state.accepted + state.refused >= 1
     same = eqx.tree_at(lambda m: m.network.readout, state.model, model.network.readout)
     assert eqx.tree_equal(same, model)

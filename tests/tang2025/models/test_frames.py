@@ -56,8 +56,8 @@ def test_full_turns_of_a_gripper_change_nothing(sample, turns):
     keypoints, poses, action = sample
     wound = poses + np.array([0, 0, 2 * np.pi * turns], np.float32)
     frame = frames.cable_frame(keypoints, poses)
-    seen = [frames.express(Framing(), frame, keypoints, angles, action) for angles in (poses, wound)]
-    for one, other in zip(*seen, strict=True):
+    expressed = [frames.express(Framing(), frame, keypoints, angles, action) for angles in (poses, wound)]
+    for one, other in zip(*expressed, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
 
 

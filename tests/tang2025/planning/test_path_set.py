@@ -138,7 +138,7 @@ def test_the_same_input_gives_the_same_paths():
 
 
 def test_paths_spread_in_a_passage_but_not_beyond_what_fits():
-    """A door of 90 mm seen face on: the paths take up most of it, in the order of the keypoints, inside the margin."""
+    """A door of 90 mm, met face on: the paths take up most of it, in the order of the keypoints, inside the margin."""
     task, config = doorway(), PathSetConfig()
     path_set = path_set_of(task)
     door = path_set.passages[np.argmin(np.linalg.norm(np.diff(path_set.passages, axis=1), axis=2))]

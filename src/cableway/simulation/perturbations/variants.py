@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from cableway.core.deprecation import renamed_value
 from cableway.core.errors import UnknownNameError
 from cableway.scene.cable import Cable
 from cableway.scene.files.presets import preset_names, preset_values
@@ -52,6 +53,18 @@ class Variant:
     noisy: bool = False
 
 
+def variant(name: str) -> Variant:
+    """The variant of that name, which may be an old one.
+
+    Raises:
+        UnknownNameError: There is no such name; the message lists them.
+    """
+    name = renamed_value("plant", name, {"seen-late": "frames-late"})
+    if name not in VARIANTS:
+        raise UnknownNameError("plant", name, VARIANTS)
+    return VARIANTS[name]
+
+
 def named_perturbation(name: str, task: Task, seed: int = 0) -> Perturbation:
     """The perturbation of that name for a task.
 
@@ -60,10 +73,9 @@ def named_perturbation(name: str, task: Task, seed: int = 0) -> Perturbation:
     Raises:
         UnknownNameError: There is no such name; the message lists them.
     """
-    if name not in VARIANTS:
-        raise UnknownNameError("plant", name, VARIANTS)
+    found = variant(name)
     key = f"{name} {task.name}" + (f" {seed}" if name in DRAWN_PER_SEED else "")
-    return VARIANTS[name].draw(task, np.random.default_rng(zlib.crc32(key.encode())))
+    return found.draw(task, np.random.default_rng(zlib.crc32(key.encode())))
 
 
 # ------------------------------------------------------------------------------------------------ draws
@@ -249,7 +261,7 @@ _TABLE = {
 _SENSING = {
     "noise-1": Variant("1 mm of noise on keypoints", _sensed(keypoint_noise=0.001), noisy=True),
     "noise-2": Variant("2 mm of noise on keypoints", _sensed(keypoint_noise=0.002), noisy=True),
-    "seen-late": Variant("keypoints arrive 0.1 s late", _sensed(measurement_delay=0.1)),
+    "frames-late": Variant("keypoints arrive 0.1 s late", _sensed(measurement_delay=0.1)),
     "moved-late": Variant("actions begin 0.1 s late", _sensed(action_delay=0.1)),
     "dropped": Variant("one frame in five lost", _sensed(drop_rate=0.2), noisy=True),
     "occluded": Variant("part of the cable hidden in every second frame", _sensed(occlusion_rate=0.5), noisy=True),

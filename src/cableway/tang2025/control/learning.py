@@ -1,4 +1,4 @@
-"""A learned model that is adapted while it leads: what it is fed with, and when."""
+"""A learned model that is adapted while it controls: from which frames, and when."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from cableway.geometry.groups import SE2
 from cableway.records import Estimate, Transitions
 from cableway.tang2025.models.adaptation import (
     AdaptationConfig,
@@ -23,7 +24,7 @@ Frame = tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]]
 
 @dataclass(frozen=True)
 class Learning:
-    """A model in use and what was seen since it was last adapted.
+    """A model in use and the frames since it was last adapted.
 
     Attributes:
         state: The model, with all that it was adapted to.
@@ -37,7 +38,7 @@ class Learning:
 
     @classmethod
     def of(cls, model: LearnedModel, config: AdaptationConfig | None, every: int, keypoints: int) -> Learning:
-        """Before anything was seen; what an adaptation needs is compiled.
+        """Before the first frame; compiles what an adaptation needs.
 
         Args:
             model: As it was trained.
@@ -65,12 +66,16 @@ class Learning:
 
 
 def _transitions(frames: tuple[Frame, ...]) -> Transitions | None:
-    """From each frame to the next where all of both was seen; None where there are none."""
+    """From each complete frame to the next where that is complete too; None where there are none."""
     keypoints, poses = np.array([frame[0] for frame in frames]), np.array([frame[1] for frame in frames])
     whole = np.all(np.isfinite(keypoints), axis=(1, 2))
     rows = np.flatnonzero(whole[:-1] * whole[1:])
     if not len(rows):
         return None
     return Transitions(
-        keypoints[rows], poses[rows], poses[rows + 1] - poses[rows], keypoints[rows + 1], np.zeros(len(rows), int)
+        keypoints[rows],
+        poses[rows],
+        SE2.minus(poses[rows + 1], poses[rows]),
+        keypoints[rows + 1],
+        np.zeros(len(rows), int),
     )

@@ -5,7 +5,7 @@ the plan's shapes and gripper steps and b the output offset, find the actions a_
 
     sum_{k=1..H}   lambda_1/2 |s_k + b_k - s_ref,k|^2                                     tracking
                  + lambda_2   obstacle(clearance of the cable and of the gripper discs)   `terms.clearance`
-                 + w_s/2      max(0, |x_R,k - x_L,k| - max(stretch L, planned))^2         stretch
+                 + w_s/2      max(0, |x_R,k - x_L,k| - max(soft_span L, planned))^2       gripper span
                  + lambda_3/2 |a_{k-1} - a_ref,k-1|^2_R                                   control
 
 least, subject to s_{k+1} = s_k + f(s_k, y_k, a_k), y_{k+1} = y_k + a_k and the grippers' limits; then send a_0.
@@ -13,17 +13,17 @@ least, subject to s_{k+1} = s_k + f(s_k, y_k, a_k), y_{k+1} = y_k + a_k and the 
 Every term is a square, so a few Gauss-Newton steps in a box suffice (`gauss_newton`), from the solution of the step
 before, moved on by one. JAX computes what the model predicts and its derivative; all else is assembled here.
 
-The output offset is what the model keeps getting wrong: the difference between what was seen and what the model makes
-of the frame before and of the gripper motion since, low-pass filtered. Without it the loop settles where the model's
-error balances the pull to the reference. Keypoints that are hidden are taken to be where the model expects them. What
-is seen late is first led on by the motions that the grippers have made since or were sent (`tracker`).
+The output offset is what the model keeps getting wrong: the difference between the newest keypoints and what the model
+predicts from the frame before and the gripper motion since, low-pass filtered. Without it the loop settles where the
+model's error balances the pull to the reference. Hidden keypoints are taken to be where the model predicts them. A late
+frame is first predicted forward by the gripper motions made or sent since it was taken (`tracker`).
 
 With `adapt_every` the model itself is adapted to the cable at hand: its decoder, as in the paper, or its rod
-(`models.adaptation`), from the frames in which the whole cable was seen.
+(`models.adaptation`), from the frames that show the whole cable.
 
 Note:
-    The feedforward a_ref, the offset, what is done about delays, the stretch term and the cost of the cable between
-    its keypoints are ours; `MPCConfig.paper()` is without feedforward, offset, stretch term and the points between.
+    The feedforward a_ref, the offset, the handling of latency, the span term and the cost of the cable between
+    its keypoints are ours; `MPCConfig.paper()` has no feedforward, offset, span term or points between.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import span_limit
 from cableway.core.errors import ControlError, InputError
+from cableway.geometry.groups import SE2
 from cableway.records import Estimate, Observation, Plan
 from cableway.scene.task import Task
 from cableway.tang2025.control.gauss_newton import Residual, Solution, minimize_in_box
@@ -70,7 +71,7 @@ class MPCState(FollowerState):
     Attributes:
         problem: What stays the same.
         actions: (H, 2, 3) the last solution.
-        seen: Keypoints (n, 2) [m] as last seen, with gripper poses (2, 3) of the same time; None before.
+        last_frame: The last keypoints (n, 2) [m] with gripper poses (2, 3) of the same time; None before the first.
         offset: (n, 2) output offset [m].
         solution: The last solve, for the record; None before the first.
         learning: The model that is adapted; None where it is not.
@@ -78,7 +79,7 @@ class MPCState(FollowerState):
 
     problem: NeuralProblem
     actions: Float[np.ndarray, "H 2 3"]
-    seen: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
+    last_frame: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "2 3"]] | None
     offset: Float[np.ndarray, "n 2"]
     solution: Solution | None
     learning: Learning | None = None
@@ -118,8 +119,8 @@ class NeuralMPC(Controller[MPCState]):
         state = MPCState(
             **beginning,
             problem=NeuralProblem(self._predictor(task.cable.keypoints), HorizonCost(task, self.config)),
-            actions=np.zeros((self.config.horizon, 2, 3)),
-            seen=None,
+            actions=np.zeros((self.config.horizon, *task.cable.rod.step_shape)),
+            last_frame=None,
             offset=np.zeros_like(task.start),
             solution=None,
             learning=learning,
@@ -135,12 +136,12 @@ class NeuralMPC(Controller[MPCState]):
         """See `Controller.step`."""
         state = state.looking(observation)
         if state.must_stop(self.config):
-            return self._sent(state, np.zeros((2, 3)), Status.STOPPED)
+            return self._sent(state, np.zeros_like(state.actions[0]), Status.STOPPED)
         try:
             return self._track(state)
         except ControlError:
             wanted = state.plan.actions(state.index, self.config.horizon)
-            return self._sent(replace(state, actions=wanted, seen=None), wanted[0], Status.FAILED)
+            return self._sent(replace(state, actions=wanted, last_frame=None), wanted[0], Status.FAILED)
 
     def _predictor(self, keypoints: int) -> Predictor:
         """Compiled once per number of keypoints, whatever the number of runs."""
@@ -152,21 +153,21 @@ class NeuralMPC(Controller[MPCState]):
         state = self._adapted(state)
         tracker, offset = state.tracker, state.offset
         keypoints = tracker.keypoints
-        if state.seen is not None:
-            expected = self._rolled(state, *state.seen, tracker.at_frame[None])
+        if state.last_frame is not None:
+            expected = self._rolled(state, *state.last_frame, tracker.at_frame[None])
             error = np.where(np.isfinite(keypoints), keypoints - expected, offset)
             offset = offset + self.config.offset_gain * (error - offset)
             keypoints = np.where(np.isfinite(keypoints), keypoints, expected + offset)
         if not np.isfinite(keypoints).all():
             return self._sent(state, state.plan.actions(state.index, 1)[0], Status.UNSEEN)
-        state = replace(state, seen=(keypoints, tracker.at_frame), offset=offset)
+        state = replace(state, last_frame=(keypoints, tracker.at_frame), offset=offset)
         way = tracker.path
         actions, solution = self._solve(state, self._rolled(state, keypoints, way[0], way[1:]), offset)
         state = replace(state, actions=actions, solution=solution)
         return self._sent(state, actions[0], state.tracking_status)
 
     def _adapted(self, state: MPCState) -> MPCState:
-        """With what the newest frame tells of the model."""
+        """With the model adapted to the newest frame."""
         if state.learning is None:
             return state
         learning = state.learning.seeing((state.tracker.keypoints, state.tracker.at_frame))
@@ -190,8 +191,8 @@ class NeuralMPC(Controller[MPCState]):
         horizon = self.config.horizon
         for first in range(0, len(way), horizon):
             part = way[first : first + horizon]
-            motions = np.zeros((horizon, 2, 3))
-            motions[: len(part)] = np.diff(np.concatenate([poses[None], part]), axis=0)
+            motions = np.zeros((horizon, *state.task.cable.rod.step_shape))
+            motions[: len(part)] = SE2.minus(part, np.concatenate([poses[None], part[:-1]]))
             keypoints = state.problem.predictor.shapes(keypoints, poses, motions)[len(part) - 1]
             poses = part[-1]
         if not np.isfinite(keypoints).all():

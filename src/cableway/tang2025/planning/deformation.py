@@ -116,8 +116,8 @@ def first_guess(path_set: PathSet, cable: Cable, config: DeformationConfig, gues
     delay = np.zeros(n)
     if guess != "uniform" and free > 1e-9:
         fastest = (config.upper_bound - config.lower_bound) * steps / free
-        longest = max(0.0, 0.9 * fastest - 1.0)
-        delay = np.linspace(1.0, 0.0, n) * min(cable.length / max(travel, 1e-9), longest)
+        most = max(0.0, 0.9 * fastest - 1.0)
+        delay = np.linspace(1.0, 0.0, n) * min(cable.length / max(travel, 1e-9), most)
         if guess == "tail":
             delay = delay[::-1]
     base = np.clip(time[:, None] * (1.0 + delay.max()) - delay, 0.0, 1.0)

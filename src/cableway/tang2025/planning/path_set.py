@@ -165,7 +165,7 @@ def _initial_paths(
     """For each keypoint the pieces of its first path, cut at its places in the passages."""
     n, middle = task.cable.keypoints, pivot_keypoint(task.cable.keypoints)
     cuts = [0.0, *(arc for arc, _ in places), float(polyline.length(pivot))]
-    stretches = [_stretch(pivot, a, b) for a, b in pairwise(cuts)]
+    parts = [_part(pivot, a, b) for a, b in pairwise(cuts)]
     start, goal = polyline.spline(task.start, SPLINE_PIECES), polyline.spline(task.goal, SPLINE_PIECES)
     paths = []
     for i in range(n):
@@ -173,8 +173,8 @@ def _initial_paths(
         behind = _between(goal, middle * SPLINE_PIECES, i * SPLINE_PIECES)
         marks = [ahead, *(place[i : i + 1] for _, place in places), behind]
         pieces = [
-            np.vstack([first, stretch, last])
-            for first, stretch, last in zip([ahead, *marks[1:-1]], stretches, [*marks[1:-1], behind], strict=True)
+            np.vstack([first, part, last])
+            for first, part, last in zip([ahead, *marks[1:-1]], parts, [*marks[1:-1], behind], strict=True)
         ]
         paths.append([subdivide(piece, SPACING) for piece in pieces])
     return paths
@@ -184,7 +184,7 @@ def _between(line: np.ndarray, first: int, last: int) -> np.ndarray:
     return line[first : last + 1] if first <= last else line[last : first + 1][::-1]
 
 
-def _stretch(path: np.ndarray, first: float, last: float) -> np.ndarray:
+def _part(path: np.ndarray, first: float, last: float) -> np.ndarray:
     """The part of a path between two arc lengths."""
     arc = polyline.arc_length(path)
     inner = path[(arc > first) & (arc < last)]
