@@ -288,7 +288,7 @@ def test_an_almost_straight_cable_is_not_pulled_by_what_the_first_frames_make_be
 
 
 def test_the_grippers_go_farther_apart_than_planned_only_where_the_cable_is_surely_long_enough() -> None:
-    """A cable estimated 3% too long: not while the estimates settle, not while they are vague, then by two deviations."""
+    """A cable estimated 3% too long: not while the estimates settle or are vague, then by two standard deviations."""
     controller, length = RodMPC(), TASK.cable.length
     state = controller.init(TASK, PLAN)
     theta = state.estimate.theta.copy()
