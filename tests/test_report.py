@@ -88,7 +88,7 @@ def test_what_was_done_blindly_is_no_success(recorded: tuple[Task, Plan, Rollout
     dark[-12:] = np.nan
     report = summarize(task, plan, replace(rollout, observed=dark))
     assert not report.success
-    assert report.failure == "the cable was not observed in the last 1 s"
+    assert report.failure == "the cable was not observed during the last 1 s"
 
 
 def test_the_limit_is_that_of_each_keypoint_however_many_there_are():
@@ -232,5 +232,5 @@ def test_a_new_plan_on_the_way_is_told(recorded: tuple[Task, Plan, Rollout]):
     task, plan, rollout = recorded
     again = replace(rollout, metadata={**rollout.metadata, "recovered": [1.0, 7.25]})
     notes = summarize(task, plan, again).notes
-    assert notes[0] == "A new plan, from where the cable was, is followed from 1.0 s on."
+    assert notes[0] == "From 1.0 s on, the run follows a new plan from where the cable was."
     assert notes[1].endswith("from 7.2 s on.")

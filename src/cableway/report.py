@@ -297,7 +297,7 @@ def _control_time(seconds: Float[np.ndarray, "K"]) -> ControlTime | None:
 def _planned_anew(rollout: Rollout | None) -> tuple[str, ...]:
     """When the run went on with a new plan, in sentences."""
     times = [] if rollout is None else rollout.metadata.get("recovered", [])
-    return tuple(f"A new plan, from where the cable was, is followed from {time:.1f} s on." for time in times)
+    return tuple(f"From {time:.1f} s on, the run follows a new plan from where the cable was." for time in times)
 
 
 def _missed(rollout: Rollout | None) -> tuple[str, ...]:
@@ -348,10 +348,10 @@ def judge(
     if task.port is None:
         return Outcome.SUCCESS, ""
     if insertion_plan is not None and not insertion_plan.passed:
-        return Outcome.NOT_VERIFIED, f"the plan of the insertion does not verify: {insertion_plan}"
+        return Outcome.NOT_VERIFIED, f"the insertion plan does not verify: {insertion_plan}"
     if rollout is None or (insertion is not None and insertion.passed):
         return Outcome.SUCCESS, ""
-    why = "the plug was not inserted" if insertion is None else f"the plug is not in: {insertion}"
+    why = "the plug was not inserted" if insertion is None else f"the plug is not inserted: {insertion}"
     return Outcome.NOT_INSERTED, why
 
 
@@ -366,7 +366,7 @@ def _went_on_blindly(rollout: Rollout) -> str | None:
     """Why a run cannot count as controlled, if so: its end was not observed, or it was led by replacements."""
     last = rollout.times > rollout.times[-1] - LAST_LOOK
     if rollout.steps and not np.isfinite(rollout.observed[last]).any():
-        return f"the cable was not observed in the last {LAST_LOOK:g} s"
+        return f"the cable was not observed during the last {LAST_LOOK:g} s"
     replaced = sum(str(status).startswith(("late", "failed", "solver failed")) for status in rollout.status)
     if replaced > MOST_REPLACED * max(rollout.steps, 1):
         return f"{replaced} of the controller's {rollout.steps} steps came late or failed"

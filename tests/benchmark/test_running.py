@@ -44,7 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("name", "outcome", "detail"),
     [
-        ("hangs", "timed out", "not done within 12 s"),
+        ("hangs", "timed out", "not finished within 12 s"),
         ("dies", "crashed", "ProcessExpired"),
         ("raises", "crashed", "ValueError: broken inside"),
         ("tells", "infeasible", "the gap is too narrow"),
@@ -211,7 +211,7 @@ def test_worse_than_the_baseline_is_told(folder: Path):
         (["nowhere"], "unknown suite 'nowhere'"),
         (["clutter", "--size", "huge"], "unknown size 'huge'"),
         (["clutter", "--episodes", "nothing"], "no 'nothing' in clutter"),
-        (["clutter", "--seed", "3"], "--seed is not for episodes"),
+        (["clutter", "--seed", "3"], "--seed does not apply to episodes"),
         (["clutter", "--against", "missing.json"], "missing.json"),
         (["clutter", "--workers", "0"], "workers must be at least 1"),
         (["clutter", "--time-limit", "0"], "time limit must be positive"),

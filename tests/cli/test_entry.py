@@ -76,11 +76,11 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         ),
         (
             ["run", "maze-1", "--controller", "broyden", "--model", "transformer"],
-            "--model is for neural-mpc and neural-mpc-paper; broyden has no deformation model to choose",
+            "--model applies to neural-mpc and neural-mpc-paper only; broyden has no deformation model",
         ),
         (
             ["run", "maze-1", "--adapt"],
-            "--adapt is for neural-mpc and neural-mpc-paper; rod-mpc has no learned model",
+            "--adapt applies to neural-mpc and neural-mpc-paper only; rod-mpc has no learned model",
         ),
         (["run", "maze-1", "--model", "no/such.safetensors"], "no/such.safetensors: no such file"),
         (["check", "maze-1", "plan.npz"], "plan.npz: no such file"),
@@ -109,7 +109,7 @@ def test_an_unknown_model_lists_those_there_are(cableway: Command):
 def test_a_file_in_the_way_of_the_folder_is_named(cableway: Command, command: list[str]):
     Path("taken").write_text("mine")
     done = cableway(*command, "--out", "taken")
-    assert done == (2, "", "cableway: --out taken: a file of that name is in the way; give a folder\n")
+    assert done == (2, "", "cableway: --out taken: a file with this name exists; give a folder\n")
     assert Path("taken").read_text() == "mine"
 
 

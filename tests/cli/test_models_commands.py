@@ -54,7 +54,7 @@ def test_collect_says_what_it_wrote(cableway: Command, made: Path):
 
 def test_another_collection_in_the_same_folder_is_refused(cableway: Command, made: Path):
     done = cableway("collect", "--config", made / "recipe.yaml", "--out", made / "data")
-    said = "holds a data set with another seed: 5, not 0; give another folder, or remove this one"
+    said = "contains a data set with another seed: 5, not 0; use another folder, or remove this one"
     assert done == (2, "", f"cableway: {made / 'data'}: {said}\n")
 
 

@@ -154,7 +154,7 @@ def test_an_interrupt_after_a_failed_attempt_leaves_its_picture(
     done = cableway("plan", moved_file, "--out", "o")
     assert done.status == 130
     assert names(Path("o")) == {"report.json", "plan.png", "task.yaml"}
-    assert report(Path("o"))["failure"].startswith("interrupted before a plan was found; what came closest: ")
+    assert report(Path("o"))["failure"].startswith("interrupted before a plan was found; the closest attempt: ")
 
 
 def test_compilation_does_not_count_against_the_time_limit(
@@ -167,7 +167,7 @@ def test_compilation_does_not_count_against_the_time_limit(
     monkeypatch.setattr(find, "compile_kernels", lambda: now.__setitem__(0, 3600.0))
     done = cableway("plan", moved_file, "--out", "o", "--time-limit", "1")
     assert done.status == 0
-    assert "Before planning, kernels were compiled for 3600 s, which happens once." in report(Path("o"))["notes"]
+    assert "Kernels were compiled for 3600 s before planning; this happens once." in report(Path("o"))["notes"]
 
 
 def test_an_interrupt_while_tracking_leaves_the_plan(

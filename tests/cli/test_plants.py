@@ -88,7 +88,7 @@ def test_of_a_preset_all_but_the_length_is_taken(write):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{}", "cableway must be 1, the version of the format"),
+        ("{}", "cableway must be 1, the format version"),
         ("cableway: 1\nnoise: 1", "unknown section 'noise'; known: cableway, cable, grasp, simulation, sensing"),
         ("cableway: 1\ncable: usb", "cable must be a mapping of keys to values, got 'usb'"),
         ("cableway: 1\ncable: {preset: rope}", r"cable\.preset must be one of .*usb, got 'rope'"),

@@ -68,5 +68,5 @@ def test_every_field_of_the_planners_configuration_is_described():
 
 
 def test_what_is_no_configuration_is_refused():
-    with pytest.raises(TypeError, match="set is no configuration value"):
+    with pytest.raises(TypeError, match="set is not a configuration value"):
         describe({"a": {1, 2}})

@@ -110,7 +110,7 @@ def flip_a_bit(path: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (flip_a_bit, "damaged, its SHA-256 is not that of the manifest; the command that made the data set makes"),
+        (flip_a_bit, "damaged: its SHA-256 differs from the manifest's; the command that made the data set makes"),
         (lambda path: path.write_bytes(path.read_bytes()[:-1]), "damaged"),
         (Path.unlink, "cannot be read (No such file or directory)"),
     ],
@@ -173,7 +173,7 @@ def test_a_shard_of_another_kind_is_refused_and_not_executed(whole, content, mes
             {"shards": [{**SHARD, "file": "../../elsewhere"}]},
             "shard.file must be shard-NUMBER.safetensors, got '../",
         ),
-        ({"transitions": 26}, "the manifest says 26 transitions, its shards 25"),
+        ({"transitions": 26}, "the manifest says 26 transitions, but its shards have 25"),
         ({"shards": [{**SHARD, "episodes": 0}]}, "shard.episodes must be whole and positive, got 0"),
         ({"extra": 1}, "manifest.extra is not a known key"),
     ],
@@ -198,5 +198,5 @@ def test_no_manifest_and_no_json_are_refused(tmp_path, whole):
 def test_a_set_that_is_not_complete_is_refused(tmp_path):
     write_set(tmp_path, range(2), finish=False)
     assert read_manifest(tmp_path).transitions == 8
-    with pytest.raises(FileFormatError, match="not complete, it has 8 transitions so far"):
+    with pytest.raises(FileFormatError, match="incomplete, with 8 transitions so far"):
         load_transitions(tmp_path)

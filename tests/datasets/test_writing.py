@@ -65,7 +65,7 @@ def test_another_data_set_is_not_mixed_with(whole, change, said):
     with pytest.raises(InputError) as caught, open_writer(whole, replace(ORIGIN, **change)):
         pass
     assert str(caught.value) == (
-        f"{whole}: holds a data set with another {said}; give another folder, or remove this one"
+        f"{whole}: contains a data set with another {said}; use another folder, or remove this one"
     )
     assert contents(whole) == before
 
@@ -95,8 +95,8 @@ def test_a_write_that_fails_leaves_what_is_complete(tmp_path):
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         assert writer.shard(6) is None
     assert str(caught.value) == (
-        f"{tmp_path}: File too large after 2 complete shards, which stay; "
-        "with more room the same command goes on from there"
+        f"{tmp_path}: File too large after 2 complete shards, which are kept; "
+        "once there is space, the same command continues from there"
     )
     assert contents(tmp_path) == before
     assert all(read_shard(tmp_path, shard, ORIGIN.columns) for shard in read_manifest(tmp_path).shards)

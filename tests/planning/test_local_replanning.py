@@ -67,7 +67,7 @@ def test_the_same_seed_gives_the_same_way():
 
 def test_a_wall_without_a_door_is_not_got_round():
     task = problems.sealed()
-    with pytest.raises(PlanningError, match="no way was found round rows"):
+    with pytest.raises(PlanningError, match="no path was found around rows"):
         replan_locally(across(task), task, CONFIG)
 
 

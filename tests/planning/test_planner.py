@@ -96,7 +96,7 @@ def test_stages_report_their_progress_in_order():
 
 def test_no_plan_says_why():
     """Behind a sealed wall there is no plan; the error says who cannot pass, and so does the attempt that is drawn."""
-    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a way 16 mm wide") as raised:
+    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a route 16 mm wide") as raised:
         plan(problems.sealed())
     assert str(raised.value) == f"there is no plan: {raised.value.attempt.reason}"
 

@@ -103,5 +103,5 @@ def test_an_end_that_is_no_shape_of_the_cable_is_refused():
     angle = 1.2 * np.sin(2 * np.pi * (fine / fine[-1]) ** 2 * 1.75)
     curve = np.cumsum(np.column_stack([np.cos(angle), np.sin(angle)]), axis=0) * (fine[1] - fine[0])
     odd = replace(task, goal=curve[::100] + [0.2, 0.4])
-    with pytest.raises(PlanningError, match="the goal is no shape that the cable takes by itself"):
+    with pytest.raises(PlanningError, match="the goal is not an equilibrium of the cable"):
         end_equilibria(odd, ProjectionConfig())

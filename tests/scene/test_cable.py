@@ -76,8 +76,8 @@ def test_ranges_of_ones_own():
     ("ranges", "said"),
     [
         (None, "preset None has no ranges"),
-        ({"lenght": (0.2, 0.3)}, "no range can be given for 'lenght'; known: length, "),
-        ({"keypoints": (3, 9)}, "no range can be given for 'keypoints'"),
+        ({"lenght": (0.2, 0.3)}, "there is no range for 'lenght'; known: length, "),
+        ({"keypoints": (3, 9)}, "there is no range for 'keypoints'"),
         ({"friction": (0.5, 0.2)}, "ranges.friction must be two ascending numbers"),
         ({"friction": 0.5}, "ranges.friction must be two numbers"),
         ({"friction": (0.1, np.nan)}, r"ranges.friction\[1\] must be finite"),

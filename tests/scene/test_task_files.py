@@ -196,10 +196,10 @@ def test_a_file_that_is_too_large(tmp_path: Path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"", "task.yaml: the file is empty; a mapping of keys to values is expected"),
-        (b"# nothing yet\n", "task.yaml: the file is empty; a mapping of keys to values is expected"),
-        (b"a task", "task.yaml: must be a mapping of keys to values, but holds a str"),
-        (b"- 1\n- 2\n", "task.yaml: must be a mapping of keys to values, but holds a list"),
+        (b"", "task.yaml: the file is empty, but must be a mapping of keys to values"),
+        (b"# nothing yet\n", "task.yaml: the file is empty, but must be a mapping of keys to values"),
+        (b"a task", "task.yaml: must be a mapping of keys to values, not a str"),
+        (b"- 1\n- 2\n", "task.yaml: must be a mapping of keys to values, not a list"),
         (b"cableway: 1\nstart: [1, 2\n", "task.yaml:3: not valid YAML: expected ',' or ']', but got '<stream end>'"),
         (
             b"cableway: 1\n\tstart: 2\n",
@@ -208,8 +208,8 @@ def test_a_file_that_is_too_large(tmp_path: Path):
         (b"name: a\ncableway: 1\nname: b\n", "task.yaml:3: not valid YAML: the key 'name' stands here and in line 1"),
         (b"name: a\n---\nname: b\n", "task.yaml:2: not valid YAML: but found another document"),
         (b"? [1, 2]\n: 3\n", "task.yaml:1: not valid YAML: found unhashable key"),
-        (b"name: !!timestamp x\n", "task.yaml: not valid YAML: a value does not suit its tag"),
-        (b"[" * 500, "task.yaml: not usable YAML: it is nested too deeply"),
+        (b"name: !!timestamp x\n", "task.yaml: not valid YAML: a value does not match its tag"),
+        (b"[" * 500, "task.yaml: not valid YAML: nested too deeply"),
     ],
 )
 def test_a_file_that_is_no_yaml_mapping(tmp_path: Path, content: bytes, said: str):
@@ -298,10 +298,10 @@ def without_line(text: str) -> str:
         (at("obstacles", 2, "type", ...), "obstacles[2].type must be one of box, polygon, disc; it is missing"),
         (at("goal", {"bend": "left"}), "goal.grippers is missing; it must be two poses [x, y, theta], left then right, "
          "in metres and radians"),
-        (at("goal", {"grippers": ARCH}), "goal must have, beside grippers, either bend or keypoints"),
+        (at("goal", {"grippers": ARCH}), "goal must have either bend or keypoints in addition to grippers"),
         (at("plug", "width", ...), "plug.width is missing; it must be a length in metres"),
         (at("port", "angle", ...), "port.angle is missing; it must be an angle in radians"),
-        (at("plug", ...), "port needs a plug that goes there"),
+        (at("plug", ...), "port needs a plug"),
     ],
 )  # fmt: skip
 def test_a_missing_key_is_told_what_it_must_be(tmp_path: Path, change: Any, said: str):

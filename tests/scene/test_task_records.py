@@ -63,7 +63,7 @@ def test_tasks_are_equal_by_value():
         ({"goal_poses": np.zeros((3, 3))}, r"^goal_poses must be two poses \(x, y, theta\), got 3$"),
         ({"start_poses": np.zeros((2, 3))}, "^start_poses do not fit the keypoints: the left pose is 223.6 mm and 0 "),
         ({"start_poses": [[0.2, 0.1, np.nan], [0.5, 0.1, 0]]}, r"^start_poses\[0\]\[2\] must be finite, got nan$"),
-        ({"port": Port(position=(0.1, 0.1), angle=0, standoff=0, depth=0)}, "^port needs a plug that goes there$"),
+        ({"port": Port(position=(0.1, 0.1), angle=0, standoff=0, depth=0)}, "^port needs a plug$"),
     ],
 )
 def test_a_task_that_is_none_is_refused(changes: dict[str, Any], said: str):

@@ -248,7 +248,7 @@ def moved(config: MotionConfig) -> object:
     [
         (lambda: CollectionConfig(transitions=0), "collection.transitions must be whole and positive, got 0"),
         (lambda: CollectionConfig(time_step=0.03), "plant.time_step"),
-        (lambda: CollectionConfig(ranges={"colour": (0.0, 1.0)}), "no range can be given for 'colour'; known: length"),
+        (lambda: CollectionConfig(ranges={"colour": (0.0, 1.0)}), "there is no range for 'colour'; known: length"),
         (lambda: CollectionConfig(ranges={"friction": (1.0, 0.0)}), "ranges.friction must be two ascending numbers"),
         (lambda: CollectionConfig(ranges="preset"), "unknown preset 'None'"),
         (lambda: MotionConfig(max_step=float("nan")), "motion.max_step must be finite and positive, got nan"),

@@ -99,7 +99,7 @@ def test_with_noise_lost_frames_and_delay_control_still_arrives(mpc: NeuralMPC) 
 
 
 def test_a_controller_and_a_plant_of_other_control_steps_are_not_put_together(mpc: NeuralMPC) -> None:
-    with pytest.raises(InputError, match=r"every 0\.1 s, the plant takes steps of 0\.05 s"):
+    with pytest.raises(InputError, match=r"every 0\.1 s, but the plant every 0\.05 s"):
         track(CableSimulator(TASK, PlantConfig(control_step=0.05)), mpc, PLAN)
 
 

@@ -67,7 +67,7 @@ def regressions(results: Sequence[Result], before: dict[str, Any]) -> list[str]:
     found = [f"{missing} of {len(known)} episodes of the baseline were not run"] if missing else []
     changed = sum(old["digest"] != new.digest for new, old in pairs)
     if changed:
-        found.append(f"{changed} tasks are not those of the baseline")
+        found.append(f"{changed} tasks differ from the baseline's")
     for name, metric in COMPARED.items():
         compare = _lost if metric.is_share else _slower if metric.unit == "s" else _farther
         found += compare(name, metric.tolerance or 0.0, pairs)

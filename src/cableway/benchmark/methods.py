@@ -53,7 +53,7 @@ class Method:
 
     def __post_init__(self) -> None:
         if not self.name or not all(letter.isalnum() or letter in "-_." for letter in self.name):
-            raise InputError(f"a method's name must be of letters, digits, '-', '_' and '.', got {self.name!r}")
+            raise InputError(f"a method's name may contain only letters, digits, '-', '_' and '.', got {self.name!r}")
 
     def make_controller(self) -> Controller[Any]:
         """The controller.
@@ -130,7 +130,7 @@ def _from_file(file: Path, name: str) -> Any:
     try:
         spec.loader.exec_module(module)
     except Exception as error:
-        raise InputError(f"{file}: cannot be run: {type(error).__name__}: {error}") from None
+        raise InputError(f"{file}: failed to run: {type(error).__name__}: {error}") from None
     if not hasattr(module, name):
         raise InputError(f"{file}: has no {name!r}")
     return getattr(module, name)
@@ -144,7 +144,7 @@ def _require_method(value: Any, source: str) -> Method:
 
 # ------------------------------------------------------------------------------------------------ ours
 def _all() -> tuple[Method, ...]:
-    ours, paper = "our plan", "the paper's plan, followed though it does not verify"
+    ours, paper = "our plan", "the paper's plan, tracked although it does not verify"
     simpler = {
         "straight": "each keypoint straight to its goal",
         "slide": "the cable slid along one curve",
@@ -159,7 +159,7 @@ def _all() -> tuple[Method, ...]:
         Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative", controller="rod-jacobian"),
         Method(name="broyden", description=f"{ours}, feedback by a learned derivative (the paper's Jacob-IK)",
                controller="broyden"),
-        Method(name="open-loop", description=f"{ours}, followed blindly", controller="open-loop", recovers=False),
+        Method(name="open-loop", description=f"{ours}, in open loop", controller="open-loop", recovers=False),
         *(Method(name=name, description=f"{ours}, our neural MPC with {what}", controller="neural-mpc", model=model)
           for name, (what, model) in neural.items()),
         Method(name="paper-tracking", description=f"{ours}, neural MPC as in the paper", controller="neural-mpc-paper"),

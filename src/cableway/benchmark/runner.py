@@ -46,7 +46,7 @@ def read_result(job: Job, folder: Path) -> Result | None:
     except (TypeError, ValueError) as error:
         raise FileFormatError(f"{path}: not a result of this version ({error}); remove it to run it again") from None
     if result.digest != job.episode.digest:
-        raise FileFormatError(f"{path}: of a task with the digest {result.digest}, not {job.episode.digest}")
+        raise FileFormatError(f"{path}: result of a task with digest {result.digest}, not {job.episode.digest}")
     return result if result.made_by == job.made_by else None
 
 
@@ -110,7 +110,7 @@ def _scored(job: Job, ended: Pending, time_limit: float) -> Scored:
     try:
         return ended.result()
     except TimeoutError:
-        outcome, detail = Outcome.TIMED_OUT, f"not done within {time_limit:g} s"
+        outcome, detail = Outcome.TIMED_OUT, f"not finished within {time_limit:g} s"
     except Exception as error:
         outcome, detail = Outcome.CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())[:500]}"
     return died(job, outcome, detail)

@@ -34,20 +34,20 @@ class Bench(EpisodeOptions):
     """
 
     suites: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SUITES")]
-    """Names with commas between, or all: paper, clutter, dense, corridors, mazes, plants, sensing, table,
+    """Names, separated by commas, or all: paper, clutter, dense, corridors, mazes, plants, sensing, table,
     unconstrained, lab-constrained, lab-unconstrained, lab-drawn, blocked."""
 
     size: str = "quick"
     """quick, standard or full."""
 
     methods: str = "cableway"
-    """Names with commas between; FILE.py:NAME for a method of your own. An unknown name lists those there are."""
+    """Names, separated by commas; FILE.py:NAME for a method of your own. An unknown name prints the list."""
 
     episodes: str | None = None
-    """Only these, with commas between."""
+    """Only these episodes, separated by commas."""
 
     against: Path | None = None
-    """The baseline.json of an earlier run; exit status 1 where this one is worse beyond noise."""
+    """The baseline.json of an earlier run; the exit status is 1 if this run is significantly worse."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""

@@ -18,16 +18,16 @@ class Collect(Options):
     """Collect transitions of a simulated cable in random motion; continues an interrupted collection."""
 
     config: Path | None = None
-    """YAML file whose section `collection` says what to collect; the one of the shipped model unless given."""
+    """YAML file whose section `collection` says what to collect; by default, that of the shipped model."""
 
     transitions: int | None = None
-    """Number of transitions; as configured unless given."""
+    """Number of transitions; overrides the configuration."""
 
     workers: int | None = None
-    """Simulations at a time, as many as there are cores unless given; the data do not depend on it."""
+    """Simulations that run in parallel; by default, one per core. The data do not depend on it."""
 
     executor: str = "local"
-    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster that RAY_ADDRESS names."""
+    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster at RAY_ADDRESS."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""

@@ -21,10 +21,10 @@ class EpisodeOptions(Options):
     """Options of the commands that run episodes."""
 
     workers: int | None = None
-    """Episodes at a time, as many as there are cores unless given."""
+    """Episodes that run in parallel; by default, one per core."""
 
     executor: str = "local"
-    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster that RAY_ADDRESS names."""
+    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster at RAY_ADDRESS."""
 
     time_limit: float = 300.0
     """Seconds after which an episode is stopped and counts as a failure."""
@@ -32,7 +32,7 @@ class EpisodeOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.seed is not None:
-            raise InputError("--seed is not for episodes: every one of a suite has its own")
+            raise InputError("--seed does not apply to episodes: each episode of a suite has its own seed")
 
     def results(self, jobs: Sequence[Job], folder: Path, progress: OnProgress) -> Results:
         """The results of jobs by suite and method; those that the folder does not have yet are run."""

@@ -35,7 +35,7 @@ class Evaluate(Options):
     """Open-loop error of models on data sets against the horizon; models that differ in their seed are one."""
 
     models: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Shipped models by name, or files; all shipped ones unless given."""
+    """Shipped models by name, or files; by default, all shipped models."""
 
     data: tuple[Path, ...] = (Path("runs/collect"),)
     """Data sets from `cableway collect` that the models were not trained on."""
@@ -99,7 +99,9 @@ class Evaluate(Options):
         serving = {name: model for name, model in loaded.items() if all(_serves(model, count) for count in counts)}
         for name in self.models:
             if name not in serving:
-                raise InputError(f"{name} does not serve cables of {' and '.join(map(str, sorted(counts)))} keypoints")
+                raise InputError(
+                    f"{name} does not support cables with {' and '.join(map(str, sorted(counts)))} keypoints"
+                )
         groups = training_groups({name: read_card(name) for name in serving})
         return {
             **{name: [serving[one] for one in trained] for name, trained in groups.items()},

@@ -25,10 +25,10 @@ class Options:
     """Options that every command has."""
 
     out: Path | None = None
-    """Where results go; runs/<task or command> unless given."""
+    """Folder for the results; by default, runs/<task or command>."""
 
     seed: int | None = None
-    """Seed of everything random; 0, or what the configuration says, unless given."""
+    """Seed of all random numbers; by default, that of the configuration, or 0."""
 
     quiet: bool = False
     """Print nothing but errors."""
@@ -52,7 +52,7 @@ class Options:
         """
         folder = self.out if self.out is not None else Path("runs") / name
         if folder.exists() and not folder.is_dir():
-            raise InputError(f"--out {folder}: a file of that name is in the way; give a folder")
+            raise InputError(f"--out {folder}: a file with this name exists; give a folder")
         return folder
 
     def keep(self, name: str, report: Any) -> None:

@@ -28,13 +28,13 @@ class PlanOptions(TaskOptions):
     """Options of the commands that plan."""
 
     planner: Annotated[str, tyro.conf.arg(metavar=PLANNER_NAMES)] = DEFAULT_PLANNER
-    """The planner; paper is that of the paper, the others but default are to compare with."""
+    """The planner; paper is the one of Tang et al., the others are baselines for comparison."""
 
     pivot: Annotated[str | None, tyro.conf.arg(metavar="{grid,rrt_star}")] = None
-    """How the pivot path is found; as the planner has it unless given."""
+    """How the pivot path is found; by default, as the planner does."""
 
     time_limit: float = 30.0
-    """Seconds after which a search for a plan ends; a search that ends earlier does not depend on it."""
+    """Seconds after which the search for a plan stops; a search that ends earlier does not depend on it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

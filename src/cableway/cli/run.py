@@ -17,25 +17,25 @@ class Run(PlanOptions):
     """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
 
     controller: Annotated[str | None, tyro.conf.arg(metavar=CONTROLLER_NAMES)] = None
-    """The controller; rod-mpc unless given, neural-mpc if a model is given."""
+    """The controller; by default rod-mpc, or neural-mpc if there is a --model."""
 
     model: str | None = None
-    """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; conv unless given."""
+    """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; by default, conv."""
 
     adapt: bool = False
     """Adapt the model of neural-mpc to the cable while it runs."""
 
     plant: Path | None = None
-    """YAML file that says how the simulated cable differs from the task's: cable, grasp, noise, latency."""
+    """YAML file with the perturbations of the simulated plant: cable, grasp, noise, latency."""
 
     deadline: float | None = None
-    """Wall time [s] after which a control step counts as missed, as on a robot; none unless given."""
+    """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""
 
     no_rehearsal: bool = False
     """Take the first plan, even for a cable with friction or one that is not uniform."""
 
     no_video: bool = False
-    """Make no video."""
+    """Do not make a video."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""

@@ -24,25 +24,25 @@ class Tasks(Options):
     """List the tasks of the catalogue; or, with --random, write random tasks to YAML files and draw them."""
 
     random: Annotated[str | None, tyro.conf.arg(metavar="KIND")] = None
-    """Write random tasks of this kind, such as clutter or maze; an unknown kind lists those there are."""
+    """Write random tasks of this kind, such as clutter or maze; an unknown kind prints the list."""
 
     count: int = 1
     """Number of random tasks, with seeds from --seed on."""
 
     width: float | None = None
-    """Width of their passages [m], for the kinds that have some."""
+    """Width of their passages [m], for kinds that have passages."""
 
     picture: bool = False
-    """Draw the random tasks too, in one picture."""
+    """Also draw the random tasks, in one picture."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 1 <= self.count <= 10**6:
             raise InputError(f"--count must be from 1 to 1000000, got {self.count}")
         if (self.seed or 0) + self.count - 1 > LARGEST_SEED:
-            raise InputError(f"--seed and --count go beyond the largest seed {LARGEST_SEED}")
+            raise InputError(f"--seed and --count exceed the largest seed {LARGEST_SEED}")
         if self.random is None and (self.count != 1 or self.width is not None or self.picture):
-            raise InputError("--count, --width and --picture go with --random")
+            raise InputError("--count, --width and --picture need --random")
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""

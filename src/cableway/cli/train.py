@@ -29,13 +29,13 @@ class Train(Options):
     """YAML file whose sections `model` and `training` say what to train."""
 
     model: str = "transformer"
-    """Whose shipped configuration to take where there is no `--config`; `cableway models` lists them."""
+    """Shipped model whose configuration to use if there is no `--config`; `cableway models` lists them."""
 
     start: Annotated[str | None, tyro.conf.arg(name="from")] = None
-    """A model, shipped or a file, to start from instead of random weights; the new one is of the same kind."""
+    """A shipped model or a model file to start from instead of random weights; the kind stays the same."""
 
     devices: int | None = None
-    """Number of JAX devices that share each batch; as configured unless given."""
+    """Number of JAX devices that share each batch; overrides the configuration."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
@@ -79,7 +79,7 @@ class Train(Options):
             return None
         model = load_model(self.start)
         if not isinstance(model, LearnedModel):
-            raise InputError(f"--from {self.start}: a model of this kind is not trained")
+            raise InputError(f"--from {self.start}: models of this kind cannot be trained")
         return model
 
     def _recipe(self, start: LearnedModel | None) -> Recipe:

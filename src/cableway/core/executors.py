@@ -126,7 +126,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
         yield Executor(lambda function, arguments, _: pool.submit(function, *arguments), count)
     except BrokenProcessPool:
         raise SimulationError(
-            "a collecting process died: out of memory, stopped from outside, or unable to import the main module "
+            "a worker process died: out of memory, killed, or unable to import the main module "
             "(which needs `if __name__ == '__main__'`)"
         ) from None
     finally:
@@ -186,7 +186,7 @@ def _ray(workers: int | None) -> Iterator[Executor]:
                 count,
             )
     except ray.exceptions.RayError as error:
-        raise SimulationError(f"Ray could not carry on: {' '.join(str(error).split())[:300]}") from None
+        raise SimulationError(f"Ray failed: {' '.join(str(error).split())[:300]}") from None
     finally:
         if ours:
             ray.shutdown()

@@ -118,7 +118,7 @@ class ArrayRecord:
             if entry.name not in arrays and entry.default is None:
                 continue
             if entry.name not in arrays:
-                raise FileFormatError(f"{source}: not a {cls.kind} file, it has no array {entry.name!r}")
+                raise FileFormatError(f"{source}: not a {cls.kind} file: there is no array {entry.name!r}")
             value = arrays[entry.name]
             values[entry.name] = _metadata(value, source) if entry.name == "metadata" else value
         try:
@@ -126,7 +126,7 @@ class ArrayRecord:
         except InputError as error:
             raise FileFormatError(f"{source}: {error}") from None
         except (TypeError, IndexError, ValueError) as error:
-            raise FileFormatError(f"{source}: its arrays are not those of a {cls.kind} ({error})") from None
+            raise FileFormatError(f"{source}: not the arrays of a {cls.kind} file ({error})") from None
 
 
 def _metadata(value: np.ndarray, source: str) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def check_shapes(record: Any) -> None:
             continue
         axes = stated[1].split()
         if not (isinstance(value, np.ndarray) and value.dtype.kind in "fiu"):
-            raise InputError(f"{entry.name} is no array of numbers")
+            raise InputError(f"{entry.name} is not an array of numbers")
         fits = value.ndim == len(axes) and all(
             _is_size(axis, size, sizes) for axis, size in zip(axes, value.shape, strict=True)
         )

@@ -57,7 +57,7 @@ def describe(config: Any) -> Any:
     [1, 'inf', 'runs/a']
 
     Raises:
-        TypeError: Something in it is no configuration value.
+        TypeError: Something in it is not a configuration value.
     """
     if is_dataclass(config) and not isinstance(config, type):
         return {field.name: describe(getattr(config, field.name)) for field in fields(config)}
@@ -75,4 +75,4 @@ def describe(config: Any) -> Any:
         return str(config)
     if config is None or isinstance(config, (bool, int, float, str)):
         return config
-    raise TypeError(f"{type(config).__name__} is no configuration value: {config!r}")
+    raise TypeError(f"{type(config).__name__} is not a configuration value: {config!r}")

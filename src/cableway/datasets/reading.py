@@ -104,7 +104,7 @@ def read_shard(folder: Path, shard: Shard, columns: dict[str, Column]) -> dict[s
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be read ({error.strerror}); {_REMEDY}") from None
     if hashlib.sha256(content).hexdigest() != shard.sha256:
-        raise FileFormatError(f"{path}: damaged, its SHA-256 is not that of the manifest; {_REMEDY}")
+        raise FileFormatError(f"{path}: damaged: its SHA-256 differs from the manifest's; {_REMEDY}")
     try:
         arrays = load(content)
     except (SafetensorError, ValueError) as error:
@@ -112,7 +112,7 @@ def read_shard(folder: Path, shard: Shard, columns: dict[str, Column]) -> dict[s
     found = {name: (str(array.dtype), array.shape) for name, array in arrays.items()}
     stated = {name: (column.dtype, (shard.transitions, *column.row_shape)) for name, column in columns.items()}
     if found != stated:
-        raise FileFormatError(f"{path}: its arrays are {found}, the manifest says {stated}")
+        raise FileFormatError(f"{path}: its arrays are {found}, but the manifest says {stated}")
     return arrays
 
 
@@ -123,10 +123,12 @@ def _complete(folder: Path) -> Manifest:
     manifest = read_manifest(folder)
     if not manifest.complete:
         raise FileFormatError(
-            f"{folder}: the data set is not complete, it has {manifest.transitions} transitions so far; "
-            "the command that began it goes on where it stopped"
+            f"{folder}: the data set is incomplete, with {manifest.transitions} transitions so far; "
+            "the command that started it continues where it stopped"
         )
     total = sum(shard.transitions for shard in manifest.shards)
     if total != manifest.transitions or not total:
-        raise FileFormatError(f"{folder}: the manifest says {manifest.transitions} transitions, its shards {total}")
+        raise FileFormatError(
+            f"{folder}: the manifest says {manifest.transitions} transitions, but its shards have {total}"
+        )
     return manifest

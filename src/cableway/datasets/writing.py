@@ -131,8 +131,8 @@ class DatasetWriter:
             yield
         except OSError as error:
             raise StorageError(
-                f"{self._folder}: {error.strerror or error} after {len(self._shards)} complete shards, which stay; "
-                "with more room the same command goes on from there"
+                f"{self._folder}: {error.strerror or error} after {len(self._shards)} complete shards, which are kept; "
+                "once there is space, the same command continues from there"
             ) from None
 
 
@@ -157,8 +157,8 @@ def _sound_shards(folder: Path, origin: Origin) -> list[Shard]:
         found, wanted = getattr(manifest, name), getattr(origin, name)
         if found != wanted:
             raise InputError(
-                f"{folder}: holds a data set with another {_difference(name, found, wanted)}; "
-                "give another folder, or remove this one"
+                f"{folder}: contains a data set with another {_difference(name, found, wanted)}; "
+                "use another folder, or remove this one"
             )
     return [shard for shard in manifest.shards if _is_sound(folder, shard, origin)]
 

@@ -91,7 +91,7 @@ def replan_locally(
     if free.all():
         raise PlanningError("there is nothing to replan")
     if not (free[0] and free[-1]):
-        raise PlanningError("start or goal is not free")
+        raise PlanningError("start or goal is in collision")
     taken, kept, at = [], [], 0
     while not free[at:].all():
         progress(at / len(q))
@@ -131,4 +131,4 @@ def _way_round(
             )
         except PlanningError:
             continue
-    raise PlanningError(f"no way was found round rows {first} to {after - 1} of {len(q)}")
+    raise PlanningError(f"no path was found around rows {first} to {after - 1} of {len(q)}")

@@ -95,13 +95,13 @@ def plan(
             raise InputError(f"alternatives must be 1 or more, without a requested way, got {alternatives}")
         return find_alternatives(search, alternatives)
     except OutOfTime:
-        reason = f"; what came closest: {search.best.reason}" if search.best else ""
+        reason = f"; the closest attempt: {search.best.reason}" if search.best else ""
         message = f"the time limit ran out before a plan was found{reason}"
         raise PlanningError(message, search.best, Outcome.TIMED_OUT) from None
     except (Cancelled, KeyboardInterrupt):
         if search.best is None:
             raise
-        reason = f"interrupted before a plan was found; what came closest: {search.best.reason}"
+        reason = f"interrupted before a plan was found; the closest attempt: {search.best.reason}"
         raise PlanningInterrupted(reason, search.best, Outcome.INTERRUPTED) from None
 
 

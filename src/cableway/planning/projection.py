@@ -163,7 +163,7 @@ def end_equilibria(task: Task, config: ProjectionConfig) -> tuple[Float[np.ndarr
     for name, distance in zip(("start", "goal"), task.equilibrium_distances, strict=True):
         if distance > config.fit_tolerance:
             raise PlanningError(
-                f"the {name} is no shape that the cable takes by itself: the nearest one is {1000 * distance:.1f} mm "
+                f"the {name} is not an equilibrium of the cable: the nearest equilibrium is {1000 * distance:.1f} mm "
                 f"away (stacked), more than {1000 * config.fit_tolerance:.0f} mm"
             )
     return task.start_equilibrium, task.goal_equilibrium

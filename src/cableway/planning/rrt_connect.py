@@ -140,7 +140,7 @@ def rrt_connect_path(
             path = np.vstack([_branch(trees[0], parents[0], met[0])[::-1], _branch(trees[1], parents[1], met[1])[1:]])
             pairs = rng.uniform(size=(SHORTCUTS, 2))
             return _dense(rrt_connect_kernels.shortcut(path, pairs, space, config.step), task, config.step)
-    raise PlanningError(f"the search found no way with {config.samples} samples")
+    raise PlanningError(f"RRT-Connect found no path with {config.samples} samples")
 
 
 def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:

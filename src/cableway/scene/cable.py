@@ -135,8 +135,8 @@ class Cable:
         """
         if ranges is None and self.preset not in preset_names():
             raise InputError(
-                f"a cable of preset {self.preset!r} has no ranges to draw from; give `ranges`, "
-                f"or take one of the presets {', '.join(preset_names())}"
+                f"preset {self.preset!r} has no ranges to draw from; give `ranges`, "
+                f"or use one of the presets {', '.join(preset_names())}"
             )
         rng = np.random.default_rng(seed)
         wanted = preset_ranges(str(self.preset)) if ranges is None else ranges
@@ -152,7 +152,7 @@ _DRAWABLE = tuple(field.name for field in fields(Cable) if field.name not in ("k
 
 def _drawn(name: str, limits: tuple[float, float], rng: np.random.Generator) -> float | tuple[float, ...]:
     if name not in _DRAWABLE:
-        raise InputError(f"no range can be given for {name!r}; known: {', '.join(_DRAWABLE)}")
+        raise InputError(f"there is no range for {name!r}; known: {', '.join(_DRAWABLE)}")
     low, high = checks.pair(limits, ("ranges", name), positive=name in LOGARITHMIC)
     if low > high:
         raise InputError(f"ranges.{name} must be two ascending numbers, got {limits!r}")

@@ -67,7 +67,7 @@ class Task:
                 f"must be letters, digits, spaces or any of . _ + -, got {checks.shown(self.name)}", ("name",)
             )
         if self.port is not None and self.plug is None:
-            raise TaskError("needs a plug that goes there", ("port",))
+            raise TaskError("needs a plug", ("port",))
         for end in ("start", "goal"):
             object.__setattr__(self, end, checks.array(getattr(self, end), (end,), 2))
             validity.check_shape(end, getattr(self, end), self.scene, self.cable, self.grippers)

@@ -78,7 +78,7 @@ class Chain:
             if np.abs(rows - rows[-1]).max() < SETTLED:
                 self._batch.bind("qvel")[0] = 0.0
                 return
-        raise SimulationError(f"the cable does not come to rest within {LONGEST_SETTLING:g} s between still grippers")
+        raise SimulationError(f"the cable did not come to rest within {LONGEST_SETTLING:g} s between still grippers")
 
     def advance(self, poses: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k c"]:
         """Take one time step towards each of the gripper poses in turn.

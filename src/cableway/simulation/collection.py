@@ -127,7 +127,7 @@ def _make_shard(
 
 def _give_up(transitions: int, ended: Counter[str]) -> NoReturn:
     raise SimulationError(
-        f"{ended.total()} episodes gave only {transitions} usable transitions; they ended by {dict(ended)}"
+        f"{ended.total()} episodes gave only {transitions} usable transitions; reasons for their ends: {dict(ended)}"
     )
 
 

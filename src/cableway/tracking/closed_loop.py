@@ -64,8 +64,8 @@ def track(
     config = config or TrackConfig()
     if not math.isclose(controller.control_step, plant.control_step, rel_tol=1e-6):
         raise InputError(
-            f"the controller makes a step every {controller.control_step:.4g} s, "
-            f"the plant takes steps of {plant.control_step:.4g} s"
+            f"the controller steps every {controller.control_step:.4g} s, "
+            f"but the plant every {plant.control_step:.4g} s"
         )
     loop = Loop(plant, controller, plan, config, watchdog or Watchdog())
     watch = Watch(recovery, plant.control_step) if recovery is not None else None

@@ -98,7 +98,7 @@ class FollowingError:
         if self._suspicions >= SUSPICIONS and not self._holding:
             side = ("left", "right")[worst]
             off = f"{1000 * away[worst]:.0f} mm and {turned[worst]:.2f} rad"
-            self.error = f"the {side} gripper does not follow its commands, it is {off} off"
+            self.error = f"the {side} gripper does not follow its commands: it is off by {off}"
             self._holds = self._holds + 1 if self._since <= self._hold + self._pause else 1
             self._holding, self._suspicions, self._since = self._hold, 0, 0
             self._commands = DelayEstimator.constant(self.target)

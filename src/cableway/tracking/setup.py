@@ -37,7 +37,7 @@ def setup_mistake(observation: Observation, plan: Plan, task: Task) -> str:
     keypoints, start = np.asarray(observation.keypoints, float), plan.shapes[0]
     if keypoints.shape != start.shape:
         found = f"{len(keypoints)} keypoints" if keypoints.ndim == 2 else f"keypoints of shape {keypoints.shape}"
-        raise InputError(f"the camera reports {found}, the plan has {len(start)}")
+        raise InputError(f"the camera reports {found}, but the plan has {len(start)}")
     poses = np.asarray(observation.poses, float)
     if poses.shape != task.cable.rod.end_shape:
         raise InputError(f"the robot reports gripper poses of shape {poses.shape}, not (2, 3)")

@@ -51,7 +51,7 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
             raise KeyboardInterrupt from None
         return run
     if len(plans) < options.alternatives:
-        notes = (*notes, f"Of {options.alternatives} alternatives {len(plans)} were found.")
+        notes = (*notes, f"{len(plans)} of {options.alternatives} alternatives were found.")
     report = summarize(task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), **common)
     return Run(
         task=task, report=report, plan=plans[0], alternatives=tuple(plans[1:]), insertion_plan=insertion_plan,
@@ -117,7 +117,7 @@ def _compile(listener: Listener) -> tuple[str, ...]:
     start = time.monotonic()
     compile_kernels()
     listener.emit(Progress("compilation", 1.0))
-    return (f"Before planning, kernels were compiled for {time.monotonic() - start:.0f} s, which happens once.",)
+    return (f"Kernels were compiled for {time.monotonic() - start:.0f} s before planning; this happens once.",)
 
 
 def _rehearsed(plan: Plan) -> tuple[str, ...]:
@@ -128,8 +128,8 @@ def _rehearsed(plan: Plan) -> tuple[str, ...]:
     deviation, clearance = (f"{1000 * record[name]:.1f} mm" for name in ("deviation", "clearance"))
     went = f"largest deviation {deviation}, clearance {clearance}, final error {1000 * record['shape_error']:.1f} mm"
     if record["passed"]:
-        return (f"The plan is number {record['plans']} of those rehearsed on the simulated cable: {went}.",)
-    return (f"None of {record['plans']} plans went well in rehearsal on the simulated cable; the best: {went}.",)
+        return (f"Plan {record['plans']} of those rehearsed on the simulated cable: {went}.",)
+    return (f"None of {record['plans']} plans passed rehearsal on the simulated cable; the best one: {went}.",)
 
 
 class StageTimer:

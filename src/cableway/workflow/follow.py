@@ -19,7 +19,7 @@ from cableway.workflow.find import search
 from cableway.workflow.registry import CONTROLLERS, controller_is_compiled, make_controller
 from cableway.workflow.run import Run, SolveOptions
 
-COMPILING = "The controller is compiled once before it starts; the next run finds it in your cache folder."
+COMPILING = "Compiling the controller; this happens once, the next run finds it in your cache folder."
 
 
 def prepare_controller(options: SolveOptions, listener: Listener) -> Controller[Any]:

@@ -151,9 +151,9 @@ def make_controller(name: str, model: str | None = None, adapt: bool = False) ->
         return _function(entry.load)(model or entry.model, adapt)
     having = " and ".join(known for known, each in CONTROLLERS.items() if each.model is not None)
     if model is not None:
-        raise InputError(f"--model is for {having}; {name} has no deformation model to choose")
+        raise InputError(f"--model applies to {having} only; {name} has no deformation model")
     if adapt:
-        raise InputError(f"--adapt is for {having}; {name} has no learned model")
+        raise InputError(f"--adapt applies to {having} only; {name} has no learned model")
     return _function(entry.load)()
 
 

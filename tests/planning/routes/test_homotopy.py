@@ -91,7 +91,7 @@ def test_alternatives_are_true_different_and_ranked():
 
 def test_alternatives_where_there_is_one_way_only():
     assert len(plan(problems.doorway(), alternatives=3)) == 1
-    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a way 16 mm wide"):
+    with pytest.raises(PlanningError, match="there is no plan: the left gripper needs a route 16 mm wide"):
         plan(problems.sealed(), alternatives=3)
     with pytest.raises(InputError, match="alternatives must be 1 or more"):
         plan(problems.free(), alternatives=0)

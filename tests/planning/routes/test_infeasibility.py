@@ -59,7 +59,7 @@ def test_a_cable_thicker_than_its_grippers_is_named():
     cable = dataclasses.replace(task.cable, radius=0.010)
     found = find_blockage(dataclasses.replace(task, cable=cable))
     assert found is not None
-    assert "the cable needs a way 20 mm wide" in str(found)
+    assert "the cable needs a route 20 mm wide" in str(found)
 
 
 def test_a_node_counts_on_the_widest_way_from_whichever_side_it_is_entered():

@@ -126,18 +126,18 @@ def test_a_gap_narrower_than_the_grid_is_found():
 
 
 def test_a_gap_narrower_than_the_cable_is_named():
-    with pytest.raises(PlanningError, match=r"no path .* keeps 4\.0 mm .*the widest way keeps 3\.\d mm"):
+    with pytest.raises(PlanningError, match=r"no path .* keeps 4\.0 mm .*the widest route keeps 3\.\d mm"):
         plan_pivot_path(doorway(0.0075), START, GOAL, RADIUS, PivotConfig())
 
 
 def test_a_wall_thinner_than_the_grid_is_no_way():
     scene = Scene(obstacles=(Box(center=(0.35, 0.35), size=(0.7, 0.0005)),))
-    with pytest.raises(PlanningError, match="there is no way at all"):
+    with pytest.raises(PlanningError, match="there is no route at all"):
         plan_pivot_path(scene, START, GOAL, 0.001, PivotConfig(resolution=0.02))
 
 
 def test_start_or_goal_too_near_an_obstacle_is_named():
-    with pytest.raises(PlanningError, match=r"the goal of the pivot path .* is 2\.0 mm from .* the 4\.0 mm to keep"):
+    with pytest.raises(PlanningError, match=r"the goal of the pivot path .* is 2\.0 mm from .* the 4\.0 mm required"):
         plan_pivot_path(Scene(), START, np.array([0.002, 0.3]), RADIUS, PivotConfig())
 
 

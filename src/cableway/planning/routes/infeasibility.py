@@ -51,7 +51,7 @@ class Blockage:
         x, y = self.place
         wide = f"about {1000 * self.widest:.0f} mm wide" if self.widest > 0 else "closed"
         return (
-            f"{self.who} needs a way {1000 * (self.thick + 2 * self.clearance):.0f} mm wide from start to goal "
+            f"{self.who} needs a route {1000 * (self.thick + 2 * self.clearance):.0f} mm wide from start to goal "
             f"({1000 * self.thick:.0f} mm and {1000 * self.clearance:.0f} mm of clearance on either side), "
             f"and the widest one is {wide} at ({x:.3f}, {y:.3f})"
         )

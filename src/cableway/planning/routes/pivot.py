@@ -65,7 +65,7 @@ def plan_pivot_path(
         if distance < radius:
             raise PlanningError(
                 f"the {name} of the pivot path ({point[0]:.3f}, {point[1]:.3f}) is {1000 * distance:.1f} mm from the "
-                f"nearest obstacle, less than the {1000 * radius:.1f} mm to keep"
+                f"nearest obstacle, less than the {1000 * radius:.1f} mm required"
             )
     if np.array_equal(*ends):
         return ends

@@ -62,8 +62,8 @@ def grid_path(
             return polish(path, scene, radius, config, spacing)
     widest = _widest(world, shape, start, goal, radius)
     raise PlanningError(
-        f"no path for the cable's centre keeps {1000 * radius:.1f} mm from the obstacles; "
-        + (f"the widest way keeps {1000 * widest:.1f} mm" if widest else "there is no way at all")
+        f"no path of the cable's midpoint keeps {1000 * radius:.1f} mm from the obstacles; "
+        + (f"the widest route keeps {1000 * widest:.1f} mm" if widest else "there is no route at all")
     )
 
 

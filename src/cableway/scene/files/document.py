@@ -133,16 +133,16 @@ def read_document(path: Path) -> Document:
         line = "" if mark is None else f":{mark.line + 1}"
         raise FileFormatError(f"{path}{line}: not valid YAML: {_one_line(error.problem or error.context)}") from None
     except RecursionError:
-        raise FileFormatError(f"{path}: not usable YAML: it is nested too deeply") from None
+        raise FileFormatError(f"{path}: not valid YAML: nested too deeply") from None
     except yaml.YAMLError as error:
         raise FileFormatError(f"{path}: not valid YAML: {_one_line(error)}") from None
     except (ValueError, TypeError, AttributeError, LookupError, OverflowError):
         # what PyYAML lets through where it cannot make the value that a tag asks for
-        raise FileFormatError(f"{path}: not valid YAML: a value does not suit its tag") from None
+        raise FileFormatError(f"{path}: not valid YAML: a value does not match its tag") from None
     if root is None or data is None:
-        raise FileFormatError(f"{path}: the file is empty; a mapping of keys to values is expected")
+        raise FileFormatError(f"{path}: the file is empty, but must be a mapping of keys to values")
     if not (isinstance(root, yaml.MappingNode) and isinstance(data, dict)):
-        raise FileFormatError(f"{path}: must be a mapping of keys to values, but holds a {type(data).__name__}")
+        raise FileFormatError(f"{path}: must be a mapping of keys to values, not a {type(data).__name__}")
     return Document(path, data, root)
 
 

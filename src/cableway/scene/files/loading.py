@@ -146,7 +146,7 @@ def _shape(end: str, section: Any, cable: Cable) -> tuple[Any, Any]:
     poses = checks.array(section["grippers"], (end, "grippers"), 3)
     keypoints, bend = section.get("keypoints"), section.get("bend")
     if (keypoints is None) == (bend is None):
-        raise TaskError("must have, beside grippers, either bend or keypoints", (end,))
+        raise TaskError("must have either bend or keypoints in addition to grippers", (end,))
     if keypoints is not None:
         return keypoints, poses
     gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))

@@ -36,7 +36,7 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
         if key not in known:
             raise InputError(f"{path}: unknown section {key!r}; known: {', '.join(known)}")
     if content.pop("cableway", None) != FORMAT_VERSION:
-        raise InputError(f"{path}: cableway must be {FORMAT_VERSION}, the version of the format")
+        raise InputError(f"{path}: cableway must be {FORMAT_VERSION}, the format version")
     if "cable" in content:
         content["cable"] = _cable(task.cable, content["cable"], f"{path}: cable")
     for fault in faults(Perturbation, content):
@@ -44,7 +44,7 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
     perturbation = from_mapping(Perturbation, content, str(path))
     if perturbation.simulation.control_step != CONTROL_STEP:
         raise InputError(f"{path}: simulation.control_step must be {CONTROL_STEP} s, the step of the controllers")
-    note = f"The plant differs from the task as {path.name} says; planner and controller know the task alone."
+    note = f"The plant is perturbed as {path.name} says; planner and controller know only the task."
     return replace(perturbation, notes=(note,))
 
 

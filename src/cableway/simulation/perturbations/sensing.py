@@ -155,7 +155,7 @@ class SensedPlant:
             InputError: The state is that of another model or of other delays.
         """
         if state.past.shape != self._past.shape or state.sent.shape != self._sent.shape:
-            raise InputError("the state is that of a plant with other delays or another number of keypoints")
+            raise InputError("the state belongs to a plant with other delays or another number of keypoints")
         self.plant.restore(state.plant)  # pyright: ignore[reportArgumentType]
         self._steps, self._past, self._sent = state.steps, state.past.copy(), state.sent.copy()
 
