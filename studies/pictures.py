@@ -167,7 +167,7 @@ def tracking() -> Figure:
     style.title(left, "tracking")
     for (name, run), colour in zip(runs.items(), (style.INK, style.GOAL), strict=True):
         deviation = 1000 * run.deviations_from_reference
-        right.plot(run.times, deviation, color=colour, linewidth=1.6, label=f"{name}, at last {deviation[-1]:.1f} mm")
+        right.plot(run.times, deviation, color=colour, linewidth=1.6, label=f"{name}, final {deviation[-1]:.1f} mm")
     style.title(right, "deviation, worst keypoint")
     style.curve_axes(right, "", "deviation [mm]")
     right.set_ylim(0)

@@ -177,8 +177,8 @@ def _found(estimates: Mapping[str, Estimate]) -> list[tuple[str, str]]:
     for name, found in estimates.items():
         if found.differs:
             text = f"{found.value:.4g} ± {found.deviation:.2g} {found.unit}".rstrip()
-            rows.append((f"found: {name}", f"{text}, not {found.nominal:.4g}"))
-    return rows or [("found", f"none of {len(estimates)} estimates off by two standard deviations")]
+            rows.append((f"estimated {name}", f"{text}, nominal {found.nominal:.4g}"))
+    return rows or [("estimates", f"none of {len(estimates)} differs by two standard deviations")]
 
 
 def _millimetres(value: float) -> str:

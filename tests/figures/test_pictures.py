@@ -100,7 +100,7 @@ def test_the_picture_of_a_plan_shows_its_parts():
     assert not_blank(figure)
     initial, shapes = figure.axes[0], figure.axes[1]
     names = [text.get_text() for text in initial.get_legend().get_texts()]  # pyright: ignore[reportOptionalMemberAccess]
-    assert {"start", "goal", "pivot path", "keypoint paths", "passage traversed", "obstacle"} <= set(names)
+    assert {"start", "goal", "pivot path", "keypoint paths", "traversed passage", "obstacle"} <= set(names)
     assert is_colour(colour_at(figure, initial, *STAGES.pivot[20]), style.PIVOT)
     line = smooth(PLAN.shapes[-1])
     along = (line[31] - line[30]) / np.linalg.norm(line[31] - line[30])

@@ -67,7 +67,7 @@ def alternatives_figure(task: Task, motions: Sequence[Float[np.ndarray, "k n 2"]
     for place, shapes in enumerate(motions):
         ax = style.add_axes(figure, LEFT + place * pitch, BELOW, width, height)
         draw_shapes(ax, task, shapes)
-        style.title(ax, f"{task.name}: way {place + 1} of {len(motions)}")
+        style.title(ax, f"{task.name}: plan {place + 1} of {len(motions)}")
     return figure
 
 
@@ -99,7 +99,7 @@ def draw_routes(
     if passages is not None and len(passages):
         handles += ax.plot(
             *passages.T, color=style.PASSAGE, linewidth=1.6, linestyle=(0, (3, 2)), marker="o", markersize=3, zorder=5,
-            label="passage traversed",
+            label="traversed passage",
         )[:1]  # fmt: skip
     if pivot is not None:
         handles += ax.plot(*pivot.T, color=style.PIVOT, linewidth=2.2, zorder=5, label="pivot path")

@@ -63,7 +63,7 @@ def draw_tracking(ax: Axes, task: Task, rollout: Rollout) -> None:
     handles: list[Any] = [
         Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"),
         Line2D([], [], color="#9aa3ad", linewidth=1.2, linestyle=(0, (3, 2)), label="reference"),
-        Line2D([], [], color=style.INK, linewidth=0.9, label="gripper ways"),
+        Line2D([], [], color=style.INK, linewidth=0.9, label="gripper paths"),
         Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"),
     ]
     style.legend_below(ax, handles, 2)
@@ -90,18 +90,18 @@ def draw_errors(
     to_reference: Float[np.ndarray, "k"],
 ) -> None:
     """Stacked errors [m] over time [s] on a logarithmic scale in millimetres, with the line of success."""
-    floor = 1e-4
+    least = 1e-4
     curves = ((to_reference, style.LEFT, 1.3, "to the reference"), (to_goal, style.INK, 1.7, "to the goal"))
     for curve, color, width, name in curves:
         label = f"{name}, final {1000 * curve[-1]:.2f} mm"
-        ax.plot(times, 1000 * np.maximum(curve, floor), color=color, linewidth=width, label=label)
+        ax.plot(times, 1000 * np.maximum(curve, least), color=color, linewidth=width, label=label)
     ax.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=1.0, linestyle="--")
     ax.annotate(
         f"success below {100 * SUCCESS_ERROR:g} cm", (0, 1000 * SUCCESS_ERROR), xycoords=("axes fraction", "data"),
         xytext=(4, 3), textcoords="offset points", fontsize=8, color=style.BAD,
     )  # fmt: skip
     ax.set_yscale("log")
-    ax.set_ylim(1000 * floor, 1000 * max(10.0, 10 * to_goal.max()))
+    ax.set_ylim(1000 * least, 1000 * max(10.0, 10 * to_goal.max()))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())
     style.curve_axes(ax, "time [s]", "error [mm]")
@@ -112,7 +112,7 @@ def draw_estimates(ax: Axes, rollout: Rollout) -> None:
     """Each estimate's distance from its nominal value, in prior standard deviations: all fit one axis.
 
     The band about a curve is one standard deviation either way, drawn for those that turned out to differ; the legend
-    says the last values, those in bold. What was taken as known has no curve.
+    has the last values, those that differ in bold. A parameter that is not estimated has no curve.
     """
     assert rollout.estimates is not None
     assert rollout.deviations is not None
@@ -129,7 +129,7 @@ def draw_estimates(ax: Axes, rollout: Rollout) -> None:
         if estimate.differs:
             width = rollout.deviations[:, column] / estimate.prior
             ax.fill_between(rollout.times[1:], away - width, away + width, color=color, alpha=0.15, linewidth=0)
-    style.curve_axes(ax, "time [s]", "distance from the prior [its standard deviations]")
+    style.curve_axes(ax, "time [s]", "distance from the prior [standard deviations]")
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + HEADROOM / (1 - HEADROOM) * (high - low))
     legend = ax.legend(fontsize=6.8, frameon=False, loc="upper left", ncols=2, labelcolor=style.INK, columnspacing=1.0)
