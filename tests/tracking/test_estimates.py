@@ -93,7 +93,7 @@ def test_the_report_says_what_was_found(rollout: Rollout) -> None:
     content = json.loads(json.dumps(report.as_dict(), allow_nan=False))
     assert content["estimates"]["length"]["value"] == rollout.estimated()["length"].value
     same = track(QuasiStaticPlant(TASK, START, PlanarRod(0.3)), RodMPC(RodMPCConfig(hold=0.0)), PLAN)
-    assert dict(summarize(TASK, PLAN, same).rows())["found"].startswith("none of 11 estimates")
+    assert dict(summarize(TASK, PLAN, same).rows())["estimates"].startswith("none of 11 estimates")
 
 
 def test_the_picture_has_a_panel_for_them(rollout: Rollout) -> None:
