@@ -205,7 +205,7 @@ def test_a_file_that_is_too_large(tmp_path: Path):
             b"cableway: 1\n\tstart: 2\n",
             "task.yaml:2: not valid YAML: found character '\\t' that cannot start any token",
         ),
-        (b"name: a\ncableway: 1\nname: b\n", "task.yaml:3: not valid YAML: the key 'name' stands here and in line 1"),
+        (b"name: a\ncableway: 1\nname: b\n", "task.yaml:3: not valid YAML: the key 'name' appears here and in line 1"),
         (b"name: a\n---\nname: b\n", "task.yaml:2: not valid YAML: but found another document"),
         (b"? [1, 2]\n: 3\n", "task.yaml:1: not valid YAML: found unhashable key"),
         (b"name: !!timestamp x\n", "task.yaml: not valid YAML: a value does not match its tag"),

@@ -51,7 +51,7 @@ def kernel(function: F) -> F:
 def is_compiled(part: str) -> bool:
     """Whether an earlier process went through planning or control with these sources, so that its kernels are compiled.
 
-    Compiled files alone tell nothing: loading a task compiles a few kernels, planning many more.
+    Compiled files alone prove nothing: loading a task compiles a few kernels, planning many more.
     """
     return _mark(part).is_file()
 

@@ -85,7 +85,7 @@ class PlanningError(CablewayError):
 
 
 class Cancelled(CablewayError):
-    """Raised by a callback that is told of progress, to stop what is under way."""
+    """Raised by a callback that receives progress, to cancel the computation."""
 
 
 class PlanningInterrupted(PlanningError):

@@ -15,7 +15,7 @@ from cableway.datasets.manifest import CABLE, COLUMNS, Column, Manifest, Shard, 
 from cableway.records import Transitions
 
 BUFFER = 131_072
-"""Transitions that are shuffled together unless told otherwise: 70 MB at 13 keypoints."""
+"""Transitions that are shuffled together by default: 70 MB at 13 keypoints."""
 
 
 def load_transitions(folder: Path | str) -> Transitions:

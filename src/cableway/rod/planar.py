@@ -57,7 +57,7 @@ def hinge_count(keypoints: int) -> int:
 
 @dataclass(frozen=True)
 class PlanarRod(HeldRod):
-    """A uniform inextensible planar rod seen at n keypoints, with coordinates q (6,).
+    """A uniform inextensible planar rod with n keypoints, with coordinates q (6,).
 
     Attributes:
         length: L [m].

@@ -90,7 +90,7 @@ def _set_options(option: mujoco.MjOption, time_step: float) -> None:
     option.tolerance = 1e-10
     # the approximate diagonal makes the welds of a long chain soft: 18 mrad of slip instead of 0.01
     option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
-    # a state out of bounds must be seen, not replaced by the initial one
+    # a state out of bounds must be detected, not replaced by the initial one
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     # these only cost time: there is one chain, and Newton's method needs as many iterations from anywhere
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_WARMSTART

@@ -4,7 +4,7 @@ A gripper's disc must go from its place at the start to its place at the goal, a
 cable about the cable's middle, from the equilibria nearest to start and goal, with the clearance that a plan keeps on
 either side. On a grid, connectivity of the places where the signed distance is at least r - h/sqrt 2 (h the grid's
 spacing, r with the clearance) is necessary for that, because the distance changes no faster than the place. So what is
-reported is certain; narrower misses than h sqrt 2 are not seen. For the same reason r + h/sqrt 2 is sufficient, and
+reported is certain; narrower misses than h sqrt 2 go undetected. For the same reason r + h/sqrt 2 is sufficient, and
 mostly a coarse grid is enough to see that there is nothing to report.
 """
 

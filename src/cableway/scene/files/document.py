@@ -43,7 +43,7 @@ class Loader(yaml.SafeLoader):
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, Hashable) and key in seen:
-                problem = f"the key {key!r} stands here and in line {seen[key].line + 1}"
+                problem = f"the key {key!r} appears here and in line {seen[key].line + 1}"
                 raise yaml.constructor.ConstructorError(None, None, problem, key_node.start_mark)
             if isinstance(key, Hashable):
                 seen[key] = key_node.start_mark

@@ -19,7 +19,7 @@ class MPCConfig:
     Attributes:
         horizon: H, number of actions looked ahead (paper, hyperparameter table: 5).
         iterations: Most Gauss-Newton iterations in one step (paper: 15). From the last solution, moved on by a step, a
-            second one changes nothing that can be seen (`studies/neural.py`) and costs as much as the first.
+            second one changes nothing measurable (`studies/neural.py`) and costs as much as the first.
         tolerance: Relative fall of the cost that is not worth another iteration.
         tracking_weight: lambda_1 [1/m^2] (paper: 150).
         obstacle_weight: lambda_2, [1/m^2] for the hinge, [m^2] for the barrier (paper: 0.01).

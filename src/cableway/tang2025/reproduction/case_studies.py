@@ -22,7 +22,7 @@ from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.reproduction import paper
-from cableway.tang2025.reproduction.page import LABORATORY, Row, Section, Tell, median_worst, spread
+from cableway.tang2025.reproduction.page import LABORATORY, OnProgress, Row, Section, median_worst, spread
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 
@@ -86,21 +86,21 @@ DATA_SEED = 302
 """Of the data sets they are identified on."""
 
 
-def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section:
+def silicone(folder: Path, transitions: int, trials: int, progress: OnProgress) -> Section:
     """The case study of a tube driven with a model of another cable.
 
     Args:
         folder: Where data sets and models are kept; those that are there are not made again.
         transitions: In the data set of each cable.
         trials: For each way and task.
-        tell: Called with the stage and the share done.
+        progress: Called with the stage and the share done.
     """
     from cableway.tang2025.control.mpc_config import ADAPT_EVERY, MPCConfig
     from cableway.tang2025.control.neural_mpc import NeuralMPC
     from cableway.tang2025.models.compilation import enable_compilation_cache
 
     enable_compilation_cache()
-    models = {cable: _identified(cable, folder, transitions, tell) for cable in ("hdmi", "silicone")}
+    models = {cable: _identified(cable, folder, transitions, progress) for cable in ("hdmi", "silicone")}
     controllers: dict[str, Controller[Any]] = {
         str(way): NeuralMPC(models[way.cable], MPCConfig(adapt_every=ADAPT_EVERY if way.adapted else 0))
         for way in LEARNERS
@@ -114,7 +114,7 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
     for place, (name, controller) in enumerate(controllers.items()):
         runs = []
         for trial in range(trials * len(tasks)):
-            tell("silicone tube", (place + trial / (trials * len(tasks))) / len(controllers))
+            progress("silicone tube", (place + trial / (trials * len(tasks))) / len(controllers))
             which = trial % len(tasks)
             runs.append(_followed(tasks[which], plans[which], controller, "laid", trial))
         rows.append((name, *_cells(runs)))
@@ -129,21 +129,21 @@ def silicone(folder: Path, transitions: int, trials: int, tell: Tell) -> Section
     return Section("Case study: silicone tube", text, (Table("silicone tube", tuple(rows)),))
 
 
-def _identified(cable: str, folder: Path, transitions: int, tell: Tell) -> DeformationModel:
+def _identified(cable: str, folder: Path, transitions: int, progress: OnProgress) -> DeformationModel:
     """A model of a cable, from data collected of it; the one in the folder where it is there."""
     from cableway.tang2025.models.checkpoint import load_model, save_model
     from cableway.tang2025.models.recipe import make_model, read_training_config, shipped_config
 
     path = folder / "models" / f"{cable}-{transitions}.safetensors"
     if not path.exists():
-        tell(f"collect: {cable}", 0.0)
+        progress(f"collect: {cable}", 0.0)
         data = collected(cable, folder / "data" / f"{cable}-{transitions}", transitions, DATA_SEED)
         recipe = read_training_config(shipped_config(KIND))
         recipe = replace(recipe, training=replace(recipe.training, epochs=EPOCHS))
         path.parent.mkdir(parents=True, exist_ok=True)
         model, card = make_model(
             recipe, data, state_file=path.with_suffix(".state"),
-            progress=lambda words, share: tell(f"{cable}: {words}", share),
+            progress=lambda words, share: progress(f"{cable}: {words}", share),
         )  # fmt: skip
         save_model(path, model, card)
     return load_model(str(path))
@@ -174,7 +174,7 @@ def _cells(runs: Sequence[Run]) -> tuple[str, ...]:
     )  # fmt: skip
 
 
-def insertion(trials: int, tell: Tell) -> Section:
+def insertion(trials: int, progress: OnProgress) -> Section:
     """The case study of an HDMI cable plugged in on a cluttered table."""
     task, controller = load_task("insertion"), RodMPC()
     plan = _planned(task)
@@ -182,7 +182,7 @@ def insertion(trials: int, tell: Tell) -> Section:
         ("trial", "plugged in", "off the axis [mm]", "turned [deg]", "depth [mm]", "least clearance [mm]")
     ]
     for seed in range(trials):
-        tell("insertion", seed / trials)
+        progress("insertion", seed / trials)
         report = _followed(task, plan, controller, "hdmi", seed).report
         found, clearance = report.insertion, report.min_clearance
         figures = (

@@ -18,7 +18,7 @@ LABORATORY = "2 mm of noise on the keypoints, 0.1 s of latency, one frame in ten
 """What sensing "lab" of `plants` is."""
 
 Row = tuple[str, ...]
-Tell = Callable[[str, float], None]
+OnProgress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from cableway.tang2025.planning.config import PaperPlannerConfig
 from cableway.tang2025.planning.deformation import optimize_deformation
 from cableway.tang2025.reproduction import paper
 from cableway.tang2025.reproduction.case_studies import collected
-from cableway.tang2025.reproduction.page import LABORATORY, Row, Section, Tell, median_worst, spread, successes
+from cableway.tang2025.reproduction.page import LABORATORY, OnProgress, Row, Section, median_worst, spread, successes
 
 RUNS = {
     "paper": ("cableway", "paper"),
@@ -141,7 +141,7 @@ def simulated(results: Results) -> Section:
     return Section("Simulated tasks", text, (Table("simulation", tuple(rows)),))
 
 
-def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
+def prediction(folder: Path, transitions: int, progress: OnProgress) -> Section:
     """The comparison of the deformation models."""
     from cableway.tang2025.models.checkpoint import load_model
     from cableway.tang2025.models.evaluation import compare
@@ -151,7 +151,7 @@ def prediction(folder: Path, transitions: int, tell: Tell) -> Section:
     pictures = []
     models = {name: [load_model(model)] for name, model in MODELS.items()}
     for place, cable in enumerate(paper.CONTROL_BY_CABLE):
-        tell(f"models: {cable}", place / len(paper.CONTROL_BY_CABLE))
+        progress(f"models: {cable}", place / len(paper.CONTROL_BY_CABLE))
         data = collected(cable, folder / "data" / cable, transitions, DATA_SEED)
         curves = compare(models, data, HORIZON)
         for name, curve in curves.items():
@@ -219,12 +219,12 @@ def summary(results: Results) -> Section:
     return Section("Constrained tasks on seven cables", text, (Table("summary", tuple(rows)),))
 
 
-def cost(repeats: int, tell: Tell) -> Section:
+def cost(repeats: int, progress: OnProgress) -> Section:
     """Planning cost against the number of keypoints and of time steps."""
     rows: list[Row] = [("keypoints n", *(f"T = {steps} [s]" for steps in STEPS), "exponent in T")]
     table: list[list[float]] = []
     for place, count in enumerate(COUNTS):
-        tell("planning cost", place / len(COUNTS))
+        progress("planning cost", place / len(COUNTS))
         task = load_task("multi-obstacle-1")
         cable = replace(task.cable, keypoints=count)
         ends = cable.rod.at_keypoints(cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[0])
@@ -232,7 +232,7 @@ def cost(repeats: int, tell: Tell) -> Section:
         paths = _chain(task).path_set
         table.append([_optimisation_time(paths, task, steps, repeats) for steps in STEPS])
         rows.append((str(count), *(number(seconds) for seconds in table[-1]), number(_slope(STEPS, table[-1]))))
-    tell("planning cost", 1.0)
+    progress("planning cost", 1.0)
     by_n = [_slope(COUNTS, [row[k] for row in table]) for k in range(len(STEPS))]
     rows.append(("exponent in n", *(number(slope) for slope in by_n), ""))
     text = (
