@@ -1,8 +1,8 @@
 """Inserting a plug into its port: hold before it until the plug is aligned, then go straight.
 
 The plug is fixed to the cable's end, and both are held askew by an unknown grasp g (`cableway.rod.material`), which
-cannot be observed at the plug itself. While the grippers hold, g is estimated from the shape of the whole cable, and the
-right gripper is brought by small steps to the pose bearing(x_0, g) at which the plug is where the plan has it. Then
+cannot be observed at the plug. While the grippers hold, g is estimated from the shape of the whole cable, and the right
+gripper is brought by small steps to the pose bearing(x_0, g) at which the plug is where the plan has it. Then
 both grippers make the plan's motions and nothing else: what is in a port is not corrected.
 
 Note:
