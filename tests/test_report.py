@@ -228,9 +228,9 @@ def test_the_least_achievable_error_of_a_cable_curled_at_one_end_is_found():
     assert least_achievable_error(curled, shape) == pytest.approx(0.0, abs=1e-5)
 
 
-def test_a_new_plan_on_the_way_is_told(recorded: tuple[Task, Plan, Rollout]):
+def test_a_new_plan_on_the_way_is_reported(recorded: tuple[Task, Plan, Rollout]):
     task, plan, rollout = recorded
     again = replace(rollout, metadata={**rollout.metadata, "recovered": [1.0, 7.25]})
     notes = summarize(task, plan, again).notes
     assert notes[0] == "From 1.0 s on, the run follows a new plan from where the cable was."
-    assert notes[1].endswith("from 7.2 s on.")
+    assert notes[1].startswith("From 7.2 s on,")

@@ -178,7 +178,7 @@ def _found(estimates: Mapping[str, Estimate]) -> list[tuple[str, str]]:
         if found.differs:
             text = f"{found.value:.4g} ± {found.deviation:.2g} {found.unit}".rstrip()
             rows.append((f"estimated {name}", f"{text}, nominal {found.nominal:.4g}"))
-    return rows or [("estimates", f"none of {len(estimates)} differs by two standard deviations")]
+    return rows or [("estimates", f"none of {len(estimates)} estimates differs by two standard deviations")]
 
 
 def _millimetres(value: float) -> str:
