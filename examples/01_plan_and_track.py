@@ -1,7 +1,7 @@
-"""Solve a task: plan a cable past an obstacle and lead it there.
+"""Solve a task: plan how a cable gets past an obstacle, and track the plan.
 
-`solve` plans, rehearses where the cable asks for it, tracks, replans if the cable leaves its plan, and judges the run.
-It reports what it does as events; here the plan is looked at as soon as it is there.
+`solve` plans, rehearses if the cable needs it, tracks, replans if the cable leaves its plan, and judges the run. It
+reports its progress as events; this script inspects the plan as soon as it is found.
 """
 
 from pathlib import Path

@@ -2,13 +2,13 @@
 
 The protocol is one line of JSON per request, one per answer, over TCP, in metres and radians:
 
-    {"do": "reset"}                                go to the start and look
-    {"do": "move", "action": [[x, y, t], ...]}     move both grippers by that much in one control step and look
+    {"do": "reset"}                                go to the start and observe
+    {"do": "move", "action": [[x, y, t], ...]}     move both grippers by that much in one control step and observe
 
-    {"time": 0.1, "keypoints": [[x, y] or null, ...], "poses": [[x, y, theta], ...]}    what was seen
-    {"error": "the left gripper does not move"}                                         why it was not done
+    {"time": 0.1, "keypoints": [[x, y] or null, ...], "poses": [[x, y, theta], ...]}    the observation
+    {"error": "the left gripper does not move"}                                         why it failed
 
-Here the server's robot is the simulator, seen by a camera that loses frames. In a lab, `Robot.reset` and `Robot.move`
+Here the server's robot is the simulator, with a camera that loses frames. In a lab, `Robot.reset` and `Robot.move`
 talk to drivers instead and answer when the control step is over; `RobotPlant` can stay as it is. Both ends keep to the
 limits: the loop sends nothing beyond them, and the robot does not rely on that.
 
