@@ -39,7 +39,6 @@ from cableway.core.checks import number_fields, require_not_negative, require_po
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
-from cableway.motion.validity import gripper_spans
 from cableway.records import Estimate, Observation, Plan
 from cableway.rod.fitting import fit_shapes, meet_ends
 from cableway.rod.inverse import fit_keypoints
@@ -218,7 +217,8 @@ class RodMPC(Controller[RodMPCState]):
         if state.index < state.plan.held_steps:
             return planned
         slack, deviation = state.problem.estimator.slack(state.estimate, commanded)
-        span = float(gripper_spans(commanded[None])[0])
+        left, right = state.task.cable.rod.group.position(commanded)
+        span = float(np.linalg.norm(right - left))
         return max(planned, span + slack - (1 - share) * state.estimate.length - SURE * deviation)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
