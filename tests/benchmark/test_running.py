@@ -186,7 +186,7 @@ def test_the_command_runs_resumes_and_leaves_everything(folder: Path, capsys: py
     assert main([*command, "--against", str(folder / "better.json")]) == 2
 
 
-def test_worse_than_the_baseline_is_told(folder: Path):
+def test_worse_than_the_baseline_is_reported(folder: Path):
     known = read_result(job("sound"), folder)
     assert known is not None
     results = [Result(**{**asdict(known), "episode": f"e{k}"}) for k in range(5)]

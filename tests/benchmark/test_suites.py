@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cableway.benchmark.suites import SIZES, SUITES, frozen_episodes, get_suite, make_task
+from cableway.benchmark.suites import SIZES, SUITES, episode_name, frozen_episodes, get_suite, make_task
 from cableway.core.errors import TaskError, UnknownNameError
 from cableway.simulation.perturbations.variants import VARIANTS, named_perturbation, variant
 
@@ -80,3 +80,6 @@ def test_plants_of_two_seeds_differ_only_where_they_should():
 def test_a_plant_can_be_named_as_in_old_files():
     with pytest.warns(DeprecationWarning, match="the plant 'seen-late' is now 'frames-late'"):
         assert variant("seen-late") is VARIANTS["frames-late"]
+    with pytest.warns(DeprecationWarning, match="the episode 'clutter-20002-seen-late' is now"):
+        assert episode_name("clutter-20002-seen-late") in {episode.name for episode in frozen_episodes("sensing")}
+    assert episode_name("sensing/cableway/clutter-20002-moved-late") == "sensing/cableway/clutter-20002-moved-late"

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cableway.benchmark.episode import Result
+from cableway.benchmark.suites import episode_name
 from cableway.core.errors import FileFormatError
 from cableway.core.provenance import versions
 from cableway.metrics import METRICS
@@ -51,7 +52,7 @@ def read_baseline(path: Path) -> dict[str, Any]:
         raise FileFormatError(f"{path}: {error.strerror}") from None
     except (AttributeError, KeyError, TypeError, ValueError):
         raise FileFormatError(f"{path}: not a baseline.json of this version of the benchmark") from None
-    return content
+    return {**content, "episodes": {episode_name(key): row for key, row in content["episodes"].items()}}
 
 
 def regressions(results: Sequence[Result], before: dict[str, Any]) -> list[str]:

@@ -15,11 +15,13 @@ from importlib import resources
 
 import numpy as np
 
+from cableway.core.deprecation import renamed_value
 from cableway.core.errors import TaskError, UnknownNameError
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import cable_from_preset, catalogue_file, load_task, task_names
 from cableway.scene.files.saving import task_text
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.variants import RENAMED
 from cableway.tasks.generation import END_DECIMALS, random_task
 
 SIZES = ("quick", "standard", "full")
@@ -126,6 +128,14 @@ def get_suite(name: str) -> Suite:
     if name not in SUITES:
         raise UnknownNameError("suite", name, SUITES)
     return SUITES[name]
+
+
+def episode_name(name: str) -> str:
+    """The present name of an episode, with its suite and method or without, whose plant may have an old name."""
+    ends = [(f"-{old}", f"-{new}") for old, new in RENAMED.items()]
+    return renamed_value(
+        "episode", name, {name: name.removesuffix(old) + new for old, new in ends if name.endswith(old)}
+    )
 
 
 @cache

@@ -75,7 +75,7 @@ class Bench(EpisodeOptions):
         """All jobs of the run, suite by suite, the methods of an episode one after the other."""
         from cableway.benchmark.episode import jobs_of
         from cableway.benchmark.methods import DEFAULT
-        from cableway.benchmark.suites import SUITES, get_suite
+        from cableway.benchmark.suites import SUITES, episode_name, get_suite
 
         if len({method.name for method in methods.values()}) < len(methods):
             raise InputError(f"--methods: two methods of {self.methods!r} have the same name")
@@ -86,7 +86,7 @@ class Bench(EpisodeOptions):
             jobs += [job for row in zip_longest(*each) for job in row if job is not None]
         if self.episodes is None:
             return jobs
-        wanted, known = self.episodes.split(","), {job.episode.name for job in jobs}
+        wanted, known = [episode_name(name) for name in self.episodes.split(",")], {job.episode.name for job in jobs}
         for name in wanted:
             if name not in known:
                 raise InputError(f"--episodes: no {name!r} in {', '.join(names)} of size {self.size}, whose episodes "

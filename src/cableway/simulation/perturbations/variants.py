@@ -38,6 +38,10 @@ DRAWN_PER_SEED = ("laid", "drawn")
 Draw = Callable[[Task, np.random.Generator], Perturbation]
 
 
+RENAMED = {"seen-late": "frames-late"}
+"""New name of each old one, which files may still have."""
+
+
 @dataclass(frozen=True)
 class Variant:
     """A named perturbation.
@@ -59,7 +63,7 @@ def variant(name: str) -> Variant:
     Raises:
         UnknownNameError: There is no such name; the message lists them.
     """
-    name = renamed_value("plant", name, {"seen-late": "frames-late"})
+    name = renamed_value("plant", name, RENAMED)
     if name not in VARIANTS:
         raise UnknownNameError("plant", name, VARIANTS)
     return VARIANTS[name]
