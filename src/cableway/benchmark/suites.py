@@ -132,10 +132,10 @@ def get_suite(name: str) -> Suite:
 
 def episode_name(name: str) -> str:
     """The present name of an episode, with its suite and method or without, whose plant may have an old name."""
-    ends = [(f"-{old}", f"-{new}") for old, new in RENAMED.items()]
-    return renamed_value(
-        "episode", name, {name: name.removesuffix(old) + new for old, new in ends if name.endswith(old)}
-    )
+    for old, new in RENAMED.items():
+        if name.endswith(f"-{old}"):
+            return renamed_value("episode", name, {name: name.removesuffix(old) + new})
+    return name
 
 
 @cache
