@@ -21,7 +21,8 @@ import numpy as np
 from cableway.core.errors import PlanningError
 from cableway.figures.plan import attempt_figure
 from cableway.figures.style import save_figure
-from cableway.planning.config import PLANNERS, PivotConfig, PlannerConfig
+from cableway.planning.config import PivotConfig, PlannerConfig
+from cableway.planning.named import PLANNERS
 from cableway.planning.planner import plan
 from cableway.records import Attempt
 from cableway.scene.task import Task

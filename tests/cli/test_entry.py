@@ -12,7 +12,7 @@ from commands import Command
 import cableway as package
 from cableway.core.errors import ControlError
 from cableway.core.provenance import versions
-from cableway.planning.config import PLANNERS
+from cableway.planning.named import PLANNERS
 from cableway.scene.files.loading import task_names
 
 COMMANDS = ("tasks", "show", "plan", "run", "check", "collect", "train", "evaluate", "models")

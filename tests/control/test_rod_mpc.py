@@ -297,7 +297,7 @@ def test_the_grippers_go_farther_apart_than_planned_only_where_the_cable_is_sure
     def allowed(index: int, share_of_prior: float) -> tuple[float, float]:
         covariance = share_of_prior**2 * np.eye(material.PARAMETERS)
         at = replace(state, index=index, estimate=replace(state.estimate, theta=theta, covariance=covariance))
-        return controller._span_limit(at), state.problem.estimator.slack(at.estimate, at.tracker.commanded)[1]
+        return controller._span_limit(at), state.estimator.slack(at.estimate, at.tracker.commanded)[1]
 
     held = state.plan.held_steps
     assert held == 15

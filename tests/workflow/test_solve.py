@@ -18,12 +18,13 @@ from cableway.cli import main
 from cableway.control.open_loop import OpenLoop
 from cableway.core.errors import Cancelled, InputError, PlanningError
 from cableway.outcome import Outcome
+from cableway.planning.named import PLANNERS
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.workflow import find
 from cableway.workflow.events import CANCEL, Event, Finished, Planned, Progress
-from cableway.workflow.registry import CONTROLLERS, PLANNERS, make_planner
+from cableway.workflow.registry import CONTROLLERS, make_planner
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 

@@ -34,7 +34,7 @@ class Method:
         description: One sentence.
         controller: A name of `registry.CONTROLLERS`, or a function that makes a controller; called once in every
             process.
-        planner: A name of `registry.PLANNERS`, or a `function(task, seed)` that returns a plan or raises
+        planner: A name of `planning.named.PLANNERS`, or a `function(task, seed)` that returns a plan or raises
             `PlanningError`.
         model: Name or file of the deformation model, for a controller named that has one.
         rehearses: Whether plans are rehearsed where the cable asks for it; those of a function never are.

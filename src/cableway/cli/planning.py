@@ -12,7 +12,8 @@ from cableway.cli import outputs
 from cableway.cli.options import TaskOptions
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
-from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, PLANNERS, Planner, make_planner
+from cableway.planning.named import PLANNERS
+from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, Planner, make_planner
 
 if TYPE_CHECKING:
     from cableway.scene.task import Task

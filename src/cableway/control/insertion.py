@@ -11,19 +11,19 @@ Note:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.control.base import Controller
+from cableway.control.estimating import EstimatingState
 from cableway.control.following import FollowerState
 from cableway.core.checks import number_fields, require_not_negative, require_range
 from cableway.core.deprecation import renamed, renamed_keywords
-from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.geometry.groups import SE2
-from cableway.records import Estimate, Observation, Plan
+from cableway.records import Observation, Plan
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
 
@@ -57,24 +57,7 @@ class InsertionConfig:
 InsertionConfig.__init__ = renamed_keywords(longest="max_span")(InsertionConfig.__init__)
 
 
-@dataclass(frozen=True, kw_only=True)
-class InsertionState(FollowerState):
-    """State of `InsertionController`.
-
-    Attributes:
-        estimator: Of the rod's parameters.
-        estimate: The present one.
-    """
-
-    estimator: RodEstimator
-    estimate: RodEstimate
-
-    def estimates(self) -> Mapping[str, Estimate]:
-        """See `ControllerState.estimates`."""
-        return self.estimator.estimates(self.estimate)
-
-
-class InsertionController(Controller[InsertionState]):
+class InsertionController(Controller[EstimatingState]):
     """Aligns the plug with the first row of an insertion plan, then makes the motions of the rest.
 
     Args:
@@ -84,24 +67,24 @@ class InsertionController(Controller[InsertionState]):
     def __init__(self, config: InsertionConfig | None = None) -> None:
         self.config = config or InsertionConfig()
 
-    def init(self, task: Task, plan: Plan) -> InsertionState:
+    def init(self, task: Task, plan: Plan) -> EstimatingState:
         """See `Controller.init`."""
         beginning = FollowerState.beginning(task, plan, self.config.hold)
         estimator = RodEstimator(task.cable.rod, self.config.estimator, self.control_step)
         shape = task.cable.rod.continued(fit_keypoints(task.cable.rod, plan.shapes[0])[0], plan.poses[0])
-        state = InsertionState(**beginning, estimator=estimator, estimate=estimator.start(shape))
+        state = EstimatingState(**beginning, estimator=estimator, estimate=estimator.start(shape))
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
 
     def step(
-        self, state: InsertionState, observation: Observation | None
-    ) -> tuple[Float[np.ndarray, "2 3"], InsertionState]:
+        self, state: EstimatingState, observation: Observation | None
+    ) -> tuple[Float[np.ndarray, "2 3"], EstimatingState]:
         """See `Controller.step`."""
-        state = state.looking(observation, state.estimate.grasps)
+        state = state.observing(observation)
         if state.tracker.steps_without_poses > self.config.blind_steps:
             return state.stopping()
         if state.index < state.plan.held_steps:
-            state = self._learning(state)
+            state = state.updated()
             right = self.config.gain * self._misaligned(state)
             action = np.stack([np.zeros_like(right), right])
         else:
@@ -109,16 +92,7 @@ class InsertionController(Controller[InsertionState]):
         max_span = self.config.max_span * state.estimate.length
         return state.sending(action, state.tracking_status, max_span)
 
-    def _learning(self, state: InsertionState) -> InsertionState:
-        tracker = state.tracker
-        return replace(
-            state,
-            estimate=state.estimator.update(
-                state.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence
-            ),
-        )
-
-    def _misaligned(self, state: InsertionState) -> Float[np.ndarray, "3"]:
+    def _misaligned(self, state: EstimatingState) -> Float[np.ndarray, "3"]:
         """From where the right gripper is to where it has the plug aligned, with the estimated grasp."""
         wanted = SE2.compose(state.plan.plan.poses[0, 1], SE2.inverse(state.estimate.grasps[1]))
         return SE2.minus(wanted, state.tracker.commanded[1])

@@ -25,7 +25,6 @@ Note:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,13 +32,14 @@ from jaxtyping import Float
 
 from cableway.control import rod_kernels
 from cableway.control.base import Controller, Status
+from cableway.control.estimating import EstimatingState
 from cableway.control.following import FollowerState
 from cableway.control.limits import span_limit, within_limits
 from cableway.core.checks import number_fields, require_not_negative, require_positive
 from cableway.core.deprecation import renamed_keywords
-from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
-from cableway.records import Estimate, Observation, Plan
+from cableway.records import Observation, Plan
 from cableway.rod.fitting import fit_shapes, meet_ends
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.material import ROD
@@ -125,37 +125,18 @@ class RodMPCConfig:
 RodMPCConfig.__init__ = renamed_keywords(stretch="soft_span", longest="max_span")(RodMPCConfig.__init__)
 
 
-@dataclass(frozen=True)
-class Problem:
-    """What stays the same during a run.
+@dataclass(frozen=True, kw_only=True)
+class RodMPCState(EstimatingState):
+    """State of `RodMPC`.
 
     Attributes:
-        estimator: Of the rod's parameters.
         shapes: (T + 1, d) shapes of the uniform rod nearest to the plan's rows, from which fits start: loads that
             keypoints do not determine do not run away from step to step.
         limits: As `rod_kernels.assemble` wants them.
     """
 
-    estimator: RodEstimator
     shapes: Float[np.ndarray, "t d"]
     limits: tuple[float, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RodMPCState(FollowerState):
-    """State of `RodMPC`.
-
-    Attributes:
-        problem: What stays the same.
-        estimate: Of the cable's parameters.
-    """
-
-    problem: Problem
-    estimate: RodEstimate
-
-    def estimates(self) -> Mapping[str, Estimate]:
-        """See `ControllerState.estimates`."""
-        return self.problem.estimator.estimates(self.estimate)
 
 
 class RodMPC(Controller[RodMPCState]):
@@ -181,8 +162,8 @@ class RodMPC(Controller[RodMPCState]):
             self.config.threshold,
             grippers.separation,
         )
-        problem = Problem(estimator, shapes, limits)
-        state = RodMPCState(**beginning, problem=problem, estimate=estimator.start(shapes[0]))
+        estimate = estimator.start(shapes[0])
+        state = RodMPCState(**beginning, estimator=estimator, estimate=estimate, shapes=shapes, limits=limits)
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
 
@@ -192,14 +173,10 @@ class RodMPC(Controller[RodMPCState]):
 
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""
-        state = state.looking(observation, state.estimate.grasps)
-        tracker = state.tracker
+        state = state.observing(observation)
         if state.must_stop(self.config):
             return state.stopping()
-        estimate = state.problem.estimator.update(
-            state.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence
-        )
-        state = replace(state, estimate=estimate)
+        state = state.updated()
         action, max_span = self._solve(state), self._span_limit(state)
         if not np.isfinite(action).all():
             return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, max_span)
@@ -216,18 +193,18 @@ class RodMPC(Controller[RodMPCState]):
         planned = float(span_limit(state.plan.poses(state.index, 1), state.task.cable.length, share)[0])
         if state.index < state.plan.held_steps:
             return planned
-        slack, deviation = state.problem.estimator.slack(state.estimate, commanded)
+        slack, deviation = state.estimator.slack(state.estimate, commanded)
         left, right = state.task.cable.rod.group.position(commanded)
         span = float(np.linalg.norm(right - left))
         return max(planned, span + slack - (1 - share) * state.estimate.length - SURE * deviation)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion."""
-        config, problem, estimate = self.config, state.problem, state.estimate
-        estimator, count = problem.estimator, config.horizon + 1
+        config, estimator, estimate = self.config, state.estimator, state.estimate
+        count = config.horizon + 1
         rod, modes, p = estimator.rod, estimator.modes, estimate.theta[ROD]
         rows = state.plan.rows(state.index, count)
-        wanted, fits, ends = state.plan.plan.shapes[rows], problem.shapes[rows], np.empty((count, *rod.end_shape))
+        wanted, fits, ends = state.plan.plan.shapes[rows], state.shapes[rows], np.empty((count, *rod.end_shape))
         fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_STEPS, np.empty_like(wanted), ends)
         commanded = state.tracker.commanded
         before = rod.group.compose(commanded, estimate.grasps)
@@ -238,7 +215,7 @@ class RodMPC(Controller[RodMPCState]):
             q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), wanted[1:].copy(),
             rod.group.minus(ends[1:], ends[:-1]), fits[1:, rod.loads].copy(),
             span_limit(ends[1:], estimate.length, config.soft_span),
-            state.task.scene.world.arrays, problem.limits, config.weights,
+            state.task.scene.world.arrays, state.limits, config.weights,
         )  # fmt: skip
         first, reached = q[:1].copy(), np.empty((1, *rod.end_shape))
         fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 from cableway.core.checks import require_choice, require_range
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import InputError, UnknownNameError
+from cableway.planning.named import PLANNERS
 from cableway.planning.projection import ProjectionConfig
 from cableway.planning.rrt_connect import RRTConnectConfig
 from cableway.verification import VerificationLimits
@@ -18,12 +19,6 @@ InitialName = Literal[
     "corridor", "tube", "slide-head", "slide-tail", "anywhere", "restarts",
     "head", "tail", "uniform", "straight", "previous",
 ]  # fmt: skip
-
-PLANNERS = ("default", "paper", "paper-refined", "straight", "slide", "rrt-connect")
-"""Names of planners, see `PlannerConfig.named`."""
-
-PAPER_PLANNER = "cableway.tang2025.planning.config:paper_planner"
-"""Where the configuration of the paper's planner is made; imported only when it is asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,31 +95,30 @@ class PlannerConfig:
 
     @staticmethod
     def named(name: str) -> PlannerConfig:
-        """A planner by its name: the default, the paper's, and simpler ones to compare with.
-
-        "paper-refined" is the paper's chain with our trajectory optimisation; "straight" moves each keypoint straight
-        to its goal; "slide" only slides the cable along one curve; "rrt-connect" only searches among equilibria, all
-        over the workspace, and optimises nothing, as sampling-based planners before it.
+        """A planner by its name, see `cableway.planning.named.PLANNERS`.
 
         Raises:
             UnknownNameError: There is none of that name; the message lists them.
             MissingExtraError: It is one of the paper's, and the extra `tang2025` is not installed.
         """
-        match name:
-            case "default":
-                return PlannerConfig()
-            case "paper" | "paper-refined":
-                return resolve_name(PAPER_PLANNER)(refined=name == "paper-refined")
-            case "straight":
-                return PlannerConfig(initial_trajectories=("straight",), projection=ProjectionConfig(kind="none"))
-            case "slide":
-                return PlannerConfig(
-                    initial_trajectories=("slide-head", "slide-tail"), projection=ProjectionConfig(kind="fit")
-                )
-            case "rrt-connect":
-                return PlannerConfig(initial_trajectories=("anywhere",), projection=ProjectionConfig(kind="fit"))
-            case _:
-                raise UnknownNameError("planner", name, PLANNERS)
+        if name not in PLANNERS:
+            raise UnknownNameError("planner", name, PLANNERS)
+        return resolve_name(PLANNERS[name].config)()
+
+
+def straight() -> PlannerConfig:
+    """Each keypoint straight to its goal."""
+    return PlannerConfig(initial_trajectories=("straight",), projection=ProjectionConfig(kind="none"))
+
+
+def slide() -> PlannerConfig:
+    """The cable only slid along one curve."""
+    return PlannerConfig(initial_trajectories=("slide-head", "slide-tail"), projection=ProjectionConfig(kind="fit"))
+
+
+def rrt_connect() -> PlannerConfig:
+    """RRT-Connect among equilibria all over the workspace, not optimised, as sampling-based planners before it."""
+    return PlannerConfig(initial_trajectories=("anywhere",), projection=ProjectionConfig(kind="fit"))
 
 
 PlannerConfig.__init__ = renamed_keywords(

@@ -29,6 +29,7 @@ from cableway.core.compiled import kernel
 from cableway.core.deprecation import renamed
 from cableway.motion import terms
 from cableway.motion.limits import sharpest_turn_of
+from cableway.rod.least_squares import DAMPING, DONE, TRIED, Rule, fresh_state, judge
 from cableway.scene.task import Task
 
 CLEARANCE_WEIGHTS = (0.3, 1.0, 3.0)
@@ -54,6 +55,9 @@ BANDS = 3
 
 BEND_SCALE = 0.01
 """Of the excess of the sine of the turn at a hinge."""
+
+STAGE = Rule(first=1e-3, shrink=4.0, least=1e-9, grow=6.0, restart=0.0, most=1e9)
+"""How the damping follows in each stage."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +120,7 @@ def optimize_trajectory(
         def report(share: float, stage: int = stage) -> None:
             progress((stage + share) / stages)
 
-        q = _levenberg_marquardt(q, _Problem(task, config, weight, len(q)), config.iterations, report)
+        q = _levenberg_marquardt(q, _Problem(task, config, weight, len(q)), report)
     return q
 
 
@@ -219,35 +223,22 @@ def _band_form(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> fl
     return 0.5 * float(np.sum(x * _band_product(bands, x)))
 
 
-def _levenberg_marquardt(
-    q: np.ndarray, problem: _Problem, iterations: int, progress: Callable[[float], None]
-) -> np.ndarray:
-    damping, q = 1e-3, q.copy()
-    normal = problem.linearise(q)
-    for iteration in range(iterations):
-        progress(iteration / iterations)
-        step = _solve(normal, damping)
-        if step is None:
-            damping = max(1e-6, damping * 10)
-            continue
+def _levenberg_marquardt(q: np.ndarray, problem: _Problem, progress: Callable[[float], None]) -> np.ndarray:
+    most = problem.config.iterations
+    rule = STAGE._replace(fall=problem.config.tolerance, trials=float(most))
+    state, normal = fresh_state(), problem.linearise(q)
+    judge(state, normal.cost, most, rule)
+    while not state[DONE]:
+        progress(state[TRIED] / most)
         trial = q.copy()
-        trial[1:-1] += step
-        cost = problem.cost(trial)
-        if not cost < normal.cost:
-            damping *= 6
-            if damping > 1e9:
-                break
-            continue
-        fell = normal.cost - cost
-        q, normal = trial, problem.linearise(trial)
-        damping = max(1e-9, damping / 4)
-        if fell < problem.config.tolerance * normal.cost:
-            break
+        trial[1:-1] += _solve(normal, state[DAMPING])
+        if judge(state, problem.cost(trial), most, rule):
+            q, normal = trial, problem.linearise(trial)
     return q
 
 
-def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "t-2 d"] | None:
-    """Solve (H + damping diag H) step = -gradient on the free rows; None where H is not positive definite."""
+def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "t-2 d"]:
+    """Solve (H + damping diag H) step = -gradient on the free rows; NaN where H is not positive definite."""
     diagonal, above, further = (block[1:-1] for block in normal.blocks)
     free, dof = normal.gradient[1:-1].shape
     banded = np.zeros((BANDS * dof, free * dof))
@@ -256,7 +247,7 @@ def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "t-2 d"] | None
     try:
         return -solveh_banded(banded, normal.gradient[1:-1].ravel(), check_finite=False).reshape(free, dof)
     except LinAlgError:
-        return None
+        return np.full((free, dof), np.nan)
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""The planners and controllers, by name: the one list that command line, benchmark, studies and `solve` read.
+"""The controllers by name, and what makes planners and controllers of their names.
 
 An entry names its function as "module:function", which is imported when it is first asked for, so that a planner or a
 controller may need packages that are not installed.
@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.extras import require
+from cableway.planning.named import PLANNERS
 
 if TYPE_CHECKING:
     from cableway.control.base import Controller
@@ -38,21 +39,6 @@ class Planner:
 
 
 @dataclass(frozen=True)
-class PlannerEntry:
-    """A planner's line in the registry.
-
-    Attributes:
-        description: What it does, in a few words.
-        load: "module:function"; the function takes nothing and returns a `Planner`.
-        extra: Of cableway that it needs, see `cableway.core.extras`; "" for none.
-    """
-
-    description: str
-    load: str
-    extra: str = ""
-
-
-@dataclass(frozen=True)
 class ControllerEntry:
     """A controller's line in the registry.
 
@@ -74,24 +60,6 @@ class ControllerEntry:
     follows_blindly: bool = False
     extra: str = ""
 
-
-PLANNERS = {
-    "default": PlannerEntry(
-        "equilibria of the rod, searched and optimised; ours", "cableway.workflow.planners:default"
-    ),
-    "paper": PlannerEntry("the paper's chain (Tang et al.)", "cableway.workflow.planners:paper", extra="tang2025"),
-    "paper-refined": PlannerEntry(
-        "the paper's chain with our trajectory optimisation",
-        "cableway.workflow.planners:paper_refined",
-        extra="tang2025",
-    ),
-    "straight": PlannerEntry("each keypoint straight to its goal", "cableway.workflow.planners:straight"),
-    "slide": PlannerEntry("the cable slid along one curve", "cableway.workflow.planners:slide"),
-    "rrt-connect": PlannerEntry(
-        "RRT-Connect among equilibria, not optimised", "cableway.workflow.planners:rrt_connect"
-    ),
-}
-"""Planners by name; the first is the default."""
 
 _NUMBA = "cableway.workflow.registry:control_is_compiled"
 _JAX = "cableway.tang2025.models.compilation:enable_compilation_cache"
@@ -128,10 +96,12 @@ def make_planner(name: str) -> Planner:
 
     Raises:
         UnknownNameError: There is none; the message lists them.
+        MissingExtraError: It needs an extra that is not installed.
     """
-    if name not in PLANNERS:
-        raise UnknownNameError("planner", name, PLANNERS)
-    return _function(PLANNERS[name].load)()
+    from cableway.planning.config import PlannerConfig
+    from cableway.planning.planner import plan
+
+    return Planner(PlannerConfig.named(name), plan)
 
 
 def make_controller(name: str, model: str | None = None, adapt: bool = False) -> Controller[Any]:
@@ -148,13 +118,13 @@ def make_controller(name: str, model: str | None = None, adapt: bool = False) ->
     """
     entry = _controller(name)
     if entry.model is not None:
-        return _function(entry.load)(model or entry.model, adapt)
+        return resolve_name(entry.load)(model or entry.model, adapt)
     having = " and ".join(known for known, each in CONTROLLERS.items() if each.model is not None)
     if model is not None:
         raise InputError(f"--model applies to {having} only; {name} has no deformation model")
     if adapt:
         raise InputError(f"--adapt applies to {having} only; {name} has no learned model")
-    return _function(entry.load)()
+    return resolve_name(entry.load)()
 
 
 def require_extras(*names: str) -> None:
@@ -176,7 +146,7 @@ def controller_is_compiled(name: str) -> bool:
         UnknownNameError: There is no such controller; the message lists them.
     """
     compiled = _controller(name).compiled
-    return not compiled or _function(compiled)()
+    return not compiled or resolve_name(compiled)()
 
 
 def control_is_compiled() -> bool:
@@ -190,8 +160,3 @@ def _controller(name: str) -> ControllerEntry:
     if name not in CONTROLLERS:
         raise UnknownNameError("controller", name, CONTROLLERS)
     return CONTROLLERS[name]
-
-
-def _function(place: str) -> Callable[..., Any]:
-    module, _, name = place.partition(":")
-    return getattr(import_module(module), name)

@@ -27,7 +27,7 @@ class SolveOptions:
     """How a task is solved.
 
     Attributes:
-        planner: A name of `registry.PLANNERS`, a configuration of the default planner, a `Planner`, or any
+        planner: A name of `planning.named.PLANNERS`, a configuration of the default planner, a `Planner`, or any
             `function(task, seed)` that returns a plan or raises `PlanningError`.
         controller: A name of `registry.CONTROLLERS`, or a controller.
         model: Name or file of the deformation model, for a controller named that has one.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from cableway.core.checks import require_choice, require_not_negative, require_range
@@ -96,12 +96,8 @@ class PaperPlannerConfig(PlannerConfig):
     initial_trajectories: tuple[InitialName, ...] = ("head", "tail", "uniform")
 
 
-def paper_planner(*, refined: bool = False) -> PaperPlannerConfig:
-    """The values and variants of the paper (table of key hyperparameters), and nothing else.
-
-    Args:
-        refined: Whether our projection to equilibria and trajectory optimisation follow.
-    """
+def paper_planner() -> PaperPlannerConfig:
+    """The values and variants of the paper (table of key hyperparameters), and nothing else."""
     return PaperPlannerConfig(
         pivot=PivotConfig(method="rrt_star"),
         path_set=PathSetConfig(kind="transfer"),
@@ -114,5 +110,10 @@ def paper_planner(*, refined: bool = False) -> PaperPlannerConfig:
             interpolation="sigmoid",
         ),
         initial_trajectories=("uniform",),
-        projection=ProjectionConfig(kind="optimize" if refined else "none"),
+        projection=ProjectionConfig(kind="none"),
     )
+
+
+def paper_planner_refined() -> PaperPlannerConfig:
+    """The paper's chain, followed by our projection to equilibria and trajectory optimisation."""
+    return replace(paper_planner(), projection=ProjectionConfig(kind="optimize"))

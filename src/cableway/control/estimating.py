@@ -1,0 +1,40 @@
+"""What the states of controllers share that follow a plan and estimate the rod's parameters on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+from cableway.control.following import FollowerState
+from cableway.estimation.rod_filter import RodEstimate, RodEstimator
+from cableway.records import Estimate, Observation
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatingState(FollowerState):
+    """State of a follower that estimates the cable.
+
+    Attributes:
+        estimator: Of the rod's parameters.
+        estimate: The present one.
+    """
+
+    estimator: RodEstimator
+    estimate: RodEstimate
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """See `ControllerState.estimates`."""
+        return self.estimator.estimates(self.estimate)
+
+    def observing(self, observation: Observation | None) -> Self:
+        """After an observation, the grippers tracked with the estimated grasps."""
+        return self.looking(observation, self.estimate.grasps)
+
+    def updated(self) -> Self:
+        """With the estimate brought up to what the tracker has."""
+        tracker = self.tracker
+        estimate = self.estimator.update(
+            self.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence
+        )
+        return replace(self, estimate=estimate)
