@@ -3,52 +3,67 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, make_dataclass
+from typing import Annotated
 
 import numpy as np
 import pytest
 
-from cableway.core.checks import number_fields, require_at_least, require_not_negative, require_positive, require_range
+from cableway.core.checks import Bounds, Checked, NotNegative, Positive
 from cableway.core.errors import InputError
 
 
 @dataclass
-class SomethingConfig:
+class SomethingConfig(Checked):
     """With a number of each kind, and one that may be missing."""
 
-    count: int = 1
-    length: float = 1.0
-    limit: float | None = None
+    count: Positive[int] = 1
+    length: Positive[float] = 1.0
+    limit: Positive[float] | None = None
+
+
+@dataclass
+class OtherConfig(Checked):
+    """With other bounds."""
+
+    count: NotNegative[int] = 1
+    length: NotNegative[float] = 1.0
+    several: Annotated[int, Bounds(2)] = 2
+    share: Annotated[float, Bounds(0, 1)] = 0.5
+    half: Annotated[float, Bounds(0.5, 0.5)] = 0.5
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, "1", True, None])
 def test_a_length_that_is_none_is_refused(value: object) -> None:
     with pytest.raises(InputError, match=r"something\.length must be finite and positive, got "):
-        require_positive(SomethingConfig(length=value), "length")  # pyright: ignore[reportArgumentType]
+        SomethingConfig(length=value)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("value", [0, -1, 1.5, np.nan, "1", True])
 def test_a_count_that_is_none_is_refused(value: object) -> None:
     with pytest.raises(InputError, match=r"something\.count must be whole and positive, got "):
-        require_positive(SomethingConfig(count=value), "count")  # pyright: ignore[reportArgumentType]
+        SomethingConfig(count=value)  # pyright: ignore[reportArgumentType]
 
 
 def test_bounds_themselves_are_taken() -> None:
-    config = SomethingConfig(count=0, length=np.float64(0.0))
-    require_not_negative(config, *number_fields(config))
-    require_range(SomethingConfig(length=0.5), 0.5, 0.5, "length")
-    require_at_least(SomethingConfig(count=int(np.int64(2))), 2, "count")
-    with pytest.raises(InputError, match=r"something\.count must be whole and at least 3, got 2"):
-        require_at_least(SomethingConfig(count=2), 3, "count")
-    with pytest.raises(InputError, match=r"something\.length must be from 0 to 1, got 1\.5"):
-        require_range(SomethingConfig(length=1.5), 0, 1, "length")
+    OtherConfig(count=0, length=np.float64(0.0), several=int(np.int64(2)), half=0.5)
+    OtherConfig(share=0.0), OtherConfig(share=1.0)
+    with pytest.raises(InputError, match=r"other\.several must be whole and at least 2, got 1"):
+        OtherConfig(several=1)
+    with pytest.raises(InputError, match=r"other\.share must be from 0 to 1, got 1\.5"):
+        OtherConfig(share=1.5)
+    with pytest.raises(InputError, match=r"other\.length must be finite and not negative, got inf"):
+        OtherConfig(length=np.inf)
 
 
 def test_a_class_without_deferred_annotations_is_checked_too() -> None:
-    made = make_dataclass("PlainConfig", [("count", int, 1), ("length", float, 1.0), ("name", str, "")])
-    assert number_fields(made()) == ("count", "length")
+    fields = [("count", Positive[int], 1), ("length", Positive[float], 1.0), ("name", str, "")]
+    made = make_dataclass("PlainConfig", fields, bases=(Checked,))
+    assert made().count == 1
     with pytest.raises(InputError, match=r"plain\.count must be whole and positive, got 1\.5"):
-        require_positive(made(count=1.5), "count")
+        made(count=1.5)
 
 
-def test_number_fields_are_those_that_are_always_numbers() -> None:
-    assert number_fields(SomethingConfig()) == ("count", "length")
+def test_only_a_number_that_may_be_missing_may_be_none() -> None:
+    assert SomethingConfig(limit=None).limit is None
+    with pytest.raises(InputError, match=r"something\.limit must be finite and positive, got 0"):
+        SomethingConfig(limit=0.0)

@@ -29,6 +29,11 @@ from cableway.workflow.solve import solve
 STRICT_ERROR = 0.01
 """Stacked shape error [m] below which an episode is a success by the strict rule."""
 
+FROM_REPORT = (
+    "outcome", "success", "planning_time", "shape_error", "least_achievable_error", "mean_keypoint_error", "steps",
+)  # fmt: skip
+"""Figures of a result that are the report's."""
+
 BLOCKED = "blocked"
 """The suite of tasks without a solution."""
 
@@ -235,32 +240,22 @@ def _certified(job: Job, run: Run) -> Result:
 
 def _measured(job: Job, run: Run) -> Result:
     report, rollout = run.report, run.rollout
-    known = _known(job) | {
-        "outcome": report.outcome,
-        "detail": _detail(report),
-        "success": report.success,
-        "planning_time": report.planning_time,
-    }
+    figures = {name: getattr(report, name) for name in FROM_REPORT}
     if rollout is None:
-        return Result(**known, **_unmoved(run.task))
-    times, clearance = report.control_time, rollout.least_clearance
-    return Result(
-        **known,
-        strict=report.success and report.shape_error is not None and report.shape_error < STRICT_ERROR,
-        contact=not clearance > 0,
-        verified=None if report.rollout_verdict is None else report.rollout_verdict.passed,
-        shape_error=report.shape_error,
-        least_achievable_error=report.least_achievable_error,
-        mean_keypoint_error=report.mean_keypoint_error,
-        clearance=clearance,
-        deviation=report.largest_deviation,
-        gripper_travel=None if report.gripper_travel is None else sum(report.gripper_travel),
-        steps=report.steps,
-        recovered=len(rollout.metadata.get("recovered", [])),
-        control_median=times.median if times else None,
-        control_p99=times.p99 if times else None,
-        control_max=times.max if times else None,
-    )
+        figures |= _unmoved(run.task)
+    else:
+        figures |= {
+            "strict": report.success and report.shape_error is not None and report.shape_error < STRICT_ERROR,
+            "contact": not rollout.least_clearance > 0,
+            "clearance": rollout.least_clearance,
+            "recovered": len(rollout.metadata.get("recovered", [])),
+            "verified": None if report.rollout_verdict is None else report.rollout_verdict.passed,
+            "deviation": report.largest_deviation,
+            "gripper_travel": None if report.gripper_travel is None else sum(report.gripper_travel),
+        }
+    if report.control_time is not None:
+        figures |= {f"control_{name}": seconds for name, seconds in asdict(report.control_time).items()}
+    return Result(**_known(job), **figures, detail=_detail(report))
 
 
 def _detail(report: Report) -> str:

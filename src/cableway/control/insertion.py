@@ -19,7 +19,7 @@ from jaxtyping import Float
 from cableway.control.base import Controller
 from cableway.control.estimating import EstimatingState
 from cableway.control.following import FollowerState
-from cableway.core.checks import number_fields, require_not_negative, require_range
+from cableway.core.checks import Checked, NotNegative, Share
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.geometry.groups import SE2
@@ -29,7 +29,7 @@ from cableway.scene.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)
-class InsertionConfig:
+class InsertionConfig(Checked):
     """Settings of `InsertionController`.
 
     Attributes:
@@ -43,15 +43,11 @@ class InsertionConfig:
         InputError: A value is out of range.
     """
 
-    hold: float = 4.0
-    gain: float = 0.15
-    max_span: float = 0.995
-    blind_steps: int = 3
+    hold: NotNegative[float] = 4.0
+    gain: Share = 0.15
+    max_span: NotNegative[float] = 0.995
+    blind_steps: NotNegative[int] = 3
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
-
-    def __post_init__(self) -> None:
-        require_range(self, 0, 1, "gain")
-        require_not_negative(self, *number_fields(self))
 
 
 InsertionConfig.__init__ = renamed_keywords(longest="max_span")(InsertionConfig.__init__)

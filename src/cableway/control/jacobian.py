@@ -25,7 +25,7 @@ from jaxtyping import Float
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import span_limit
-from cableway.core.checks import number_fields, require_choice, require_not_negative, require_positive
+from cableway.core.checks import Checked, NotNegative, Positive, require_choice
 from cableway.core.deprecation import renamed_keywords
 from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan
@@ -36,7 +36,7 @@ Source = Literal["rod", "broyden"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class JacobianConfig:
+class JacobianConfig(Checked):
     """Settings of `JacobianFeedback`; the defaults are those for the rod's derivative, `broyden()` has the other ones.
 
     Attributes:
@@ -56,20 +56,19 @@ class JacobianConfig:
     """
 
     source: Source = "rod"
-    gain: float = 0.3
-    damping: float = 0.3
-    turn_lever: float = 0.05
-    learning_rate: float = 0.3
-    least_motion: float = 0.001
-    max_span: float = 0.995
-    hold: float = 1.5
-    blind_steps: int = 3
-    unseen_steps: int = 10
+    gain: NotNegative[float] = 0.3
+    damping: Positive[float] = 0.3
+    turn_lever: Positive[float] = 0.05
+    learning_rate: NotNegative[float] = 0.3
+    least_motion: Positive[float] = 0.001
+    max_span: NotNegative[float] = 0.995
+    hold: NotNegative[float] = 1.5
+    blind_steps: NotNegative[int] = 3
+    unseen_steps: NotNegative[int] = 10
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_choice("source", self.source, Source)
-        require_positive(self, "damping", "turn_lever", "least_motion")
-        require_not_negative(self, *number_fields(self))
 
     @classmethod
     def broyden(cls) -> JacobianConfig:

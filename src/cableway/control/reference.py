@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import require_not_negative
+from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
 from cableway.records import Plan
@@ -15,7 +15,7 @@ from cableway.scene.task import CONTROL_STEP, Task
 
 
 @dataclass(frozen=True)
-class PlanReference:
+class PlanReference(Checked):
     """A plan by time: its first row while the start settles, then one row a control step, then its last row.
 
     Attributes:
@@ -24,10 +24,7 @@ class PlanReference:
     """
 
     plan: Plan
-    hold: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_not_negative(self, "hold")
+    hold: NotNegative[float] = 0.0
 
     @property
     def held_steps(self) -> int:

@@ -35,7 +35,7 @@ from cableway.control.base import Controller, Status
 from cableway.control.estimating import EstimatingState
 from cableway.control.following import FollowerState
 from cableway.control.limits import span_limit, within_limits
-from cableway.core.checks import number_fields, require_not_negative, require_positive
+from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
@@ -71,7 +71,7 @@ SURE = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class RodMPCConfig:
+class RodMPCConfig(Checked):
     """Settings of `RodMPC`. Only ratios of weights count.
 
     Attributes:
@@ -92,21 +92,17 @@ class RodMPCConfig:
         InputError: A value is out of range.
     """
 
-    horizon: int = 3
-    tracking_weight: float = 1.0
-    turn_lever: float = 0.05
-    clearance_weight: float = 30.0
-    threshold: float = 0.006
-    soft_span: float = 0.985
-    max_span: float = 0.995
-    hold: float = 1.5
-    blind_steps: int = 3
-    unseen_steps: int = 10
+    horizon: Positive[int] = 3
+    tracking_weight: Positive[float] = 1.0
+    turn_lever: Positive[float] = 0.05
+    clearance_weight: NotNegative[float] = 30.0
+    threshold: NotNegative[float] = 0.006
+    soft_span: Positive[float] = 0.985
+    max_span: Positive[float] = 0.995
+    hold: NotNegative[float] = 1.5
+    blind_steps: NotNegative[int] = 3
+    unseen_steps: NotNegative[int] = 10
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
-
-    def __post_init__(self) -> None:
-        require_positive(self, "horizon", "tracking_weight", "turn_lever", "soft_span", "max_span")
-        require_not_negative(self, *number_fields(self))
 
     @property
     def weights(self) -> tuple[float, ...]:

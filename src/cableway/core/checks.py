@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 import reprlib
-from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import dataclass
+from functools import cache
 from numbers import Integral, Real
-from typing import Any, get_args
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 from cableway.core.errors import InputError, UnknownNameError
 
@@ -37,45 +37,66 @@ def section(kind: type) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", kind.__name__.removesuffix("Config")).lower()
 
 
-def number_fields(config: Any) -> tuple[str, ...]:
-    """Names of the fields of a config that are declared as numbers."""
-    return tuple(entry.name for entry in fields(config) if entry.type in ("float", "int", float, int))
+@dataclass(frozen=True)
+class Bounds:
+    """An annotation: the numbers that a field of a `Checked` accepts, all of them finite.
+
+    Attributes:
+        least: The smallest.
+        most: The largest.
+        open: Whether `least` itself is refused.
+    """
+
+    least: float
+    most: float = math.inf
+    open: bool = False
+
+    def hold(self, value: Any, whole: bool) -> bool:
+        """Whether a value is such a number, and whole where it has to be."""
+        if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
+            return False
+        number: Any = value
+        return self.least <= number <= self.most and number < math.inf and not (self.open and number == self.least)
+
+    def in_words(self, whole: bool) -> str:
+        """What messages say that a number must be."""
+        if self.most < math.inf:
+            return f"from {self.least:g} to {self.most:g}"
+        bound = "positive" if self.open else f"at least {self.least:g}" if self.least else "not negative"
+        return f"{'whole' if whole else 'finite'} and {bound}"
 
 
-def require_positive(config: object, *names: str) -> None:
-    """Check that the named fields of a config are positive and finite.
+Number = TypeVar("Number")
+Positive = Annotated[Number, Bounds(0, open=True)]
+NotNegative = Annotated[Number, Bounds(0)]
+Share = Annotated[float, Bounds(0, 1)]
+
+
+class Checked:
+    """A dataclass that checks its numbers against the `Bounds` in the types of its fields; None may stay None.
 
     Raises:
-        InputError: One is not, or is not a number.
+        InputError: One is out of bounds, or is not a number.
     """
-    _require(config, names, lambda value: 0 < value < math.inf, "{} and positive")
+
+    def __post_init__(self) -> None:
+        for name, whole, bounds, optional in _bounded(type(self)):
+            value = getattr(self, name)
+            if not (optional and value is None) and not bounds.hold(value, whole):
+                raise InputError(f"{section(type(self))}.{name} must be {bounds.in_words(whole)}, got {value!r}")
 
 
-def require_not_negative(config: object, *names: str) -> None:
-    """Check that the named fields of a config are finite and not negative.
-
-    Raises:
-        InputError: One is not, or is not a number.
-    """
-    _require(config, names, lambda value: 0 <= value < math.inf, "{} and not negative")
-
-
-def require_at_least(config: object, least: float, *names: str) -> None:
-    """Check that the named fields of a config are finite and not below a number.
-
-    Raises:
-        InputError: One is not, or is not a number.
-    """
-    _require(config, names, lambda value: least <= value < math.inf, f"{{}} and at least {least:g}")
-
-
-def require_range(config: object, low: float, high: float, *names: str) -> None:
-    """Check that the named fields of a config lie in [low, high].
-
-    Raises:
-        InputError: One does not, or is not a number.
-    """
-    _require(config, names, lambda value: low <= value <= high, f"from {low:g} to {high:g}")
+@cache
+def _bounded(kind: type) -> list[tuple[str, bool, Bounds, bool]]:
+    """Fields with bounds: name, whether they are whole, bounds, whether they may be None."""
+    found = []
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        arms = (hint,) if get_origin(hint) is Annotated else get_args(hint)
+        for arm in arms:
+            for note in getattr(arm, "__metadata__", ()):
+                if isinstance(note, Bounds):
+                    found.append((name, arm.__origin__ is int, note, type(None) in arms))
+    return found
 
 
 def require_choice(kind: str, value: str, choices: Any) -> None:
@@ -86,12 +107,3 @@ def require_choice(kind: str, value: str, choices: Any) -> None:
     """
     if value not in get_args(choices):
         raise UnknownNameError(kind, value, get_args(choices))
-
-
-def _require(config: Any, names: tuple[str, ...], holds: Callable[[Any], bool], what: str) -> None:
-    declared = {entry.name: entry.type for entry in fields(config)}
-    for name in names:
-        value, whole = getattr(config, name), declared[name] in ("int", int)
-        if isinstance(value, bool) or not isinstance(value, Integral if whole else Real) or not holds(value):
-            wanted = what.format("whole" if whole else "finite")
-            raise InputError(f"{section(type(config))}.{name} must be {wanted}, got {value!r}")

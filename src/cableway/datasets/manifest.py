@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cableway.core.checks import require_not_negative, require_positive
+from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import write_json
@@ -69,7 +69,7 @@ class Column:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shard:
+class Shard(Checked):
     """One file of a data set.
 
     Attributes:
@@ -86,22 +86,21 @@ class Shard:
 
     file: str
     sha256: str
-    first_episode: int
-    episodes: int
-    transitions: int
+    first_episode: NotNegative[int]
+    episodes: Positive[int]
+    transitions: NotNegative[int]
     ended: dict[str, int]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not re.fullmatch(r"shard-\d{6,}\.safetensors", self.file):
             raise InputError(f"shard.file must be shard-NUMBER.safetensors, got {self.file!r}")
         if not re.fullmatch(r"[0-9a-f]{64}", self.sha256):
             raise InputError(f"shard.sha256 must be 64 hexadecimal digits, got {self.sha256!r}")
-        require_not_negative(self, "first_episode", "transitions")
-        require_positive(self, "episodes")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Manifest:
+class Manifest(Checked):
     """What `manifest.json` holds.
 
     Attributes:
@@ -122,15 +121,12 @@ class Manifest:
     format: Literal["cableway-transitions"] = FORMAT
     version: Literal[1] = VERSION
     complete: bool
-    transitions: int
-    seed: int
+    transitions: NotNegative[int]
+    seed: NotNegative[int]
     config: dict[str, Any]
     versions: dict[str, str]
     columns: dict[str, Column]
     shards: list[Shard]
-
-    def __post_init__(self) -> None:
-        require_not_negative(self, "transitions", "seed")
 
     @property
     def episodes_ended(self) -> dict[str, int]:

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import number_fields, require_at_least, require_not_negative, require_range
+from cableway.core.checks import Bounds, Checked, NotNegative, Share
 from cableway.estimation import rod_kernels
 from cableway.records import Estimate
 from cableway.rod import material
@@ -34,7 +35,7 @@ JUMP = 0.015
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatorConfig:
+class EstimatorConfig(Checked):
     """Settings of the estimation.
 
     Attributes:
@@ -53,21 +54,16 @@ class EstimatorConfig:
         InputError: A value is out of range.
     """
 
-    length: float = 0.02
-    stiffness: float = 0.5
-    curvature: float = 1.0
-    grasp: float = 0.004
-    grasp_turn: float = 0.06
-    memory: float = 30.0
-    noise: float = 0.004
-    lag: float = 0.1
-    outlier: float = 3.0
-    offset_gain: float = 0.2
-
-    def __post_init__(self) -> None:
-        require_at_least(self, 1e-9, "memory", "noise", "outlier")
-        require_range(self, 0, 1, "offset_gain")
-        require_not_negative(self, *number_fields(self))
+    length: NotNegative[float] = 0.02
+    stiffness: NotNegative[float] = 0.5
+    curvature: NotNegative[float] = 1.0
+    grasp: NotNegative[float] = 0.004
+    grasp_turn: NotNegative[float] = 0.06
+    memory: Annotated[float, Bounds(1e-9)] = 30.0
+    noise: Annotated[float, Bounds(1e-9)] = 0.004
+    lag: NotNegative[float] = 0.1
+    outlier: Annotated[float, Bounds(1e-9)] = 3.0
+    offset_gain: Share = 0.2
 
     @classmethod
     def nominal(cls, offset_gain: float = 0.2) -> EstimatorConfig:

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from cableway.core.checks import require_range
+from cableway.core.checks import Bounds, Checked
 from cableway.scene.bodies import Body
 from cableway.scene.cable import Cable
 from cableway.scene.task import Task
 
 
 @dataclass(frozen=True, kw_only=True)
-class Margins:
+class Margins(Checked):
     """What a shape keeps beyond not touching and not snapping.
 
     Attributes:
@@ -27,15 +27,10 @@ class Margins:
         self_distance: Of the cable's surface from itself [m].
     """
 
-    clearance: float = 0.005
-    stability: float = 15.0
-    gripper_span: float = 0.985
-    self_distance: float = 0.001
-
-    def __post_init__(self) -> None:
-        require_range(self, 0, 1, "clearance", "self_distance")
-        require_range(self, 0, 40, "stability")
-        require_range(self, 1e-3, 1, "gripper_span")
+    clearance: Annotated[float, Bounds(0, 1)] = 0.005
+    stability: Annotated[float, Bounds(0, 40)] = 15.0
+    gripper_span: Annotated[float, Bounds(1e-3, 1)] = 0.985
+    self_distance: Annotated[float, Bounds(0, 1)] = 0.001
 
 
 class ShapeLimits(NamedTuple):

@@ -47,7 +47,7 @@ def body_shortfall(
 
 
 def span_excess(
-    poses: Float[np.ndarray, "t 2 3"], most: float, least: float
+    poses: Float[np.ndarray, "t 2 3"], most: float | Float[np.ndarray, "t"], least: float
 ) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, "t 2 2 3"]]:
     """How far [m] the gripper span is above `most` and below `least` [m], and the slopes by the gripper poses."""
     space, dof = SE2.space, SE2.dof

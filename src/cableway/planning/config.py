@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pkgutil import resolve_name
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
-from cableway.core.checks import require_choice, require_range
+from cableway.core.checks import Bounds, Checked, require_choice
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.planning.named import PLANNERS
@@ -22,7 +22,7 @@ InitialName = Literal[
 
 
 @dataclass(frozen=True, kw_only=True)
-class PivotConfig:
+class PivotConfig(Checked):
     """How the path of the cable's centre is found.
 
     Attributes:
@@ -34,17 +34,14 @@ class PivotConfig:
     """
 
     method: PivotMethod = "grid"
-    length_weight: float = 1.0
-    clearance_weight: float = 1.0
-    resolution: float = 0.005
-    iterations: int = 2000
+    length_weight: Annotated[float, Bounds(1e-6, 1e6)] = 1.0
+    clearance_weight: Annotated[float, Bounds(0, 1e6)] = 1.0
+    resolution: Annotated[float, Bounds(1e-4, 0.1)] = 0.005
+    iterations: Annotated[int, Bounds(1, 10**7)] = 2000
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_choice("pivot method", self.method, PivotMethod)
-        require_range(self, 1e-6, 1e6, "length_weight")
-        require_range(self, 0, 1e6, "clearance_weight")
-        require_range(self, 1e-4, 0.1, "resolution")
-        require_range(self, 1, 10**7, "iterations")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import require_choice, require_range
+from cableway.core.checks import Bounds, Checked, require_choice
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
@@ -44,7 +44,7 @@ KEYPOINT_STEP = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProjectionConfig:
+class ProjectionConfig(Checked):
     """How a sequence of shapes becomes one that the cable takes.
 
     Attributes:
@@ -60,17 +60,14 @@ class ProjectionConfig:
 
     kind: Kind = "replan"
     optimization: TrajectoryOptimizationConfig = field(default_factory=TrajectoryOptimizationConfig)
-    row_step: float = 0.012
-    lag: float = 0.005
-    damping_time: float = 0.2
-    fit_tolerance: float = 0.01
+    row_step: Annotated[float, Bounds(1e-4, 1)] = 0.012
+    lag: Annotated[float, Bounds(1e-5, 1)] = 0.005
+    damping_time: Annotated[float, Bounds(0, 10)] = 0.2
+    fit_tolerance: Annotated[float, Bounds(0, 1)] = 0.01
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_choice("projection", self.kind, Kind)
-        require_range(self, 1e-4, 1, "row_step")
-        require_range(self, 1e-5, 1, "lag")
-        require_range(self, 0, 10, "damping_time")
-        require_range(self, 0, 1, "fit_tolerance")
 
 
 ProjectionConfig.__init__ = renamed_keywords(refinement="optimization")(ProjectionConfig.__init__)

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import require_range
+from cableway.core.checks import Bounds, Checked
 from cableway.core.deprecation import renamed
 from cableway.core.errors import PlanningError
 from cableway.motion.limits import Margins
@@ -40,7 +41,7 @@ TUBE_STEP = 0.012
 
 
 @dataclass(frozen=True, kw_only=True)
-class RRTConnectConfig:
+class RRTConnectConfig(Checked):
     """How trees of equilibria grow.
 
     Attributes:
@@ -52,17 +53,12 @@ class RRTConnectConfig:
         tube: Standard deviations about the shapes of another trajectory [m, m, rad, -, -, -].
     """
 
-    samples: int = 6000
-    step: float = 0.006
+    samples: Annotated[int, Bounds(1, 10**7)] = 6000
+    step: Annotated[float, Bounds(1e-4, 1)] = 0.006
     margins: Margins = field(default_factory=Margins)
     load_spread: tuple[float, float, float] = (8.0, 8.0, 2.0)
-    corridor: float = 0.05
+    corridor: Annotated[float, Bounds(0, 1)] = 0.05
     tube: tuple[float, float, float, float, float, float] = (0.03, 0.03, 0.4, 6.0, 6.0, 1.5)
-
-    def __post_init__(self) -> None:
-        require_range(self, 1, 10**7, "samples")
-        require_range(self, 1e-4, 1, "step")
-        require_range(self, 0, 1, "corridor")
 
 
 def anywhere(task: Task, config: RRTConnectConfig) -> Sampler:

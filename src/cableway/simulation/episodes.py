@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from cableway.core.checks import require_not_negative, require_positive
+from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.errors import SimulationError
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
@@ -24,7 +24,7 @@ GRASP_TOLERANCE = 0.002
 
 
 @dataclass(frozen=True, kw_only=True)
-class CollectionConfig:
+class CollectionConfig(Checked):
     """What is collected.
 
     An episode starts at rest in a random stable shape and ends after `episode_steps` or before the first of: a sharp
@@ -51,23 +51,21 @@ class CollectionConfig:
         InputError: A value is out of range.
     """
 
-    transitions: int = 60_000
-    seed: int = 0
-    episode_steps: int = 60
+    transitions: Positive[int] = 60_000
+    seed: NotNegative[int] = 0
+    episode_steps: Positive[int] = 60
     time_step: float = PlantConfig.time_step
-    sharpest_bend: float = 20.0
-    most_stretch: float = 0.985
-    largest_jump: float = 4.0
-    shard_episodes: int = 500
+    sharpest_bend: Positive[float] = 20.0
+    most_stretch: Positive[float] = 0.985
+    largest_jump: Positive[float] = 4.0
+    shard_episodes: Positive[int] = 500
     task: str | None = None
     cable: Cable = field(default_factory=Cable)
     ranges: dict[str, tuple[float, float]] | Literal["preset"] | None = None
     motion: MotionConfig = field(default_factory=MotionConfig)
 
     def __post_init__(self) -> None:
-        require_positive(self, "transitions", "episode_steps", "shard_episodes")
-        require_not_negative(self, "seed")
-        require_positive(self, "sharpest_bend", "most_stretch", "largest_jump")
+        super().__post_init__()
         PlantConfig(time_step=self.time_step)
         if self.ranges == "preset":
             object.__setattr__(self, "ranges", preset_ranges(str(self.cable.preset)))

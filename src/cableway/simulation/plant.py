@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import require_positive
+from cableway.core.checks import Checked, Positive
 from cableway.core.errors import InputError, SimulationError
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import equilibria_at
@@ -30,7 +30,7 @@ REFINEMENT = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlantConfig:
+class PlantConfig(Checked):
     """How the plant is simulated.
 
     Attributes:
@@ -44,14 +44,14 @@ class PlantConfig:
         InputError: A value is out of range.
     """
 
-    time_step: float = 0.005
-    control_step: float = CONTROL_STEP
-    pressed: float = 0.0008
-    largest_step: float = 0.05
-    largest_turn: float = 0.5
+    time_step: Positive[float] = 0.005
+    control_step: Positive[float] = CONTROL_STEP
+    pressed: Positive[float] = 0.0008
+    largest_step: Positive[float] = 0.05
+    largest_turn: Positive[float] = 0.5
 
     def __post_init__(self) -> None:
-        require_positive(self, "time_step", "control_step", "pressed", "largest_step", "largest_turn")
+        super().__post_init__()
         if self.time_step > 0.02:
             raise InputError(f"plant.time_step must be at most 0.02 s, got {self.time_step!r}")
         if self.control_step > 1.0:

@@ -20,7 +20,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import require_not_negative, require_positive
+from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.errors import InputError
 from cableway.motion.time_parametrization import gripper_effort
 from cableway.motion.validity import first_fault
@@ -43,7 +43,7 @@ RAMP = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionConfig:
+class MotionConfig(Checked):
     """How grippers move at random.
 
     Attributes:
@@ -70,26 +70,25 @@ class MotionConfig:
         InputError: A value is out of range.
     """
 
-    max_step: float = Grippers.max_step
-    max_turn: float = Grippers.max_turn
+    max_step: Positive[float] = Grippers.max_step
+    max_turn: Positive[float] = Grippers.max_turn
     speed: tuple[float, float] = (0.2, 1.0)
-    jitter: float = 0.2
+    jitter: NotNegative[float] = 0.2
     jitter_memory: float = 0.8
     longest_rest: int = 5
-    area: float = 0.7
-    travel: float = 0.12
-    rotation: float = 0.5
+    area: Positive[float] = 0.7
+    travel: NotNegative[float] = 0.12
+    rotation: NotNegative[float] = 0.5
     load_mean: tuple[float, float, float] = (-10.0, 0.0, 0.0)
     load_spread: tuple[float, float, float] = (14.0, 7.0, 3.5)
-    load_scale: float = 1.2
+    load_scale: NotNegative[float] = 1.2
     least_stability: float = 15.0
-    most_stretch: float = 0.97
+    most_stretch: Positive[float] = 0.97
     kinds: tuple[Kind, ...] = ("any",)
     clearance: tuple[float, float] = (0.005, 0.04)
 
     def __post_init__(self) -> None:
-        require_positive(self, "max_step", "max_turn", "area", "most_stretch")
-        require_not_negative(self, "jitter", "travel", "rotation", "load_scale")
+        super().__post_init__()
         _require(0 < self.speed[0] <= self.speed[1] <= 1, "speed", "two ascending shares in (0, 1]", self.speed)
         _require(0 <= self.jitter_memory < 1, "jitter_memory", "in [0, 1)", self.jitter_memory)
         _require(self.longest_rest >= 0, "longest_rest", "not negative", self.longest_rest)

@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import require_range
+from cableway.core.checks import Bounds, Checked
 from cableway.core.errors import InputError, SimulationError
 from cableway.geometry.groups import SE2
 from cableway.records import Measurement, Observation
@@ -64,7 +65,7 @@ STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 @dataclass(frozen=True, kw_only=True)
-class TableConfig:
+class TableConfig(Checked):
     """What the table plant is.
 
     Attributes:
@@ -80,21 +81,16 @@ class TableConfig:
         InputError: A value is out of range.
     """
 
-    segments: int = 41
-    time_step: float = 0.0025
-    friction: float = 0.3
-    across: float = 1.0
-    obstacle_friction: float = 0.3
-    obstacle_height: float = 0.05
-    servo_time: float = 0.05
+    segments: Annotated[int, Bounds(10, 200)] = 41
+    time_step: Annotated[float, Bounds(5e-4, 5e-3)] = 0.0025
+    friction: Annotated[float, Bounds(0, 3)] = 0.3
+    across: Annotated[float, Bounds(0.1, 10)] = 1.0
+    obstacle_friction: Annotated[float, Bounds(0, 3)] = 0.3
+    obstacle_height: Annotated[float, Bounds(0.01, 1)] = 0.05
+    servo_time: Annotated[float, Bounds(0, 1)] = 0.05
 
     def __post_init__(self) -> None:
-        require_range(self, 10, 200, "segments")
-        require_range(self, 5e-4, 5e-3, "time_step")
-        require_range(self, 0, 3, "friction", "obstacle_friction")
-        require_range(self, 0.1, 10, "across")
-        require_range(self, 0.01, 1, "obstacle_height")
-        require_range(self, 0, 1, "servo_time")
+        super().__post_init__()
         if abs(CONTROL_STEP / self.time_step - self.substeps) > 1e-6:
             raise InputError(f"table.time_step must divide {CONTROL_STEP} s, got {self.time_step!r}")
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import number_fields, require_not_negative
+from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
 from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
@@ -22,7 +22,7 @@ from cableway.tracking.stopping import Ending
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recovery:
+class Recovery(Checked):
     """What happens when the cable leaves its plan for good: it snapped to another shape, slipped, or is blocked.
 
     The same happens when the scene of the plant's task turns out to have something where the plan leads; controllers
@@ -47,15 +47,12 @@ class Recovery:
     """
 
     replan: Callable[[Task, Plan], Plan]
-    times: int = 2
-    start: float = 0.015
-    deviation: float = 0.05
-    patience: float = 0.3
-    rest: float = 1.0
-    room: float = 0.006
-
-    def __post_init__(self) -> None:
-        require_not_negative(self, *number_fields(self))
+    times: NotNegative[int] = 2
+    start: NotNegative[float] = 0.015
+    deviation: NotNegative[float] = 0.05
+    patience: NotNegative[float] = 0.3
+    rest: NotNegative[float] = 1.0
+    room: NotNegative[float] = 0.006
 
 
 class Watch:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cableway.control.base import ControllerState
-from cableway.core.checks import number_fields, require_not_negative
+from cableway.core.checks import Checked, NotNegative
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
 
@@ -22,7 +22,7 @@ class Ending(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackConfig:
+class TrackConfig(Checked):
     """When a run ends.
 
     After the last row of the reference the run goes on until the shape error is small or has stopped falling.
@@ -35,14 +35,11 @@ class TrackConfig:
         overtime: Longest time [s] beyond the plan's own duration, standing still and settling included.
     """
 
-    settle_time: float = 5.0
-    patience: float = 1.0
-    improvement: float = 0.05
-    small_error: float = 5e-4
-    overtime: float = 30.0
-
-    def __post_init__(self) -> None:
-        require_not_negative(self, *number_fields(self))
+    settle_time: NotNegative[float] = 5.0
+    patience: NotNegative[float] = 1.0
+    improvement: NotNegative[float] = 0.05
+    small_error: NotNegative[float] = 5e-4
+    overtime: NotNegative[float] = 30.0
 
 
 class StopRule:

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from cableway.control.base import Controller, ControllerState, Status
 from cableway.control.jacobian import blend_jacobian
 from cableway.control.limits import last_filter, within_limits
-from cableway.core.checks import number_fields, require_not_negative, require_positive
+from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.errors import ControlError
 from cableway.estimation.gating import FAR, poses_usable
 from cableway.geometry.groups import SE2
@@ -46,7 +46,7 @@ CUT = "; cut to the limits"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watchdog:
+class Watchdog(Checked):
     """When a controller's step counts as missed, and for how long that is tolerated.
 
     Attributes:
@@ -60,15 +60,10 @@ class Watchdog:
         InputError: A value is out of range.
     """
 
-    deadline: float | None = None
-    margin: float = 0.005
-    patience: float = 3.0
+    deadline: Positive[float] | None = None
+    margin: NotNegative[float] = 0.005
+    patience: NotNegative[float] = 3.0
     clock: Callable[[], float] = time.perf_counter
-
-    def __post_init__(self) -> None:
-        if self.deadline is not None:
-            require_positive(self, "deadline")
-        require_not_negative(self, *number_fields(self))
 
 
 @dataclass(frozen=True)

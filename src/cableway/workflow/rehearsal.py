@@ -18,7 +18,7 @@ import numpy as np
 
 from cableway.control.base import Controller
 from cableway.control.rod_mpc import RodMPC
-from cableway.core.checks import number_fields, require_positive
+from cableway.core.checks import Checked, Positive
 from cableway.core.errors import PlanningError, SimulationError
 from cableway.records import Plan
 from cableway.scene.task import Task
@@ -27,7 +27,7 @@ from cableway.tracking import Plant, track
 
 
 @dataclass(frozen=True, kw_only=True)
-class RehearsalConfig:
+class RehearsalConfig(Checked):
     """When a rehearsal is good enough.
 
     Attributes:
@@ -40,13 +40,10 @@ class RehearsalConfig:
         InputError: A value is out of range.
     """
 
-    plans: int = 8
-    deviation: float = 0.01
-    clearance: float = 0.004
-    shape_error: float = 0.01
-
-    def __post_init__(self) -> None:
-        require_positive(self, *number_fields(self))
+    plans: Positive[int] = 8
+    deviation: Positive[float] = 0.01
+    clearance: Positive[float] = 0.004
+    shape_error: Positive[float] = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)

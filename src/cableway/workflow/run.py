@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cableway.control.base import Controller
-from cableway.core.checks import require_positive
+from cableway.core.checks import Checked, Positive
 from cableway.core.errors import InputError
 from cableway.planning.config import PlannerConfig
 from cableway.planning.planner import plan as find_plan
@@ -23,7 +23,7 @@ TIME_LIMIT = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class SolveOptions:
+class SolveOptions(Checked):
     """How a task is solved.
 
     Attributes:
@@ -58,7 +58,7 @@ class SolveOptions:
     alternatives: int = 1
     perturbation: Perturbation = field(default_factory=Perturbation)
     seed: int = 0
-    time_limit: float = TIME_LIMIT
+    time_limit: Positive[float] = TIME_LIMIT
     rehearse: bool = True
     follow_unverified: bool = False
     track: bool = True
@@ -66,7 +66,7 @@ class SolveOptions:
     deadline: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(self, "time_limit")
+        super().__post_init__()
         Watchdog(deadline=self.deadline)  # checks it
         if self.alternatives < 1:
             raise InputError(f"alternatives must be 1 or more, got {self.alternatives}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import require_positive
+from cableway.core.checks import Checked, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
@@ -25,7 +25,7 @@ Offset = tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class GraspConfig:
+class GraspConfig(Checked):
     """Where the ends of the cable are in the frames of the grippers: (dx, dy, dtheta) [m, m, rad].
 
     Attributes:
@@ -41,11 +41,12 @@ class GraspConfig:
 
     left: Offset = (0.0, 0.0, 0.0)
     right: Offset = (0.0, 0.0, 0.0)
-    slip_time: float | None = None
+    slip_time: Positive[float] | None = None
     left_after: Offset = (0.0, 0.0, 0.0)
     right_after: Offset = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("left", "right", "left_after", "right_after"):
             value = np.asarray(getattr(self, name), float)
             if value.shape != (3,) or not np.isfinite(value).all():
@@ -54,8 +55,6 @@ class GraspConfig:
                 raise InputError(
                     f"grasp.{name} must be within {MOST_SHIFT:g} m and {MOST_TURN:g} rad, got {value.tolist()}"
                 )
-        if self.slip_time is not None:
-            require_positive(self, "slip_time")
 
     def offsets(self, time: float) -> Float[np.ndarray, "2 3"]:
         """Offsets of both ends at a time [s]."""

@@ -15,11 +15,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import require_range
+from cableway.core.checks import Bounds, Checked, Share
 from cableway.core.errors import InputError
 from cableway.records import Measurement, Observation
 from cableway.scene.task import Task
@@ -35,7 +36,7 @@ LONGEST_DELAY = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensingConfig:
+class SensingConfig(Checked):
     """What is lost between plant and controller; nothing by default.
 
     Attributes:
@@ -51,19 +52,13 @@ class SensingConfig:
         InputError: A value is out of range.
     """
 
-    keypoint_noise: float = 0.0
-    frame_rate: float | None = None
-    drop_rate: float = 0.0
-    occlusion_rate: float = 0.0
-    occluded_share: float = 0.3
-    measurement_delay: float = 0.0
-    action_delay: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_range(self, 0, 1, "keypoint_noise", "drop_rate", "occlusion_rate", "occluded_share")
-        require_range(self, 0, LONGEST_DELAY, "measurement_delay", "action_delay")
-        if self.frame_rate is not None:
-            require_range(self, 0.1, 1000, "frame_rate")
+    keypoint_noise: Annotated[float, Bounds(0, 1)] = 0.0
+    frame_rate: Annotated[float, Bounds(0.1, 1000)] | None = None
+    drop_rate: Share = 0.0
+    occlusion_rate: Share = 0.0
+    occluded_share: Share = 0.3
+    measurement_delay: Annotated[float, Bounds(0, LONGEST_DELAY)] = 0.0
+    action_delay: Annotated[float, Bounds(0, LONGEST_DELAY)] = 0.0
 
 
 @dataclass(frozen=True)

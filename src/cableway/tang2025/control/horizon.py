@@ -70,8 +70,8 @@ class HorizonCost:
             self._cable_clearance(shapes),
             self._gripper_clearance(reached),
             terms.separation(
-                reached[:, 1, :2] - reached[:, 0, :2],
-                derivative[:, 1, :2] - derivative[:, 0, :2],
+                reached,
+                derivative,
                 self._task.grippers.separation,
                 span_limit(target.poses, cable.length, config.soft_span),
                 config.span_weight,

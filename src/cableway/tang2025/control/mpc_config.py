@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cableway.core.checks import number_fields, require_choice, require_not_negative, require_positive, require_range
+from cableway.core.checks import Checked, NotNegative, Positive, Share, require_choice
 from cableway.core.deprecation import renamed_keywords
 from cableway.tang2025.control.terms import Profile
 
@@ -13,7 +13,7 @@ ADAPT_EVERY = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class MPCConfig:
+class MPCConfig(Checked):
     """Settings of `NeuralMPC`; `paper()` gives those of Tang et al., the defaults are ours.
 
     Attributes:
@@ -41,33 +41,30 @@ class MPCConfig:
         unseen_steps: Steps in a row that go on without keypoints before the grippers stop.
     """
 
-    horizon: int = 5
-    iterations: int = 1
-    tolerance: float = 1e-3
-    tracking_weight: float = 150.0
-    obstacle_weight: float = 1e5
-    control_weight: float = 1e4
-    pose_weight: float = 300.0
-    turn_lever: float = 0.1
+    horizon: Positive[int] = 5
+    iterations: Positive[int] = 1
+    tolerance: NotNegative[float] = 1e-3
+    tracking_weight: Positive[float] = 150.0
+    obstacle_weight: NotNegative[float] = 1e5
+    control_weight: Positive[float] = 1e4
+    pose_weight: NotNegative[float] = 300.0
+    turn_lever: Positive[float] = 0.1
     profile: Profile = "hinge"
-    threshold: float = 0.005
-    pieces: int = 3
+    threshold: Positive[float] = 0.005
+    pieces: Positive[int] = 3
     feedforward: bool = True
-    offset_gain: float = 0.2
-    soft_span: float = 0.985
-    span_weight: float = 1e5
-    max_span: float = 0.995
-    adapt_every: int = 0
-    hold: float = 1.5
-    blind_steps: int = 3
-    unseen_steps: int = 10
+    offset_gain: Share = 0.2
+    soft_span: Positive[float] = 0.985
+    span_weight: NotNegative[float] = 1e5
+    max_span: Positive[float] = 0.995
+    adapt_every: NotNegative[int] = 0
+    hold: NotNegative[float] = 1.5
+    blind_steps: NotNegative[int] = 3
+    unseen_steps: NotNegative[int] = 10
 
     def __post_init__(self) -> None:
-        require_positive(self, "horizon", "iterations", "pieces")
-        require_positive(self, "tracking_weight", "control_weight", "turn_lever", "threshold", "soft_span", "max_span")
-        require_range(self, 0, 1, "offset_gain")
+        super().__post_init__()
         require_choice("profile", self.profile, Profile)
-        require_not_negative(self, *number_fields(self))
 
     @classmethod
     def paper(cls) -> MPCConfig:

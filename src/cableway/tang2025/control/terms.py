@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import convex
+from cableway.motion.terms import clearance_shortfall, span_excess
 
 Term = tuple[Float[np.ndarray, "m"], Callable[[Float[np.ndarray, "H n 2 a"]], Float[np.ndarray, "m a"]]]
 
@@ -68,34 +69,27 @@ def clearance(
     Returns:
         Residuals, derivative, and the indices of the points that have one.
     """
-    distance, gradient, _ = convex.signed_distance(points, world)
-    phi = distance - radius
-    near = np.flatnonzero(phi < threshold)
-    phi = phi[near]
+    short, slope = clearance_shortfall(points, world, radius + threshold)
+    near = np.flatnonzero(short)
+    short, slope = short[near], slope[near]
     if profile == "hinge":
         root = np.sqrt(weight)
-        return root * (threshold - phi), -root * gradient[near], near
-    root, least = np.sqrt(2 * weight), LEAST_BARRIER_SHARE * threshold
-    clipped = np.maximum(phi, least)
+        return root * short, root * slope, near
+    root, phi = np.sqrt(2 * weight), threshold - short
+    clipped = np.maximum(phi, LEAST_BARRIER_SHARE * threshold)
     residual = root * (1 / clipped - 1 / threshold + (clipped - phi) / clipped**2)
-    return residual, -root * gradient[near] / clipped[:, None] ** 2, near
+    return residual, root * slope / clipped[:, None] ** 2, near
 
 
 def separation(
-    gaps: Float[np.ndarray, "H 2"],
-    derivative: Float[np.ndarray, "H 2 a"],
+    poses: Float[np.ndarray, "H 2 3"],
+    derivative: Float[np.ndarray, "H 2 3 a"],
     least: float,
     most: Float[np.ndarray, "H"],
     weight: float,
 ) -> Term:
     """weight/2 times the squares of how far the distance between the grippers [m] is outside [least, most]."""
-    distance = np.linalg.norm(gaps, axis=-1)
-    over, under = np.maximum(distance - most, 0.0), np.maximum(least - distance, 0.0)
-    active = np.flatnonzero(over + under > 0.0)
+    over, slope = span_excess(poses, most, least)
+    row, side = np.nonzero(over)
     root = np.sqrt(weight)
-
-    def by_actions(_: np.ndarray) -> np.ndarray:
-        direction = gaps[active] / np.maximum(distance[active, None], 1e-12)
-        return root * np.einsum("kx,kxa->ka", direction, derivative[active])
-
-    return root * (over - under)[active], by_actions
+    return root * over[row, side], lambda _: root * np.einsum("kgx,kgxa->ka", slope[row, side], derivative[row])

@@ -20,7 +20,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from cableway.core.checks import number_fields, require_not_negative, require_positive
+from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.errors import InputError
 from cableway.records import Transitions
 from cableway.tang2025.models import dataset
@@ -54,7 +54,7 @@ SPOILT = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptationConfig:
+class AdaptationConfig(Checked):
     """How a model is adapted; the defaults are those for a rod, `for_network()` has the other ones.
 
     Attributes:
@@ -71,19 +71,18 @@ class AdaptationConfig:
         least_motion: Travel of the grippers [m] in a window below which it says nothing.
     """
 
-    memory: int = 200
-    block: int = 10
-    window: int = 5
-    windows: int = 48
-    held_windows: int = 8
-    least_held: int = 3
-    enough: float = 0.01
-    improvement: float = 0.92
-    least_motion: float = 2e-3
+    memory: Positive[int] = 200
+    block: Positive[int] = 10
+    window: Positive[int] = 5
+    windows: Positive[int] = 48
+    held_windows: Positive[int] = 8
+    least_held: Positive[int] = 3
+    enough: NotNegative[float] = 0.01
+    improvement: NotNegative[float] = 0.92
+    least_motion: NotNegative[float] = 2e-3
 
     def __post_init__(self) -> None:
-        require_positive(self, "memory", "block", "window", "windows", "held_windows", "least_held")
-        require_not_negative(self, *number_fields(self))
+        super().__post_init__()
         if self.window > self.block:
             raise InputError(f"adaptation.window must be at most the block, {self.block}, got {self.window!r}")
         if not 0 <= self.improvement < 1:

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from cableway.core.checks import require_positive
+from cableway.core.checks import Checked, Positive
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.scene.task import CONTROL_STEP
 from cableway.tang2025.models.frames import Framing, Inputs
@@ -233,7 +233,7 @@ class Perceptron(Network):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RodConfig(LearnedConfig):
+class RodConfig(Checked, LearnedConfig):
     """The visco-elastic rod alone: physics, and seven parameters to learn; takes any number of keypoints.
 
     Attributes:
@@ -241,10 +241,7 @@ class RodConfig(LearnedConfig):
     """
 
     kind: ClassVar[str] = "rod"
-    damping_time: float = CONTROL_STEP
-
-    def __post_init__(self) -> None:
-        require_positive(self, "damping_time")
+    damping_time: Positive[float] = CONTROL_STEP
 
     @property
     def framing(self) -> Framing:  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ import optax
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from cableway.core.checks import require_at_least, require_not_negative, require_positive
+from cableway.core.checks import Bounds, Checked, NotNegative, Positive
 from cableway.core.errors import FileFormatError, InputError
 from cableway.records import Transitions
 from cableway.tang2025.models import dataset
@@ -76,7 +76,7 @@ class TrainingState:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainingConfig:
+class TrainingConfig(Checked):
     """How a model is trained.
 
     Attributes:
@@ -97,30 +97,28 @@ class TrainingConfig:
         seed: Of weights, split and order.
     """
 
-    epochs: int = 40
+    epochs: Annotated[int, Bounds(1)] = 40
     rollout_epochs: int = 10
-    rollout_steps: int = 5
-    batch_size: int = 256
-    learning_rate: float = 3e-3
+    rollout_steps: Annotated[int, Bounds(1)] = 5
+    batch_size: Annotated[int, Bounds(1)] = 256
+    learning_rate: Positive[float] = 3e-3
     warmup: float = 0.03
-    weight_decay: float = 1e-4
-    gradient_norm: float = 1.0
+    weight_decay: NotNegative[float] = 1e-4
+    gradient_norm: Positive[float] = 1.0
     mirror: bool = True
     swap: bool = True
     validation_fraction: float = 0.1
     patience: int | None = None
-    devices: int = 1
+    devices: Annotated[int, Bounds(1)] = 1
     seed: int = 0
 
     def __post_init__(self) -> None:
-        require_at_least(self, 1, "epochs", "rollout_steps", "batch_size", "devices")
-        require_positive(self, "learning_rate", "gradient_norm")
+        super().__post_init__()
         for name in ("warmup", "validation_fraction"):
             if not 0 < getattr(self, name) < 1:
                 raise InputError(f"training.{name} must be between 0 and 1, got {getattr(self, name)!r}")
         if not 0 <= self.rollout_epochs <= self.epochs:
             raise InputError(f"training.rollout_epochs must be from 0 to {self.epochs}, got {self.rollout_epochs!r}")
-        require_not_negative(self, "weight_decay")
         if self.patience is not None and self.patience < 1:
             raise InputError(f"training.patience must be at least 1, got {self.patience!r}")
         if self.batch_size % self.devices:

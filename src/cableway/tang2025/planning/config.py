@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
-from cableway.core.checks import require_choice, require_not_negative, require_range
+from cableway.core.checks import Bounds, Checked, NotNegative, Share, require_choice
 from cableway.core.errors import InputError
 from cableway.planning.config import InitialName, PivotConfig, PlannerConfig
 from cableway.planning.projection import ProjectionConfig
@@ -15,7 +15,7 @@ Interpolation = Literal["spline", "sigmoid"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathSetConfig:
+class PathSetConfig(Checked):
     """How the pivot path becomes one path per keypoint.
 
     Attributes:
@@ -28,20 +28,18 @@ class PathSetConfig:
     """
 
     kind: PathSetKind = "homotopic"
-    waypoints: int = 201
-    margin: float = 0.01
-    spread: float = 0.5
-    shrink: float = 0.1
+    waypoints: Annotated[int, Bounds(8, 10000)] = 201
+    margin: NotNegative[float] = 0.01
+    spread: Share = 0.5
+    shrink: Share = 0.1
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_choice("path set", self.kind, PathSetKind)
-        require_range(self, 8, 10000, "waypoints")
-        require_not_negative(self, "margin")
-        require_range(self, 0, 1, "spread", "shrink")
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeformationConfig:
+class DeformationConfig(Checked):
     """The optimisation of progress along the path set.
 
     Attributes:
@@ -58,23 +56,19 @@ class DeformationConfig:
         iterations: Iterations allowed to Ipopt; when they are used up, the last iterate is taken.
     """
 
-    steps: int = 50
-    near_stiffness: float = 100.0
-    far_stiffness: float = 1.0
-    step_stiffness: float = 0.1
-    lower_bound: float = 0.0
-    upper_bound: float = 0.1
+    steps: Annotated[int, Bounds(2, 10000)] = 50
+    near_stiffness: Annotated[float, Bounds(0, 1e9)] = 100.0
+    far_stiffness: Annotated[float, Bounds(0, 1e9)] = 1.0
+    step_stiffness: Annotated[float, Bounds(0, 1e9)] = 0.1
+    lower_bound: Share = 0.0
+    upper_bound: Share = 0.1
     interpolation: Interpolation = "spline"
-    sharpness: float = 10.0
-    iterations: int = 100
+    sharpness: Annotated[float, Bounds(0.1, 1e4)] = 10.0
+    iterations: Annotated[int, Bounds(1, 10**6)] = 100
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_choice("interpolation", self.interpolation, Interpolation)
-        require_range(self, 2, 10000, "steps")
-        require_range(self, 0, 1e9, "near_stiffness", "far_stiffness", "step_stiffness")
-        require_range(self, 0, 1, "lower_bound", "upper_bound")
-        require_range(self, 0.1, 1e4, "sharpness")
-        require_range(self, 1, 10**6, "iterations")
         if not self.lower_bound * self.steps <= 1 <= self.upper_bound * self.steps:
             raise InputError(
                 f"progress cannot reach 1 in {self.steps} steps of {self.lower_bound:g} to {self.upper_bound:g}"
