@@ -13,6 +13,7 @@ from typing import Any
 from cableway.control.base import Controller
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.provenance import PACKAGE, versions
+from cableway.planning.named import PLANNERS
 from cableway.records import Plan
 from cableway.scene.task import Task
 from cableway.workflow.registry import DEFAULT_CONTROLLER, DEFAULT_PLANNER, make_controller
@@ -145,12 +146,6 @@ def _require_method(value: Any, source: str) -> Method:
 # ------------------------------------------------------------------------------------------------ ours
 def _all() -> tuple[Method, ...]:
     ours, paper = "our plan", "the paper's plan, tracked although it does not verify"
-    simpler = {
-        "straight": "each keypoint straight to its goal",
-        "slide": "the cable slid along one curve",
-        "rrt-connect": "RRT-Connect among equilibria, not optimised",
-        "paper-refined": "the paper's chain with our trajectory optimisation",
-    }
     neural = {"tdm-mpc": ("the Transformer", "transformer"), "cdm-mpc": ("the convolutional model", "conv"),
               "bdm-mpc": ("the bidirectional LSTM", "bilstm")}  # fmt: skip
     return (
@@ -165,8 +160,8 @@ def _all() -> tuple[Method, ...]:
         Method(name="paper-tracking", description=f"{ours}, neural MPC as in the paper", controller="neural-mpc-paper"),
         Method(name="paper", description=f"{paper}; neural MPC as in the paper", controller="neural-mpc-paper",
                planner="paper", rehearses=False, recovers=False, follows_unverified=True),
-        *(Method(name=f"{name}-plan", description=f"{text}; adaptive rod MPC", planner=name, rehearses=False)
-          for name, text in simpler.items()),
+        *(Method(name=f"{name}-plan", description=f"{PLANNERS[name].description}; adaptive rod MPC", planner=name,
+                 rehearses=False) for name in ("straight", "slide", "rrt-connect", "paper-refined")),
         Method(name="paper-plan", description=f"{paper}; adaptive rod MPC", planner="paper", rehearses=False,
                follows_unverified=True),
     )  # fmt: skip

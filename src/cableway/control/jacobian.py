@@ -17,7 +17,7 @@ the rank-one update of Broyden (1965, "A class of methods for solving nonlinear 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -25,7 +25,7 @@ from jaxtyping import Float
 from cableway.control.base import Controller, Status
 from cableway.control.following import FollowerState
 from cableway.control.limits import span_limit
-from cableway.core.checks import Checked, NotNegative, Positive, require_choice
+from cableway.core.checks import Checked, Choice, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan
@@ -55,7 +55,7 @@ class JacobianConfig(Checked):
         InputError: A value is out of range.
     """
 
-    source: Source = "rod"
+    source: Annotated[Source, Choice("source")] = "rod"
     gain: NotNegative[float] = 0.3
     damping: Positive[float] = 0.3
     turn_lever: Positive[float] = 0.05
@@ -65,10 +65,6 @@ class JacobianConfig(Checked):
     hold: NotNegative[float] = 1.5
     blind_steps: NotNegative[int] = 3
     unseen_steps: NotNegative[int] = 10
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_choice("source", self.source, Source)
 
     @classmethod
     def broyden(cls) -> JacobianConfig:

@@ -66,6 +66,17 @@ class Bounds:
         return f"{'whole' if whole else 'finite'} and {bound}"
 
 
+@dataclass(frozen=True)
+class Choice:
+    """An annotation: a field of a `Checked` takes one of the names of its Literal type.
+
+    Attributes:
+        kind: What messages call the field.
+    """
+
+    kind: str
+
+
 Number = TypeVar("Number")
 Positive = Annotated[Number, Bounds(0, open=True)]
 NotNegative = Annotated[Number, Bounds(0)]
@@ -73,29 +84,34 @@ Share = Annotated[float, Bounds(0, 1)]
 
 
 class Checked:
-    """A dataclass that checks its numbers against the `Bounds` in the types of its fields; None may stay None.
+    """A dataclass that checks its fields against the `Bounds` and `Choice` in their types; None may stay None.
 
     Raises:
-        InputError: One is out of bounds, or is not a number.
+        InputError: A number is out of bounds, or is not a number.
+        UnknownNameError: A name is not one of the choices; the message lists them.
     """
 
     def __post_init__(self) -> None:
-        for name, whole, bounds, optional in _bounded(type(self)):
-            value = getattr(self, name)
-            if not (optional and value is None) and not bounds.hold(value, whole):
-                raise InputError(f"{section(type(self))}.{name} must be {bounds.in_words(whole)}, got {value!r}")
+        for name, note, kind, optional in _declared(type(self)):
+            value, whole = getattr(self, name), kind is int
+            if optional and value is None:
+                continue
+            if isinstance(note, Choice):
+                require_choice(note.kind, value, kind)
+            elif not note.hold(value, whole):
+                raise InputError(f"{section(type(self))}.{name} must be {note.in_words(whole)}, got {value!r}")
 
 
 @cache
-def _bounded(kind: type) -> list[tuple[str, bool, Bounds, bool]]:
-    """Fields with bounds: name, whether they are whole, bounds, whether they may be None."""
+def _declared(checked: type) -> list[tuple[str, Bounds | Choice, Any, bool]]:
+    """Fields that are checked: name, against what, type, whether they may be None."""
     found = []
-    for name, hint in get_type_hints(kind, include_extras=True).items():
+    for name, hint in get_type_hints(checked, include_extras=True).items():
         arms = (hint,) if get_origin(hint) is Annotated else get_args(hint)
         for arm in arms:
             for note in getattr(arm, "__metadata__", ()):
-                if isinstance(note, Bounds):
-                    found.append((name, arm.__origin__ is int, note, type(None) in arms))
+                if isinstance(note, Bounds | Choice):
+                    found.append((name, note, arm.__origin__, type(None) in arms))
     return found
 
 

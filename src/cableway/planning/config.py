@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pkgutil import resolve_name
 from typing import Annotated, Literal, get_args
 
-from cableway.core.checks import Bounds, Checked, require_choice
+from cableway.core.checks import Bounds, Checked, Choice, require_choice
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.planning.named import PLANNERS
@@ -33,15 +33,11 @@ class PivotConfig(Checked):
         iterations: Iterations of RRT*.
     """
 
-    method: PivotMethod = "grid"
+    method: Annotated[PivotMethod, Choice("pivot method")] = "grid"
     length_weight: Annotated[float, Bounds(1e-6, 1e6)] = 1.0
     clearance_weight: Annotated[float, Bounds(0, 1e6)] = 1.0
     resolution: Annotated[float, Bounds(1e-4, 0.1)] = 0.005
     iterations: Annotated[int, Bounds(1, 10**7)] = 2000
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_choice("pivot method", self.method, PivotMethod)
 
 
 @dataclass(frozen=True, kw_only=True)

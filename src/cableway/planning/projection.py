@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import Bounds, Checked, require_choice
+from cableway.core.checks import Bounds, Checked, Choice
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
@@ -58,16 +58,12 @@ class ProjectionConfig(Checked):
         fit_tolerance: Stacked distance [m] from start or goal to the nearest equilibrium above which there is no plan.
     """
 
-    kind: Kind = "replan"
+    kind: Annotated[Kind, Choice("projection")] = "replan"
     optimization: TrajectoryOptimizationConfig = field(default_factory=TrajectoryOptimizationConfig)
     row_step: Annotated[float, Bounds(1e-4, 1)] = 0.012
     lag: Annotated[float, Bounds(1e-5, 1)] = 0.005
     damping_time: Annotated[float, Bounds(0, 10)] = 0.2
     fit_tolerance: Annotated[float, Bounds(0, 1)] = 0.01
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_choice("projection", self.kind, Kind)
 
 
 ProjectionConfig.__init__ = renamed_keywords(refinement="optimization")(ProjectionConfig.__init__)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from cableway.core.checks import Checked, NotNegative, Positive, Share, require_choice
+from cableway.core.checks import Checked, Choice, NotNegative, Positive, Share
 from cableway.core.deprecation import renamed_keywords
 from cableway.tang2025.control.terms import Profile
 
@@ -49,7 +50,7 @@ class MPCConfig(Checked):
     control_weight: Positive[float] = 1e4
     pose_weight: NotNegative[float] = 300.0
     turn_lever: Positive[float] = 0.1
-    profile: Profile = "hinge"
+    profile: Annotated[Profile, Choice("profile")] = "hinge"
     threshold: Positive[float] = 0.005
     pieces: Positive[int] = 3
     feedforward: bool = True
@@ -61,10 +62,6 @@ class MPCConfig(Checked):
     hold: NotNegative[float] = 1.5
     blind_steps: NotNegative[int] = 3
     unseen_steps: NotNegative[int] = 10
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_choice("profile", self.profile, Profile)
 
     @classmethod
     def paper(cls) -> MPCConfig:

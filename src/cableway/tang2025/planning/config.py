@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
-from cableway.core.checks import Bounds, Checked, NotNegative, Share, require_choice
+from cableway.core.checks import Bounds, Checked, Choice, NotNegative, Share
 from cableway.core.errors import InputError
 from cableway.planning.config import InitialName, PivotConfig, PlannerConfig
 from cableway.planning.projection import ProjectionConfig
@@ -27,15 +27,11 @@ class PathSetConfig(Checked):
         shrink: gamma: scale of the end shapes that set the order in the passages ("transfer").
     """
 
-    kind: PathSetKind = "homotopic"
+    kind: Annotated[PathSetKind, Choice("path set")] = "homotopic"
     waypoints: Annotated[int, Bounds(8, 10000)] = 201
     margin: NotNegative[float] = 0.01
     spread: Share = 0.5
     shrink: Share = 0.1
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_choice("path set", self.kind, PathSetKind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,13 +58,12 @@ class DeformationConfig(Checked):
     step_stiffness: Annotated[float, Bounds(0, 1e9)] = 0.1
     lower_bound: Share = 0.0
     upper_bound: Share = 0.1
-    interpolation: Interpolation = "spline"
+    interpolation: Annotated[Interpolation, Choice("interpolation")] = "spline"
     sharpness: Annotated[float, Bounds(0.1, 1e4)] = 10.0
     iterations: Annotated[int, Bounds(1, 10**6)] = 100
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_choice("interpolation", self.interpolation, Interpolation)
         if not self.lower_bound * self.steps <= 1 <= self.upper_bound * self.steps:
             raise InputError(
                 f"progress cannot reach 1 in {self.steps} steps of {self.lower_bound:g} to {self.upper_bound:g}"
