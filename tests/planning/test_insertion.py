@@ -66,8 +66,8 @@ def test_a_push_that_cannot_be_says_why_and_shows_the_attempt(task: Task):
 
 
 def test_the_limits_are_those_given(task: Task):
-    with pytest.raises(PlanningError, match="gripper clearance"):
-        plan_insertion(task, VerificationLimits(clearance=0.025))
+    with pytest.raises(PlanningError, match="rod deviation"):
+        plan_insertion(task, VerificationLimits(follow=1e-9))
 
 
 def test_a_task_without_a_port_has_no_push(task: Task):

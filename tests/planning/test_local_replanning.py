@@ -81,7 +81,7 @@ def test_progress_can_stop_it():
 
 
 def test_a_corner_that_refinement_cannot_turn_is_repaired():
-    task = make_task("maze-20079@0.07")
+    task = make_task("maze-20067@0.07")
     optimized = PlannerConfig(initial_trajectories=("slide-head",), projection=ProjectionConfig(kind="optimize"))
     with pytest.raises(PlanningError, match="clearance"):
         plan(task, config=optimized)

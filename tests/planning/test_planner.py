@@ -106,7 +106,9 @@ def test_when_time_runs_out_the_closest_attempt_is_handed_on():
     from cableway.verification import VerificationLimits
 
     seen: list[str] = []
-    config = PlannerConfig(limits=VerificationLimits(clearance=0.02), initial_trajectories=("slide-head", "slide-tail"))
+    config = PlannerConfig(
+        limits=VerificationLimits(clearance=0.035), initial_trajectories=("slide-head", "slide-tail")
+    )
     with pytest.raises(PlanningError, match=r"the time limit ran out .*cable clearance") as caught:
         plan(
             problems.doorway(),
@@ -127,7 +129,7 @@ def test_what_does_not_verify_is_not_handed_on():
     """A clearance not asked of the shapes: the error names the failed check and carries the attempt for a picture."""
     from cableway.verification import VerificationLimits
 
-    config = PlannerConfig(limits=VerificationLimits(clearance=0.02), initial_trajectories=("slide-head",))
+    config = PlannerConfig(limits=VerificationLimits(clearance=0.035), initial_trajectories=("slide-head",))
     with pytest.raises(PlanningError, match="clearance") as caught:
         plan(problems.doorway(), config=config)
     attempt = caught.value.attempt

@@ -196,3 +196,24 @@ def test_a_file_is_saved_whole_or_not_at_all(tmp_path: Path):
     assert (tmp_path / "sub" / "task.yaml").read_bytes() == before
     assert [path.name for path in (tmp_path / "sub").iterdir()] == ["task.yaml"]
     assert issubclass(TaskError, InputError)
+
+
+GAP = 0.004
+"""[m] between the line and the disc beside it."""
+
+
+@pytest.mark.parametrize("depth", [0.003, 0.0005, -0.0005])
+def test_a_cable_that_touches_something_is_resumed_from_just_beside_it(depth):
+    """The start is moved off, by little more than the overlap."""
+    disc = Disc(center=(0.35, 0.1 + Cable().radius + GAP + 0.02), radius=0.02)
+    measured = LINE + [0.0, GAP + depth]
+    resumed = task(scene=Scene(obstacles=(disc,))).resumed_from(measured)
+    assert float(resumed.scene.clearance(resumed.start[None], resumed.cable.radius)[0]) > 0.0008
+    assert np.linalg.norm(resumed.start - measured, axis=1).max() < depth + 0.003
+
+
+def test_a_cable_deep_in_something_is_not_resumed():
+    """Moving it off would be a motion of its own."""
+    disc = Disc(center=(0.35, 0.1 + Cable().radius + GAP + 0.1), radius=0.1)
+    with pytest.raises(TaskError, match="start overlaps"):
+        task(scene=Scene(obstacles=(disc,))).resumed_from(LINE + [0.0, 0.05])

@@ -79,7 +79,7 @@ def test_what_does_not_belong_together_is_refused(rollout: Rollout) -> None:
         replace(rollout, deviations=None)
     with pytest.raises(InputError, match=r"estimates has shape \(.*\), not \(K, m\)"):
         replace(rollout, estimates=rollout.estimates[1:])
-    with pytest.raises(InputError, match="the metadata describe 0 estimates, there are 11"):
+    with pytest.raises(InputError, match="the metadata describe 0 estimates, there are 15"):
         replace(rollout, metadata={})
     with pytest.raises(InputError, match="estimates holds a number that is not finite"):
         replace(rollout, estimates=np.full_like(rollout.estimates, np.nan))
@@ -93,7 +93,7 @@ def test_the_report_says_what_was_found(rollout: Rollout) -> None:
     content = json.loads(json.dumps(report.as_dict(), allow_nan=False))
     assert content["estimates"]["length"]["value"] == rollout.estimated()["length"].value
     same = track(QuasiStaticPlant(TASK, START, PlanarRod(0.3)), RodMPC(RodMPCConfig(hold=0.0)), PLAN)
-    assert dict(summarize(TASK, PLAN, same).rows())["estimates"].startswith("none of 11 estimates")
+    assert dict(summarize(TASK, PLAN, same).rows())["estimates"].startswith("none of 15 estimates")
 
 
 def test_the_picture_has_a_panel_for_them(rollout: Rollout) -> None:

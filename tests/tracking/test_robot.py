@@ -138,7 +138,7 @@ def pressed(action: np.ndarray, steps: int, task=TASK) -> np.ndarray:
     """Gripper poses after an action was asked for so many times."""
     poses = PLAN.poses[0]
     for _ in range(steps):
-        poses = poses + last_filter(action, poses, task)
+        poses = poses + last_filter(action, poses, task, task.cable.length)
     return poses
 
 
@@ -166,13 +166,13 @@ def test_what_is_wrong_already_may_get_better() -> None:
     away, deeper = np.zeros((2, 3)), np.zeros((2, 3))
     start = np.array([[0.51, 0.1, 0.0], [0.6, 0.2, 0.0]])
     away[0, 0], deeper[0, 0] = 0.005, -0.005
-    np.testing.assert_array_equal(last_filter(away, start, inside), away)
-    assert not last_filter(deeper, start, inside).any()
+    np.testing.assert_array_equal(last_filter(away, start, inside, 0.3), away)
+    assert not last_filter(deeper, start, inside, 0.3).any()
 
 
 def test_what_is_allowed_is_not_touched() -> None:
     for before, after in zip(PLAN.poses, PLAN.poses[1:], strict=False):
-        np.testing.assert_array_equal(last_filter(after - before, before, TASK), after - before)
+        np.testing.assert_array_equal(last_filter(after - before, before, TASK, 0.3), after - before)
 
 
 def test_a_controller_whose_computation_fails_for_good_ends_the_run() -> None:

@@ -96,9 +96,11 @@ def test_a_corner_between_keypoints_is_judged(good):
 def test_grippers_are_judged_by_their_own_disc(good):
     """A large gripper disc fails where the cable alone would pass."""
     task, plan = good
-    ends = plan.poses[:, :, :2].reshape(-1, 2)
-    wide = replace(task, grippers=Grippers(radius=float(min(ends.min(), (0.7 - ends).min())) - 0.002))
-    assert failed(plan, wide) == {"gripper clearance"}
+    x, y, angle = plan.poses[len(plan.poses) // 2, 0]
+    behind = (float(x - 0.024 * np.cos(angle)), float(y - 0.024 * np.sin(angle)))
+    beside = replace(task, scene=Scene(obstacles=(Disc(center=behind, radius=0.005),)))
+    assert failed(plan, beside) == set()
+    assert failed(plan, replace(beside, grippers=Grippers(radius=0.017))) == {"gripper clearance"}
 
 
 def test_wrong_ends_are_found(good):

@@ -32,6 +32,8 @@ class Status(StrEnum):
     """The observation was missing or implausible; the plan's gripper motion went on."""
     STOPPED = "unseen: stopped"
     """Too many such observations in a row, or gripper poses unknown; the grippers stand still."""
+    UNEXPLAINED = "unexplained: stopped"
+    """The model cannot be held as the grippers hold the cable; they stand still until it can."""
     FAILED = "solver failed: feedforward"
     """The computation gave numbers that are not finite; the plan's gripper motion went on."""
 
@@ -98,6 +100,16 @@ class Controller(ABC, Generic[S]):
             The gripper motion (dx, dy, dtheta) [m, m, rad], left then right, never beyond the task's limits, and
             the next state.
         """
+
+    def resume(self, state: S, task: Task, plan: Plan) -> S:
+        """The state before the first step of another plan, with what was learned about the cable; here nothing is.
+
+        Args:
+            state: As it was.
+            task: From where the cable is now, otherwise the same.
+            plan: To follow from now on.
+        """
+        return self.init(task, plan)
 
     def in_scene(self, state: S, task: Task) -> S:
         """The state once the scene is known to be another one; the same where obstacles mean nothing to a controller.

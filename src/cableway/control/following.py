@@ -79,11 +79,11 @@ class FollowerState(ControllerState):
             max_span: Largest distance [m] between the grippers.
         """
         action = within_limits(action, self.tracker.commanded, self.task.grippers, max_span)
-        return action, self._sent(action, status, waiting=status == Status.STOPPED)
+        return action, self._sent(action, status, waiting=status in (Status.STOPPED, Status.UNEXPLAINED))
 
-    def stopping(self) -> tuple[Float[np.ndarray, "2 3"], Self]:
+    def stopping(self, status: Status = Status.STOPPED) -> tuple[Float[np.ndarray, "2 3"], Self]:
         """Grippers that stand still, and the state after that."""
-        return self.sending(np.zeros(self.task.cable.rod.step_shape), Status.STOPPED, math.inf)
+        return self.sending(np.zeros(self.task.cable.rod.step_shape), status, math.inf)
 
     def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
         """See `ControllerState.overruled`; where the grippers stand still the reference waits."""

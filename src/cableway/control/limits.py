@@ -51,24 +51,24 @@ def within_limits(
 
 
 def last_filter(
-    action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"], task: Task
+    action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"], task: Task, max_span: float
 ) -> Float[np.ndarray, "2 3"]:
     """What of an action may leave for the plant, whoever made it.
 
     No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at all
-    where it is not: the grippers farther apart than the cable is long, or nearer to each other than `separation` and
-    their discs allow; a disc or the plug in an obstacle or a wall. An action that breaks one of the latter is made in
+    where it is not: the grippers farther apart than `max_span`, or nearer to each other than `separation` and their
+    discs allow; a disc or the plug in an obstacle or a wall. An action that breaks one of the latter is made in
     part, in steps of a quarter.
 
     Args:
         action: (2, 3) gripper motion [m, m, rad]; one that is not finite becomes standing still.
         poses: (2, 3) gripper poses before it, as commanded [m, m, rad].
         task: Limits, scene and bodies.
+        max_span: Largest distance [m] of the grippers at which the cable is not taut.
     """
     action = np.asarray(action, float)
-    span = float(gripper_spans(poses[None])[0])
-    if not np.isfinite(action).all() or exceeds_limits(action, task.grippers) or not _is_slack(action, poses, task):
-        action = within_limits(action, poses, task.grippers, max(task.cable.length, span))
+    if not np.isfinite(action).all() or exceeds_limits(action, task.grippers) or _span(action, poses) > max_span:
+        action = within_limits(action, poses, task.grippers, max_span)
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
     kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.bodies])
     kept = np.column_stack([kept, gripper_spans(reached) - max(task.grippers.separation, 2 * task.grippers.radius)])
@@ -78,8 +78,9 @@ def last_filter(
     return action if share == 1.0 else share * action
 
 
-def _is_slack(action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"], task: Task) -> bool:
-    return float(gripper_spans(SE2.plus(poses, action)[None])[0]) <= task.cable.length
+def _span(action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"]) -> float:
+    """Distance [m] of the grippers after an action."""
+    return float(gripper_spans(SE2.plus(poses, action)[None])[0])
 
 
 def exceeds_limits(action: Float[np.ndarray, "2 3"], grippers: Grippers) -> bool:

@@ -51,15 +51,15 @@ def _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted,
 
 
 @kernel
-def _add_clearance(normal, gradient, stations, dstations, offset, world, limits, weight, rates, at):
+def _add_clearance(normal, gradient, stations, dstations, offset, world, limits, wanted, weight, rates, at):
     """Add what the clearance of the stations, with the offset, lacks; the ends are the grippers. Returns the cost."""
-    _, _, cable_radius, gripper_radius, threshold, _ = limits
+    cable_radius, gripper_radius = limits[2], limits[3]
     cost = 0.0
     for j in range(len(stations)):
         radius = gripper_radius if j == 0 or j == len(stations) - 1 else cable_radius
         x, y = stations[j, 0] + offset[j, 0], stations[j, 1] + offset[j, 1]
-        distance, gx, gy, _ = nearest_obstacle(x, y, world, threshold + radius)
-        short = threshold - (distance - radius)
+        distance, gx, gy, _ = nearest_obstacle(x, y, world, wanted + radius)
+        short = wanted - (distance - radius)
         if short > 0.0:
             for a in range(len(rates)):
                 rates[a] = -gx * dstations[j, 0, a] - gy * dstations[j, 1, a]
@@ -112,7 +112,22 @@ def _add_separation(normal, gradient, ends, dends, least, most, weight, rates, a
 
 @kernel
 def assemble(
-    q, before, p, modes, stride, offset, wanted, steps, loads, max_span, world, limits, weights, normal, gradient
+    q,
+    before,
+    p,
+    modes,
+    stride,
+    offset,
+    wanted,
+    steps,
+    loads,
+    max_span,
+    clearance,
+    world,
+    limits,
+    weights,
+    normal,
+    gradient,
 ):
     """Half the sum of the squares over the horizon, its Gauss-Newton matrix (lower) and gradient, see `rod_mpc`.
 
@@ -127,8 +142,9 @@ def assemble(
         steps: (H, 2, 3) wanted motions of the ends.
         loads: (H, 3) wanted loads.
         max_span: (H,) [m] greatest distance between the ends.
+        clearance: (H,) [m] wanted.
         world: arrays of `convex.ConvexWorld`.
-        limits: largest step, turn; radius of cable, of grippers; clearance wanted; least distance of the grippers.
+        limits: largest step, turn; radius of cable, of grippers; least distance of the grippers.
         weights: tracking, motion, lever of turns, load, clearance, separation, limits.
         normal: (6H, 6H), changed.
         gradient: (6H,), changed.
@@ -150,18 +166,20 @@ def assemble(
             normal[at + k, at + k] += w_load
             gradient[at + k] += w_load * residual
             cost += w_load * residual * residual
-        cost += _add_clearance(normal, gradient, stations, dstations, offset, world, limits, w_clear, rates, at)
+        cost += _add_clearance(
+            normal, gradient, stations, dstations, offset, world, limits, clearance[t], w_clear, rates, at
+        )
         cost += _add_motion(
             normal, gradient, ends, dends, last, dlast, steps[t], limits, weights, rates, earlier, at
         )  # fmt: skip
-        cost += _add_separation(normal, gradient, ends, dends, limits[5], max_span[t], w_apart, rates, at)
+        cost += _add_separation(normal, gradient, ends, dends, limits[4], max_span[t], w_apart, rates, at)
         last[:] = ends
         dlast[:] = dends
     return 0.5 * cost
 
 
 @kernel
-def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, max_span, world, limits, weights):
+def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, max_span, clearance, world, limits, weights):
     """Damped least squares on `assemble` from q (H, 6), which it changes."""
     search, units = begin(q.ravel()), np.empty(q.size)
     scale = scales(p[0])
@@ -169,8 +187,8 @@ def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, max_span
         units[a] = scale[a % len(scale)]
     while True:
         cost = assemble(
-            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, steps, loads, max_span, world,
-            limits, weights, search.trial_normal, search.trial_gradient,
+            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, steps, loads, max_span,
+            clearance, world, limits, weights, search.trial_normal, search.trial_gradient,
         )  # fmt: skip
         if not advance(search, cost, units, ITERATIONS, CORRECTION):
             break

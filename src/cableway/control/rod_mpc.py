@@ -10,7 +10,7 @@ end poses once all that was sent is done, and s_ref,k the plan's shapes:
         sum_k  w_s |s(q_k) + b - s_ref,k|^2                           tracking
              + w_m |e(q_k) - e(q_{k-1}) - (e*_k - e*_{k-1})|_R^2      motion, fed forward from the fit
              + w_l |l(q_k) - l*_k|^2                                  load: away from folds, where shapes vanish
-             + w_c max(0, d - clearance)^2                            of every station and both gripper discs
+             + w_c max(0, d_k - clearance)^2                          of every station and both gripper discs
              + w_g max(0, gap - max_span)^2 + max(0, least - gap)^2    distance between the ends
              + w_b max(0, step - largest)^2                           limits of the grippers
 
@@ -39,6 +39,7 @@ from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
+from cableway.motion.clearance import clearances
 from cableway.records import Observation, Plan
 from cableway.rod.fitting import fit_shapes, meet_ends
 from cableway.rod.inverse import fit_keypoints
@@ -70,6 +71,10 @@ SURE = 2.0
 """Standard deviations by which the estimated length must suffice before the cable is pulled farther than planned."""
 
 
+SETTLING = 0.25
+"""Share of a correction that is made while the estimates settle."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class RodMPCConfig(Checked):
     """Settings of `RodMPC`. Only ratios of weights count.
@@ -79,7 +84,8 @@ class RodMPCConfig(Checked):
         tracking_weight: w_s [1/m^2].
         turn_lever: Motion [m] that a turn of 1 rad counts as.
         clearance_weight: w_c [1/m^2].
-        threshold: d, clearance [m] below which obstacles cost.
+        threshold: d_k, clearance [m] below which obstacles cost, where the plan keeps no more.
+        far: The same where the plan keeps as much or more; in between it is the plan's clearance.
         soft_span: Distance between the ends over the cable's length from where it costs; where the plan stretches the
             cable farther, the plan's distance.
         max_span: The same, never exceeded; between the grippers never more than is sure, see `_span_limit`.
@@ -97,6 +103,7 @@ class RodMPCConfig(Checked):
     turn_lever: Positive[float] = 0.05
     clearance_weight: NotNegative[float] = 30.0
     threshold: NotNegative[float] = 0.006
+    far: NotNegative[float] = 0.015
     soft_span: Positive[float] = 0.985
     max_span: Positive[float] = 0.995
     hold: NotNegative[float] = 1.5
@@ -128,10 +135,12 @@ class RodMPCState(EstimatingState):
     Attributes:
         shapes: (T + 1, d) shapes of the uniform rod nearest to the plan's rows, from which fits start: loads that
             keypoints do not determine do not run away from step to step.
+        clearance: (T + 1,) least clearance of the plan's rows [m].
         limits: As `rod_kernels.assemble` wants them.
     """
 
     shapes: Float[np.ndarray, "t d"]
+    clearance: Float[np.ndarray, "t"]
     limits: tuple[float, ...]
 
 
@@ -155,27 +164,38 @@ class RodMPC(Controller[RodMPCState]):
             grippers.max_turn,
             task.cable.radius,
             grippers.radius,
-            self.config.threshold,
             grippers.separation,
         )
-        estimate = estimator.start(shapes[0])
-        state = RodMPCState(**beginning, estimator=estimator, estimate=estimate, shapes=shapes, limits=limits)
+        state = RodMPCState(
+            **beginning, estimator=estimator, estimate=estimator.start(shapes[0]), shapes=shapes,
+            clearance=_least_clearance(plan, task), limits=limits,
+        )  # fmt: skip
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
 
+    def resume(self, state: RodMPCState, task: Task, plan: Plan) -> RodMPCState:
+        """See `Controller.resume`."""
+        begun, estimate = self.init(task, plan), state.estimate
+        q = state.estimator.rod.continued(estimate.q, plan.poses[0])
+        return replace(begun, estimate=replace(estimate, q=q))
+
     def in_scene(self, state: RodMPCState, task: Task) -> RodMPCState:
         """See `Controller.in_scene`."""
-        return replace(state, task=task)
+        return replace(state, task=task, clearance=_least_clearance(state.plan.plan, task))
 
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""
         state = state.observing(observation)
         if state.must_stop(self.config):
             return state.stopping()
-        state = state.updated()
+        before, state = state.estimate, state.updated()
+        if state.estimate is before and not state.tracker.steps_without_keypoints:
+            return state.stopping(Status.UNEXPLAINED)
         action, max_span = self._solve(state), self._span_limit(state)
         if not np.isfinite(action).all():
             return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, max_span)
+        if state.index < state.plan.held_steps:
+            action = SETTLING * action
         return state.sending(action, state.tracking_status, max_span)
 
     def _span_limit(self, state: RodMPCState) -> float:
@@ -204,13 +224,14 @@ class RodMPC(Controller[RodMPCState]):
         fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_STEPS, np.empty_like(wanted), ends)
         commanded = state.tracker.commanded
         before = rod.group.compose(commanded, estimate.grasps)
+        clearance = np.clip(state.clearance[rows[1:]], config.threshold, max(config.threshold, config.far))
         now = estimate.q.copy()
         meet_ends(now, before, p, modes, MEETING_STEPS)
         q = rod.retract(now, rod.difference(fits[0], fits[1:]))
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), wanted[1:].copy(),
             rod.group.minus(ends[1:], ends[:-1]), fits[1:, rod.loads].copy(),
-            span_limit(ends[1:], estimate.length, config.soft_span),
+            span_limit(ends[1:], estimate.length, config.soft_span), clearance,
             state.task.scene.world.arrays, state.limits, config.weights,
         )  # fmt: skip
         first, reached = q[:1].copy(), np.empty((1, *rod.end_shape))
@@ -233,6 +254,11 @@ def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
             rows.append(fit_keypoints(rod, keypoints, rows[-1])[0])
         q = np.array(rows)
     return np.array([rod.continued(row, poses) for row, poses in zip(q, plan.poses, strict=True)])
+
+
+def _least_clearance(plan: Plan, task: Task) -> Float[np.ndarray, "t"]:
+    """Of cable and bodies in each row of a plan [m]."""
+    return clearances(plan.shapes, plan.poses, task).min(axis=1)
 
 
 def _at_stations(offset: Float[np.ndarray, "n 2"], stride: int) -> Float[np.ndarray, "s 2"]:

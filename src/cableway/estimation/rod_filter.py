@@ -10,7 +10,7 @@ What remains of the difference, low-pass filtered, is the output offset.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -30,6 +30,9 @@ MET = 1e-3
 HALVINGS = 6
 """Shorter corrections tried where the corrected rod cannot be held by its grippers."""
 
+LONGER = (1.02, 1.04, 1.06, 1.08, 1.1)
+"""Nominal lengths tried where the rod is too short for the grippers that hold the cable."""
+
 JUMP = 0.015
 """Mean distance [m] of the keypoints from their prediction from which the cable may have jumped to another shape."""
 
@@ -48,7 +51,7 @@ class EstimatorConfig(Checked):
         noise: Standard deviation [m] of what an equilibrium cannot explain, at rest.
         lag: Time [s] by which a moving cable may be behind; that share of its motion adds to the noise.
         outlier: Distance from the prediction, in standard deviations, from which a keypoint counts less.
-        offset_gain: Share of the newest difference that enters the output offset.
+        offset_gain: Share of the newest difference that enters the output offset; of the first ones it is the mean.
 
     Raises:
         InputError: A value is out of range.
@@ -88,12 +91,14 @@ class RodEstimate:
         covariance: (p, p) of theta, in units of its prior.
         q: (d,) shape last predicted.
         offset: (n, 2) [m] what the prediction is short of.
+        updates: Observations that it is made of.
     """
 
     theta: Float[np.ndarray, "p"]
     covariance: Float[np.ndarray, "p p"]
     q: Float[np.ndarray, "d"]
     offset: Float[np.ndarray, "n 2"]
+    updates: int = 0
 
     @property
     def length(self) -> float:
@@ -199,7 +204,7 @@ class RodEstimator:
         visible = np.isfinite(keypoints[:, 0])
         if not visible.any():
             return estimate
-        expected = self._explained(estimate.q, estimate.theta, keypoints, poses)
+        estimate, expected = self._held(estimate, keypoints, poses)
         if not expected.possible:
             return estimate
         theta, covariance = self._corrected(estimate, expected, keypoints, speed, confidence)
@@ -213,8 +218,24 @@ class RodEstimator:
         if not corrected.possible:
             return estimate
         rest = np.where(visible[:, None], keypoints - corrected.keypoints, estimate.offset)
-        offset = estimate.offset + self._config.offset_gain * (rest - estimate.offset)
-        return RodEstimate(theta, covariance, corrected.q, offset)
+        gain = max(self._config.offset_gain, 1 / (1 + estimate.updates))
+        offset = estimate.offset + gain * (rest - estimate.offset)
+        return RodEstimate(theta, covariance, corrected.q, offset, estimate.updates + 1)
+
+    def _held(
+        self, estimate: RodEstimate, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]
+    ) -> tuple[RodEstimate, _Prediction]:
+        """The estimate and its prediction; where the grippers are too far apart for it, with a longer rod."""
+        expected = self._explained(estimate.q, estimate.theta, keypoints, poses)
+        for share in LONGER:
+            if expected.possible:
+                break
+            theta = estimate.theta.copy()
+            theta[LENGTH] = max(theta[LENGTH], share * self.rod.length)
+            longer = self._explained(estimate.q, theta, keypoints, poses)
+            if longer.possible:
+                return replace(estimate, theta=theta), longer
+        return estimate, expected
 
     def _predict(
         self, q: Float[np.ndarray, "d"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 3"]

@@ -4,6 +4,7 @@ Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
 
     1/2 sum_t |x_{t+1} - x_t|^2 / v^2 + 1/2 sum_t |x_{t-1} - 2 x_t + x_{t+1}|^2 / u^2      keypoints x, smoothness
     + 1/2 w sum_t sum_i max(0, margin - clearance_{t,i})^2 / e^2                           stations, gripper discs, plug
+    + 1/2 sum_t sum_i max(0, room - clearance_{t,i})^2 / f^2                               more, where there is room
     + 1/2 sum_t max(0, mu_0 - mu_t)^2 / d^2                                                stability
     + 1/2 sum_t max(0, span_t/L - span_0)^2 / g^2                                          slack, gripper separation
     + 1/2 sum_t sum_j max(0, |sin turn_{t,j}| - turn_0)^2 / b^2                            sharpest bend
@@ -34,6 +35,9 @@ from cableway.scene.task import Task
 
 CLEARANCE_WEIGHTS = (0.3, 1.0, 3.0)
 """The rising stages of the clearance weight."""
+
+ROOM_SCALE = 0.005
+"""Of the shortfall of the clearance against `room` [m]."""
 
 STEP_SCALE = 0.05
 """Of a keypoint's move from row to row [m]; a scale is the size of a residual that counts as 1."""
@@ -67,6 +71,7 @@ class TrajectoryOptimizationConfig:
     Attributes:
         margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
         clearance_scale: [m].
+        room: Clearance of all of these that is asked for where the way is wide [m].
         load_scale: Of a load, in its unit (`HeldRod.units`).
         stability_wanted: Margin mu under which a shape is pushed back.
         span_wanted: Distance between the grippers over L above which the cable is given slack.
@@ -78,6 +83,7 @@ class TrajectoryOptimizationConfig:
 
     margin: float = 0.010
     clearance_scale: float = 0.001
+    room: float = 0.025
     load_scale: float = 10.0
     stability_wanted: float = 34.0
     span_wanted: float = 0.97
@@ -135,6 +141,7 @@ class _Problem:
         self.load_units = self.rod.units[self.rod.loads]
         self.sharpest = config.bend_share * sharpest_turn_of(task)
         self.clearance_scale = np.sqrt(weight) / config.clearance_scale
+        self.room = max(config.margin, config.room)
 
     def cost(self, q: Float[np.ndarray, "t d"]) -> float:
         """The cost alone, for trial steps."""
@@ -171,7 +178,8 @@ class _Problem:
 
         short, slope = self._clearance(stations)
         lack, dlack = self._stability(q)
-        residuals = [(short, np.einsum("tsk,tski->tsi", slope, dstations[:, 1:-1])), (lack[:, None], dlack[:, None])]
+        inner = np.concatenate([dstations[:, 1:-1]] * 2, axis=1)
+        residuals = [(short, np.einsum("tsk,tski->tsi", slope, inner)), (lack[:, None], dlack[:, None])]
         for value, by_poses in (self._span(poses), self._bodies(poses)):
             residuals.append((value, np.einsum("tckj,tkji->tci", by_poses, dposes)))
         if np.isfinite(self.sharpest):
@@ -184,15 +192,22 @@ class _Problem:
         return _Normal(float(cost), gradient, (blocks[0], blocks[1], blocks[2]))
 
     def _clearance(self, stations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted shortfall of the clearance at each station but the ends, the grippers, and its slope."""
-        wanted = self.config.margin + self.task.cable.radius
-        short, slope = terms.clearance_shortfall(stations[:, 1:-1], self.task.scene.world, wanted)
-        return self.clearance_scale * short, self.clearance_scale * slope
+        """Weighted shortfalls of the clearance at each station but the ends, the grippers, and their slopes."""
+        wanted = self.room + self.task.cable.radius
+        return self._weighted(*terms.clearance_shortfall(stations[:, 1:-1], self.task.scene.world, wanted))
 
     def _bodies(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for points round the bodies, and its slope by the gripper poses."""
-        short, slope = terms.body_shortfall(self.task, poses, self.config.margin)
-        return self.clearance_scale * short, self.clearance_scale * slope
+        """The same for points round the bodies, and their slopes by the gripper poses."""
+        return self._weighted(*terms.body_shortfall(self.task, poses, self.room))
+
+    def _weighted(self, short: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shortfalls (t, 2 k) against margin and room, from those against room, with their slopes."""
+        much = short - (self.room - self.config.margin)
+        much_slope = slope * (much > 0).reshape(*much.shape, *[1] * (slope.ndim - 2))
+        return (
+            np.concatenate([self.clearance_scale * np.maximum(0.0, much), short / ROOM_SCALE], axis=1),
+            np.concatenate([self.clearance_scale * much_slope, slope / ROOM_SCALE], axis=1),
+        )
 
     def _stability(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lack, slope = terms.stability_shortfall(self.rod, q, self.config.stability_wanted)

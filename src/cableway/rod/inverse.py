@@ -119,6 +119,21 @@ def equilibria_at(
     return q[found]
 
 
+def stable_near(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
+    """q, or where it is unstable, the stable equilibrium between the same grippers whose keypoints are nearest to its.
+
+    It is q all the same where there is none.
+    """
+    if rod.stability(q[None])[0][0] > 0:
+        return q
+    found = equilibria_at(rod, rod.end_poses(q[None])[0])
+    if not len(found):
+        return q
+    wanted = rod.at_keypoints(rod.shapes(q[None])[0])
+    away = np.linalg.norm(rod.at_keypoints(rod.shapes(found)[0]) - wanted, axis=(1, 2))
+    return rod.written_near(found[int(np.argmin(away))], q)
+
+
 def shape_between(rod: PlanarRod, poses: Float[np.ndarray, "2 3"], bend: Bend) -> Float[np.ndarray, "6"]:
     """The stable equilibrium of lowest energy that lies mostly on one side of the line between the grippers.
 

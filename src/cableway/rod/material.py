@@ -25,8 +25,9 @@ from numpy.polynomial import legendre
 
 from cableway.rod.planar import PlanarRod
 
-MODES = 2
-"""K. A slope and a bulge; 13 keypoints with noise cannot distinguish more."""
+MODES = 4
+"""K. Rest curvature that changes sign along the cable, and a stiff third, need more than a slope and a bulge; what
+keypoints do not show stays at its prior."""
 
 PARAMETERS = 1 + 2 * MODES + 6
 """Length of theta."""
@@ -47,10 +48,10 @@ NAMES = {
 """Names and units of theta, in its order."""
 
 
-def modes(hinges: int) -> Float[np.ndarray, "K N"]:
-    """P_k at the hinges of a rod that has N of them, evenly spaced."""
+def modes(hinges: int, count: int = MODES) -> Float[np.ndarray, "K N"]:
+    """P_k, k = 1 to `count`, at the hinges of a rod that has N of them, evenly spaced."""
     places = (2 * np.arange(hinges) + 1) / hinges - 1
-    return np.ascontiguousarray(legendre.legvander(places, MODES)[:, 1:].T)
+    return np.ascontiguousarray(legendre.legvander(places, count)[:, 1:].T)
 
 
 def nominal(rod: PlanarRod) -> Float[np.ndarray, "p"]:

@@ -9,9 +9,10 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import least_squares
 
 from cableway.core.errors import TaskError
-from cableway.rod.inverse import fit_keypoints
+from cableway.rod.inverse import fit_keypoints, stable_near
 from cableway.scene import checks, validity
 from cableway.scene.bodies import LEFT, RIGHT, Body
 from cableway.scene.cable import Cable
@@ -21,6 +22,15 @@ from cableway.scene.validity import SPLINE_PIECES as SPLINE_PIECES
 
 CONTROL_STEP = 0.1
 """Time [s] of one control step, to which the gripper limits refer."""
+
+RESUMED_CLEARANCE = 0.001
+"""Clearance [m] that a start keeps from which a task is resumed."""
+
+MOVED_OFF = 0.02
+"""Most that a keypoint is moved for that [m]; the cable is led there by the controller."""
+
+LACK_WEIGHT = 100.0
+"""Of a lack of clearance against as large a move of a keypoint."""
 
 NAME = re.compile(r"\w[\w .+-]*")
 """A task's name; it becomes part of the names of folders."""
@@ -89,19 +99,42 @@ class Task:
     def resumed_from(self, keypoints: Float[np.ndarray, "n 2"]) -> Task:
         """The same task from where the cable is now.
 
-        The start is the equilibrium nearest to the keypoints, which takes away most of what a camera adds.
+        The start is the equilibrium nearest to the keypoints, which takes away most of what a camera adds. Where the
+        nominal cable would not stay there, it is the nearest one between the same grippers where it does; and where
+        that touches something, or nearly, it is moved off by as little as possible.
 
         Args:
             keypoints: (n, 2) [m] as measured.
 
         Raises:
-            TaskError: They are not finite, of another number than the task's, or in collision.
+            TaskError: They are not finite, of another number than the task's, or deep in collision.
         """
         rod, points = self.cable.rod, checks.array(keypoints, ("start",), 2)
         if points.shape != self.start.shape:
             raise TaskError(f"must have shape {self.start.shape}, got {points.shape}", ("start",))
-        q, _ = fit_keypoints(rod, points)
+        q = self._moved_off(stable_near(rod, fit_keypoints(rod, points)[0]))
         return replace(self, start=rod.at_keypoints(rod.shapes(q[None])[0])[0], start_poses=None)
+
+    def _moved_off(self, q: Float[np.ndarray, "dof"]) -> Float[np.ndarray, "dof"]:
+        """The equilibrium nearest to q that keeps `RESUMED_CLEARANCE`; q where it keeps it, or none near does."""
+        rod = self.cable.rod
+        keypoints = rod.at_keypoints(rod.shapes(q[None])[0])[0]
+
+        def lack(stations: np.ndarray) -> np.ndarray:
+            wanted = np.full(len(stations), self.cable.radius + RESUMED_CLEARANCE)
+            wanted[[0, -1]] += max(0.0, self.grippers.radius - self.cable.radius)
+            return np.maximum(0.0, wanted - self.scene.signed_distance(stations))
+
+        def residuals(x: np.ndarray) -> np.ndarray:
+            stations = rod.shapes(x[None])[0]
+            moved = rod.at_keypoints(stations)[0] - keypoints
+            return np.concatenate([moved.ravel(), LACK_WEIGHT * lack(stations[0])])
+
+        if not lack(rod.shapes(q[None])[0][0]).any():
+            return q
+        found = least_squares(residuals, q, x_scale=rod.units).x
+        moved = rod.at_keypoints(rod.shapes(found[None])[0])[0] - keypoints
+        return found if np.linalg.norm(moved, axis=1).max() <= MOVED_OFF else q
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Task):

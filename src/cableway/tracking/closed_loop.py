@@ -91,8 +91,13 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
     if watch is not None and watch.is_blocked(loop.plant.task, loop.plan, loop.state.progress):
         return watch.recover(loop, Outcome.BLOCKED_WAY)
     ending = loop.step()
-    if ending is None and watch is not None and watch.is_lost(loop.observation, loop.state.reference):
+    if watch is None:
+        return ending
+    if ending is None and watch.is_lost(loop.observation, loop.state.reference, loop.plant.task):
         return watch.recover(loop, Outcome.LEFT_PLAN)
+    if ending is not None and ending.outcome is Outcome.SETTLED and watch.is_off_goal(loop.observation, loop.plan):
+        before = len(watch.recovered)
+        return watch.recover(loop, None) or (ending if len(watch.recovered) == before else None)
     return ending
 
 

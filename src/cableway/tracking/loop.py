@@ -125,7 +125,9 @@ class Loop:
         self.plant, self._controller, self._config, self.log = plant, controller, config, Log()
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
         self._scene: Scene | None = None
-        self.follow(plant.task, plan)
+        self.plan = plan
+        self.state: ControllerState = controller.init(plant.task, plan)
+        self._rule = StopRule(config, plan, plant.control_step)
         self._gate = MessageGate()
         self.observation = self._gate.accepted(plant.reset())
         start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
@@ -138,9 +140,9 @@ class Loop:
         return self.log.times[-1]
 
     def follow(self, task: Task, plan: Plan) -> None:
-        """Begin with a plan."""
+        """Go on with another plan."""
         self.plan = plan
-        self.state: ControllerState = self._controller.init(task, plan)
+        self.state = self._controller.resume(self.state, task, plan)
         self._rule = StopRule(self._config, plan, self.plant.control_step)
 
     def look_round(self) -> None:

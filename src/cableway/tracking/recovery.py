@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
+from cableway.estimation.gating import poses_usable
 from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
@@ -28,8 +29,8 @@ class Recovery(Checked):
     The same happens when the scene of the plant's task turns out to have something where the plan leads; controllers
     make room by themselves for what reaches into it by no more than `room`. The grippers stop and stand still; a new
     plan is made from where the cable is, and the run goes on with it. So it is, too, where the cable does not lie at
-    the start of the plan; a nearly straight one may then even bend to the other side. Where that plan fails, the first
-    one is followed.
+    the start of the plan, or comes to rest away from its end; a nearly straight one may even bend to the other side.
+    Where that plan fails, the first one is followed, or the run ends.
 
     Attributes:
         replan: Plans a task that starts where the cable is, given the plan that was left. Raises `PlanningError` where
@@ -37,7 +38,9 @@ class Recovery(Checked):
         times: Recoveries in one run, after which it ends.
         start: Mean distance [m] of the keypoints from the plan's first shape from which the cable lies elsewhere.
         deviation: Mean distance [m] of the keypoints from their reference from which the cable is not on its plan.
+        beside: The same where a keypoint is farther from its reference than anything is from an obstacle.
         patience: Time [s] for which that must be so.
+        goal: Mean distance [m] of the keypoints from the plan's last shape from which a cable at rest has missed it.
         rest: Time [s] that the grippers stand still.
         room: Depth [m] to which cable or gripper discs of the plan may be in an obstacle: 10 mm of a move less the 4 mm
             that plans keep.
@@ -47,10 +50,12 @@ class Recovery(Checked):
     """
 
     replan: Callable[[Task, Plan], Plan]
-    times: NotNegative[int] = 2
+    times: NotNegative[int] = 8
     start: NotNegative[float] = 0.015
-    deviation: NotNegative[float] = 0.05
-    patience: NotNegative[float] = 0.3
+    deviation: NotNegative[float] = 0.03
+    beside: NotNegative[float] = 0.01
+    patience: NotNegative[float] = 0.2
+    goal: NotNegative[float] = 0.01
     rest: NotNegative[float] = 1.0
     room: NotNegative[float] = 0.006
 
@@ -70,12 +75,21 @@ class Watch:
         """Whether the cable does not lie where its plan begins; hidden keypoints do not count."""
         return _mean_distance(observation, start) > self._recovery.start
 
-    def is_lost(self, observation: Observation, reference: Float[np.ndarray, "n 2"]) -> bool:
+    def is_lost(self, observation: Observation, reference: Float[np.ndarray, "n 2"], task: Task) -> bool:
         """Whether the keypoints have been far from their reference for long enough; hidden ones do not count."""
-        distance = _mean_distance(observation, reference)
-        if np.isfinite(distance):
-            self._off = self._off + 1 if distance > self._recovery.deviation else 0
+        mean = _mean_distance(observation, reference)
+        if np.isfinite(mean):
+            far = mean > self._recovery.deviation
+            close = (
+                mean > self._recovery.beside
+                and _clearance(observation, task) < _distances(observation, reference).max()
+            )
+            self._off = self._off + 1 if far or close else 0
         return self._off >= self._patience
+
+    def is_off_goal(self, observation: Observation, plan: Plan) -> bool:
+        """Whether the cable came to rest away from where the plan ends; hidden keypoints do not count."""
+        return _mean_distance(observation, plan.shapes[-1]) > self._recovery.goal
 
     def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
         """Whether what is left of a plan after a share of it leads into something."""
@@ -113,8 +127,20 @@ class Watch:
         return None
 
 
-def _mean_distance(observation: Observation, shape: Float[np.ndarray, "n 2"]) -> float:
-    """Of the observed keypoints from those of a shape [m]; NaN where there are none."""
+def _distances(observation: Observation, shape: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k"]:
+    """Of the observed keypoints from those of a shape [m]."""
     distance = np.linalg.norm(observation.keypoints - shape, axis=1)
-    observed = distance[np.isfinite(distance)]
+    return distance[np.isfinite(distance)]
+
+
+def _mean_distance(observation: Observation, shape: Float[np.ndarray, "n 2"]) -> float:
+    """Mean of `_distances`; NaN where there are none."""
+    observed = _distances(observation, shape)
     return float(observed.mean()) if len(observed) else np.nan
+
+
+def _clearance(observation: Observation, task: Task) -> float:
+    """Of the observed cable and the grippers [m]; infinite where a keypoint or a gripper pose is missing."""
+    if not (np.isfinite(observation.keypoints).all() and poses_usable(observation)):
+        return math.inf
+    return float(clearances(observation.keypoints[None], observation.poses[None], task).min())

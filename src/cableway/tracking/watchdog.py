@@ -33,6 +33,7 @@ from cableway.motion.validity import gripper_spans
 from cableway.outcome import Outcome
 from cableway.records import Observation
 from cableway.scene.task import Task
+from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending
 
 COASTING = 2
@@ -99,6 +100,7 @@ class Guard:
         self._missed = 0
         self._late, self._failed, self._cut, self._fallback = 0, 0, 0, 0
         self._reason: str | None = None
+        self._slack = Slack(task.cable.length)
         clearances(task.start[None], np.zeros((1, *task.cable.rod.end_shape)), task)  # compiles what it needs
 
     @property
@@ -135,7 +137,7 @@ class Guard:
             before: (2, 3) what was sent in the control step before [m, m, rad].
             target: (2, 3) gripper poses as commanded so far [m, m, rad].
         """
-        begun, deadline = self._watchdog.clock(), self._watchdog.deadline
+        begun, deadline, max_span = self._watchdog.clock(), self._watchdog.deadline, self._slack.most_span(observation)
         try:
             action, after = _usable(*self._controller.step(state, observation))
         except Exception as error:  # whatever it is, the grippers need a command
@@ -146,9 +148,12 @@ class Guard:
         if deadline is not None and seconds > deadline:
             self._late += 1
             return self._missing("late", state, observation, before, seconds)
-        self._missed = self._missed + 1 if after.status == Status.FAILED else 0
+        unanswered = after.status in (Status.FAILED, Status.UNEXPLAINED)
+        self._missed = self._missed + 1 if unanswered else 0
+        if after.status == Status.UNEXPLAINED:
+            self._reason = "no cable of the model can be held as the grippers hold it"
         self._fallback += after.status == Status.FAILED
-        sent = last_filter(action, target, self.task)
+        sent = last_filter(action, target, self.task, max_span)
         if np.array_equal(sent, action):
             return Answer(action, after, str(after.status), seconds)
         self._cut += 1

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from cableway.core.errors import InputError
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.task import Task
+from cableway.verification.ends import Ends
 from cableway.verification.follower import Followed, follow
 from cableway.verification.geometry import curve_through, pose_distance
 from cableway.verification.plug import insertion_checks, plug_clearance, require_port
@@ -19,10 +20,13 @@ from cableway.verification.swept import closest_approach
 PIECES = 4
 """Segments of the cable between two keypoints."""
 
+Limit = Float[np.ndarray, "t"] | float
+"""For all rows, or for each."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class VerificationLimits:
-    """What a plan must keep.
+    """What a plan must keep; near a start or goal that keeps less clearance or stability, see `verification.ends`.
 
     Attributes:
         clearance: Of the cable's surface, of the gripper discs and of the plug from everything, swept [m].
@@ -54,7 +58,7 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
     limits = limits or VerificationLimits()
     checks = [
         *_motion(plan, task, limits),
-        *plug_clearance(plan.poses[:, 1], task, limits.clearance),
+        *plug_clearance(plan.poses[:, 1], task, limits.clearance, Ends.of(plan, task)),
         _end("start", plan.shapes[0], task.start, limits),
         _end("goal", plan.shapes[-1], task.goal, limits),
         *_poses("start", plan.poses[0], task.start_poses, limits),
@@ -85,16 +89,21 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
     if plan.shapes.shape[1] != task.cable.keypoints:
         raise InputError(f"the plan has {plan.shapes.shape[1]} keypoints, the task {task.cable.keypoints}")
     lines = curve_through(plan.shapes, PIECES)
-    followed = follow(plan.shapes, plan.poses, task.cable.length)
+    followed, ends = follow(plan.shapes, plan.poses, task.cable.length), Ends.of(plan, task)
+    clearance = ends.clearance(limits.clearance, lines, task.scene, task.cable.radius)
+    grippers = [
+        ends.clearance(limits.clearance, plan.poses[:, side : side + 1, :2], task.scene, task.grippers.radius)
+        for side in range(2)
+    ]
     return [
-        cable_clearance(lines, task, limits.clearance),
-        gripper_clearance(plan.poses, task, limits.clearance),
+        cable_clearance(lines, task, clearance),
+        gripper_clearance(plan.poses, task, np.stack(grippers)),
         _length(lines, task, limits),
         self_crossings(lines),
         self_clearance(lines, task.cable.radius),
         _grasp(plan, limits),
         *_gripper_motion(plan.poses, task),
-        *_following(followed, plan, task, limits),
+        *_following(followed, ends, clearance, task, limits),
         *_optional(plan, followed, task),
     ]
 
@@ -107,29 +116,38 @@ def at_most(name: str, values: Float[np.ndarray, "t"], unit: str, limit: float) 
     return Check(name, float(values[row]), unit, limit, bool(values[row] <= limit + 1e-9), f"at row {row}")
 
 
-def at_least(name: str, values: Float[np.ndarray, "t"], unit: str, limit: float) -> Check:
-    """A check that the least of a value per row stays above `limit`; an empty one fails."""
+def at_least(name: str, values: Float[np.ndarray, "t"], unit: str, limit: Float[np.ndarray, "more"] | float) -> Check:
+    """A check that a value per row stays above its limit, of which there may be more; an empty one fails."""
     if len(values) == 0:
-        return Check(name, float("nan"), unit, limit, False, "never reached")
-    row = int(np.argmin(values))
-    return Check(name, float(values[row]), unit, limit, bool(values[row] >= limit - 1e-9), f"at row {row}")
+        return Check(name, float("nan"), unit, float(np.max(limit)), False, "never reached")
+    limits = np.broadcast_to(limit, max(len(values), np.size(limit)))[: len(values)]
+    row = int(np.argmin(values - limits))
+    value, least = float(values[row]), float(limits[row])
+    return Check(name, value, unit, least, value >= least - 1e-9, f"at row {row}")
 
 
-def cable_clearance(lines: Float[np.ndarray, "t m 2"], task: Task, limit: float) -> Check:
-    """Least clearance of the cable's surface over a motion."""
-    found = closest_approach(lines, task.scene)
-    value = found.distance - task.cable.radius
-    where = f"at row {found.row:.1f}, {task.scene.name_of(found.obstacle)}"
-    return Check("cable clearance", value, "m", limit, value >= limit, where)
+def cable_clearance(lines: Float[np.ndarray, "t m 2"], task: Task, limit: Limit) -> Check:
+    """Least clearance of the cable's surface over a motion, where it is least above its limit."""
+    return _clearance("cable clearance", lines, task, task.cable.radius, limit)
 
 
-def gripper_clearance(poses: Float[np.ndarray, "t 2 3"], task: Task, limit: float) -> Check:
-    """Least clearance of both gripper discs over a motion."""
-    sides = [closest_approach(poses[:, k : k + 1, :2], task.scene) for k in range(2)]
-    side = int(np.argmin([found.distance for found in sides]))
-    value = sides[side].distance - task.grippers.radius
-    where = f"{('left', 'right')[side]}, at row {sides[side].row:.1f}, {task.scene.name_of(sides[side].obstacle)}"
-    return Check("gripper clearance", value, "m", limit, value >= limit, where)
+def gripper_clearance(poses: Float[np.ndarray, "t 2 3"], task: Task, limit: Float[np.ndarray, "2 t"] | float) -> Check:
+    """The same for both gripper discs."""
+    limits = np.broadcast_to(limit, (2, len(poses)))
+    checks = [
+        _clearance("gripper clearance", poses[:, k : k + 1, :2], task, task.grippers.radius, limits[k], f"{side}, ")
+        for k, side in enumerate(("left", "right"))
+    ]
+    return min(checks, key=lambda check: check.value - check.limit)
+
+
+def _clearance(
+    name: str, lines: Float[np.ndarray, "t m 2"], task: Task, radius: float, limit: Limit, who: str = ""
+) -> Check:
+    found = closest_approach(lines, task.scene, limit)
+    value, least = found.distance - radius, found.wanted
+    where = f"{who}at row {found.row:.1f}, {task.scene.name_of(found.obstacle)}"
+    return Check(name, value, "m", least, value >= least - 1e-9, where)
 
 
 def self_crossings(lines: Float[np.ndarray, "t m 2"]) -> Check:
@@ -193,16 +211,20 @@ def _gripper_motion(poses: np.ndarray, task: Task) -> list[Check]:
     ]
 
 
-def _following(followed: Followed, plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
-    lost = 0 if followed.lost_at is None else len(plan.shapes) - followed.lost_at
+def _following(
+    followed: Followed, ends: Ends, clearance: Float[np.ndarray, "t"], task: Task, limits: VerificationLimits
+) -> list[Check]:
+    reached, rows = len(followed.lines), len(clearance)
+    lost = rows - reached
+    kept = followed.stability[[0, -1]] if lost == 0 else np.full(2, limits.stability)
     where = "" if followed.lost_at is None else f"from row {followed.lost_at}"
     checks = [
         Check("rows the rod does not reach", float(lost), "", 0.0, lost == 0, where),
         at_most("rod deviation", followed.deviation, "m", limits.follow),
-        at_least("rod stability", followed.stability, "", limits.stability),
+        at_least("rod stability", followed.stability, "", ends.stability(limits.stability, kept)),
     ]
-    if len(followed.lines) > 1:
-        clear = cable_clearance(followed.lines, task, limits.clearance - limits.follow)
+    if reached > 1:
+        clear = cable_clearance(followed.lines, task, np.maximum(0.0, clearance[:reached] - limits.follow))
         checks.append(Check("rod clearance", clear.value, "m", clear.limit, clear.passed, clear.where))
     return checks
 

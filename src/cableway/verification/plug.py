@@ -13,6 +13,7 @@ from cableway.core.errors import InputError
 from cableway.outcome import PORT_ANGLE, PORT_DEPTH, PORT_LATERAL
 from cableway.records import Check
 from cableway.scene.task import Task
+from cableway.verification.ends import Ends
 from cableway.verification.geometry import alignment, plug_outline
 from cableway.verification.swept import closest_approach
 
@@ -64,7 +65,7 @@ def require_port(task: Task) -> None:
 
 
 def plug_clearance(
-    poses: Float[np.ndarray, "t 3"], task: Task, limit: float, *, inserting: bool = False
+    poses: Float[np.ndarray, "t 3"], task: Task, limit: float, ends: Ends | None = None, *, inserting: bool = False
 ) -> list[Check]:
     """Least clearance of the plug's outline over a motion of the right end; nothing where there is no plug.
 
@@ -72,6 +73,7 @@ def plug_clearance(
         poses: (t, 3) right ends [m, m, rad].
         task: The task.
         limit: Least clearance [m]; contact fails in any case.
+        ends: Where start and goal may keep less.
         inserting: Whether the motion is the insertion into the port. What the port is in then counts only until the tip
             is `MOUTH` before the mouth, and may be as near as that; from there on alignment is what keeps them apart.
     """
@@ -79,7 +81,7 @@ def plug_clearance(
         return []
     lines = plug_outline(task.plug, poses, OUTLINE_SPACING)
     if not inserting:
-        return [_clearance("plug clearance", lines, task, range(len(task.scene.obstacles)), limit)]
+        return [_clearance("plug clearance", lines, task, range(len(task.scene.obstacles)), limit, ends)]
     assert task.port is not None
     around = port_obstacles(task)
     others = [i for i in range(len(task.scene.obstacles)) if i not in around]
@@ -142,10 +144,13 @@ def port_obstacles(task: Task) -> list[int]:
     return [index for index, solid in enumerate(task.scene.solids) if solid.intersects(area)]
 
 
-def _clearance(name: str, lines: np.ndarray, task: Task, obstacles: Sequence[int], limit: float) -> Check:
+def _clearance(
+    name: str, lines: np.ndarray, task: Task, obstacles: Sequence[int], limit: float, ends: Ends | None = None
+) -> Check:
     """Clearance from some of the obstacles and from the walls."""
     whole = task.scene
-    found = closest_approach(lines, replace(whole, obstacles=tuple(whole.obstacles[i] for i in obstacles)))
+    part = replace(whole, obstacles=tuple(whole.obstacles[i] for i in obstacles))
+    found = closest_approach(lines, part, limit if ends is None else ends.clearance(limit, lines, part))
     places = [*obstacles, *range(len(whole.obstacles), len(whole.obstacles) + 4)]
     where = f"at row {found.row:.1f}, {whole.name_of(places[found.obstacle])}"
-    return Check(name, found.distance, "m", limit, limit <= found.distance > 0, where)
+    return Check(name, found.distance, "m", found.wanted, found.wanted - 1e-9 <= found.distance > 0, where)

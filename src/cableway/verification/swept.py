@@ -22,39 +22,55 @@ class Closest:
         distance: [m], negative by the depth of the deepest vertex inside an obstacle.
         row: Fractional row of the motion.
         obstacle: Index in the scene, walls after the obstacles.
+        wanted: Distance wanted there [m].
     """
 
     distance: float
     row: float
     obstacle: int
+    wanted: float = 0.0
 
 
-def closest_approach(lines: Float[np.ndarray, "t m 2"], scene: Scene) -> Closest:
-    """Least distance of a moving polyline to anything, rows joined by straight motion of the vertices.
+def closest_approach(
+    lines: Float[np.ndarray, "t m 2"], scene: Scene, wanted: Float[np.ndarray, "t"] | float = 0.0
+) -> Closest:
+    """Where a moving polyline is closest to anything, rows joined by straight motion of the vertices.
 
     Stretches between two rows are halved until no vertex moves more than `SWEEP_STEP` in one, but only where they
     could come closer than what is already found: distance changes no faster than the vertices move.
+
+    Args:
+        lines: Its rows [m].
+        scene: Obstacles and walls.
+        wanted: Distance [m] wanted at each row, linear between rows; the place is found where it is kept the least.
     """
+    wanted = np.broadcast_to(wanted, len(lines))
+    rows = np.arange(len(lines))
     distance, obstacle = _distances(lines, scene)
-    row = int(np.argmin(distance))
-    best = Closest(float(distance[row]), float(row), int(obstacle[row]))
-    first, length = np.arange(len(lines) - 1), np.linalg.norm(np.diff(lines, axis=0), axis=2).max(1, initial=0.0)
-    at, before, after = first.astype(float), distance[:-1], distance[1:]
+    kept = distance - wanted
+    row = int(np.argmin(kept))
+    least, best = kept[row], Closest(float(distance[row]), float(row), int(obstacle[row]), float(wanted[row]))
+    first, length = rows[:-1], np.linalg.norm(np.diff(lines, axis=0), axis=2).max(1, initial=0.0)
+    length = length + np.abs(np.diff(wanted))
+    at, before, after = first.astype(float), kept[:-1], kept[1:]
     share = 1.0
     while True:
-        keep = (length > SWEEP_STEP) & ((before + after - length) / 2 < best.distance)
+        keep = (length > SWEEP_STEP) & ((before + after - length) / 2 < least)
         if not keep.any():
             return best
         first, at, before, after = first[keep], at[keep], before[keep], after[keep]
         share, length = share / 2, length[keep] / 2
         f = (at + share - first)[:, None, None]
         distance, obstacle = _distances((1 - f) * lines[first] + f * lines[first + 1], scene)
-        k = int(np.argmin(distance))
-        if distance[k] < best.distance:
-            best = Closest(float(distance[k]), float(at[k] + share), int(obstacle[k]))
+        limits = np.interp(at + share, rows, wanted)
+        kept = distance - limits
+        k = int(np.argmin(kept))
+        if kept[k] < least:
+            least = kept[k]
+            best = Closest(float(distance[k]), float(at[k] + share), int(obstacle[k]), float(limits[k]))
         first, length = np.tile(first, 2), np.tile(length, 2)
         at = np.concatenate([at, at + share])
-        before, after = np.concatenate([before, distance]), np.concatenate([distance, after])
+        before, after = np.concatenate([before, kept]), np.concatenate([kept, after])
 
 
 def _distances(lines: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray]:

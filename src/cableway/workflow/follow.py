@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -78,13 +79,14 @@ def cancelled(run: Run) -> Run:
 
 
 def _recovery(options: SolveOptions) -> Recovery | None:
-    """Replanning from where the cable is: first along what is left of the plan, without a rehearsal."""
+    """Replanning from where the cable is, without a rehearsal: first along what is left of the plan, later anew."""
     if not options.recovers:
         return None
-    planner = options.resolved_planner()
+    planner, seeds = options.resolved_planner(), itertools.count(options.seed)
 
     def replan(task: Task, left: Plan) -> Plan:
-        return search(task, options, planner, None, options.seed, previous=left)
+        seed = next(seeds)
+        return search(task, options, planner, None, seed, previous=left if seed == options.seed else None)
 
     return Recovery(replan=replan)
 

@@ -2,10 +2,11 @@
 
 A gripper's disc must go from its place at the start to its place at the goal, and so must a disc as thick as the
 cable about the cable's middle, from the equilibria nearest to start and goal, with the clearance that a plan keeps on
-either side. On a grid, connectivity of the places where the signed distance is at least r - h/sqrt 2 (h the grid's
-spacing, r with the clearance) is necessary for that, because the distance changes no faster than the place. So what is
-reported is certain; narrower misses than h sqrt 2 go undetected. For the same reason r + h/sqrt 2 is sufficient, and
-mostly a coarse grid is enough to see that there is nothing to report.
+either side; near a start or goal that keeps less, with what it keeps there. On a grid, connectivity of the places where
+the signed distance is at least r - h/sqrt 2 (h the grid's spacing, r with the clearance) is necessary for that, because
+the distance changes no faster than the place. So what is reported is certain; narrower misses than h sqrt 2 go
+undetected. For the same reason r + h/sqrt 2 is sufficient, and mostly a coarse grid is enough to see that there is
+nothing to report.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from scipy.sparse import csgraph
 from cableway.planning.routes.pivot import pivot_keypoint
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
+from cableway.verification.ends import CLEARANCE_WAY
 
 SPACING, NODES = 0.001, 500_000
 """Of the grid [m], wider where a table would take more nodes than that."""
@@ -59,12 +61,13 @@ class Blockage:
 
 @dataclass(frozen=True)
 class _Body:
-    """What has to get from one place to another, and the distance [m] that its centre keeps."""
+    """What has to get from one place to another, its radius, and the distances of its centre at both [m]."""
 
     who: str
     radius: float
     start: Float[np.ndarray, "2"]
     goal: Float[np.ndarray, "2"]
+    kept: Float[np.ndarray, "2"]
 
 
 class _Grid:
@@ -80,6 +83,15 @@ class _Grid:
         """The node nearest to a point."""
         i, j = (int(np.argmin(np.abs(axis - x))) for axis, x in zip(self.axes, point, strict=True))
         return i, j
+
+    def wanted(self, body: _Body, clearance: float) -> Float[np.ndarray, "i j"]:
+        """Distance [m] that the centre of a body keeps at each node; near an end that keeps less, what that has."""
+        wanted = np.full(self.distance.shape, body.radius + clearance)
+        for end, kept in zip((body.start, body.goal), body.kept, strict=True):
+            if kept < body.radius + clearance:
+                near = np.linalg.norm(self.nodes - end, axis=-1) <= CLEARANCE_WAY
+                wanted[near] = np.minimum(wanted[near], max(kept, body.radius))
+        return wanted
 
 
 def find_blockage(task: Task, clearance: float = 0.0) -> Blockage | None:
@@ -104,17 +116,21 @@ def find_blockage(task: Task, clearance: float = 0.0) -> Blockage | None:
 
 def _bodies(task: Task) -> list[_Body]:
     rod, middle = task.cable.rod, pivot_keypoint(task.cable.keypoints)
-    start, goal = rod.at_keypoints(rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[0])
+    shapes = rod.at_keypoints(rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[0])
+    distances = task.scene.signed_distance(shapes)
     return [
-        _Body("the left gripper", task.grippers.radius, start[0], goal[0]),
-        _Body("the right gripper", task.grippers.radius, start[-1], goal[-1]),
-        _Body("the cable", task.cable.radius, start[middle], goal[middle]),
+        _Body(who, radius, shapes[0, point], shapes[1, point], distances[:, point])
+        for who, radius, point in (
+            ("the left gripper", task.grippers.radius, 0),
+            ("the right gripper", task.grippers.radius, -1),
+            ("the cable", task.cable.radius, middle),
+        )
     ]
 
 
 def _passes(grid: _Grid, body: _Body, clearance: float) -> bool:
     """Whether some way along the grid's nodes certainly keeps the distance wherever it goes between them."""
-    free = grid.distance >= body.radius + clearance + grid.reach
+    free = grid.distance >= grid.wanted(body, clearance) + grid.reach
     return _joined(free, grid.node(body.start), grid.node(body.goal))
 
 
@@ -127,7 +143,7 @@ def _joined(free: np.ndarray, start: tuple[int, int], goal: tuple[int, int]) -> 
 def _narrowest(grid: _Grid, body: _Body, clearance: float) -> tuple[float, tuple[int, int]] | None:
     """Where none can keep the distance: the least distance on the widest way there is, and the node where that is."""
     distance, start, goal = grid.distance, grid.node(body.start), grid.node(body.goal)
-    free = distance >= body.radius + clearance - grid.reach
+    free = distance >= grid.wanted(body, clearance) - grid.reach
     free[start] = free[goal] = True
     if _joined(free, start, goal):
         return None

@@ -34,7 +34,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from cableway.rod.material import MODES, modes
+from cableway.rod.material import modes
 from cableway.rod.planar import hinge_count
 from cableway.scene.task import CONTROL_STEP
 
@@ -49,6 +49,10 @@ DAMPING = 1e-6
 
 LOAD_SCALE = (30.0, 30.0, 1.0)
 """Brings the derivatives of the ends by (a_x, a_y, m) to one size."""
+
+
+MODES = 2
+"""Of stiffness and rest curvature each."""
 
 
 class Material(NamedTuple):
@@ -97,7 +101,7 @@ class RodParameters(eqx.Module):
 
     def material(self, hinges: int) -> Material:
         """The material of a chain."""
-        shapes = jnp.asarray(modes(hinges), jnp.float32)
+        shapes = jnp.asarray(modes(hinges, MODES), jnp.float32)
         return Material(
             relaxation=jnp.exp(self.damping),
             stiffness=jnp.exp(self.stiffness @ shapes),
