@@ -9,7 +9,7 @@ from cableway.geometry.groups import SE2
 from cableway.rod import material
 from cableway.rod.fitting import meet_ends, workspace
 from cableway.rod.kernels import held_shape
-from cableway.rod.material import GRASPS, PARAMETERS, ROD
+from cableway.rod.material import CURVATURE, GRASPS, PARAMETERS, ROD, STIFFNESS
 from cableway.rod.planar import PlanarRod
 
 RODS = [PlanarRod(0.3, 13), PlanarRod(0.5, 10)]  # 24 hinges, and 27 with one at the centre
@@ -19,7 +19,8 @@ Q = np.array([0.25, 0.3, 0.3, 5.0, 9.0, -1.5])
 def parameters(rod: PlanarRod, seed: int = 0) -> np.ndarray:
     """Some rod that differs in every way."""
     rng = np.random.default_rng(seed)
-    return material.nominal(rod)[ROD] + rng.normal(size=ROD.stop) * [0.02 * rod.length, *[0.5] * 2, *[0.5] * 2]
+    spread = np.concatenate([[0.02 * rod.length], np.full(ROD.stop - 1, 0.4)])
+    return material.nominal(rod)[ROD] + rng.normal(size=ROD.stop) * spread
 
 
 def shape(q: np.ndarray, p: np.ndarray, rod: PlanarRod) -> tuple[np.ndarray, ...]:
@@ -55,7 +56,7 @@ def test_moments_balance(rod: PlanarRod) -> None:
     links = np.diff(stations[1::2], axis=0)
     bends = np.diff(np.unwrap(np.arctan2(links[:, 1], links[:, 0])))  # of all hinges but the outer two
     modes = material.modes(rod.hinges)[:, 1:-1]
-    stiffness, rest = np.exp(p[1:3] @ modes), p[3:5] @ modes
+    stiffness, rest = np.exp(p[STIFFNESS] @ modes), p[CURVATURE] @ modes
     moments = stiffness * (bends * rod.hinges - rest)
     places = stations[3:-2:2]
     rows = np.column_stack([places, np.ones(len(places))])
@@ -83,7 +84,7 @@ def test_a_shape_is_found_between_its_own_ends(rod: PlanarRod) -> None:
 
 def test_means_of_stiffness_and_rest_curvature_are_left_out() -> None:
     modes = material.modes(RODS[0].hinges)
-    np.testing.assert_allclose(modes.mean(axis=1), 0.0, atol=2e-3)
+    np.testing.assert_allclose(modes.mean(axis=1), 0.0, atol=4e-3)  # what the midpoint rule leaves of degree 4
     assert material.nominal(RODS[0]).shape == (PARAMETERS,)
     assert (material.nominal(RODS[0])[GRASPS] == 0).all()
 

@@ -56,9 +56,9 @@ def last_filter(
     """What of an action may leave for the plant, whoever made it.
 
     No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at all
-    where it is not: the grippers farther apart than `max_span`, or nearer to each other than `separation` and their
-    discs allow; a disc or the plug in an obstacle or a wall. An action that breaks one of the latter is made in
-    part, in steps of a quarter.
+    where it is not: the grippers farther apart than `max_span`, or nearer to each other than `Grippers.least_span`;
+    a disc or the plug in an obstacle or a wall. An action that breaks one of the latter is made in part, in steps of
+    a quarter.
 
     Args:
         action: (2, 3) gripper motion [m, m, rad]; one that is not finite becomes standing still.
@@ -71,7 +71,7 @@ def last_filter(
         action = within_limits(action, poses, task.grippers, max_span)
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
     kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.bodies])
-    kept = np.column_stack([kept, gripper_spans(reached) - max(task.grippers.separation, 2 * task.grippers.radius)])
+    kept = np.column_stack([kept, gripper_spans(reached) - task.grippers.least_span])
     allowed = (kept >= np.minimum(kept[0], 0.0) - ROUNDING).all(axis=1)
     # the first share that is not allowed bounds those that are
     share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0

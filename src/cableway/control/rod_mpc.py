@@ -164,7 +164,7 @@ class RodMPC(Controller[RodMPCState]):
             grippers.max_turn,
             task.cable.radius,
             grippers.radius,
-            grippers.separation,
+            grippers.least_span,
         )
         state = RodMPCState(
             **beginning, estimator=estimator, estimate=estimator.start(shapes[0]), shapes=shapes,

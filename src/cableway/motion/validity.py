@@ -51,7 +51,7 @@ class FreeSpace:
                 task.cable.radius + margins.clearance, float(task.scene.signed_distance(stations).min()) - 1e-6
             ),
             stability=min(margins.stability, float(rod.stability(ends)[0].min()) - 1e-6),
-            least_span=min(task.grippers.separation, float(spans.min()) - 1e-9),
+            least_span=min(task.grippers.least_span, float(spans.min()) - 1e-9),
             most_span=max(margins.gripper_span * rod.length, float(spans.max()) + 1e-9),
             sharpest_turn=max(sharpest_turn_of(task), *turns),
             apart=apart,

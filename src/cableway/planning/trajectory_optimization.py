@@ -215,8 +215,7 @@ class _Problem:
 
     def _span(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Excess and shortfall (t, 2) of the gripper span, and their slopes by the poses."""
-        length, least = self.rod.length, self.task.grippers.separation
-        least += self.config.separation_margin if least else 0.0
+        length, least = self.rod.length, self.task.grippers.least_span + self.config.separation_margin
         over, slope = terms.span_excess(poses, self.config.span_wanted * length, least)
         return over / (length * SPAN_SCALE), slope / (length * SPAN_SCALE)
 

@@ -20,7 +20,7 @@ class Grippers:
         radius: Of the disc each gripper covers [m].
         max_step: Largest move in one control step [m].
         max_turn: Largest turn in one control step [rad].
-        separation: Least distance between the two grippers' centres [m]; 0 for none.
+        separation: Least distance between the two grippers' centres [m]; never below what their discs need.
 
     Raises:
         TaskError: A value is not finite or out of range.
@@ -36,6 +36,11 @@ class Grippers:
             object.__setattr__(self, name, checks.real(getattr(self, name), ("grippers", name), positive=True))
         separation = checks.real(self.separation, ("grippers", "separation"), minimum=0.0)
         object.__setattr__(self, "separation", separation)
+
+    @property
+    def least_span(self) -> float:
+        """Least distance [m] between the centres: `separation`, or two radii where that is more."""
+        return max(self.separation, 2 * self.radius)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,10 +59,9 @@ def check_shape(end: str, shape: Float[np.ndarray, "n 2"], scene: Scene, cable: 
     _check_bends(end, shape, cable)
     _check_free(end, curve, scene, cable.radius, grippers.radius)
     gap = float(np.linalg.norm(shape[-1] - shape[0]))
-    if gap < grippers.separation:
-        raise TaskError(
-            f"has its grippers {gap:.4f} m apart, less than grippers.separation {grippers.separation:g} m", (end,)
-        )
+    if gap < grippers.least_span:
+        needed = "grippers.separation" if grippers.separation == grippers.least_span else "two of grippers.radius,"
+        raise TaskError(f"has its grippers {gap:.4f} m apart, less than {needed} {grippers.least_span:g} m", (end,))
 
 
 def check_poses(end: str, poses: Float[np.ndarray, "2 3"], shape: Float[np.ndarray, "n 2"], cable: Cable) -> None:

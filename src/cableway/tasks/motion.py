@@ -94,7 +94,7 @@ def require_sound(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float) -> N
         rows,
         stability=LEAST_STABILITY,
         most_span=most_span,
-        least_span=max(2 * setup.thickness + margin, setup.grippers.separation),
+        least_span=max(2 * setup.thickness + margin, setup.grippers.least_span),
         most_energy=MOST_ENERGY,
     )
     if fault:

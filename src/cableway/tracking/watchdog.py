@@ -180,7 +180,7 @@ class Guard:
         ends = np.stack([poses, SE2.plus(poses, action)])
         now, then = clearances(np.stack([keypoints, moved]), ends, self.task)
         span, span_after = gripper_spans(ends)
-        apart = span_after >= min(self.task.grippers.separation, span)
+        apart = span_after >= min(self.task.grippers.least_span, span)
         return bool(apart) and bool((then >= np.minimum(self._watchdog.margin, now)).all())
 
 

@@ -102,6 +102,7 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         self_crossings(lines),
         self_clearance(lines, task.cable.radius),
         _grasp(plan, limits),
+        _separation(plan.poses, task),
         *_gripper_motion(plan.poses, task),
         *_following(followed, ends, clearance, task, limits),
         *_optional(plan, followed, task),
@@ -203,6 +204,13 @@ def _grasp(plan: Plan, limits: VerificationLimits) -> Check:
     return at_most("grasp error", gap, "m", limits.grasp)
 
 
+def _separation(poses: np.ndarray, task: Task) -> Check:
+    """The grippers' discs overlap nowhere, and their centres keep the distance that the task asks for."""
+    grippers = task.grippers
+    apart = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+    return at_least("gripper separation", apart, "m", max(grippers.separation, 2 * grippers.radius))
+
+
 def _gripper_motion(poses: np.ndarray, task: Task) -> list[Check]:
     move, turn = pose_distance(poses[:-1], poses[1:])
     return [
@@ -232,9 +240,6 @@ def _following(
 def _optional(plan: Plan, followed: Followed, task: Task) -> list[Check]:
     """What only some tasks ask for."""
     checks = []
-    if task.grippers.separation > 0:
-        apart = np.linalg.norm(plan.poses[:, 1, :2] - plan.poses[:, 0, :2], axis=1)
-        checks.append(at_least("gripper separation", apart, "m", task.grippers.separation))
     if task.cable.min_bend_radius > 0:
         checks.append(at_most("curvature", followed.curvature, "1/m", 1 / task.cable.min_bend_radius))
     return checks

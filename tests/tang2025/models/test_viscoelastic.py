@@ -47,10 +47,11 @@ def test_a_rod_that_is_not_uniform_is_the_rod_of_the_estimator(keypoints):
     rod = PlanarRod(0.3, keypoints)
     stiffness, rest = np.array([0.5, -0.4 * 2 / 3]), np.array([0.6, 0.8 * 2 / 3])
     p = np.concatenate([[rod.length], stiffness, rest])
+    modes = rod_material.modes(rod.hinges, len(rest))
     shapes, poses = [], []
     for q in (FROM, TO):
-        stations, _, ends, _ = arrays = workspace(rod_material.modes(rod.hinges), len(q) + len(p))
-        held_shape(q, p, rod_material.modes(rod.hinges), *arrays)
+        stations, _, ends, _ = arrays = workspace(modes, len(q) + len(p))
+        held_shape(q, p, modes, *arrays)
         shapes.append(rod.at_keypoints(stations[None])[0])
         poses.append(ends)
     parameters = RodParameters(1e-4)

@@ -72,7 +72,7 @@ class HorizonCost:
             terms.separation(
                 reached,
                 derivative,
-                self._task.grippers.separation,
+                self._task.grippers.least_span,
                 span_limit(target.poses, cable.length, config.soft_span),
                 config.span_weight,
             ),
