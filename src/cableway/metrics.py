@@ -104,8 +104,7 @@ METRICS = {
                definition="Share of episodes in which cable or grippers touched an obstacle or a wall."),
         Metric(key="shape_error", title="error", label="shape error, stacked", unit="m", better="lower",
                value=_first("shape_error"), tolerance=1.25,
-               definition="Final shape error, stacked. Where the cable was not moved (no plan, a crash), that of the "
-               "start."),
+               definition="Final shape error, stacked; none where nothing moved (no plan, a crash, a time-out)."),
         Metric(key="least_achievable_error", label="least achievable error", unit="m", better="lower",
                value=_first("least_achievable_error"),
                definition="Least stacked error that any gripper poses reach with the plant's cable on a table without "
@@ -116,7 +115,7 @@ METRICS = {
                "table without friction."),
         Metric(key="mean_keypoint_error", title="mean error", label="shape error, mean keypoint", unit="m",
                better="lower", value=_first("mean_keypoint_error"),
-               definition="Mean distance of a keypoint from its goal at the end."),
+               definition="Mean distance of a keypoint from its goal at the end; none where nothing moved."),
         Metric(key="min_clearance", label="least clearance, cable", unit="m", better="higher",
                value=_first("min_clearance"), definition="Least clearance of the whole cable, by the simulator."),
         Metric(key="gripper_clearance", label="least clearance, grippers", unit="m", better="higher",

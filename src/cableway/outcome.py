@@ -58,7 +58,7 @@ class Outcome(StrEnum):
     INFEASIBLE = "infeasible", "No plan exists: a gripper or the cable cannot pass."
     NOT_CERTIFIED = "not certified", "No plan exists, and the planner did not say so."
     TIMED_OUT = "timed out", "The time limit ran out."
-    INTERRUPTED = "interrupted", "The run was cancelled."
+    INTERRUPTED = "interrupted", "The run was interrupted or cancelled."
     CRASHED = "crashed", "The method raised an error or its process died."
 
     @property

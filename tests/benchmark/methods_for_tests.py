@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 
 from cableway.benchmark.methods import Method
 from cableway.control.open_loop import OpenLoop
@@ -11,7 +10,8 @@ from cableway.core.errors import PlanningError
 
 
 def hanging(task, seed):
-    time.sleep(600)
+    while True:
+        pass
 
 
 def dying(task, seed):

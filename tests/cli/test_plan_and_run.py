@@ -170,15 +170,31 @@ def test_compilation_does_not_count_against_the_time_limit(
     assert "Kernels were compiled for 3600 s before planning; this happens once." in report(Path("o"))["notes"]
 
 
-def test_an_interrupt_while_tracking_leaves_the_plan(
+def test_an_interrupt_while_tracking_leaves_the_plan_and_what_was_tracked(
     cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(OpenLoop, "step", interrupt)
+    """In the middle of a step, from which nothing is kept."""
+    whole, asked = OpenLoop.step, iter(range(100))
+    monkeypatch.setattr(OpenLoop, "step", lambda *given: interrupt() if next(asked) == 5 else whole(*given))
+    done = cableway("run", moved_file, "--controller", "open-loop", "--out", "o")
+    assert (done.status, done.out) == (130, "")
+    assert done.err.endswith("cableway: interrupted\n")
+    assert names(Path("o")) == PLANNED | {"rollout.npz", "rollout.png"}
+    rollout = Rollout.load("o/rollout.npz")
+    assert (Plan.load("o/plan.npz").steps > 0, rollout.steps, rollout.outcome) == (True, 5, "interrupted")
+    content = report(Path("o"))
+    assert (content["success"], content["outcome"], content["steps"]) == (False, "interrupted", 5)
+
+
+def test_an_interrupt_before_tracking_leaves_no_success(
+    cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """While the controller and the plant are made."""
+    monkeypatch.setattr(OpenLoop, "init", interrupt)
     done = cableway("run", moved_file, "--controller", "open-loop", "--out", "o")
     assert done.status == 130
     assert names(Path("o")) == PLANNED
-    assert Plan.load("o/plan.npz").steps > 0
-    assert report(Path("o"))["success"] is True
+    assert (report(Path("o"))["success"], report(Path("o"))["outcome"]) == (False, "interrupted")
 
 
 def test_an_interrupt_in_the_video_leaves_the_rollout_and_its_report(

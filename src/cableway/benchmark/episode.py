@@ -57,7 +57,7 @@ class Result:
         strict: The same with 1 cm.
         contact: Whether something was touched.
         verified: Whether the independent judge found nothing wrong with the rollout.
-        shape_error: Final stacked error; where the cable was not moved, that of the start.
+        shape_error: Final stacked error; None where the cable was not moved, as where no plan was found.
         least_achievable_error: Least that any gripper poses reach with this cable.
         mean_keypoint_error: Mean distance of a final keypoint from its goal.
         clearance: Least clearance of cable and grippers.
@@ -159,8 +159,9 @@ def _score(job: Job) -> Scored:
     episode, task = job.episode, job.episode.load()
     perturbation = named_perturbation(episode.plant, task, episode.seed)
     options = _method(job.source).options(
-        controller=_controller(job.source), perturbation=perturbation, seed=episode.seed, track=episode.suite != BLOCKED
-    )
+        controller=_controller(job.source), perturbation=perturbation, seed=episode.seed, track=episode.suite != BLOCKED,
+        clock=time.process_time,  # as others may work on this machine
+    )  # fmt: skip
     run = solve(task, options)
     if episode.suite == BLOCKED:
         return Scored(_certified(job, run))
@@ -192,8 +193,7 @@ def died(job: Job, outcome: Outcome, detail: str) -> Scored:
     from cableway.figures.style import figure_png
 
     task = job.episode.load()
-    result = Result(**_known(job), outcome=outcome, detail=detail, **_unmoved(task))
-    return Scored(result, figure_png(task_figure(task)))
+    return Scored(Result(**_known(job), outcome=outcome, detail=detail), figure_png(task_figure(task)))
 
 
 @cache
@@ -216,15 +216,6 @@ def _known(job: Job) -> dict[str, Any]:
     return {"episode": given.pop("name"), "method": job.method, "made_by": job.made_by, **given}
 
 
-def _unmoved(task: Task) -> dict[str, Any]:
-    """Figures of a cable that was left where it lay."""
-    offset = task.start - task.goal
-    return {
-        "shape_error": float(np.linalg.norm(offset)),
-        "mean_keypoint_error": float(np.linalg.norm(offset, axis=1).mean()),
-    }
-
-
 def _certified(job: Job, run: Run) -> Result:
     """Of a task without a solution: a success where the planner says so."""
     certified = run.report.outcome is Outcome.INFEASIBLE
@@ -241,9 +232,7 @@ def _certified(job: Job, run: Run) -> Result:
 def _measured(job: Job, run: Run) -> Result:
     report, rollout = run.report, run.rollout
     figures = {name: getattr(report, name) for name in FROM_REPORT}
-    if rollout is None:
-        figures |= _unmoved(run.task)
-    else:
+    if rollout is not None:
         figures |= {
             "strict": report.success and report.shape_error is not None and report.shape_error < STRICT_ERROR,
             "contact": not rollout.least_clearance > 0,

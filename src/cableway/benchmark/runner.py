@@ -66,7 +66,8 @@ def run_jobs(
         folder: Where results go.
         executor: "local" or "ray".
         workers: Episodes at a time; as many as there are cores where None.
-        time_limit: Wall time [s] after which an episode is given up and its process ended.
+        time_limit: Processor time [s] after which an episode is given up and its process ended; see
+            `core.executors.Executor`.
         done: Called with each result.
 
     Raises:
@@ -110,7 +111,7 @@ def _scored(job: Job, ended: Pending, time_limit: float) -> Scored:
     try:
         return ended.result()
     except TimeoutError:
-        outcome, detail = Outcome.TIMED_OUT, f"not finished within {time_limit:g} s"
+        outcome, detail = Outcome.TIMED_OUT, f"not finished within {time_limit:g} s of processor time"
     except Exception as error:
         outcome, detail = Outcome.CRASHED, f"{type(error).__name__}: {' '.join(str(error).split())[:500]}"
     return died(job, outcome, detail)

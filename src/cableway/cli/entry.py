@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Sequence
 
+from cableway.cli.interrupts import INTERRUPTS
 from cableway.core.errors import CablewayError, InputError
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses: succeeded; done, but the task did not succeed; the input was wrong; ctrl-c."""
+"""Exit statuses: succeeded; done, but the task did not succeed; the input was wrong; ctrl-c (a SIGTERM: 143)."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -20,35 +22,43 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    with INTERRUPTS.handled(last=argv is None):
+        try:
+            sentence, status = _run(list(sys.argv[1:] if argv is None else argv))
+        except BaseException as error:  # an interrupt comes out of an import as whatever the module makes of it
+            if not (INTERRUPTS.came or isinstance(error, KeyboardInterrupt)):
+                raise
+            sentence, status = "interrupted", INTERRUPTED
+        if INTERRUPTS.came:
+            sentence, status = "interrupted" if INTERRUPTS.came == signal.SIGINT else "terminated", INTERRUPTS.status
+    if sentence:
+        print(f"cableway: {sentence}", file=sys.stderr)
+    return status
+
+
+def _run(arguments: list[str]) -> tuple[str, int]:
+    """Carry out a command line: what is to be said about it, and the exit status."""
     try:
         if arguments == ["--version"]:
             from cableway.core.provenance import versions
 
             print(f"cableway {versions()['cableway']}")
-            return DONE
-        from cableway.cli.commands import parse  # here, so that ctrl-c during imports is quiet too
+            return "", DONE
+        from cableway.cli.commands import parse  # here, so that an interrupt during imports is quiet too
 
-        return parse(arguments).execute()
+        return "", parse(arguments).execute()
     except SystemExit as stop:
-        return stop.code if isinstance(stop.code, int) else DONE
-    except KeyboardInterrupt:
-        return _say("interrupted", INTERRUPTED)
+        return "", stop.code if isinstance(stop.code, int) else DONE
     except BrokenPipeError:
         from cableway.cli.terminal import leave_pipe
 
         leave_pipe()
-        return DONE
+        return "", DONE
     except InputError as error:
-        return _say(str(error), WRONG_INPUT)
+        return str(error), WRONG_INPUT
     except CablewayError as error:
-        return _say(str(error), FAILED)
+        return str(error), FAILED
     except OSError as error:
         if error.filename is None:
             raise
-        return _say(f"{error.filename}: {error.strerror}", WRONG_INPUT)
-
-
-def _say(sentence: str, status: int) -> int:
-    print(f"cableway: {sentence}", file=sys.stderr)
-    return status
+        return f"{error.filename}: {error.strerror}", WRONG_INPUT

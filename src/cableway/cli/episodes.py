@@ -27,7 +27,7 @@ class EpisodeOptions(Options):
     """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster at RAY_ADDRESS."""
 
     time_limit: float = 300.0
-    """Seconds after which an episode is stopped and counts as a failure."""
+    """Seconds of processor time after which an episode is stopped and counts as a failure."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

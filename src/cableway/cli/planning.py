@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cableway.cli import outputs
+from cableway.cli.interrupts import INTERRUPTS
 from cableway.cli.options import TaskOptions
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
@@ -63,6 +65,7 @@ class PlanOptions(TaskOptions):
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=self.time_limit, **options)
         with terminal.progress() as progress:
             run = solve(task, chosen, _shown(terminal, progress, folder))
+            INTERRUPTS.release()
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video
 
@@ -75,20 +78,23 @@ class PlanOptions(TaskOptions):
 def _shown(terminal: Terminal, progress: OnProgress, folder: Path) -> OnEvent:
     """Shows a run at the terminal and leaves its files in a folder as they come.
 
-    The folder stays as it was until there is something to write, so that an interrupt costs nothing.
+    The folder stays as it was until there is something to write, so that an interrupt costs nothing. From then on an
+    interrupt cancels the run, so that what was tracked until then is kept.
     """
-    from cableway.workflow.events import Event, Finished, Note, Planned, Progress
+    from cableway.workflow.events import CANCEL, Event, Finished, Note, Planned, Progress
 
-    def on_event(event: Event) -> None:
+    def on_event(event: Event) -> str | None:
         match event:
             case Progress(stage, share):
                 progress(stage, share)
             case Note(text):
                 terminal.note(text)
             case Planned(run):
+                INTERRUPTS.hold()
                 _write_plans(folder, run)
             case Finished(run):
                 _write_rollouts(folder, run)
+        return CANCEL if INTERRUPTS.came else None
 
     return on_event
 
@@ -96,17 +102,10 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path) -> OnEvent:
 def _write_plans(folder: Path, run: Run) -> None:
     """Write the plans, or where there is none a picture of the closest attempt."""
     from cableway.figures.plan import alternatives_figure, attempt_figure, plan_figure
-    from cableway.figures.style import save_figure
     from cableway.records import Attempt
     from cableway.scene.files.saving import save_task
 
-    if run.plan is None:
-        plans, figure = [], attempt_figure(run.task, run.attempt or Attempt(reason=run.report.failure or ""))
-    else:
-        plans, figure = [run.plan, *run.alternatives], plan_figure(run.task, run.plan)
-    pictures = {outputs.PLAN_PICTURE: figure}
-    if run.alternatives:
-        pictures[outputs.ALTERNATIVES_PICTURE] = alternatives_figure(run.task, [each.shapes for each in plans])
+    plans = [] if run.plan is None else [run.plan, *run.alternatives]
     outputs.clear(folder)
     for place, each in enumerate(plans, start=1):
         each.save(folder / outputs.alternative(place))
@@ -114,19 +113,35 @@ def _write_plans(folder: Path, run: Run) -> None:
         run.insertion_plan.save(folder / outputs.INSERTION_PLAN)
     save_task(run.task, folder / outputs.TASK)
     outputs.write_report(folder, run.report)
-    for name, picture in pictures.items():
-        save_figure(picture, folder / name)
+    attempt = run.attempt or Attempt(reason=run.report.failure or "")
+    _draw(
+        folder / outputs.PLAN_PICTURE,
+        lambda: attempt_figure(run.task, attempt) if run.plan is None else plan_figure(run.task, run.plan),
+    )
+    if run.alternatives:
+        shapes = [each.shapes for each in plans]
+        _draw(folder / outputs.ALTERNATIVES_PICTURE, lambda: alternatives_figure(run.task, shapes))
 
 
 def _write_rollouts(folder: Path, run: Run) -> None:
     from cableway.figures.insertion import insertion_figure
     from cableway.figures.rollout import rollout_figure
+
+    rollout, insertion = run.rollout, run.insertion
+    if rollout is not None:
+        rollout.save(folder / outputs.ROLLOUT)
+    if insertion is not None:
+        insertion.save(folder / outputs.INSERTION)
+    outputs.write_report(folder, run.report)
+    if rollout is not None:
+        _draw(folder / outputs.ROLLOUT_PICTURE, lambda: rollout_figure(run.task, rollout))
+    if insertion is not None:
+        _draw(folder / outputs.INSERTION_PICTURE, lambda: insertion_figure(run.task, insertion))
+
+
+def _draw(path: Path, figure: Callable[[], Any]) -> None:
+    """Make a picture, unless somebody waits for the command to end."""
     from cableway.figures.style import save_figure
 
-    if run.rollout is not None:
-        run.rollout.save(folder / outputs.ROLLOUT)
-        save_figure(rollout_figure(run.task, run.rollout), folder / outputs.ROLLOUT_PICTURE)
-    if run.insertion is not None:
-        run.insertion.save(folder / outputs.INSERTION)
-        save_figure(insertion_figure(run.task, run.insertion), folder / outputs.INSERTION_PICTURE)
-    outputs.write_report(folder, run.report)
+    if not INTERRUPTS.came:
+        save_figure(figure(), path)

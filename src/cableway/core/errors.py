@@ -92,6 +92,18 @@ class PlanningInterrupted(PlanningError):
     """The search was interrupted from the keyboard after something had been tried; `attempt` is what came closest."""
 
 
+class TrackingInterrupted(KeyboardInterrupt):
+    """A run was interrupted from the keyboard.
+
+    Attributes:
+        rollout: What was tracked until then, as a `cableway.records.Rollout`.
+    """
+
+    def __init__(self, rollout: Any) -> None:
+        super().__init__("interrupted while tracking")
+        self.rollout = rollout
+
+
 class SimulationError(CablewayError):
     """The simulated plant cannot go on: an overlap at the start, a slipped grasp, a diverged state."""
 

@@ -14,10 +14,14 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, Thr
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from typing import Any, Protocol, TypeVar
 
 from cableway.core.errors import InputError, SimulationError, UnknownNameError
 from cableway.core.extras import require
+
+PATIENCE = 4.0
+"""Wall time that an isolated local call may take, in units of its limit of processor time."""
 
 Result = TypeVar("Result")
 Call = TypeVar("Call", bound=tuple[Any, ...])
@@ -37,7 +41,8 @@ class Executor:
 
     Attributes:
         submit: `submit(function, arguments, time_limit)` begins `function(*arguments)`; where the executor is isolated,
-            a call that takes longer than the limit [s] is ended.
+            a call that takes longer than the limit is ended: of processor time [s] in a local process, where other work
+            on the machine does not count, or `PATIENCE` times that of wall time; of wall time on a cluster.
         workers: How many calls run at a time.
     """
 
@@ -73,7 +78,22 @@ class Executor:
                 call = running.pop(future)
                 for other in itertools.islice(remaining, 1):
                     running[self.submit(function, other, time_limit)] = other
-                yield call, future
+                yield call, _Ended(future)
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """A call in an isolated process, which the system ends where it has used its processor time up."""
+
+    future: Future[Any]
+
+    def result(self) -> Any:
+        try:
+            return self.future.result()
+        except Exception as error:
+            if getattr(error, "exitcode", None) == -signal.SIGPROF:
+                raise TimeoutError from None
+            raise
 
 
 class _Later:
@@ -122,8 +142,13 @@ def _local(workers: int | None) -> Iterator[Executor]:
         yield Executor(_Later, 1)
         return
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin_worker)
+
+    def submit(function: Callable[..., Any], arguments: tuple[Any, ...], _: float | None) -> Any:
+        with _deaf_to_interrupts():
+            return pool.submit(function, *arguments)
+
     try:
-        yield Executor(lambda function, arguments, _: pool.submit(function, *arguments), count)
+        yield Executor(submit, count)
     except BrokenProcessPool:
         raise SimulationError(
             "a worker process died: out of memory, killed, or unable to import the main module "
@@ -141,14 +166,38 @@ def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator
     count = workers or cores()
     context = multiprocessing.get_context("spawn")
     pool = pebble.ProcessPool(count, context=context, initializer=begin_worker, initargs=[begin])
+
+    def submit(function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> Any:
+        most = None if limit is None else PATIENCE * limit
+        with _deaf_to_interrupts():
+            return pool.schedule(_within, args=[function, arguments, limit], timeout=most)
+
     try:
-        yield Executor(
-            lambda function, arguments, limit: pool.schedule(function, args=list(arguments), timeout=limit), count
-        )
+        yield Executor(submit, count)
         pool.close()
     finally:
         pool.stop()
         pool.join()
+
+
+def _within(function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> Any:
+    """A call in a process that ends by SIGPROF after so much processor time [s]."""
+    signal.setitimer(signal.ITIMER_PROF, limit or 0.0)
+    try:
+        return function(*arguments)
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Threads and processes that begin meanwhile never hear an interrupt, not even before `begin_worker`."""
+    resource_tracker.ensure_running()  # where it is begun meanwhile, it lets interrupts through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def begin_worker(begin: Callable[[], None] | None = None) -> None:

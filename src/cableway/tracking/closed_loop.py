@@ -9,7 +9,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from cableway.control.base import Controller
-from cableway.core.errors import Cancelled, InputError
+from cableway.core.errors import Cancelled, InputError, TrackingInterrupted
 from cableway.core.provenance import describe
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
@@ -60,6 +60,7 @@ def track(
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.
         SimulationError: The plant could not even take its start.
+        TrackingInterrupted: An interrupt from the keyboard; its `rollout` is what was tracked until then.
     """
     config = config or TrackConfig()
     if not math.isclose(controller.control_step, plant.control_step, rel_tol=1e-6):
@@ -80,9 +81,16 @@ def track(
                 progress("track", 1.0 if ending else min(loop.state.progress, 0.99))
     except Cancelled as error:
         ending = Ending(Outcome.INTERRUPTED, str(error))
+    except KeyboardInterrupt:
+        stopped = Ending(Outcome.INTERRUPTED, "from the keyboard")
+        raise TrackingInterrupted(_record(loop, watch, _metadata(controller, config, stopped, seed))) from None
+    return _record(loop, watch, _metadata(controller, config, ending, seed))
+
+
+def _record(loop: Loop, watch: Watch | None, metadata: dict[str, Any]) -> Rollout:
+    """The rollout so far."""
     recovered = watch.recovered if watch is not None else []
-    happened = {"recovered": recovered, "watchdog": loop.guard.record()}
-    return loop.log.rollout(_metadata(controller, config, ending, seed) | happened)
+    return loop.log.rollout(metadata | {"recovered": recovered, "watchdog": loop.guard.record()})
 
 
 def _advance(loop: Loop, watch: Watch | None) -> Ending | None:

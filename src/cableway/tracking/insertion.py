@@ -9,6 +9,7 @@ import numpy as np
 
 from cableway.control.insertion import InsertionController
 from cableway.core.deprecation import renamed_keywords
+from cableway.core.errors import TrackingInterrupted
 from cableway.geometry.groups import SE2
 from cableway.outcome import SUCCESS_ERROR, stacked_limit
 from cableway.records import INSERTION, Observation, Plan, Rollout
@@ -61,10 +62,16 @@ def insert_plug(
         InputError: The plan has another number of keypoints than the plant's task.
         SimulationError: The plant cannot go on.
     """
-    rollout = track(
-        cast(Plant, _GoingOn(plant)), controller or InsertionController(), plan, config=config, watchdog=watchdog,
-        progress=progress, seed=seed,
-    )  # fmt: skip
+    try:
+        return _inserting(track(
+            cast(Plant, _GoingOn(plant)), controller or InsertionController(), plan, config=config, watchdog=watchdog,
+            progress=progress, seed=seed,
+        ))  # fmt: skip
+    except TrackingInterrupted as stop:
+        raise TrackingInterrupted(_inserting(stop.rollout)) from None
+
+
+def _inserting(rollout: Rollout) -> Rollout:
     return replace(rollout, metadata={**rollout.metadata, "part": INSERTION})
 
 

@@ -71,20 +71,21 @@ class Log:
         return Ending(Outcome.PLANT_FAILED, str(error))
 
     def rollout(self, metadata: dict[str, Any]) -> Rollout:
-        """The record of it all."""
-        steps = len(self.times) - 1
+        """The record of it all; a row that an interrupt left unfinished is none."""
+        rows = min(map(len, (self.times, self.observed, self.measured, self.reference)))
+        steps = min(rows - 1, *map(len, (self.estimates, self.actions, self.solve_time, self.status)))
         truth = {
-            name: np.array([getattr(row, name) for row in self.measured])
+            name: np.array([getattr(row, name) for row in self.measured[: steps + 1]])
             for name in ("keypoints", "poses", "centreline", "clearance", "gripper_clearance")
         }
         estimates = self._estimates(steps)
         return Rollout(
-            times=np.array(self.times),
-            observed=np.array(self.observed),
-            reference=np.array(self.reference),
+            times=np.array(self.times[: steps + 1]),
+            observed=np.array(self.observed[: steps + 1]),
+            reference=np.array(self.reference[: steps + 1]),
             actions=np.array(self.actions[:steps]).reshape(steps, 2, SE2.dof),
             solve_time=np.array(self.solve_time[:steps]),
-            status=np.array(self.status, dtype=np.str_),
+            status=np.array(self.status[:steps], dtype=np.str_),
             metadata={**metadata, **estimates.pop("metadata", {})},
             **truth,
             **estimates,

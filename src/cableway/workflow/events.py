@@ -74,11 +74,15 @@ class Listener:
 
     Args:
         on_event: Called with each event; nothing is where None.
+
+    Attributes:
+        cancelled: Whether the callback asked to stop.
+        interrupted: Whether the run was interrupted from the keyboard.
     """
 
     def __init__(self, on_event: OnEvent | None) -> None:
         self._on_event = on_event
-        self.cancelled = False
+        self.cancelled = self.interrupted = False
 
     def emit(self, event: Event) -> None:
         """Pass an event on."""

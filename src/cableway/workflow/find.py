@@ -67,12 +67,11 @@ def search(
     Raises:
         PlanningError: There is none.
     """
-    deadline = time.monotonic() + options.time_limit
+    expired = options.expired(time.monotonic)
     try:
         return planner.find(
-            task, config=planner.config, seed=seed, progress=progress, previous=previous,
-            expired=lambda: time.monotonic() > deadline,
-        )  # fmt: skip
+            task, config=planner.config, seed=seed, progress=progress, previous=previous, expired=expired
+        )
     except PlanningInterrupted:
         raise
     except PlanningError as error:
@@ -86,10 +85,9 @@ def _plans(task: Task, options: SolveOptions, planner: Planner, timer: StageTime
     if options.plan is not None:
         return [options.plan]
     if options.alternatives > 1:
-        deadline = time.monotonic() + options.time_limit
         return planner.find(
             task, config=planner.config, seed=options.seed, progress=timer, alternatives=options.alternatives,
-            expired=lambda: time.monotonic() > deadline,
+            expired=options.expired(time.monotonic),
         )  # fmt: skip
     one = partial(search, task, options, planner, timer)
     if options.rehearse:

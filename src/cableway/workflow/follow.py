@@ -8,7 +8,7 @@ from typing import Any
 
 from cableway.control.base import Controller
 from cableway.core.compiled import mark_compiled
-from cableway.core.errors import ControlError, SimulationError
+from cableway.core.errors import ControlError, SimulationError, TrackingInterrupted
 from cableway.core.provenance import versions
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
@@ -59,23 +59,35 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
             )  # fmt: skip
     except (SimulationError, ControlError) as error:
         problem = (Outcome.PLANT_FAILED, f"tracking failed: {error}")
-    if listener.cancelled:
+    except TrackingInterrupted as stop:
+        listener.interrupted = True
+        rollout, insertion = (stop.rollout, None) if rollout is None else (rollout, stop.rollout)
+    except KeyboardInterrupt:
+        listener.interrupted = True
+    if listener.interrupted:
+        problem = (Outcome.INTERRUPTED, "the run was interrupted")
+    elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
     if isinstance(options.controller, str) and CONTROLLERS[options.controller].model is None:
         mark_compiled("control")
     made_by = _made_by(task, options)
     rollout, insertion = _with(rollout, made_by), _with(insertion, made_by)
-    report = summarize(
-        task, run.plan, rollout, insertion_plan=run.insertion_plan, insertion=insertion, timings=run.timings,
-        seed=options.seed, notes=(*run.report.notes, *perturbation.notes, *notes),
-        limits=options.resolved_planner().limits, cable=perturbation.cable, actual=actual, problem=problem,
-    )  # fmt: skip
-    return replace(run, report=report, rollout=rollout, insertion=insertion)
+    run = replace(run, rollout=rollout, insertion=insertion)
+    try:
+        report = summarize(
+            task, run.plan, rollout, insertion_plan=run.insertion_plan, insertion=insertion, timings=run.timings,
+            seed=options.seed, notes=(*run.report.notes, *perturbation.notes, *notes),
+            limits=options.resolved_planner().limits, cable=perturbation.cable, actual=actual, problem=problem,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        listener.interrupted = True
+        return stopped(run, "the run was interrupted")
+    return replace(run, report=report)
 
 
-def cancelled(run: Run) -> Run:
-    """A run that was stopped after planning."""
-    return replace(run, report=replace(run.report, outcome=Outcome.INTERRUPTED, failure="the run was cancelled"))
+def stopped(run: Run, why: str = "the run was cancelled") -> Run:
+    """A run that was stopped after planning, with the figures it has."""
+    return replace(run, report=replace(run.report, outcome=Outcome.INTERRUPTED, failure=why))
 
 
 def _recovery(options: SolveOptions) -> Recovery | None:

@@ -36,8 +36,10 @@ class SolveOptions(Checked):
         alternatives: Number of plans wanted that go round the obstacles in different ways; the first is followed.
         perturbation: How the simulated plant differs from the task.
         seed: Of everything random.
-        time_limit: Wall time [s] after which each search for a plan ends: the first one, those of a rehearsal, and
-            those of a recovery.
+        time_limit: Time [s] after which each search for a plan ends: the first one, those of a rehearsal, and those
+            of a recovery.
+        clock: What that is measured by; wall time where None. By `time.process_time`, other work on the machine does
+            not count.
         rehearse: Whether plans for a cable that is no uniform elastic rod, or lies with friction, are tried in
             simulation first.
         follow_unverified: Whether the closest attempt is followed where no plan verifies.
@@ -59,6 +61,7 @@ class SolveOptions(Checked):
     perturbation: Perturbation = field(default_factory=Perturbation)
     seed: int = 0
     time_limit: Positive[float] = TIME_LIMIT
+    clock: Callable[[], float] | None = None
     rehearse: bool = True
     follow_unverified: bool = False
     track: bool = True
@@ -70,6 +73,12 @@ class SolveOptions(Checked):
         Watchdog(deadline=self.deadline)  # checks it
         if self.alternatives < 1:
             raise InputError(f"alternatives must be 1 or more, got {self.alternatives}")
+
+    def expired(self, wall: Callable[[], float]) -> Callable[[], bool]:
+        """Tells whether a search that begins now has used up its time, by `clock` or else by a clock of wall time."""
+        clock = self.clock or wall
+        deadline = clock() + self.time_limit
+        return lambda: clock() > deadline
 
     def resolved_planner(self) -> Planner:
         """The planner.

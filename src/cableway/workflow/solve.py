@@ -5,7 +5,7 @@ from __future__ import annotations
 from cableway.scene.task import Task
 from cableway.workflow.events import Finished, Listener, OnEvent, Planned
 from cableway.workflow.find import find
-from cableway.workflow.follow import cancelled, follow, prepare_controller
+from cableway.workflow.follow import follow, prepare_controller, stopped
 from cableway.workflow.run import Run, SolveOptions
 
 
@@ -23,12 +23,15 @@ def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | N
 
     Raises:
         InputError: The options name something that is not known, or do not fit the task.
+        KeyboardInterrupt: The run was interrupted from the keyboard; `Finished` has come with what there is.
     """
     options, listener = options or SolveOptions(), Listener(on_event)
     controller = prepare_controller(options, listener) if options.track else None
     run = find(task, options, listener)  # plan, rehearsal, plan of the insertion, verification
     listener.emit(Planned(run))
     if controller is not None and run.plan is not None:
-        run = cancelled(run) if listener.cancelled else follow(run, options, controller, listener)
+        run = stopped(run) if listener.cancelled else follow(run, options, controller, listener)
     listener.emit(Finished(run))
+    if listener.interrupted:
+        raise KeyboardInterrupt
     return run

@@ -1,0 +1,95 @@
+"""What SIGINT (ctrl-c) and SIGTERM do to a command: it ends in one sentence, whatever it was doing."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import Any
+
+GRACE = 1.0
+"""Time [s] within which what is held must look at `Interrupts.came`; after that, or at a second signal, it is
+interrupted all the same."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal came.
+
+    A class of its own: where a plain `KeyboardInterrupt` passes through `exec`, as in the import of a dataclass, the
+    interpreter later ends itself by SIGINT and the exit status is lost.
+    """
+
+
+class Interrupts:
+    """Signals to the command that runs now.
+
+    Attributes:
+        came: The first signal, 0 where none came. It is set before `Interrupted` is raised, and tells an interrupt from
+            an error where a library has turned the one into the other, as extension modules do while they are imported.
+    """
+
+    def __init__(self) -> None:
+        self.came = 0
+        self._held = False
+
+    @property
+    def status(self) -> int:
+        """The exit status of an interrupted command, as shells have it."""
+        return 128 + (self.came or signal.SIGINT)
+
+    @contextlib.contextmanager
+    def handled(self, last: bool) -> Iterator[None]:
+        """Signals that come meanwhile raise `Interrupted` in the main thread.
+
+        Args:
+            last: Whether the process ends afterwards, so that signals from then on mean nothing.
+        """
+        self.came, self._held = 0, False
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        numbers, unraisable = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM), sys.unraisablehook
+        before = {number: signal.signal(number, self._receive) for number in numbers}
+        sys.unraisablehook = lambda args: None if args.exc_type is Interrupted else unraisable(args)
+        try:
+            yield
+        finally:
+            self._held = True
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            for number, handler in before.items():
+                signal.signal(number, signal.SIG_IGN if last else handler)
+            if not last:
+                sys.unraisablehook = unraisable
+
+    def hold(self) -> None:
+        """From now on what runs looks at `came` itself, so that it can end in order."""
+        self._held = True
+
+    def release(self) -> None:
+        """The end of `hold`.
+
+        Raises:
+            Interrupted: A signal came meanwhile.
+        """
+        self._held = False
+        if self.came:
+            raise Interrupted
+
+    def _receive(self, number: int, frame: FrameType | None) -> Any:
+        if number == signal.SIGALRM:
+            if not self.came:
+                return
+            self._held = False
+        held, first = self._held, not self.came
+        self.came = self.came or number
+        if held and first:
+            signal.setitimer(signal.ITIMER_REAL, GRACE)
+            return
+        raise Interrupted
+
+
+INTERRUPTS = Interrupts()
+"""Those of this process."""

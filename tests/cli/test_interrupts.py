@@ -1,0 +1,132 @@
+"""Laws of interrupts: whatever a command does, it ends in one sentence and a status, and leaves whole files."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from commands import Command
+
+from cableway.cli.interrupts import INTERRUPTS, Interrupted
+from cableway.records import Plan, Rollout
+
+READY = 60.0
+"""[s] that a command may take to come to what is waited for, on a busy machine."""
+
+
+def interrupted(tmp_path: Path, arguments: list[str], number: int, ready: Callable[[Path], bool]) -> tuple[int, str]:
+    """Exit status and stderr of a command that gets a signal, with all its processes, once it has come so far."""
+    out = tmp_path / "o"
+    command = [sys.executable, "-m", "cableway", *arguments, "--quiet", "--out", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+        until = time.monotonic() + READY
+        while process.poll() is None and not ready(out) and time.monotonic() < until:
+            time.sleep(0.01)
+        if process.poll() is None:
+            os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+        _, said = process.communicate(timeout=READY)
+        return process.returncode, said
+
+
+def soon(_: Path) -> bool:
+    time.sleep(0.4)  # modules are being imported
+    return True
+
+
+def planned(out: Path) -> bool:
+    return (out / "plan.png").exists()
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_that_is_interrupted_keeps_its_plan_and_what_was_tracked(
+    tmp_path: Path, moved_file: Path, number: int, status: int
+):
+    ended, said = interrupted(tmp_path, ["run", str(moved_file)], number, planned)
+    assert said == f"cableway: {'interrupted' if number == signal.SIGINT else 'terminated'}\n"
+    assert ended == status
+    left = {path.name for path in (tmp_path / "o").iterdir()}
+    assert left - {"rollout.npz", "rollout.png"} == {"plan.npz", "plan.png", "report.json", "task.yaml"}
+    assert Plan.load(tmp_path / "o/plan.npz").steps > 0
+    report = json.loads((tmp_path / "o/report.json").read_text())
+    assert (report["success"], report["outcome"]) == (False, "interrupted")
+    if "rollout.npz" in left:
+        assert Rollout.load(tmp_path / "o/rollout.npz").outcome == "interrupted"
+
+
+@pytest.mark.parametrize(
+    "command", [["run", "single-obstacle-2"], ["bench", "paper", "--workers", "2"]], ids=lambda command: command[0]
+)
+def test_an_interrupt_in_the_first_moments_is_one_sentence(tmp_path: Path, command: list[str]):
+    assert interrupted(tmp_path, command, signal.SIGINT, soon) == (130, "cableway: interrupted\n")
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_a_benchmark_whose_workers_are_at_work_ends_with_them(tmp_path: Path):
+    def at_work(out: Path) -> bool:
+        time.sleep(6.0)
+        return True
+
+    assert interrupted(tmp_path, ["bench", "paper", "--workers", "2"], signal.SIGINT, at_work) == (
+        130, "cableway: interrupted\n",
+    )  # fmt: skip
+
+
+def test_an_error_that_an_interrupt_became_is_an_interrupt(cableway: Command, monkeypatch: pytest.MonkeyPatch):
+    """As extension modules make of it while they are imported."""
+
+    def broken(_: object) -> None:
+        with pytest.raises(Interrupted):
+            os.kill(os.getpid(), signal.SIGINT)
+        raise SystemError("initialization of a module failed without raising an exception")
+
+    monkeypatch.setattr("cableway.cli.commands.parse", broken)
+    assert cableway("tasks") == (130, "", "cableway: interrupted\n")
+    assert INTERRUPTS.came == signal.SIGINT
+
+
+def test_an_error_without_an_interrupt_stays_one(cableway: Command, monkeypatch: pytest.MonkeyPatch):
+    def broken(_: object) -> None:
+        raise SystemError("initialization of a module failed without raising an exception")
+
+    monkeypatch.setattr("cableway.cli.commands.parse", broken)
+    with pytest.raises(SystemError):
+        cableway("tasks")
+
+
+def test_what_is_held_looks_itself_and_a_second_signal_does_not_wait(
+    cableway: Command, monkeypatch: pytest.MonkeyPatch
+):
+    seen = []
+
+    def held(_: object) -> None:
+        INTERRUPTS.hold()
+        os.kill(os.getpid(), signal.SIGTERM)
+        seen.append(INTERRUPTS.came)
+        os.kill(os.getpid(), signal.SIGINT)
+        seen.append("unreachable")
+
+    monkeypatch.setattr("cableway.cli.commands.parse", held)
+    assert cableway("tasks") == (143, "", "cableway: terminated\n")
+    assert seen == [signal.SIGTERM]
+
+
+def test_what_is_held_and_does_not_look_is_interrupted_after_a_while(
+    cableway: Command, monkeypatch: pytest.MonkeyPatch
+):
+    def hung(_: object) -> None:
+        INTERRUPTS.hold()
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(READY)
+
+    monkeypatch.setattr("cableway.cli.commands.parse", hung)
+    monkeypatch.setattr("cableway.cli.interrupts.GRACE", 0.1)
+    begun = time.monotonic()
+    assert cableway("tasks").status == 130
+    assert time.monotonic() - begun < READY / 2
