@@ -8,8 +8,6 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
 from cableway.benchmark.suites import Episode
 from cableway.control.base import Controller
@@ -19,7 +17,6 @@ from cableway.planning.planner import plan as find_plan
 from cableway.records import Attempt, Plan
 from cableway.report import Report
 from cableway.scene.files.loading import load_task
-from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.workflow.registry import require_extras
@@ -159,9 +156,12 @@ def _score(job: Job) -> Scored:
     episode, task = job.episode, job.episode.load()
     perturbation = named_perturbation(episode.plant, task, episode.seed)
     options = _method(job.source).options(
-        controller=_controller(job.source), perturbation=perturbation, seed=episode.seed, track=episode.suite != BLOCKED,
+        controller=_controller(job.source),
+        perturbation=perturbation,
+        seed=episode.seed,
+        track=episode.suite != BLOCKED,
         clock=time.process_time,  # as others may work on this machine
-    )  # fmt: skip
+    )
     run = solve(task, options)
     if episode.suite == BLOCKED:
         return Scored(_certified(job, run))

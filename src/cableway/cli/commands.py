@@ -19,7 +19,8 @@ from cableway.cli.train import Train
 
 DESCRIPTION = """A cable's way through clutter: plan how two grippers lead a cable past obstacles, and lead it there.
 
-Exit status: 0 done and the task succeeded, 1 done but it did not, 2 the input was wrong, 130 interrupted, 143 terminated."""
+Exit status: 0 done and the task succeeded, 1 done but it did not, 2 the input was wrong, 130
+interrupted, 143 terminated."""
 
 Command = Tasks | Show | Plan | Run | Check | Collect | Train | Evaluate | Models | Bench | Reproduce
 
