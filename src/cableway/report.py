@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from cableway.commands import Commands
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
+from cableway.judge import judge as judge
 from cableway.metrics import METRICS
-from cableway.outcome import SUCCESS_ERROR, Outcome, stacked_limit
+from cableway.outcome import Outcome
 from cableway.records import Attempt, Estimate, Plan, Rollout, Verdict
 from cableway.rod.inverse import nearest_shape
 from cableway.scene.cable import Cable
@@ -70,6 +72,7 @@ class Report:
         stage_times: Wall time of each planning stage [s].
         control_time: Wall time of the controller's steps.
         estimates: The controller's estimates at the end, by name.
+        commands: What a dry run would have sent.
         insertion: How the plug went into its port.
         plan_verdict: Checks of the plan.
         rollout_verdict: Checks of the rollout.
@@ -99,6 +102,7 @@ class Report:
     stage_times: Mapping[str, float] | None = None
     control_time: ControlTime | None = None
     estimates: Mapping[str, Estimate] | None = None
+    commands: Commands | None = None
     insertion: Inserted | None = None
     plan_verdict: Verdict | None = None
     rollout_verdict: Verdict | None = None
@@ -120,7 +124,7 @@ class Report:
             value = getattr(self, entry.name)
             if isinstance(value, Verdict):
                 content[entry.name] = {"passed": value.passed, "checks": value.as_dict()}
-            elif isinstance(value, ControlTime | Inserted):
+            elif isinstance(value, ControlTime | Inserted | Commands):
                 content[entry.name] = asdict(value)
             elif not (value is None or (isinstance(value, float) and not math.isfinite(value))):
                 content[entry.name] = describe(value)
@@ -134,6 +138,8 @@ class Report:
             for metric in METRICS.values()
             if metric.label and (value := metric.value(self)) is not None
         ]
+        if self.commands is not None:
+            rows += self.commands.rows()
         if self.insertion is not None:
             rows.append(("inserted", str(self.insertion)))
         return rows + self._effort()
@@ -314,86 +320,6 @@ def _missed(rollout: Rollout | None) -> tuple[str, ...]:
 def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
     left, right = np.linalg.norm(np.diff(poses[:, :, :2], axis=0), axis=2).sum(axis=0)
     return float(left), float(right)
-
-
-def judge(
-    task: Task,
-    rollout: Rollout | None,
-    *,
-    plan: Verdict | None = None,
-    rollout_verdict: Verdict | None = None,
-    insertion_plan: Verdict | None = None,
-    insertion: Verdict | None = None,
-) -> tuple[Outcome, str]:
-    """What became of a task, and a sentence on why it did not succeed. This is the one definition of success.
-
-    A run succeeded where it was led to its end, the final stacked error is below 3 cm (of 13 keypoints, see
-    `outcome.stacked_limit`), the cable was observed at the end, most steps were the controller's own, and neither the
-    simulator nor the independent check found a contact; where the task has a port, the plug is in it besides. A plan
-    alone succeeded where it verified. What there is no figure for is no success.
-
-    Args:
-        task: As the plant has it.
-        rollout: What happened; None where the plan was not tracked.
-        plan: Checks of the plan.
-        rollout_verdict: Checks of the rollout.
-        insertion_plan: Checks of the plan of the insertion.
-        insertion: Checks of the insertion.
-    """
-    if rollout is None:
-        if plan is None or not plan.passed:
-            return Outcome.NOT_VERIFIED, f"the plan does not verify: {plan}"
-    elif (failed := _run_failure(task, rollout, rollout_verdict)) is not None:
-        return failed
-    if task.port is None:
-        return Outcome.SUCCESS, ""
-    if insertion_plan is not None and not insertion_plan.passed:
-        return Outcome.NOT_VERIFIED, f"the insertion plan does not verify: {insertion_plan}"
-    if rollout is None or (insertion is not None and insertion.passed):
-        return Outcome.SUCCESS, ""
-    why = "the plug was not inserted" if insertion is None else f"the plug is not inserted: {insertion}"
-    return Outcome.NOT_INSERTED, why
-
-
-LAST_LOOK = 1.0
-"""Time [s] at the end of a run in which the cable must have been observed."""
-
-MOST_REPLACED = 0.5
-"""Share of the controller's steps that may come late or fail in a successful run."""
-
-
-def _went_on_blindly(rollout: Rollout) -> str | None:
-    """Why a run cannot count as controlled, if so: its end was not observed, or it was led by replacements."""
-    last = rollout.times > rollout.times[-1] - LAST_LOOK
-    if rollout.steps and not np.isfinite(rollout.observed[last]).any():
-        return f"the cable was not observed during the last {LAST_LOOK:g} s"
-    replaced = sum(str(status).startswith(("late", "failed", "solver failed")) for status in rollout.status)
-    if replaced > MOST_REPLACED * max(rollout.steps, 1):
-        return f"{replaced} of the controller's {rollout.steps} steps came late or failed"
-    return None
-
-
-def _run_failure(task: Task, rollout: Rollout, verdict: Verdict | None) -> tuple[Outcome, str] | None:
-    """Why a run did not lead the cable to its goal; the worst outcome with all reasons, None where it did."""
-    found: list[tuple[Outcome, str]] = []
-    if not rollout.outcome.finished:
-        found.append((rollout.outcome, f"{rollout.outcome}: {rollout.detail}" if rollout.detail else rollout.outcome))
-    error = rollout.shape_error(task.goal)
-    if not error < (most := stacked_limit(SUCCESS_ERROR, len(task.goal))):
-        text = f"the final shape error is {_millimetres(error)}, not below {_millimetres(most)}"
-        found.append((Outcome.MISSED_GOAL, text))
-    if (blind := _went_on_blindly(rollout)) is not None:
-        found.append((Outcome.CONTROLLER_FAILED, blind))
-    for what, clearance in (("cable", rollout.clearance), ("grippers", rollout.gripper_clearance)):
-        if not clearance.min() > 0:
-            text = f"contact: the least clearance of the {what} is {_millimetres(float(clearance.min()))}"
-            found.append((Outcome.CONTACT, text))
-    if not found and (verdict is None or not verdict.passed):
-        found.append((Outcome.NOT_VERIFIED, f"the rollout does not verify: {verdict}"))
-    if not found:
-        return None
-    touched = any(outcome is Outcome.CONTACT for outcome, _ in found)
-    return Outcome.CONTACT if touched else found[0][0], "; ".join(text for _, text in found)
 
 
 __getattr__ = renamed(__name__, {"shape_error_floor": "least_achievable_error"})

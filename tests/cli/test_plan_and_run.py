@@ -229,6 +229,20 @@ def test_a_deadline_that_no_step_meets_ends_the_run(cableway: Command, moved_fil
     assert (refused.status, refused.err) == (2, "cableway: watchdog.deadline must be finite and positive, got 0.0\n")
 
 
+def test_a_dry_run_leaves_a_plan_and_says_what_would_be_sent(cableway: Command, moved_file: Path):
+    command = ["run", moved_file, "--controller", "open-loop", "--dry-run", "--speed", "0.5"]
+    done = cableway(*command, "--out", "o")
+    assert done.status == 0
+    assert names(Path("o")) == PLANNED
+    assert "would be sent" in done.out
+    assert "Dry run: nothing was moved." in " ".join(done.out.split())
+    sent, limits = report(Path("o"))["commands"], load_task(moved_file).grippers
+    assert 0 < sent["speed"] <= 0.5 * limits.max_step / 0.1
+    assert sent["duration"] > 0
+    refused = cableway("run", moved_file, "--speed", "0")
+    assert (refused.status, refused.err) == (2, "cableway: speed must be above 0 and at most 1, got 0.0\n")
+
+
 def interrupt(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
 

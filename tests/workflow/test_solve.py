@@ -115,6 +115,42 @@ def test_a_run_cancelled_on_the_way_keeps_its_rollout():
     assert run.rollout.outcome is run.report.outcome is Outcome.INTERRUPTED
 
 
+def test_at_a_share_of_the_speed_nothing_is_faster():
+    """Neither the plan, nor what is sent; the same for a plan that was made for the whole limits."""
+    whole = solve(TASK, replace(BLIND, track=False)).plan
+    assert whole is not None
+    limits = TASK.grippers
+    for plan in (None, whole, replace(whole, q=None)):
+        run = solve(TASK, replace(BLIND, plan=plan, speed=0.4))
+        assert run.success, run.report.failure
+        assert run.rollout is not None
+        assert np.linalg.norm(run.rollout.actions[..., :2], axis=-1).max() <= 0.4 * limits.max_step
+        assert np.abs(run.rollout.actions[..., 2]).max() <= 0.4 * limits.max_turn
+        assert run.rollout.steps > 2 * whole.steps
+        assert "Planned and tracked with 40% of the grippers' limits." in run.report.notes
+    assert solve(TASK, replace(BLIND, plan=run.plan, speed=0.4, track=False)).plan is run.plan, "slow enough already"
+
+
+def test_a_dry_run_moves_nothing_and_says_what_would_be_sent():
+    run, dry = solve(TASK, BLIND), solve(TASK, replace(BLIND, dry_run=True))
+    assert run.rollout is not None
+    assert (dry.success, dry.rollout, run.report.commands) == (True, None, None)
+    sent = dry.report.commands
+    assert sent is not None
+    steps = np.linalg.norm(run.rollout.actions[..., :2], axis=-1)
+    assert (sent.count, sent.duration) == (run.rollout.steps, run.rollout.times[-1])
+    assert sent.speed == pytest.approx(steps.max() / 0.1)
+    assert sent.turn_rate == pytest.approx(np.abs(run.rollout.actions[..., 2]).max() / 0.1)
+    assert sent.clearance == run.rollout.least_clearance
+    np.testing.assert_array_equal(sent.first, run.rollout.poses[0])
+    x, y = run.plan.poses[..., :2].reshape(-1, 2).T if run.plan else (np.nan, np.nan)
+    np.testing.assert_allclose(sent.box, [x.min(), x.max(), y.min(), y.max()], atol=1e-3)
+    assert [name for name, _ in sent.rows()] == [
+        "would be sent", "greatest speeds", "grippers stay in", "first pose, left", "first pose, right",
+    ]  # fmt: skip
+    assert dry.report.notes[0].startswith("Dry run: nothing was moved.")
+
+
 def test_a_planner_may_be_a_function_and_its_failure_is_a_value():
     def nothing(task: cw.Task, seed: int) -> Plan:
         raise PlanningError("walled in", outcome="infeasible")
@@ -124,7 +160,8 @@ def test_a_planner_may_be_a_function_and_its_failure_is_a_value():
 
 
 def test_what_no_one_can_do_is_refused():
-    for options, said in (({"time_limit": 0.0}, "time_limit"), ({"alternatives": 0}, "alternatives")):
+    wrong = ({"time_limit": 0.0}, {"alternatives": 0}, {"speed": 0.0}, {"speed": 1.1}, {"speed": float("nan")})
+    for options, said in ((each, next(iter(each))) for each in wrong):
         with pytest.raises(InputError, match=said):
             SolveOptions(**options)
     with pytest.raises(InputError, match="unknown controller 'best'"):

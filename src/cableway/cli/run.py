@@ -31,6 +31,12 @@ class Run(PlanOptions):
     deadline: float | None = None
     """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""
 
+    speed: float = 1.0
+    """Share of the grippers' limits, above 0 and at most 1, for first trials on a robot."""
+
+    dry_run: bool = False
+    """Plan, verify and rehearse on the simulated cable, and say what would be sent to the grippers; nothing moves."""
+
     no_rehearsal: bool = False
     """Take the first plan, even for a cable with friction or one that is not uniform."""
 
@@ -51,5 +57,7 @@ class Run(PlanOptions):
             adapt=self.adapt,
             perturbation=Perturbation() if self.plant is None else read_perturbation(self.plant, task),
             deadline=self.deadline,
+            speed=self.speed,
+            dry_run=self.dry_run,
             rehearse=not self.no_rehearsal,
         )

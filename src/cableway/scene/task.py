@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares
 
-from cableway.core.errors import TaskError
+from cableway.core.errors import InputError, TaskError
 from cableway.rod.inverse import fit_keypoints, stable_near
 from cableway.scene import checks, validity
 from cableway.scene.bodies import LEFT, RIGHT, Body
@@ -95,6 +95,21 @@ class Task:
         """Rear of the plug [m, m, rad] at start or goal: where stated, else as the keypoints have it."""
         poses = self.start_poses if end == "start" else self.goal_poses
         return validity.end_pose(getattr(self, end), self.cable) if poses is None else poses[1]
+
+    def at_speed(self, share: float) -> Task:
+        """The same task with a share of the grippers' limits, for first trials on a robot.
+
+        Args:
+            share: Of `Grippers.max_step` and `Grippers.max_turn`, above 0 and at most 1.
+
+        Raises:
+            InputError: It is not.
+        """
+        if not 0 < share <= 1:
+            raise InputError(f"speed must be above 0 and at most 1, got {share!r}")
+        limits = self.grippers
+        slow = replace(limits, max_step=share * limits.max_step, max_turn=share * limits.max_turn)
+        return self if share == 1 else replace(self, grippers=slow)
 
     def resumed_from(self, keypoints: Float[np.ndarray, "n 2"]) -> Task:
         """The same task from where the cable is now.

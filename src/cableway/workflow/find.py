@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from cableway.core.compiled import is_compiled
 from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted
 from cableway.core.provenance import describe
+from cableway.geometry.groups import SE2
+from cableway.motion.interpolation import rows_at
+from cableway.motion.time_parametrization import gripper_effort
 from cableway.outcome import Outcome
 from cableway.planning.compilation import compile_kernels
 from cableway.planning.insertion import plan_insertion
@@ -52,6 +58,8 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
         return run
     if len(plans) < options.alternatives:
         notes = (*notes, f"{len(plans)} of {options.alternatives} alternatives were found.")
+    if options.speed < 1:
+        notes = (*notes, f"Planned and tracked with {100 * options.speed:g}% of the grippers' limits.")
     report = summarize(task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), **common)
     return Run(
         task=task, report=report, plan=plans[0], alternatives=tuple(plans[1:]), insertion_plan=insertion_plan,
@@ -83,7 +91,7 @@ def search(
 
 def _plans(task: Task, options: SolveOptions, planner: Planner, timer: StageTimer) -> Sequence[Plan]:
     if options.plan is not None:
-        return [options.plan]
+        return [_slowed(options.plan, task, options.speed)]
     if options.alternatives > 1:
         return planner.find(
             task, config=planner.config, seed=options.seed, progress=timer, alternatives=options.alternatives,
@@ -93,6 +101,21 @@ def _plans(task: Task, options: SolveOptions, planner: Planner, timer: StageTime
     if options.rehearse:
         return [rehearsed_plan(task, one, seed=options.seed, progress=timer)]
     return [one(options.seed)]
+
+
+def _slowed(plan: Plan, task: Task, share: float) -> Plan:
+    """A plan made for the grippers' whole limits at a share of its speed; one that keeps the task's as it is."""
+    limits = task.grippers
+    if share == 1 or gripper_effort(plan.poses, limits.max_step, limits.max_turn).max() <= 1:
+        return plan
+    at = np.linspace(0, plan.steps, math.ceil(plan.steps / share) + 1)
+    if plan.q is not None:
+        q = rows_at(plan.q, at)
+        stations, poses = task.cable.rod.shapes(q)
+        return Plan(np.ascontiguousarray(task.cable.rod.at_keypoints(stations)), poses, q=q, metadata=plan.metadata)
+    before = np.minimum(at.astype(int), plan.steps - 1)
+    poses = SE2.between(plan.poses[before], plan.poses[before + 1], (at - before)[:, None])
+    return Plan(rows_at(plan.shapes, at), poses, metadata=plan.metadata)
 
 
 def _without_plan(task: Task, planner: Planner, error: PlanningError | Cancelled, common: dict[str, Any]) -> Run:

@@ -6,13 +6,14 @@ import itertools
 from dataclasses import replace
 from typing import Any
 
+from cableway.commands import Commands
 from cableway.control.base import Controller
 from cableway.core.compiled import mark_compiled
 from cableway.core.errors import ControlError, SimulationError, TrackingInterrupted
 from cableway.core.provenance import versions
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
-from cableway.report import summarize
+from cableway.report import Report, summarize
 from cableway.scene.task import Task
 from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
 from cableway.workflow.events import Listener, Note
@@ -82,7 +83,14 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
     except KeyboardInterrupt:
         listener.interrupted = True
         return stopped(run, "the run was interrupted")
-    return replace(run, report=report)
+    return _only_rehearsed(run, report) if options.dry_run else replace(run, report=report)
+
+
+def _only_rehearsed(run: Run, report: Report) -> Run:
+    """A run in which nothing was moved, with the figures of its rehearsal and of what would have been sent."""
+    commands = None if run.rollout is None else Commands.of(run.rollout)
+    notes = ("Dry run: nothing was moved. The figures are those of the simulated cable.", *report.notes)
+    return replace(run, report=replace(report, commands=commands, notes=notes), rollout=None, insertion=None)
 
 
 def stopped(run: Run, why: str = "the run was cancelled") -> Run:

@@ -46,6 +46,9 @@ class SolveOptions(Checked):
         track: Whether the plan is followed.
         recover: Whether a cable that left its plan is stopped and replanned for; None for all controllers but one named
             that ignores observations.
+        speed: Share of the grippers' limits, above 0 and at most 1, with which it is planned and tracked.
+        dry_run: Whether the plan is only rehearsed: `Run.rollout` stays None, and `report.commands` says what would be
+            sent to the grippers.
         deadline: Wall time [s] after which a control step counts as missed, as on a robot; never where None.
 
     Raises:
@@ -66,6 +69,8 @@ class SolveOptions(Checked):
     follow_unverified: bool = False
     track: bool = True
     recover: bool | None = None
+    speed: float = 1.0
+    dry_run: bool = False
     deadline: float | None = None
 
     def __post_init__(self) -> None:
@@ -73,6 +78,8 @@ class SolveOptions(Checked):
         Watchdog(deadline=self.deadline)  # checks it
         if self.alternatives < 1:
             raise InputError(f"alternatives must be 1 or more, got {self.alternatives}")
+        if not 0 < self.speed <= 1:
+            raise InputError(f"speed must be above 0 and at most 1, got {self.speed!r}")
 
     def expired(self, wall: Callable[[], float]) -> Callable[[], bool]:
         """Tells whether a search that begins now has used up its time, by `clock` or else by a clock of wall time."""

@@ -26,6 +26,7 @@ def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | N
         KeyboardInterrupt: The run was interrupted from the keyboard; `Finished` has come with what there is.
     """
     options, listener = options or SolveOptions(), Listener(on_event)
+    task = task.at_speed(options.speed)
     controller = prepare_controller(options, listener) if options.track else None
     run = find(task, options, listener)  # plan, rehearsal, plan of the insertion, verification
     listener.emit(Planned(run))

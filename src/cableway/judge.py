@@ -1,0 +1,93 @@
+"""The one definition of success."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cableway.outcome import SUCCESS_ERROR, Outcome, stacked_limit
+from cableway.records import Rollout, Verdict
+from cableway.scene.task import Task
+
+
+def judge(
+    task: Task,
+    rollout: Rollout | None,
+    *,
+    plan: Verdict | None = None,
+    rollout_verdict: Verdict | None = None,
+    insertion_plan: Verdict | None = None,
+    insertion: Verdict | None = None,
+) -> tuple[Outcome, str]:
+    """What became of a task, and a sentence on why it did not succeed. This is the one definition of success.
+
+    A run succeeded where it was led to its end, the final stacked error is below 3 cm (of 13 keypoints, see
+    `outcome.stacked_limit`), the cable was observed at the end, most steps were the controller's own, and neither the
+    simulator nor the independent check found a contact; where the task has a port, the plug is in it besides. A plan
+    alone succeeded where it verified. What there is no figure for is no success.
+
+    Args:
+        task: As the plant has it.
+        rollout: What happened; None where the plan was not tracked.
+        plan: Checks of the plan.
+        rollout_verdict: Checks of the rollout.
+        insertion_plan: Checks of the plan of the insertion.
+        insertion: Checks of the insertion.
+    """
+    if rollout is None:
+        if plan is None or not plan.passed:
+            return Outcome.NOT_VERIFIED, f"the plan does not verify: {plan}"
+    elif (failed := _run_failure(task, rollout, rollout_verdict)) is not None:
+        return failed
+    if task.port is None:
+        return Outcome.SUCCESS, ""
+    if insertion_plan is not None and not insertion_plan.passed:
+        return Outcome.NOT_VERIFIED, f"the insertion plan does not verify: {insertion_plan}"
+    if rollout is None or (insertion is not None and insertion.passed):
+        return Outcome.SUCCESS, ""
+    why = "the plug was not inserted" if insertion is None else f"the plug is not inserted: {insertion}"
+    return Outcome.NOT_INSERTED, why
+
+
+LAST_LOOK = 1.0
+"""Time [s] at the end of a run in which the cable must have been observed."""
+
+MOST_REPLACED = 0.5
+"""Share of the controller's steps that may come late or fail in a successful run."""
+
+
+def _went_on_blindly(rollout: Rollout) -> str | None:
+    """Why a run cannot count as controlled, if so: its end was not observed, or it was led by replacements."""
+    last = rollout.times > rollout.times[-1] - LAST_LOOK
+    if rollout.steps and not np.isfinite(rollout.observed[last]).any():
+        return f"the cable was not observed during the last {LAST_LOOK:g} s"
+    replaced = sum(str(status).startswith(("late", "failed", "solver failed")) for status in rollout.status)
+    if replaced > MOST_REPLACED * max(rollout.steps, 1):
+        return f"{replaced} of the controller's {rollout.steps} steps came late or failed"
+    return None
+
+
+def _run_failure(task: Task, rollout: Rollout, verdict: Verdict | None) -> tuple[Outcome, str] | None:
+    """Why a run did not lead the cable to its goal; the worst outcome with all reasons, None where it did."""
+    found: list[tuple[Outcome, str]] = []
+    if not rollout.outcome.finished:
+        found.append((rollout.outcome, f"{rollout.outcome}: {rollout.detail}" if rollout.detail else rollout.outcome))
+    error = rollout.shape_error(task.goal)
+    if not error < (most := stacked_limit(SUCCESS_ERROR, len(task.goal))):
+        text = f"the final shape error is {_millimetres(error)}, not below {_millimetres(most)}"
+        found.append((Outcome.MISSED_GOAL, text))
+    if (blind := _went_on_blindly(rollout)) is not None:
+        found.append((Outcome.CONTROLLER_FAILED, blind))
+    for what, clearance in (("cable", rollout.clearance), ("grippers", rollout.gripper_clearance)):
+        if not clearance.min() > 0:
+            text = f"contact: the least clearance of the {what} is {_millimetres(float(clearance.min()))}"
+            found.append((Outcome.CONTACT, text))
+    if not found and (verdict is None or not verdict.passed):
+        found.append((Outcome.NOT_VERIFIED, f"the rollout does not verify: {verdict}"))
+    if not found:
+        return None
+    touched = any(outcome is Outcome.CONTACT for outcome, _ in found)
+    return Outcome.CONTACT if touched else found[0][0], "; ".join(text for _, text in found)
+
+
+def _millimetres(value: float) -> str:
+    return f"{1000 * value:.2f} mm"
