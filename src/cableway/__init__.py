@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from cableway.tang2025.control.neural_mpc import NeuralMPC
     from cableway.tang2025.models.checkpoint import load_model
     from cableway.tasks.generation import random_task, random_task_with_witness
-    from cableway.tracking import Recovery, Watchdog, insert_plug, track
+    from cableway.tracking import RealTimePlant, Recovery, Watchdog, insert_plug, track, track_in_real_time
     from cableway.verification import verify_insertion, verify_insertion_plan, verify_plan, verify_rollout
     from cableway.workflow.rehearsal import RehearsalConfig, rehearsed_plan
     from cableway.workflow.run import Run, SolveOptions
@@ -69,7 +69,7 @@ _HOME = {
         "tang2025.control.neural_mpc": ("NeuralMPC",),
         "tang2025.models.checkpoint": ("load_model",),
         "tasks.generation": ("random_task", "random_task_with_witness"),
-        "tracking": ("Recovery", "Watchdog", "insert_plug", "track"),
+        "tracking": ("RealTimePlant", "Recovery", "Watchdog", "insert_plug", "track", "track_in_real_time"),
         "verification": ("verify_insertion", "verify_insertion_plan", "verify_plan", "verify_rollout"),
         "workflow.rehearsal": ("RehearsalConfig", "rehearsed_plan"),
         "workflow.run": ("Run", "SolveOptions"),

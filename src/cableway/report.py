@@ -73,6 +73,7 @@ class Report:
         control_time: Wall time of the controller's steps.
         estimates: The controller's estimates at the end, by name.
         commands: What a dry run would have sent.
+        timing: Of a run in real time, how evenly commands and control steps came [s, Hz].
         insertion: How the plug went into its port.
         plan_verdict: Checks of the plan.
         rollout_verdict: Checks of the rollout.
@@ -103,6 +104,7 @@ class Report:
     control_time: ControlTime | None = None
     estimates: Mapping[str, Estimate] | None = None
     commands: Commands | None = None
+    timing: Mapping[str, Any] | None = None
     insertion: Inserted | None = None
     plan_verdict: Verdict | None = None
     rollout_verdict: Verdict | None = None
@@ -160,6 +162,8 @@ class Report:
             times = self.control_time
             each = f"{1000 * times.median:.1f} / {1000 * times.p99:.1f} / {1000 * times.max:.1f} ms"
             rows.append(("control time, median / p99 / max", each))
+        if self.timing is not None:
+            rows += _punctuality(self.timing)
         if self.estimates is not None:
             rows += _found(self.estimates)
         for name, verdict in (
@@ -175,6 +179,21 @@ class Report:
     def __str__(self) -> str:
         width = max(len(name) for name, _ in self.rows())
         return "\n".join(f"{name:<{width}}  {value}" for name, value in self.rows())
+
+
+def _punctuality(timing: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """How evenly a robot got its commands, and the controller its steps."""
+
+    def period(name: str) -> str:
+        found = timing.get(name)
+        return "" if not found else " / ".join(f"{1000 * found[each]:.1f}" for each in ("median", "p95", "worst"))
+
+    sent = f"{timing.get('commands', 0)} at {timing.get('rate', 0):g} Hz, {timing.get('late', 0)} late"
+    return [
+        ("commands", sent),
+        ("period of commands, median / p95 / worst", f"{period('period')} ms"),
+        ("period of control steps", f"{period('control_period')} ms, {timing.get('slipped', 0)} late"),
+    ]
 
 
 def _found(estimates: Mapping[str, Estimate]) -> list[tuple[str, str]]:
@@ -290,6 +309,7 @@ def _figures(task: Task, rollout: Rollout) -> dict[str, Any]:
         "duration": float(rollout.times[-1] - rollout.times[0]),
         "control_time": _control_time(rollout.solve_time),
         "estimates": rollout.estimated() or None,
+        "timing": rollout.metadata.get("timing"),
     }
 
 

@@ -56,12 +56,13 @@ class ControllerState:
         """The controller's estimates of the cable's parameters, by name; the same names in every step."""
         return {}
 
-    def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
+    def overruled(self, action: Float[np.ndarray, "2 3"], status: str, waits: bool | None = None) -> Self:
         """The state after a control step whose answer was dropped, another action being sent in its place.
 
         Args:
             action: (2, 3) what was sent [m, m, rad].
             status: How that came about.
+            waits: Whether the reference waits; where None, it does where the grippers stand still.
         """
         return replace(self, status=status)
 

@@ -85,9 +85,10 @@ class FollowerState(ControllerState):
         """Grippers that stand still, and the state after that."""
         return self.sending(np.zeros(self.task.cable.rod.step_shape), status, math.inf)
 
-    def overruled(self, action: Float[np.ndarray, "2 3"], status: str) -> Self:
-        """See `ControllerState.overruled`; where the grippers stand still the reference waits."""
-        return replace(self, tracker=self.tracker.predicted())._sent(action, status, waiting=not action.any())
+    def overruled(self, action: Float[np.ndarray, "2 3"], status: str, waits: bool | None = None) -> Self:
+        """See `ControllerState.overruled`."""
+        waiting = not action.any() if waits is None else waits
+        return replace(self, tracker=self.tracker.predicted())._sent(action, status, waiting)
 
     def _sent(self, action: Float[np.ndarray, "2 3"], status: str, waiting: bool) -> Self:
         index = self.index + (not waiting)

@@ -5,7 +5,9 @@ from cableway.tracking.closed_loop import Progress, track
 from cableway.tracking.insertion import insert_plug, may_insert
 from cableway.tracking.loop import BLOCKED, LOST
 from cableway.tracking.plant import Plant
+from cableway.tracking.real_time import RealTimePlant, track_in_real_time
 from cableway.tracking.recovery import Recovery
+from cableway.tracking.sender import Robot
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
@@ -14,12 +16,15 @@ __all__ = [
     "LOST",
     "Plant",
     "Progress",
+    "RealTimePlant",
     "Recovery",
+    "Robot",
     "TrackConfig",
     "Watchdog",
     "insert_plug",
     "may_insert",
     "track",
+    "track_in_real_time",
 ]
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from cableway.tracking.plant import Plant
 from cableway.tracking.robot import FollowingError, MessageGate
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.watchdog import Guard, Watchdog
+
+T = TypeVar("T")
 
 LOST = "off the plan: stopped"
 """Status of a step in which the grippers stand still because the cable has left its plan."""
@@ -158,7 +160,8 @@ class Loop:
         if self._robot.holding:
             return self._hold()
         before = self.log.actions[-1] if self.log.actions else _still()
-        answer = self.guard.step(self.state, self.observation, before, self._robot.target)
+        hold = self._robot.stop(self.plant.task.grippers)
+        answer = self.guard.step(self.state, self.observation, before, self._robot.target, hold)
         self.state = answer.state
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
@@ -167,6 +170,14 @@ class Loop:
         """One control step without motion."""
         self.log.act(_still(), 0.0, status, self.state.estimates())
         return self._move(_still())
+
+    def compute(self, function: Callable[[], T], status: str) -> T | Ending:
+        """What a function returns, or how the run ended meanwhile; in real time the grippers stand until it does."""
+        future = self.guard.thinker.begin(function)
+        while not future.done():
+            if (ending := self.stand(status)) is not None:
+                return ending
+        return future.result()
 
     def _hold(self) -> Ending | None:
         """One control step in which the measured gripper poses become the target."""

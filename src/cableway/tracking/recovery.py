@@ -107,8 +107,9 @@ class Watch:
         if len(self.recovered) >= self._recovery.times:
             return Ending(why, f"already replanned {len(self.recovered)} times") if why else None
         keypoints = np.full_like(loop.observation.keypoints, np.nan)
+        status = BLOCKED if why is Outcome.BLOCKED_WAY else LOST
         for _ in range(self._rest):
-            ending = loop.stand(BLOCKED if why is Outcome.BLOCKED_WAY else LOST)
+            ending = loop.stand(status)
             if ending is not None:
                 return ending
             observed = loop.observation.keypoints
@@ -117,7 +118,10 @@ class Watch:
             return Ending(why or Outcome.WRONG_SETUP, wrong)
         try:
             task = loop.plant.task.resumed_from(keypoints)
-            loop.follow(task, self._recovery.replan(task, loop.plan))
+            plan = loop.compute(lambda: self._recovery.replan(task, loop.plan), status)
+            if isinstance(plan, Ending):
+                return plan
+            loop.follow(task, plan)
         except PlanningInterrupted as error:
             return Ending(Outcome.INTERRUPTED, str(error))
         except (TaskError, PlanningError) as error:

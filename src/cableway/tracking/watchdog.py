@@ -35,6 +35,7 @@ from cableway.records import Observation
 from cableway.scene.task import Task
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending
+from cableway.tracking.thinking import AtOnce, InThread, Late
 
 COASTING = 2
 """Missed steps in a row in which the grippers may still move."""
@@ -55,6 +56,8 @@ class Watchdog(Checked):
             with a deadline is not the same twice, so there is none by default.
         margin: Clearance [m] of cable and gripper discs down to which the grippers may still move.
         patience: Time [s] of missed steps in a row after which the run ends.
+        threaded: Whether the controller computes in a thread of its own, so that a step that hangs is missed at its
+            deadline: for a plant that does not wait. Missed steps then hold instead of coasting.
         clock: Returns wall time [s].
 
     Raises:
@@ -64,6 +67,7 @@ class Watchdog(Checked):
     deadline: Positive[float] | None = None
     margin: NotNegative[float] = 0.005
     patience: NotNegative[float] = 3.0
+    threaded: bool = False
     clock: Callable[[], float] = time.perf_counter
 
 
@@ -96,6 +100,7 @@ class Guard:
 
     def __init__(self, watchdog: Watchdog, controller: Controller[Any], task: Task, control_step: float) -> None:
         self._watchdog, self._controller, self.task = watchdog, controller, task
+        self.thinker = InThread() if watchdog.threaded else AtOnce()
         self._most = max(1, math.ceil(watchdog.patience / control_step))
         self._missed = 0
         self._late, self._failed, self._cut, self._fallback = 0, 0, 0, 0
@@ -128,6 +133,7 @@ class Guard:
         observation: Observation,
         before: Float[np.ndarray, "2 3"],
         target: Float[np.ndarray, "2 3"],
+        hold: Float[np.ndarray, "2 3"] | None = None,
     ) -> Answer:
         """One control step, whose action has passed the last filter whatever the controller does.
 
@@ -136,10 +142,15 @@ class Guard:
             observation: The newest one.
             before: (2, 3) what was sent in the control step before [m, m, rad].
             target: (2, 3) gripper poses as commanded so far [m, m, rad].
+            hold: (2, 3) the motion that makes the measured poses the target [m, m, rad]; none where None.
         """
         begun, deadline, max_span = self._watchdog.clock(), self._watchdog.deadline, self._slack.most_span(observation)
         try:
-            action, after = _usable(*self._controller.step(state, observation))
+            step = self.thinker.answer(lambda: self._controller.step(state, observation), deadline)
+            action, after = _usable(*step)
+        except Late:
+            self._late += 1
+            return self._holding(state, hold, self._watchdog.clock() - begun)
         except Exception as error:  # whatever it is, the grippers need a command
             self._failed += 1
             self._reason = self._reason or f"the first failed with {type(error).__name__}: {error}"
@@ -170,6 +181,13 @@ class Guard:
             action = coasted if self._is_safe(coasted, observation) else action
         status = f"{why}: {'coasting' if action.any() else 'stopped'}"
         return Answer(action, state.overruled(action, status), status, seconds)
+
+    def _holding(self, state: ControllerState, hold: Float[np.ndarray, "2 3"] | None, seconds: float) -> Answer:
+        """What is done while the controller still computes: the motion under way is finished, then nothing moves."""
+        self._missed += 1
+        action = np.zeros(self.task.cable.rod.step_shape) if self._missed == 1 or hold is None else hold
+        status = f"late: {'finishing' if self._missed == 1 else 'holding'}"
+        return Answer(action, state.overruled(action, status, waits=True), status, seconds)
 
     def _is_safe(self, action: Float[np.ndarray, "2 3"], observation: Observation) -> bool:
         """Whether an action leads neither cable nor grippers nearer to anything than they may."""
