@@ -86,6 +86,11 @@ def _over_least(result: Any) -> float | None:
     return max(0.0, result.shape_error - result.least_achievable_error)
 
 
+def _missed(result: Any) -> bool | None:
+    missed = getattr(result, "missed", None)
+    return None if missed is None else missed > 0
+
+
 METRICS = {
     metric.key: metric
     for metric in (
@@ -137,6 +142,8 @@ METRICS = {
                definition="Median over an episode of the wall time of a control step. It depends on the machine."),
         Metric(key="control_p99", title="step p99", unit="s", better="lower", value=_first("control_p99"),
                shown=("ms", 1000.0), definition="99th percentile of the same."),
+        Metric(key="missed", title="deadline missed", unit="1", better="lower", value=_missed,
+               definition="With a deadline, the share of episodes in which a control step missed it."),
     )
 }  # fmt: skip
 """Metrics by key."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 
 from cableway.benchmark.methods import Method
 from cableway.control.open_loop import OpenLoop
@@ -37,6 +38,15 @@ class Stays(OpenLoop):
         return 0.0 * action, state
 
 
+class Dawdles(OpenLoop):
+    asked = 0
+
+    def step(self, state, observation):
+        self.asked += 1
+        time.sleep(0.0 if self.asked % 5 else 0.02)
+        return super().step(state, observation)
+
+
 SOUND = Method(name="sound", description="works", controller=OpenLoop, recovers=False)
 HANGS = Method(name="hangs", description="never returns", controller=OpenLoop, planner=hanging)
 DIES = Method(name="dies", description="ends its process", controller=OpenLoop, planner=dying)
@@ -45,6 +55,7 @@ TELLS = Method(name="tells", description="always says that there is no plan", co
 NO_METHOD = hanging
 BREAKS = Method(name="breaks", description="raises in every step", controller=Breaks, recovers=False)
 STAYS = Method(name="stays", description="never moves", controller=Stays, recovers=False)
+DAWDLES = Method(name="dawdles", description="takes its time now and then", controller=Dawdles, recovers=False)
 THROUGH = Method(
     name="through",
     description="straight to the goal, whatever stands there",

@@ -14,6 +14,7 @@ from cableway.benchmark.gate import baseline, regressions
 from cableway.benchmark.methods import BUILT_IN, load_method, method_names
 from cableway.benchmark.runner import picture_path, read_result, result_path, run_jobs
 from cableway.benchmark.suites import Episode, frozen_episodes
+from cableway.benchmark.summary import missed_steps
 from cableway.cli import main
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.metrics import METRICS
@@ -102,6 +103,22 @@ def test_a_cable_that_stays_where_it_is_has_missed_its_goal():
 def test_a_controller_that_breaks_is_said_to_have_failed():
     result = run_job(job("breaks")).result
     assert (result.outcome, result.success) == ("controller failed", False)
+
+
+def test_steps_that_miss_a_deadline_are_counted():
+    """Of a controller that takes 20 ms in every fifth step, with a deadline of 10 ms; without one, nothing is."""
+    (late,) = jobs_of(f"{FILE}:DAWDLES", [EPISODE], deadline=0.01)
+    result = run_job(late).result
+    assert result.missed is not None
+    assert result.steps is not None
+    assert 0.15 * result.steps < result.missed < 0.5 * result.steps
+    assert METRICS["missed"].value(result) is True
+    assert missed_steps([result, result]) == {"deadline": {"steps": 2 * result.steps, "missed": 2 * result.missed}}
+    assert late.made_by.endswith(", deadline 0.01 s"), "not taken for a result without"
+    free = run_job(job("sound")).result
+    assert (free.missed, METRICS["missed"].value(free), missed_steps([free])) == (None, None, {})
+    with pytest.raises(InputError, match="deadline must be finite and positive"):
+        jobs_of(f"{FILE}:SOUND", [EPISODE], deadline=0.0)
 
 
 def test_a_method_that_was_changed_is_run_again(tmp_path: Path):

@@ -19,6 +19,7 @@ from cableway.report import Report
 from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.variants import named_perturbation
+from cableway.tracking import Watchdog
 from cableway.workflow.registry import require_extras
 from cableway.workflow.run import Run
 from cableway.workflow.solve import solve
@@ -66,6 +67,7 @@ class Result:
         control_median: Of the wall times of control steps.
         control_p99: Of the same.
         control_max: Of the same.
+        missed: Control steps that missed the deadline; None where there is none.
         reference_time: Wall time of a million additions in a plain Python loop, just before.
     """
 
@@ -95,6 +97,7 @@ class Result:
     control_median: float | None = None
     control_p99: float | None = None
     control_max: float | None = None
+    missed: int | None = None
     reference_time: float | None = None
 
 
@@ -120,24 +123,27 @@ class Job:
         source: The method, as for `load_method`.
         method: Its name.
         made_by: What a result depends on beside the episode, see `methods.made_by`.
+        deadline: Wall time [s] after which a control step counts as missed; never where None.
     """
 
     episode: Episode
     source: str
     method: str
     made_by: str
+    deadline: float | None = None
 
 
-def jobs_of(source: str, episodes: Iterable[Episode]) -> list[Job]:
-    """A method's jobs.
+def jobs_of(source: str, episodes: Iterable[Episode], deadline: float | None = None) -> list[Job]:
+    """A method's jobs; `deadline` as for `Job`.
 
     Raises:
-        InputError: The method cannot be loaded.
+        InputError: The method cannot be loaded, or the deadline is not positive.
         MissingExtraError: The method needs an extra that is not installed.
     """
-    method, maker = load_method(source), made_by(source)
+    Watchdog(deadline=deadline)  # checks it
+    method, maker = load_method(source), made_by(source) + ("" if deadline is None else f", deadline {deadline:g} s")
     require_extras(*(name for name in (method.planner, method.controller) if isinstance(name, str)))
-    return [Job(episode, source, method.name, maker) for episode in episodes]
+    return [Job(episode, source, method.name, maker, deadline) for episode in episodes]
 
 
 def run_job(job: Job) -> Scored:
@@ -160,6 +166,7 @@ def _score(job: Job) -> Scored:
         perturbation=perturbation,
         seed=episode.seed,
         track=episode.suite != BLOCKED,
+        deadline=job.deadline,
         clock=time.process_time,  # as others may work on this machine
     )
     run = solve(task, options)
@@ -238,6 +245,7 @@ def _measured(job: Job, run: Run) -> Result:
             "contact": not rollout.least_clearance > 0,
             "clearance": rollout.least_clearance,
             "recovered": len(rollout.metadata.get("recovered", [])),
+            "missed": None if job.deadline is None else rollout.metadata["watchdog"]["late"],
             "verified": None if report.rollout_verdict is None else report.rollout_verdict.passed,
             "deviation": report.largest_deviation,
             "gripper_travel": None if report.gripper_travel is None else sum(report.gripper_travel),

@@ -77,8 +77,17 @@ def _figures(results: Sequence[Result]) -> dict[str, Any]:
         "episodes": len(results),
         "outcomes": dict(Counter(result.outcome for result in results).most_common()),
         "metrics": _metrics(results),
+        **missed_steps(results),
         "groups": {name: {"episodes": len(rows), "metrics": _metrics(rows)} for name, rows in groups.items()},
     }
+
+
+def missed_steps(results: Sequence[Result]) -> dict[str, Any]:
+    """With a deadline, control steps of all episodes and how many missed it; else nothing."""
+    counted = [(result.steps or 0, result.missed) for result in results if result.missed is not None]
+    if not counted:
+        return {}
+    return {"deadline": {"steps": sum(steps for steps, _ in counted), "missed": sum(missed for _, missed in counted)}}
 
 
 def _metrics(results: Sequence[Result]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from cableway.metrics import METRICS, Metric
 from cableway.simulation.perturbations.variants import variant
 
 COLUMNS = ("success", "strict", "strict_reachable", "contact", "shape_error", "above_least_achievable", "deviation",
-           "clearance", "planning_time", "control_time", "control_p99")  # fmt: skip
+           "clearance", "planning_time", "control_time", "control_p99", "missed")  # fmt: skip
 """Metrics of the tables."""
 
 COMPARED = ("success", "strict", "contact", "shape_error", "deviation", "clearance", "planning_time", "control_time")

@@ -46,6 +46,9 @@ class Bench(EpisodeOptions):
     episodes: str | None = None
     """Only these episodes, separated by commas."""
 
+    deadline: float | None = None
+    """Wall time [s] after which a control step counts as missed, and the grippers coast to rest; by default, none."""
+
     against: Path | None = None
     """The baseline.json of an earlier run; the exit status is 1 if this run is significantly worse."""
 
@@ -67,6 +70,8 @@ class Bench(EpisodeOptions):
             found = [result for rows in results.values() for each in rows.values() for result in each]
             worse = regressions(found, before)
         terminal.result(about | {"regressions": worse}, _shown(results))
+        for sentence in _missed(results):
+            terminal.note(sentence)
         for sentence in worse:
             terminal.note(f"worse than {self.against}: {sentence}")
         return 1 if worse else 0
@@ -82,7 +87,8 @@ class Bench(EpisodeOptions):
         names = list(SUITES) if self.suites == "all" else self.suites.split(",")
         jobs: list[Job] = []
         for suite in map(get_suite, names):
-            each = [jobs_of(source, suite.episodes(self.size, own=source == DEFAULT)) for source in methods]
+            own = [(source, suite.episodes(self.size, own=source == DEFAULT)) for source in methods]
+            each = [jobs_of(source, episodes, self.deadline) for source, episodes in own]
             jobs += [job for row in zip_longest(*each) for job in row if job is not None]
         if self.episodes is None:
             return jobs
@@ -102,8 +108,8 @@ class Bench(EpisodeOptions):
         from cableway.core.files import write_atomically, write_json
 
         found = [result for rows in results.values() for each in rows.values() for result in each]
-        chosen = {"suites": self.suites, "methods": self.methods, "episodes": self.episodes,
-                  "time_limit": self.time_limit, "executor": self.executor, "workers": self.workers}  # fmt: skip
+        names = ("suites", "methods", "episodes", "deadline", "time_limit", "executor", "workers")
+        chosen = {name: getattr(self, name) for name in names}
         about = summary(results, methods, self.size, chosen)
         page = report_page(
             results,
@@ -146,6 +152,18 @@ def _write_pictures(results: Results, folder: Path) -> list[str]:
         return [SUCCESS_PICTURE]
     save_figure(error_figure(errors, (0.01, SUCCESS_ERROR)), folder / ERROR_PICTURE)
     return [SUCCESS_PICTURE, ERROR_PICTURE]
+
+
+def _missed(results: Results) -> list[str]:
+    """How many control steps missed the deadline, a sentence for each suite and method."""
+    from cableway.benchmark.summary import missed_steps
+
+    return [
+        f"{suite}, {name}: {count['missed']} of {count['steps']} control steps missed the deadline"
+        for suite, rows in results.items()
+        for name, found in rows.items()
+        for count in missed_steps(found).values()
+    ]
 
 
 def _error(result: Result) -> float:
