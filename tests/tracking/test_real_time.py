@@ -139,8 +139,8 @@ def test_a_controller_that_hangs_leaves_no_gap_and_the_grippers_stand_still() ->
     hung = (times > 10 * STEP + 0.3) & (times < 10 * STEP + 0.8)
     assert np.ptp(places[hung], axis=0).max() < 0.001, "at rest 0.3 s after the step that was missed"
     assert rollout.metadata["watchdog"]["late"] == len(late)
-    assert rollout.outcome is Outcome.SETTLED, "and goes on where it stood"
-    assert np.linalg.norm(robot.poses - PLAN.poses[-1]) < 0.002
+    assert rollout.outcome is Outcome.SETTLED, "and goes on from where it stood, which open loop does not make up for"
+    assert np.linalg.norm(robot.poses - PLAN.poses[-1], axis=1).max() < 1.5 * TASK.grippers.max_step
 
 
 def test_a_controller_that_hangs_for_good_ends_the_run() -> None:

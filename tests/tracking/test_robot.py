@@ -18,7 +18,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.task import Grippers
 from cableway.tracking import track
 from cableway.tracking.loop import HOLDING
-from cableway.tracking.robot import HOLDS, MessageGate
+from cableway.tracking.robot import HOLDS, FollowingError, MessageGate
 
 ROD = PlanarRod(0.3)
 PLAN = straight_plan(ROD, steps=60)
@@ -128,6 +128,23 @@ def test_a_frame_that_stays_the_same_while_nothing_moves_is_not_frozen() -> None
         assert np.isfinite(gate.accepted(replace(message, time=0.1 * step)).keypoints).all()
     moved = replace(message, time=1.0, poses=PLAN.poses[0] + [0.003, 0.0, 0.0])
     assert np.isnan(gate.accepted(moved).keypoints).all()
+
+
+def test_a_hold_comes_to_rest_however_late_the_encoders_are() -> None:
+    """The left gripper stalls, the right one follows, measured two steps late."""
+    start, limits = PLAN.poses[0], TASK.grippers
+    robot, sent, held = FollowingError(start, 0.1), [start] * 3, []
+    for step in range(40):
+        action = robot.stop(limits) if robot.holding else np.array([[0.0, 0.008, 0.0]] * 2)
+        held.append(robot.holding)
+        robot.commanded(action)
+        sent.append(robot.target)
+        left, right = sent[min(10, step)][0], sent[-3][1]
+        robot.measured(Observation(0.1 * step, PLAN.shapes[0], np.array([left, right])))
+    first = held.index(True)
+    assert held[first : first + 4] == [True] * 4
+    right = np.array(sent[3:])[first + 2 : first + 4, 1]
+    np.testing.assert_allclose(right[0], right[1], atol=1e-12)
 
 
 # ---------------------------------------------------------------- the last filter

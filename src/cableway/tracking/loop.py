@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -160,7 +161,7 @@ class Loop:
         if self._robot.holding:
             return self._hold()
         before = self.log.actions[-1] if self.log.actions else _still()
-        hold = self._robot.stop(self.plant.task.grippers)
+        hold = partial(self._robot.stop, self.plant.task.grippers)
         answer = self.guard.step(self.state, self.observation, before, self._robot.target, hold)
         self.state = answer.state
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())

@@ -72,7 +72,7 @@ class FollowingError:
     def __init__(self, poses: Float[np.ndarray, "2 3"], control_step: float) -> None:
         self.target = np.array(poses, float)
         self._commands = DelayEstimator.constant(self.target)
-        self._measured = self.target
+        self._measured = self._rest = self.target
         self._hold, self._pause = round(HOLD / control_step), round(PAUSE / control_step)
         self._suspicions, self._holding, self._holds, self._since = 0, 0, 0, 0
         self.error = ""
@@ -101,6 +101,7 @@ class FollowingError:
             self.error = f"the {side} gripper does not follow its commands: it is off by {off}"
             self._holds = self._holds + 1 if self._since <= self._hold + self._pause else 1
             self._holding, self._suspicions, self._since = self._hold, 0, 0
+            self._rest = self._measured
             self._commands = DelayEstimator.constant(self.target)
 
     @property
@@ -113,8 +114,17 @@ class FollowingError:
         """Whether they did not follow again and again."""
         return self._holds > HOLDS
 
-    def stop(self, grippers: Grippers) -> Float[np.ndarray, "2 3"]:
-        """The motion [m, m, rad] that makes the measured poses the target, within the grippers' limits."""
-        back = SE2.minus(self._measured, self.target)
+    def stop(self, grippers: Grippers, anew: bool = False) -> Float[np.ndarray, "2 3"]:
+        """The motion [m, m, rad] that makes the measured poses the target, within the grippers' limits.
+
+        They are those measured when the hold began: grippers that are measured late would be sent to and fro otherwise.
+
+        Args:
+            grippers: The limits.
+            anew: Whether a hold begins now.
+        """
+        if anew:
+            self._rest = self._measured
+        back = SE2.minus(self._rest, self.target)
         turns = np.clip(back[:, SE2.space :], -grippers.max_turn, grippers.max_turn)
         return np.column_stack([shorten(SE2.position(back), grippers.max_step), turns])

@@ -43,6 +43,9 @@ COASTING = 2
 COASTED = 0.5
 """Share of the previous motion with which a missed step coasts."""
 
+Hold = Callable[[bool], Float[np.ndarray, "2 3"]]
+"""Makes a motion, see `Guard.step`."""
+
 CUT = "; cut to the limits"
 """How the status of a step ends in which the controller asked for more than the grippers' limits."""
 
@@ -133,7 +136,7 @@ class Guard:
         observation: Observation,
         before: Float[np.ndarray, "2 3"],
         target: Float[np.ndarray, "2 3"],
-        hold: Float[np.ndarray, "2 3"] | None = None,
+        hold: Hold = lambda anew: np.zeros((2, SE2.dof)),
     ) -> Answer:
         """One control step, whose action has passed the last filter whatever the controller does.
 
@@ -142,7 +145,8 @@ class Guard:
             observation: The newest one.
             before: (2, 3) what was sent in the control step before [m, m, rad].
             target: (2, 3) gripper poses as commanded so far [m, m, rad].
-            hold: (2, 3) the motion that makes the measured poses the target [m, m, rad]; none where None.
+            hold: Returns (2, 3) the motion that makes the measured poses the target [m, m, rad]; told whether those
+                measured now, or those at the last call that was told so.
         """
         begun, deadline, max_span = self._watchdog.clock(), self._watchdog.deadline, self._slack.most_span(observation)
         try:
@@ -182,11 +186,12 @@ class Guard:
         status = f"{why}: {'coasting' if action.any() else 'stopped'}"
         return Answer(action, state.overruled(action, status), status, seconds)
 
-    def _holding(self, state: ControllerState, hold: Float[np.ndarray, "2 3"] | None, seconds: float) -> Answer:
+    def _holding(self, state: ControllerState, hold: Hold, seconds: float) -> Answer:
         """What is done while the controller still computes: the motion under way is finished, then nothing moves."""
         self._missed += 1
-        action = np.zeros(self.task.cable.rod.step_shape) if self._missed == 1 or hold is None else hold
-        status = f"late: {'finishing' if self._missed == 1 else 'holding'}"
+        finishing = self._missed == 1
+        action = np.zeros(self.task.cable.rod.step_shape) if finishing else hold(self._missed == 2)
+        status = f"late: {'finishing' if finishing else 'holding'}"
         return Answer(action, state.overruled(action, status, waits=True), status, seconds)
 
     def _is_safe(self, action: Float[np.ndarray, "2 3"], observation: Observation) -> bool:
