@@ -21,7 +21,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SAYS = {
     "04_replay_a_recording": r"RodMPC +would have .* 0\.00 mm \(median\), 0\.00 mm \(most\)",
-    "05_a_robot_over_a_socket": r"steps, settled\n.*\n\d+ steps, plant failed: .*hung up",
+    "05_a_robot_over_a_socket": r"steps, settled\n.*\n\d+ steps, plant failed, .*hung up",
 }
 """What those examples are there to show; the others say something."""
 CODE = [

@@ -45,16 +45,17 @@ class Server:
         self._hardware, self._last, self._stopped = hardware, time.monotonic(), False
         self._seen = hardware.reset()
         self._reached = self._target = self._seen.poses
+        self.over = threading.Event()
 
     def work(self) -> None:
-        """Move the hardware to what was sent last, ten times a second; runs in a thread."""
+        """Move the hardware to what was sent last, ten times a second, until it is over; runs in a thread."""
         due = time.monotonic()
-        while True:
+        while not self.over.is_set():
             silent = self._stopped or time.monotonic() - self._last > SILENCE
             step = np.zeros((2, 3)) if silent else self._allowed(self._target - self._reached)
             self._seen, self._reached = self._hardware.step(step), self._reached + step
             due += self._hardware.control_step
-            time.sleep(max(0.0, due - time.monotonic()))
+            self.over.wait(max(0.0, due - time.monotonic()))
 
     def serve(self, listener: socket.socket, cut_after: int | None = None) -> None:
         """Answer one client until it goes; hang up after so many messages where that is wanted."""
@@ -135,11 +136,14 @@ for cut_after in (None, 300):
     camera = cw.SensingConfig(keypoint_noise=0.001, drop_rate=0.1)
     server = Server(cw.SensedPlant(cw.CableSimulator(TASK), camera, seed=0))
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        threading.Thread(target=server.work, daemon=True).start()
+        threading.Thread(target=server.work).start()
         threading.Thread(target=server.serve, args=(listener, cut_after), daemon=True).start()
         robot = SocketRobot(TASK, listener.getsockname())
-        rollout = cw.track_in_real_time(robot, cw.RodMPC(), plan, rate=50, deadline=0.05)
-        robot.close()
+        try:
+            rollout = cw.track_in_real_time(robot, cw.RodMPC(), plan, rate=50, deadline=0.05)
+        finally:
+            robot.close()
+            server.over.set()
     report = cw.summarize(TASK, plan, rollout)
     print(f"{rollout.steps} steps, {', '.join(filter(None, (rollout.outcome, rollout.detail)))}")
     if report.shape_error is not None and report.timing is not None:

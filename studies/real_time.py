@@ -41,7 +41,7 @@ class SimulatedRobot:
         self._message = self._cable.reset()
         self._target = self._reached = self._message.poses
         self.sent: list[tuple[float, np.ndarray]] = []
-        threading.Thread(target=self._work, daemon=True).start()
+        threading.Thread(target=self._work).start()
 
     def send(self, poses: np.ndarray) -> None:
         """See `tracking.Robot`."""
