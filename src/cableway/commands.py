@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
 from cableway.records import Rollout
@@ -33,19 +34,18 @@ class Commands:
     clearance: float
 
     @staticmethod
-    def of(rollout: Rollout) -> Commands:
-        """Those of a rollout."""
-        duration, first = float(rollout.times[-1] - rollout.times[0]), rollout.poses[0]
-        poses = SE2.plus(first, np.cumsum(np.concatenate([np.zeros((1, 2, SE2.dof)), rollout.actions]), axis=0))
-        step = duration / max(rollout.steps, 1) or 1.0
-        moves, turns = SE2.distance(poses[:-1], poses[1:])
-        x, y = SE2.position(poses).reshape(-1, 2).T
-        left, right = (tuple(map(float, pose)) for pose in first)
+    def of(*rollouts: Rollout) -> Commands:
+        """Those of a rollout, or of several one after the other, such as a run and its insertion."""
+        sent = [_targets(rollout) for rollout in rollouts]
+        moves, turns = (np.concatenate(parts) for parts in zip(*(_speeds(*part) for part in sent), strict=True))
+        x, y = SE2.position(np.concatenate([poses for poses, _ in sent])).reshape(-1, 2).T
+        left, right = (tuple(map(float, pose)) for pose in rollouts[0].poses[0])
         return Commands(
-            count=rollout.steps, duration=duration,
-            speed=float(moves.max(initial=0.0)) / step, turn_rate=float(turns.max(initial=0.0)) / step,
+            count=sum(rollout.steps for rollout in rollouts),
+            duration=sum(float(rollout.times[-1] - rollout.times[0]) for rollout in rollouts),
+            speed=float(moves.max(initial=0.0)), turn_rate=float(turns.max(initial=0.0)),
             box=(float(x.min()), float(x.max()), float(y.min()), float(y.max())), first=(left, right),
-            clearance=rollout.least_clearance,
+            clearance=min(rollout.least_clearance for rollout in rollouts),
         )  # fmt: skip
 
     def rows(self) -> list[tuple[str, str]]:
@@ -58,3 +58,18 @@ class Commands:
             ("first pose, left", left),
             ("first pose, right", right),
         ]
+
+
+def _targets(rollout: Rollout) -> tuple[Float[np.ndarray, "t 2 3"], Float[np.ndarray, "t-1"]]:
+    """Gripper poses [m, m, rad] that were sent, and the times [s] between them."""
+    still = np.zeros((1, 2, SE2.dof))
+    poses = SE2.plus(rollout.poses[0], np.cumsum(np.concatenate([still, rollout.actions]), axis=0))
+    return poses, np.diff(rollout.times)
+
+
+def _speeds(
+    poses: Float[np.ndarray, "t 2 3"], seconds: Float[np.ndarray, "t-1"]
+) -> tuple[Float[np.ndarray, "t-1 2"], Float[np.ndarray, "t-1 2"]]:
+    """Speeds [m/s] and rates of turning [rad/s] of both grippers between poses."""
+    moves, turns = SE2.distance(poses[:-1], poses[1:])
+    return moves / seconds[:, None], turns / seconds[:, None]

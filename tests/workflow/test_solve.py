@@ -151,6 +151,19 @@ def test_a_dry_run_moves_nothing_and_says_what_would_be_sent():
     assert dry.report.notes[0].startswith("Dry run: nothing was moved.")
 
 
+def test_what_would_be_sent_includes_the_insertion():
+    task = load_task("insertion")
+    run, dry = (solve(task, SolveOptions(dry_run=dry)) for dry in (False, True))
+    assert run.rollout is not None
+    assert run.insertion is not None
+    assert dry.report.commands is not None
+    assert dry.insertion is None
+    assert dry.report.commands.count == run.rollout.steps + run.insertion.steps
+    assert dry.report.commands.box[1] == pytest.approx(
+        max(part.poses[..., 0].max() for part in (run.rollout, run.insertion)), abs=1e-3
+    )
+
+
 def test_a_planner_may_be_a_function_and_its_failure_is_a_value():
     def nothing(task: cw.Task, seed: int) -> Plan:
         raise PlanningError("walled in", outcome="infeasible")

@@ -88,7 +88,8 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
 
 def _only_rehearsed(run: Run, report: Report) -> Run:
     """A run in which nothing was moved, with the figures of its rehearsal and of what would have been sent."""
-    commands = None if run.rollout is None else Commands.of(run.rollout)
+    rehearsed = [part for part in (run.rollout, run.insertion) if part is not None]
+    commands = Commands.of(*rehearsed) if rehearsed else None
     notes = ("Dry run: nothing was moved. The figures are those of the simulated cable.", *report.notes)
     return replace(run, report=replace(report, commands=commands, notes=notes), rollout=None, insertion=None)
 
