@@ -21,6 +21,7 @@ from cableway.core.errors import InputError, SimulationError
 from cableway.geometry.convex import polyline_distance
 from cableway.scene.files.loading import task_names
 from cableway.simulation.perturbations.variants import (
+    FAULTS_SUITE,
     PLANTS_SUITE,
     SENSING_SUITE,
     TABLE_SUITE,
@@ -53,6 +54,7 @@ PATTERNS = {
     "plants": ("clutter-{}",),
     "sensing": ("clutter-{}",),
     "table": tuple(kind for kind in ("clutter-{}", "dense-{}", "maze-{}@0.085") for _ in TABLE_SUITE),
+    "faults": tuple(kind for kind in ("clutter-{}", "corridor-{}@0.06") for _ in FAULTS_SUITE),
     "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
     "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
     "unconstrained": ("open-near-{}", "open-far-{}"),
@@ -60,7 +62,13 @@ PATTERNS = {
 }
 """Kinds of random tasks, in turn; otherwise that of the suite's name."""
 
-IN_TURN = {"plants": PLANTS_SUITE, "sensing": SENSING_SUITE, "table": TABLE_SUITE, "lab-unconstrained": ("laid",)}
+IN_TURN = {
+    "plants": PLANTS_SUITE,
+    "sensing": SENSING_SUITE,
+    "table": TABLE_SUITE,
+    "faults": FAULTS_SUITE,
+    "lab-unconstrained": ("laid",),
+}
 """Plants, in turn; otherwise the nominal one."""
 
 

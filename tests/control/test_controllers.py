@@ -68,7 +68,7 @@ WITHOUT_KEYPOINTS = {
     "keypoints missing": Observation(0.0, np.full((13, 2), np.nan), PLAN.poses[0]),
     "cable elsewhere": at(0, shift=0.4),
     "too few": Observation(0.0, PLAN.shapes[0][:7], PLAN.poses[0]),
-    "few left": at(0, shift=np.where(np.arange(26).reshape(13, 2) > 10, np.nan, 0.0)),
+    "few plausible": at(0, shift=np.where(np.arange(26).reshape(13, 2) > 10, 0.4, 0.0)),
 }
 PARTLY = {"one missing": at(0, shift=only(4, np.nan)), "one jumped": at(0, shift=only(4, 0.2))}
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
+from cableway.benchmark.faulty import FAULTS, FaultyController
 from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
 from cableway.benchmark.suites import Episode
 from cableway.control.base import Controller
@@ -161,8 +162,11 @@ def run_job(job: Job) -> Scored:
 def _score(job: Job) -> Scored:
     episode, task = job.episode, job.episode.load()
     perturbation = named_perturbation(episode.plant, task, episode.seed)
+    controller = _controller(job.source)
+    if episode.plant in FAULTS:
+        controller = FaultyController(controller, episode.plant, episode.seed)
     options = _method(job.source).options(
-        controller=_controller(job.source),
+        controller=controller,
         perturbation=perturbation,
         seed=episode.seed,
         track=episode.suite != BLOCKED,

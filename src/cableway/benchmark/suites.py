@@ -106,6 +106,8 @@ SUITES = {
               (17, 102, 1904)),
         Suite("sensing", 1, "clutter; noise, latency, lost frames and occlusion", "plant", (8, 104, 1000)),
         Suite("table", 1, "clutter, dense and mazes; the cable in space on a table", "plant", (12, 102, 306)),
+        Suite("faults", 1, "clutter and corridors; faults of robot, camera, controller and scene", "plant",
+              (20, 120, 520)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
         Suite("lab-constrained", 1, "the paper's three tasks with obstacles, cables of its seven kinds, placed and "
               "measured as in a laboratory", "task", (21, 84, 1008)),

@@ -38,6 +38,19 @@ class Status(StrEnum):
     """The computation gave numbers that are not finite; the plan's gripper motion went on."""
 
 
+@dataclass(frozen=True)
+class Contact:
+    """Something that is not known and seems to hold the cable.
+
+    Attributes:
+        place: Where on the centreline [m].
+        direction: Unit vector in which it pushes the cable.
+    """
+
+    place: Float[np.ndarray, "2"]
+    direction: Float[np.ndarray, "2"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ControllerState:
     """What every controller's state shows.
@@ -55,6 +68,10 @@ class ControllerState:
     def estimates(self) -> Mapping[str, Estimate]:
         """The controller's estimates of the cable's parameters, by name; the same names in every step."""
         return {}
+
+    def contact(self) -> Contact | None:
+        """What seems to hold the cable, for controllers that can tell; None for nothing."""
+        return None
 
     def overruled(self, action: Float[np.ndarray, "2 3"], status: str, waits: bool | None = None) -> Self:
         """The state after a control step whose answer was dropped, another action being sent in its place.

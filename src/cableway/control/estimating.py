@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from cableway.control.following import FollowerState
+from cableway.estimation.delay import DELAYS
 from cableway.estimation.rod_filter import RodEstimate, RodEstimator
 from cableway.records import Estimate, Observation
 
@@ -28,13 +29,18 @@ class EstimatingState(FollowerState):
         return self.estimator.estimates(self.estimate)
 
     def observing(self, observation: Observation | None) -> Self:
-        """After an observation, the grippers tracked with the estimated grasps."""
-        return self.looking(observation, self.estimate.grasps)
+        """After an observation, the grippers tracked with the estimated grasps; the estimator needs few keypoints."""
+        return self.looking(observation, self.estimate.grasps, hidden=True)
 
     def updated(self) -> Self:
         """With the estimate brought up to what the tracker has."""
         tracker = self.tracker
+        if tracker.undated:
+            earlier = tracker.poses.at(DELAYS)
+            tracker = tracker.dated(
+                self.estimator.residuals(self.estimate, tracker.keypoints, tracker.at_frame, earlier)
+            )
         estimate = self.estimator.update(
             self.estimate, tracker.keypoints, tracker.at_frame, tracker.speed, tracker.confidence
         )
-        return replace(self, estimate=estimate)
+        return replace(self, tracker=tracker, estimate=estimate)

@@ -52,11 +52,16 @@ class FollowerState(ControllerState):
             "tracker": GripperTracker.at_rest(plan.poses[0], task.cable.keypoints),
         }
 
-    def looking(self, observation: Observation | None, grasps: Float[np.ndarray, "2 3"] = NOMINAL_GRASPS) -> Self:
-        """After an observation; `grasps` are the estimated grasps, see `rod.material`."""
+    def looking(
+        self,
+        observation: Observation | None,
+        grasps: Float[np.ndarray, "2 3"] = NOMINAL_GRASPS,
+        hidden: bool = False,
+    ) -> Self:
+        """After an observation; `grasps` and `hidden` as for `GripperTracker.updated`."""
         if observation is None or not poses_usable(observation):
             return replace(self, tracker=self.tracker.predicted())
-        return replace(self, tracker=self.tracker.updated(observation, grasps, self.task.cable))
+        return replace(self, tracker=self.tracker.updated(observation, grasps, self.task.cable, hidden))
 
     def must_stop(self, config: Any) -> bool:
         """Whether poses or keypoints are missing for more than `config.blind_steps` or `config.unseen_steps`."""

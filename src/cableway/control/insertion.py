@@ -36,7 +36,9 @@ class InsertionConfig(Checked):
         hold: Time [s] before the port in which the grasp is estimated and the plug aligned.
         gain: Share of the estimated misalignment that a step takes away; averages over about 1 / `gain` observations.
         max_span: Largest distance between the grippers, as a share of the cable's estimated length.
+        frames: Frames with keypoints before which the plug is not inserted.
         blind_steps: Control steps without gripper poses after which the grippers stop.
+        unseen_steps: The same without keypoints.
         estimator: Of the grasp, among other things.
 
     Raises:
@@ -46,7 +48,9 @@ class InsertionConfig(Checked):
     hold: NotNegative[float] = 4.0
     gain: Share = 0.15
     max_span: NotNegative[float] = 0.995
+    frames: NotNegative[int] = 10
     blind_steps: NotNegative[int] = 3
+    unseen_steps: NotNegative[int] = 10
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
 
@@ -77,10 +81,12 @@ class InsertionController(Controller[EstimatingState]):
     ) -> tuple[Float[np.ndarray, "2 3"], EstimatingState]:
         """See `Controller.step`."""
         state = state.observing(observation)
-        if state.tracker.steps_without_poses > self.config.blind_steps:
+        if state.must_stop(self.config):
             return state.stopping()
         if state.index < state.plan.held_steps:
             state = state.updated()
+            if state.index == state.plan.held_steps - 1 and state.estimate.updates < self.config.frames:
+                return state.stopping()
             right = self.config.gain * self._misaligned(state)
             action = np.stack([np.zeros_like(right), right])
         else:

@@ -31,13 +31,13 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control import rod_kernels
-from cableway.control.base import Controller, Status
+from cableway.control.base import Contact, Controller, Status
 from cableway.control.estimating import EstimatingState
 from cableway.control.following import FollowerState
 from cableway.control.limits import span_limit, within_limits
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
-from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
+from cableway.estimation.rod_filter import MET, EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
 from cableway.motion.clearance import clearances
 from cableway.records import Observation, Plan
@@ -143,6 +143,15 @@ class RodMPCState(EstimatingState):
     clearance: Float[np.ndarray, "t"]
     limits: tuple[float, ...]
 
+    def contact(self) -> Contact | None:
+        """See `ControllerState.contact`; none while the estimates settle."""
+        held = self.estimator.held_at(self.estimate)
+        visible = np.flatnonzero(np.isfinite(self.tracker.keypoints[:, 0]))
+        if held is None or self.index < self.plan.held_steps or not len(visible):
+            return None
+        nearest = visible[np.argmin(np.abs(visible - held[0]))]
+        return Contact(self.tracker.keypoints[nearest], held[1])
+
 
 class RodMPC(Controller[RodMPCState]):
     """Model predictive control with the rod as the model, adapted while it runs.
@@ -177,7 +186,7 @@ class RodMPC(Controller[RodMPCState]):
         """See `Controller.resume`."""
         begun, estimate = self.init(task, plan), state.estimate
         q = state.estimator.rod.continued(estimate.q, plan.poses[0])
-        return replace(begun, estimate=replace(estimate, q=q))
+        return replace(begun, estimate=replace(estimate, q=q, surprise=np.zeros_like(estimate.surprise)))
 
     def in_scene(self, state: RodMPCState, task: Task) -> RodMPCState:
         """See `Controller.in_scene`."""
@@ -193,7 +202,8 @@ class RodMPC(Controller[RodMPCState]):
             return state.stopping(Status.UNEXPLAINED)
         action, max_span = self._solve(state), self._span_limit(state)
         if not np.isfinite(action).all():
-            return state.sending(state.plan.actions(state.index, 1)[0], Status.FAILED, max_span)
+            status = Status.UNSEEN if state.tracker.steps_without_keypoints else Status.FAILED
+            return state.sending(state.plan.actions(state.index, 1)[0], status, max_span)
         if state.index < state.plan.held_steps:
             action = SETTLING * action
         return state.sending(action, state.tracking_status, max_span)
@@ -215,7 +225,7 @@ class RodMPC(Controller[RodMPCState]):
         return max(planned, span + slack - (1 - share) * state.estimate.length - SURE * deviation)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
-        """The next gripper motion."""
+        """The next gripper motion; NaN where the estimated rod cannot be held as the grippers will be."""
         config, estimator, estimate = self.config, state.estimator, state.estimate
         count = config.horizon + 1
         rod, modes, p = estimator.rod, estimator.modes, estimate.theta[ROD]
@@ -226,7 +236,8 @@ class RodMPC(Controller[RodMPCState]):
         before = rod.group.compose(commanded, estimate.grasps)
         clearance = np.clip(state.clearance[rows[1:]], config.threshold, max(config.threshold, config.far))
         now = estimate.q.copy()
-        meet_ends(now, before, p, modes, MEETING_STEPS)
+        if meet_ends(now, before, p, modes, MEETING_STEPS) > MET:
+            return np.full(rod.step_shape, np.nan)
         q = rod.retract(now, rod.difference(fits[0], fits[1:]))
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), wanted[1:].copy(),

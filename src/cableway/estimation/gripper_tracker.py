@@ -35,6 +35,7 @@ class GripperTracker:
         steps_without_poses: Control steps since the last usable gripper poses.
         started: Whether gripper poses were measured yet.
         confidence: (n,) by which each keypoint counts; None where all count the same.
+        undated: Whether the last frame has keypoints, but neither its time nor an end of the cable.
     """
 
     poses: DelayEstimator
@@ -44,6 +45,7 @@ class GripperTracker:
     steps_without_poses: int = 0
     started: bool = False
     confidence: Float[np.ndarray, "n"] | None = None
+    undated: bool = False
 
     @classmethod
     def at_rest(cls, poses: Float[np.ndarray, "2 3"], keypoints: int) -> GripperTracker:
@@ -79,18 +81,21 @@ class GripperTracker:
         to_come = SE2.plus(self.poses.history[-1], np.cumsum(motions, axis=0))
         return np.concatenate([self.at_frame[None], passed, to_come])
 
-    def updated(self, observation: Observation, grasps: Float[np.ndarray, "2 3"], cable: Cable) -> GripperTracker:
+    def updated(
+        self, observation: Observation, grasps: Float[np.ndarray, "2 3"], cable: Cable, hidden: bool = False
+    ) -> GripperTracker:
         """After an observation whose gripper poses are usable.
 
         Args:
             observation: What was measured.
             grasps: Estimated poses of the cable's ends in the gripper frames, see `rod.material`.
             cable: The nominal cable.
+            hidden: Whether few keypoints are enough, see `gated_keypoints`.
         """
         if not self.started:
             measured = SE2.continued(observation.poses, self.poses.history[-1])
             started = replace(self, poses=DelayEstimator.constant(measured), started=True)
-            return started.updated(observation, grasps, cable)
+            return started.updated(observation, grasps, cable, hidden)
         last = self.poses.history[-1]
         step = SE2.minus(observation.poses, last)
         differences = np.moveaxis(self.commands.at(DELAYS) - step, 0, -1)
@@ -99,15 +104,19 @@ class GripperTracker:
         poses = self.poses.appended(SE2.plus(last, step))
         if observation.taken is not None:
             poses = poses.known((observation.time - observation.taken) / CONTROL_STEP)
-        keypoints = gated_keypoints(observation.keypoints, poses.delayed, cable)
+        keypoints = gated_keypoints(observation.keypoints, poses.delayed, cable, hidden)
         if observation.confidence is not None:
             keypoints = np.where(observation.confidence[:, None] > 0, keypoints, np.nan)
         visible = np.isfinite(keypoints[[0, -1], 0])
         if visible.any() and observation.taken is None:
             ends = SE2.position(SE2.compose(poses.at(DELAYS), grasps))
             poses = poses.updated(np.sum((ends - keypoints[[0, -1]])[:, visible] ** 2, axis=(1, 2)))
-        missing = 0 if np.isfinite(keypoints).any() else self.steps_without_keypoints + 1
-        return GripperTracker(poses, commands, keypoints, missing, started=True, confidence=observation.confidence)
+        seen = bool(np.isfinite(keypoints).any())
+        missing = 0 if seen else self.steps_without_keypoints + 1
+        undated = seen and not visible.any() and observation.taken is None
+        return GripperTracker(
+            poses, commands, keypoints, missing, started=True, confidence=observation.confidence, undated=undated
+        )
 
     def predicted(self) -> GripperTracker:
         """After a control step without a usable observation: the grippers are taken to carry out their commands."""
@@ -117,7 +126,12 @@ class GripperTracker:
             keypoints=np.full_like(self.keypoints, np.nan),
             steps_without_keypoints=self.steps_without_keypoints + 1,
             steps_without_poses=self.steps_without_poses + 1,
+            undated=False,
         )
+
+    def dated(self, residuals: Float[np.ndarray, "A"]) -> GripperTracker:
+        """With squared residuals [m^2] of the last frame's keypoints for each of `DELAYS`."""
+        return replace(self, poses=self.poses.updated(residuals))
 
     def commanding(self, action: Float[np.ndarray, "2 3"]) -> GripperTracker:
         """With an action sent."""

@@ -33,6 +33,21 @@ HALVINGS = 6
 LONGER = (1.02, 1.04, 1.06, 1.08, 1.1)
 """Nominal lengths tried where the rod is too short for the grippers that hold the cable."""
 
+SURPRISE_GAIN = 0.3
+"""Share of the newest frame in the low-passed innovation and residual; noise of 2 mm leaves less than 2 mm of them."""
+
+SURPRISE = (0.013, 0.015)
+"""Innovation and residual, in nominal lengths, that neither parameters nor noise explain: something holds the cable."""
+
+LEAST_SURPRISE = (0.004, 0.0045)
+"""The same [m] of a short cable."""
+
+STRAY = 2.0
+"""The same, times this, up to which a single keypoint of a frame counts; one farther off is most likely a stray."""
+
+FAR_OFF = 0.03
+"""Distance [m] of a keypoint from where the latency tried would have it, beyond which it says no more about it."""
+
 JUMP = 0.015
 """Mean distance [m] of the keypoints from their prediction from which the cable may have jumped to another shape."""
 
@@ -91,6 +106,8 @@ class RodEstimate:
         covariance: (p, p) of theta, in units of its prior.
         q: (d,) shape last predicted.
         offset: (n, 2) [m] what the prediction is short of.
+        surprise: (2, n, 2) innovation, of prediction and output offset, and residual, of the corrected prediction
+            alone [m], low-passed and smoothed along the cable.
         updates: Observations that it is made of.
     """
 
@@ -98,6 +115,7 @@ class RodEstimate:
     covariance: Float[np.ndarray, "p p"]
     q: Float[np.ndarray, "d"]
     offset: Float[np.ndarray, "n 2"]
+    surprise: Float[np.ndarray, "2 n 2"]
     updates: int = 0
 
     @property
@@ -143,12 +161,12 @@ class RodEstimator:
         self._prior = config.prior(rod.length)
         self._kept = math.exp(-control_step / config.memory)
         self._lag = config.lag / control_step
+        self._least_surprise = np.maximum(LEAST_SURPRISE, np.multiply(SURPRISE, rod.length))
 
     def start(self, q: Float[np.ndarray, "d"]) -> RodEstimate:
         """Nothing known but the first shape q."""
-        return RodEstimate(
-            self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros((self.rod.keypoints, self.rod.group.space))
-        )
+        nothing = np.zeros((2, self.rod.keypoints, self.rod.group.space))
+        return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), nothing[0], nothing)
 
     def estimates(self, estimate: RodEstimate) -> dict[str, Estimate]:
         """The parameters by name."""
@@ -183,6 +201,35 @@ class RodEstimator:
         out = np.zeros((2, dof, 2 * dof))
         out[0, :, :dof], out[1, :, dof:] = self.rod.group.to_world(poses)
         return out
+
+    def residuals(
+        self,
+        estimate: RodEstimate,
+        keypoints: Float[np.ndarray, "n 2"],
+        poses: Float[np.ndarray, "2 3"],
+        others: Float[np.ndarray, "A 2 3"],
+    ) -> Float[np.ndarray, "A"]:
+        """Mean squared distance [m^2] of the visible keypoints from the cable, were the grippers at other poses.
+
+        Distances beyond `FAR_OFF` count as that.
+
+        The cable follows its ends to first order from where it would be at `poses`. The output offset is left out: in
+        steady motion it takes up what a wrong latency leaves.
+
+        Args:
+            estimate: The present one.
+            keypoints: (n, 2) [m], NaN where missing.
+            poses: (2, 3) grippers [m, m, rad].
+            others: (A, 2, 3) such poses.
+        """
+        group, dof = self.rod.group, self.rod.group.dof
+        _, expected = self._held(estimate, keypoints, poses)
+        moved = group.minus(group.compose(others, estimate.grasps), group.compose(poses, estimate.grasps))
+        by_grasps = self._by_grasps(poses)
+        inward = np.stack([np.linalg.inv(by_grasps[end, :, end * dof : (end + 1) * dof]) for end in range(2)])
+        in_grippers = np.einsum("eij,aej->aei", inward, moved).reshape(len(others), -1)
+        there = expected.keypoints + np.einsum("nkg,ag->ank", expected.by_theta[..., GRASPS], in_grippers)
+        return np.nanmean(np.minimum(np.sum((keypoints - there) ** 2, axis=-1), FAR_OFF**2), axis=-1)
 
     def update(
         self,
@@ -220,7 +267,23 @@ class RodEstimator:
         rest = np.where(visible[:, None], keypoints - corrected.keypoints, estimate.offset)
         gain = max(self._config.offset_gain, 1 / (1 + estimate.updates))
         offset = estimate.offset + gain * (rest - estimate.offset)
-        return RodEstimate(theta, covariance, corrected.q, offset, estimate.updates + 1)
+        newest = keypoints - np.stack([expected.keypoints + estimate.offset, corrected.keypoints])
+        far = np.linalg.norm(newest, axis=-1) / (STRAY * self._least_surprise[:, None])
+        newest /= np.maximum(far, 1.0)[..., None]
+        surprise = estimate.surprise + SURPRISE_GAIN * (_smoothed(newest) - estimate.surprise)
+        return RodEstimate(theta, covariance, corrected.q, offset, surprise, estimate.updates + 1)
+
+    def held_at(self, estimate: RodEstimate) -> tuple[int, Float[np.ndarray, "2"]] | None:
+        """Keypoint at which something that is not known holds the cable, and the direction in which; None for none.
+
+        Where parameters can be corrected the residual is small, and where the output offset can follow the innovation
+        is: a contact makes both large.
+        """
+        innovations, residuals = np.linalg.norm(estimate.surprise, axis=-1)
+        if (np.array([innovations.max(), residuals.max()]) <= self._least_surprise).any():
+            return None
+        worst = int(np.argmax(residuals))
+        return worst, estimate.surprise[1, worst] / residuals[worst]
 
     def _held(
         self, estimate: RodEstimate, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]
@@ -288,3 +351,13 @@ class RodEstimator:
         weighted = rows.T * weights
         covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
         return theta + prior * (covariance @ (weighted @ error)), covariance
+
+
+def _smoothed(differences: Float[np.ndarray, "2 n 2"]) -> Float[np.ndarray, "2 n 2"]:
+    """Weighted means of neighbours along the cable, hidden ones left out; zero where all are hidden."""
+    visible = np.isfinite(differences[0, :, 0])
+    values = np.pad(np.where(visible[:, None], differences, 0.0), ((0, 0), (1, 1), (0, 0)))
+    weights = np.pad(visible.astype(float), 1)
+    total = values[:, :-2] / 4 + values[:, 1:-1] / 2 + values[:, 2:] / 4
+    weight = weights[:-2] / 4 + weights[1:-1] / 2 + weights[2:] / 4
+    return total / np.maximum(weight, 0.25)[:, None]

@@ -15,7 +15,7 @@ from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
-from cableway.tracking.recovery import Recovery, Watch
+from cableway.tracking.recovery import Recovery, Watch, held_up
 from cableway.tracking.setup import setup_mistake
 from cableway.tracking.stopping import Ending, TrackConfig
 from cableway.tracking.watchdog import Watchdog
@@ -55,6 +55,8 @@ def track(
         All that happened. `outcome` says how it ended: settled, timed out, wrong setup, left plan, blocked way,
         controller failed, plant failed or interrupted; `detail` says why. Where the plant failed, the rollout ends with
         the last state before that. `metadata["recovered"]` has the times [s] from which a new plan was followed,
+        `metadata["suspected"]` the discs (x, y, radius) [m] that were taken to stand where something unknown held the
+        cable,
         `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
 
     Raises:
@@ -73,7 +75,7 @@ def track(
     mistake = setup_mistake(loop.observation, plan, plant.task)
     ending = Ending(Outcome.WRONG_SETUP, mistake) if mistake else None
     try:
-        if ending is None and watch is not None and watch.is_elsewhere(loop.observation, plan.shapes[0]):
+        if ending is None and watch is not None and watch.is_elsewhere(loop.observation, plan, plant.task):
             ending = watch.recover(loop, None)
         while ending is None:
             ending = _advance(loop, watch)
@@ -90,20 +92,28 @@ def track(
 def _record(loop: Loop, watch: Watch | None, metadata: dict[str, Any]) -> Rollout:
     """The rollout so far."""
     recovered = watch.recovered if watch is not None else []
-    return loop.log.rollout(metadata | {"recovered": recovered, "watchdog": loop.guard.record()})
+    suspected = [[*disc.center, disc.radius] for disc in loop.suspected]
+    happened = {"recovered": recovered, "suspected": suspected, "watchdog": loop.guard.record()}
+    return loop.log.rollout(metadata | happened)
 
 
 def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
     """One control step, or a recovery; how the run ended, if it did."""
     loop.look_round()
-    if watch is not None and watch.is_blocked(loop.plant.task, loop.plan, loop.state.progress):
+    if watch is not None and watch.is_blocked(loop.task, loop.plan, loop.state.progress):
         return watch.recover(loop, Outcome.BLOCKED_WAY)
-    ending = loop.step()
+    ending, contact = loop.step(), loop.state.contact()
+    if ending is None and contact is not None:
+        return watch.avoid(loop, contact) if watch is not None else Ending(Outcome.BLOCKED_WAY, held_up(contact))
     if watch is None:
         return ending
-    if ending is None and watch.is_lost(loop.observation, loop.state.reference, loop.plant.task):
+    if ending is None and watch.is_lost(loop.observation, loop.recent_references, loop.task):
         return watch.recover(loop, Outcome.LEFT_PLAN)
-    if ending is not None and ending.outcome is Outcome.SETTLED and watch.is_off_goal(loop.observation, loop.plan):
+    if (
+        ending is not None
+        and ending.outcome is Outcome.SETTLED
+        and watch.is_off_goal(loop.observation, loop.plan, loop.task)
+    ):
         before = len(watch.recovered)
         return watch.recover(loop, None) or (ending if len(watch.recovered) == before else None)
     return ending

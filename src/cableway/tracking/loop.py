@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState
+from cableway.control.limits import last_filter
 from cableway.core.errors import SimulationError
+from cableway.estimation.delay import LONGEST_DELAY
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import Estimate, Measurement, Observation, Plan, Rollout
+from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.plant import Plant
@@ -29,6 +35,9 @@ LOST = "off the plan: stopped"
 BLOCKED = "the way is blocked: stopped"
 """The same because something stands where the plan leads."""
 
+
+BACKING_OFF = "something unknown holds the cable: going back"
+"""Status of a step that takes back one before."""
 
 HOLDING = "a gripper does not follow: holding"
 """The same because a gripper is not where it was sent."""
@@ -129,6 +138,9 @@ class Loop:
         self.plant, self._controller, self._config, self.log = plant, controller, config, Log()
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
         self._scene: Scene | None = None
+        self._followed = -1
+        self.suspected: list[Disc] = []
+        self._way: list[np.ndarray] = []
         self.plan = plan
         self.state: ControllerState = controller.init(plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step)
@@ -143,15 +155,48 @@ class Loop:
         """[s] since the start."""
         return self.log.times[-1]
 
+    @property
+    def task(self) -> Task:
+        """The plant's task, with what is suspected in its scene."""
+        known = self.plant.task
+        if not self.suspected:
+            return known
+        return replace(known, scene=replace(known.scene, obstacles=(*known.scene.obstacles, *self.suspected)))
+
+    @property
+    def poses(self) -> Float[np.ndarray, "2 3"]:
+        """Where the grippers were when that was last reported [m, m, rad]."""
+        return self._robot.poses
+
+    def back_off(self, steps: int) -> Ending | None:
+        """Take back the last gripper motions, as far as that is safe; how the run ended, if it did."""
+        for _ in range(min(steps, len(self._way))):
+            back = last_filter(-self._way[-1], self._robot.target, self.task, max_span=math.inf)
+            if self._robot.holding or not self.guard.is_safe(back, self.observation):
+                return None
+            self._way.pop()
+            self.state = self.state.overruled(back, BACKING_OFF)
+            self.log.act(back, 0.0, BACKING_OFF, self.state.estimates())
+            ending = self._send(back)
+            if ending is not None:
+                return ending
+        return None
+
+    @property
+    def recent_references(self) -> Float[np.ndarray, "k n 2"]:
+        """Reference of the last control steps [m], as far back as the latency of a frame may reach."""
+        since = max(self._followed, len(self.log.reference) - 1 - LONGEST_DELAY)
+        return np.array([*self.log.reference[since + 1 :], self.state.reference])
+
     def follow(self, task: Task, plan: Plan) -> None:
         """Go on with another plan."""
-        self.plan = plan
+        self.plan, self._followed = plan, len(self.log.reference) - 1
         self.state = self._controller.resume(self.state, task, plan)
         self._rule = StopRule(self._config, plan, self.plant.control_step)
 
     def look_round(self) -> None:
-        """Give controller and watchdog the scene of the plant's task, where it is another one than last time."""
-        task = self.plant.task
+        """Give controller and watchdog the scene as it is known, where it is another one than last time."""
+        task = self.task
         if not (task.scene is self._scene or task.scene == self._scene):
             self._scene, self.guard.task = task.scene, task
             self.state = self._controller.in_scene(self.state, task)
@@ -161,8 +206,8 @@ class Loop:
         if self._robot.holding:
             return self._hold()
         before = self.log.actions[-1] if self.log.actions else _still()
-        hold = partial(self._robot.stop, self.plant.task.grippers)
-        answer = self.guard.step(self.state, self.observation, before, self._robot.target, hold)
+        robot, hold = self._robot, partial(self._robot.stop, self.plant.task.grippers)
+        answer = self.guard.step(self.state, self.observation, before, robot.target, hold, robot.standing)
         self.state = answer.state
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
@@ -190,6 +235,11 @@ class Loop:
         return self._move(action)
 
     def _move(self, action: np.ndarray) -> Ending | None:
+        if action.any():
+            self._way.append(action)
+        return self._send(action)
+
+    def _send(self, action: np.ndarray) -> Ending | None:
         try:
             self._robot.commanded(action)
             self.observation = self._gate.accepted(self.plant.step(action))

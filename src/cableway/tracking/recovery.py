@@ -7,14 +7,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
 
+from cableway.control.base import Contact
 from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
-from cableway.estimation.gating import poses_usable
+from cableway.estimation.gating import LEAST_SHARE, connected, poses_usable
+from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
+from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.loop import BLOCKED, LOST, Loop
@@ -60,6 +65,29 @@ class Recovery(Checked):
     room: NotNegative[float] = 0.006
 
 
+BACK = 1.5
+"""Time [s] for which the grippers go back from a contact that nobody expected: it is noticed within 1 s."""
+
+SUSPECTED = (0.015, 0.01, 0.006, 0.003)
+"""Radii [m] of discs of which one is then taken to stand beside the cable; keypoints are some 25 mm apart."""
+
+LEAST_ROOM = 0.001
+"""Clearance [m] that such a disc leaves to the cable and to the goal."""
+
+
+def held_up(contact: Contact) -> str:
+    """What a report says of a contact that nobody expected."""
+    x, y = contact.place
+    return f"something unknown seems to hold the cable near ({x:.3f}, {y:.3f})"
+
+
+KNOWN = 0.02
+"""Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
+
+ATTEMPTS = 3
+"""Times that a plan is looked for, each time from farther back on the way."""
+
+
 class Watch:
     """Sees that the cable has left its plan, and brings it back."""
 
@@ -71,25 +99,29 @@ class Watch:
         self._checked: tuple[Plan, Scene, Float[np.ndarray, "t"]] | None = None
         self.recovered: list[float] = []
 
-    def is_elsewhere(self, observation: Observation, start: Float[np.ndarray, "n 2"]) -> bool:
+    def is_elsewhere(self, observation: Observation, plan: Plan, task: Task) -> bool:
         """Whether the cable does not lie where its plan begins; hidden keypoints do not count."""
-        return _mean_distance(observation, start) > self._recovery.start
+        return _mean(_distances(observation, plan.shapes[0], task)) > self._recovery.start
 
-    def is_lost(self, observation: Observation, reference: Float[np.ndarray, "n 2"], task: Task) -> bool:
-        """Whether the keypoints have been far from their reference for long enough; hidden ones do not count."""
-        mean = _mean_distance(observation, reference)
-        if np.isfinite(mean):
-            far = mean > self._recovery.deviation
-            close = (
-                mean > self._recovery.beside
-                and _clearance(observation, task) < _distances(observation, reference).max()
-            )
+    def is_lost(self, observation: Observation, references: Float[np.ndarray, "k n 2"], task: Task) -> bool:
+        """Whether the keypoints have been far from their reference for long enough; hidden ones do not count.
+
+        Args:
+            observation: The newest one.
+            references: (k, n, 2) where the cable should have been when the frame may have been taken [m].
+            task: With the scene as it is known.
+        """
+        each = [_distances(observation, reference, task) for reference in references]
+        distances = min(each, key=_mean)
+        if len(distances):
+            far = _mean(distances) > self._recovery.deviation
+            close = _mean(distances) > self._recovery.beside and _clearance(observation, task) < distances.max()
             self._off = self._off + 1 if far or close else 0
         return self._off >= self._patience
 
-    def is_off_goal(self, observation: Observation, plan: Plan) -> bool:
+    def is_off_goal(self, observation: Observation, plan: Plan, task: Task) -> bool:
         """Whether the cable came to rest away from where the plan ends; hidden keypoints do not count."""
-        return _mean_distance(observation, plan.shapes[-1]) > self._recovery.goal
+        return _mean(_distances(observation, plan.shapes[-1], task)) > self._recovery.goal
 
     def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
         """Whether what is left of a plan after a share of it leads into something."""
@@ -97,27 +129,58 @@ class Watch:
             self._checked = plan, task.scene, clearances(plan.shapes, plan.poses, task).min(axis=1)
         return float(self._checked[2][round(progress * plan.steps) :].min()) < -self._recovery.room
 
-    def recover(self, loop: Loop, why: Outcome | None) -> Ending | None:
+    def avoid(self, loop: Loop, contact: Contact) -> Ending | None:
+        """Go back from something that nobody knew of, and replan round where it seems to be.
+
+        Returns:
+            How the run ended, if it did.
+        """
+        ending = loop.back_off(math.ceil(BACK / loop.plant.control_step))
+        if ending is not None:
+            return ending
+        ending = self.recover(loop, Outcome.BLOCKED_WAY, contact)
+        return ending and Ending(ending.outcome, f"{held_up(contact)}; {ending.detail}")
+
+    def recover(self, loop: Loop, why: Outcome | None, contact: Contact | None = None) -> Ending | None:
         """Stand still, replan from where the cable is and follow the new plan; how the run ended, if it did.
+
+        Where no plan is found the grippers go back the way they came, and it is tried again from there.
 
         Args:
             loop: The run.
             why: How the run ends where it cannot go on; None where the first plan may still be followed.
+            contact: With something unknown, to plan round.
         """
         if len(self.recovered) >= self._recovery.times:
             return Ending(why, f"already replanned {len(self.recovered)} times") if why else None
-        keypoints = np.full_like(loop.observation.keypoints, np.nan)
+        ending = self._replan(loop, why, contact)
+        for _ in range(ATTEMPTS - 1):
+            if ending is None or why is None or ending.outcome is not why:
+                break
+            ending = loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._replan(loop, why, contact)
+        return ending if ending is None or why is not None or ending.outcome is not Outcome.NO_PLAN else None
+
+    def _replan(self, loop: Loop, why: Outcome | None, contact: Contact | None) -> Ending | None:
+        """One attempt of `recover`, from where the cable is; "no plan" where it failed and `why` is None."""
+        frames, failed, reported = [], why or Outcome.NO_PLAN, False
         status = BLOCKED if why is Outcome.BLOCKED_WAY else LOST
         for _ in range(self._rest):
             ending = loop.stand(status)
             if ending is not None:
                 return ending
-            observed = loop.observation.keypoints
-            keypoints = np.where(np.isfinite(observed), observed, keypoints)
-        if np.isfinite(keypoints).all() and (wrong := disagreement(keypoints, loop.observation)):
+            frames.append(connected(loop.observation.keypoints, loop.task.cable))
+            reported = reported or poses_usable(loop.observation)
+        if not reported:
+            return Ending(failed, "the robot reports no gripper poses")
+        if np.isfinite(frames).any(axis=(0, 2)).mean() < LEAST_SHARE:
+            return Ending(failed, "too little of the cable is observed")
+        keypoints = _at_rest(frames, loop.poses)
+        if contact is not None:
+            loop.suspected.extend(_suspected(contact, keypoints, loop.task))
+        if wrong := disagreement(keypoints, loop.poses):
             return Ending(why or Outcome.WRONG_SETUP, wrong)
         try:
-            task = loop.plant.task.resumed_from(keypoints)
+            task = loop.task.resumed_from(keypoints)
             plan = loop.compute(lambda: self._recovery.replan(task, loop.plan), status)
             if isinstance(plan, Ending):
                 return plan
@@ -125,22 +188,52 @@ class Watch:
         except PlanningInterrupted as error:
             return Ending(Outcome.INTERRUPTED, str(error))
         except (TaskError, PlanningError) as error:
-            return Ending(why, str(error)) if why else None
+            return Ending(failed, str(error))
         self._off = 0
         self.recovered.append(loop.time)
         return None
 
 
-def _distances(observation: Observation, shape: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k"]:
-    """Of the observed keypoints from those of a shape [m]."""
-    distance = np.linalg.norm(observation.keypoints - shape, axis=1)
+def _at_rest(frames: list[Float[np.ndarray, "n 2"]], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:
+    """Where the cable came to rest [m].
+
+    The median of the later half of the frames, or of all where it has none; ends that are hidden are where the grippers
+    are, others on a curve through their neighbours.
+    """
+    keypoints = np.full_like(frames[0], np.nan)
+    for some in (frames, frames[len(frames) // 2 :]):
+        rows = np.array(some)
+        there = np.isfinite(rows).any(axis=0)
+        keypoints[there] = np.nanmedian(rows[:, there], axis=0)
+    keypoints[[0, -1]] = np.where(np.isfinite(keypoints[[0, -1]]), keypoints[[0, -1]], SE2.position(poses))
+    there = np.isfinite(keypoints[:, 0])
+    return PchipInterpolator(np.flatnonzero(there), keypoints[there])(np.arange(len(keypoints)))
+
+
+def _suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> list[Disc]:
+    """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies."""
+    if task.scene.signed_distance(contact.place) < KNOWN:
+        return []
+    lines = [shapely.LineString(shape) for shape in (keypoints, task.goal)]
+    ends = shapely.MultiPoint(np.concatenate([keypoints[[0, -1]], task.goal[[0, -1]]]))
+    for radius in SUSPECTED:
+        center = contact.place - (radius + task.cable.radius) * contact.direction
+        place = shapely.Point(center)
+        beside = min(line.distance(place) for line in lines) - task.cable.radius
+        if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:
+            return [Disc(center=(float(center[0]), float(center[1])), radius=radius)]
+    return []
+
+
+def _distances(observation: Observation, shape: Float[np.ndarray, "n 2"], task: Task) -> Float[np.ndarray, "k"]:
+    """Of the observed keypoints from those of a shape [m], without those that no cable can have."""
+    distance = np.linalg.norm(connected(observation.keypoints, task.cable) - shape, axis=1)
     return distance[np.isfinite(distance)]
 
 
-def _mean_distance(observation: Observation, shape: Float[np.ndarray, "n 2"]) -> float:
-    """Mean of `_distances`; NaN where there are none."""
-    observed = _distances(observation, shape)
-    return float(observed.mean()) if len(observed) else np.nan
+def _mean(distances: Float[np.ndarray, "k"]) -> float:
+    """NaN where there are none."""
+    return float(distances.mean()) if len(distances) else np.nan
 
 
 def _clearance(observation: Observation, task: Task) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.limits import shorten
-from cableway.estimation.delay import DELAYS, DelayEstimator
+from cableway.estimation.delay import DELAYS, LONGEST_DELAY, DelayEstimator
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
@@ -20,6 +20,9 @@ FROZEN = 0.002
 FOLLOWING_ERROR = (0.015, 0.15)
 """Distance [m] and turn [rad] of a gripper from its command, as of the delay it follows with, beyond which it does not
 follow: a step and a half at most at the default limits."""
+
+SHORT = 0.004
+"""The same distance [m] from which it may be that it does not follow."""
 
 SUSPICIONS = 2
 """Control steps in a row in which that is so before it counts."""
@@ -64,6 +67,12 @@ class MessageGate:
 class FollowingError:
     """Sees that a gripper does not follow its commands: it stalled, was stopped, or the link is dead.
 
+    Attributes:
+        target: Where they were sent [m, m, rad].
+        poses: Where they were when that was last reported.
+        standing: The same of a gripper that is short of its command by more than `SHORT`, NaN of one that is not.
+        error: What is wrong, in a sentence.
+
     Args:
         poses: Where the grippers stand [m, m, rad].
         control_step: Time [s] between two commands.
@@ -72,9 +81,10 @@ class FollowingError:
     def __init__(self, poses: Float[np.ndarray, "2 3"], control_step: float) -> None:
         self.target = np.array(poses, float)
         self._commands = DelayEstimator.constant(self.target)
-        self._measured = self._rest = self.target
+        self.poses = self._rest = self.target
+        self.standing = np.full_like(self.target, np.nan)
         self._hold, self._pause = round(HOLD / control_step), round(PAUSE / control_step)
-        self._suspicions, self._holding, self._holds, self._since = 0, 0, 0, 0
+        self._suspicions, self._holding, self._holds, self._since, self._behind = 0, 0, 0, 0, 0
         self.error = ""
 
     def commanded(self, action: Float[np.ndarray, "2 3"]) -> None:
@@ -88,20 +98,23 @@ class FollowingError:
         self._holding = max(0, self._holding - 1)
         if not poses_usable(observation):
             return
-        self._measured = SE2.continued(observation.poses, self._measured)
-        away, turned = SE2.distance(self._measured, self._commands.delayed)
-        apart = SE2.position(SE2.minus(self._commands.at(DELAYS), self._measured))
-        self._commands = self._commands.updated(np.sum(apart**2, axis=(1, 2)))
+        self.poses = SE2.continued(observation.poses, self.poses)
+        away, turned = SE2.distance(self.poses, self._commands.delayed)
+        self.standing = np.where((away > SHORT)[:, None], self.poses, np.nan)
+        apart = np.linalg.norm(SE2.position(SE2.minus(self._commands.at(DELAYS), self.poses)), axis=-1)
+        # distances added up, not squares: no delay makes up for one gripper of two that stands still
+        self._commands = self._commands.updated(apart.sum(axis=1) ** 2)
+        self._behind = self._behind + 1 if (away > SHORT).any() else 0
         worst = int(np.argmax(np.maximum(away / FOLLOWING_ERROR[0], turned / FOLLOWING_ERROR[1])))
-        lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1]
+        lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1] or self._behind > LONGEST_DELAY
         self._suspicions = self._suspicions + 1 if lost else 0
         if self._suspicions >= SUSPICIONS and not self._holding:
             side = ("left", "right")[worst]
             off = f"{1000 * away[worst]:.0f} mm and {turned[worst]:.2f} rad"
             self.error = f"the {side} gripper does not follow its commands: it is off by {off}"
             self._holds = self._holds + 1 if self._since <= self._hold + self._pause else 1
-            self._holding, self._suspicions, self._since = self._hold, 0, 0
-            self._rest = self._measured
+            self._holding, self._suspicions, self._since, self._behind = self._hold, 0, 0, 0
+            self._rest = self.poses
             self._commands = DelayEstimator.constant(self.target)
 
     @property
@@ -124,7 +137,7 @@ class FollowingError:
             anew: Whether a hold begins now.
         """
         if anew:
-            self._rest = self._measured
+            self._rest = self.poses
         back = SE2.minus(self._rest, self.target)
         turns = np.clip(back[:, SE2.space :], -grippers.max_turn, grippers.max_turn)
         return np.column_stack([shorten(SE2.position(back), grippers.max_step), turns])

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
-from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
@@ -83,11 +82,9 @@ def _mean_distance(points: Float[np.ndarray, "k 2"], wanted: Float[np.ndarray, "
     return float(there.mean()) if len(there) else np.inf
 
 
-def disagreement(keypoints: Float[np.ndarray, "n 2"], observation: Observation) -> str:
-    """A sentence where the ends of a cable are not where its grippers are; "" where they are or nothing is known."""
-    if not poses_usable(observation):
-        return "the robot reports no gripper poses"
-    apart = np.linalg.norm(keypoints[[0, -1]] - observation.poses[:, :2], axis=1)
+def disagreement(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> str:
+    """A sentence where the ends of a cable are not where its grippers are; "" where they are."""
+    apart = np.linalg.norm(keypoints[[0, -1]] - poses[:, :2], axis=1)
     if (apart <= OFF).all():
         return ""
     side = int(np.argmax(apart))

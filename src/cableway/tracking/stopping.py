@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.control.base import ControllerState
 from cableway.core.checks import Checked, NotNegative
@@ -57,8 +58,7 @@ class StopRule:
         """How the run ended, if it did."""
         self._steps += 1
         if state.progress >= 1.0:
-            error = float(np.linalg.norm(observation.keypoints - self._goal))
-            self._errors.append(error if math.isfinite(error) else math.inf)
+            self._errors.append(_stacked_error(observation.keypoints, self._goal))
             if self._settled():
                 return Ending(Outcome.SETTLED)
         return Ending(Outcome.TIMED_OUT) if self._steps >= self._most_steps else None
@@ -70,3 +70,10 @@ class StopRule:
         if len(errors) <= patience:
             return False
         return min(errors[-patience:]) > (1 - self._config.improvement) * min(errors[:-patience])
+
+
+def _stacked_error(keypoints: Float[np.ndarray, "n 2"], goal: Float[np.ndarray, "n 2"]) -> float:
+    """Stacked error [m], hidden keypoints taken to be as far off as the others; infinite where all are hidden."""
+    squared = np.sum((keypoints - goal) ** 2, axis=1)
+    visible = np.isfinite(squared)
+    return math.sqrt(len(goal) * float(squared[visible].mean())) if visible.any() else math.inf

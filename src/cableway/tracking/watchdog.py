@@ -137,6 +137,7 @@ class Guard:
         before: Float[np.ndarray, "2 3"],
         target: Float[np.ndarray, "2 3"],
         hold: Hold = lambda anew: np.zeros((2, SE2.dof)),
+        standing: Float[np.ndarray, "2 3"] | None = None,
     ) -> Answer:
         """One control step, whose action has passed the last filter whatever the controller does.
 
@@ -147,6 +148,7 @@ class Guard:
             target: (2, 3) gripper poses as commanded so far [m, m, rad].
             hold: Returns (2, 3) the motion that makes the measured poses the target [m, m, rad]; told whether those
                 measured now, or those at the last call that was told so.
+            standing: As for `last_filter`.
         """
         begun, deadline, max_span = self._watchdog.clock(), self._watchdog.deadline, self._slack.most_span(observation)
         try:
@@ -168,7 +170,7 @@ class Guard:
         if after.status == Status.UNEXPLAINED:
             self._reason = "no cable of the model can be held as the grippers hold it"
         self._fallback += after.status == Status.FAILED
-        sent = last_filter(action, target, self.task, max_span)
+        sent = last_filter(action, target, self.task, max_span, standing)
         if np.array_equal(sent, action):
             return Answer(action, after, str(after.status), seconds)
         self._cut += 1
@@ -182,7 +184,7 @@ class Guard:
         action = np.zeros(self.task.cable.rod.step_shape)
         if self._missed <= COASTING and poses_usable(observation):
             coasted = within_limits(COASTED * before, observation.poses, self.task.grippers, max_span=0.0)
-            action = coasted if self._is_safe(coasted, observation) else action
+            action = coasted if self._sees(observation) and self.is_safe(coasted, observation) else action
         status = f"{why}: {'coasting' if action.any() else 'stopped'}"
         return Answer(action, state.overruled(action, status), status, seconds)
 
@@ -194,11 +196,16 @@ class Guard:
         status = f"late: {'finishing' if finishing else 'holding'}"
         return Answer(action, state.overruled(action, status, waits=True), status, seconds)
 
-    def _is_safe(self, action: Float[np.ndarray, "2 3"], observation: Observation) -> bool:
-        """Whether an action leads neither cable nor grippers nearer to anything than they may."""
+    def _sees(self, observation: Observation) -> bool:
+        """Whether all of the cable was observed."""
+        keypoints = observation.keypoints
+        return np.shape(keypoints) == self.task.start.shape and bool(np.isfinite(keypoints).all())
+
+    def is_safe(self, action: Float[np.ndarray, "2 3"], observation: Observation) -> bool:
+        """Whether an action leads neither cable nor grippers nearer to anything than they may, as far as is seen."""
         poses, keypoints = observation.poses, observation.keypoints
-        if np.shape(keypoints) != self.task.start.shape or not np.isfinite(keypoints).all():
-            return False
+        if not (self._sees(observation) and poses_usable(observation)):
+            return True
         moved = keypoints + (blend_jacobian(keypoints, poses) @ action.ravel()).reshape(keypoints.shape)
         ends = np.stack([poses, SE2.plus(poses, action)])
         now, then = clearances(np.stack([keypoints, moved]), ends, self.task)

@@ -48,7 +48,7 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
     try:
         actual = perturbation.true_task(task)
         plant = perturbation.build(task, options.seed)
-        notes = plant.plant.unmodelled
+        notes = plant.unmodelled
         rollout = track(
             plant, controller, run.plan, recovery=_recovery(options), watchdog=watchdog, progress=listener.progress,
             seed=options.seed,

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import InputError, SimulationError
 from cableway.core.provenance import describe
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
-from cableway.scene.obstacles import Obstacle, Polygon
+from cableway.scene.obstacles import Disc, Obstacle, Polygon
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.faults import FaultConfig, FaultyPlant
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable, Offset
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator, PlantConfig
@@ -21,7 +23,7 @@ from cableway.simulation.table_plant import TableConfig, TablePlant
 
 
 @dataclass(frozen=True, kw_only=True)
-class Perturbation:
+class Perturbation(Checked):
     """A simulated plant relative to its task; by default the plant is the task.
 
     >>> Perturbation(cable=Cable(friction=0.3), sensing=SensingConfig(keypoint_noise=0.001)).grasp == GraspConfig()
@@ -33,8 +35,11 @@ class Perturbation:
         sensing: Noise, lost frames and delays between plant and controller.
         start: Offsets of the left and right gripper from the task's start, in the world frame [m, m, rad]. The cable
             starts in the stable shape nearest to the task's.
-        obstacles: Displacement [m] of each obstacle, in the order of the task; none moves where empty. The controller
-            knows the displaced obstacles, the plan does not.
+        obstacles: Displacement [m] of each obstacle, in the order of the task; none moves where empty.
+        pegs: Discs (x, y, radius) [m] that the task does not have.
+        revealed: Time [s] from which the controller knows of displacements and pegs; never where None. The plan does
+            not.
+        faults: What goes wrong with robot, link and camera.
         simulation: How the planar plant is simulated.
         table: The table plant instead, where not None; `simulation` means nothing then.
         notes: Sentences for the reader of a report.
@@ -48,36 +53,44 @@ class Perturbation:
     sensing: SensingConfig = field(default_factory=SensingConfig)
     start: tuple[Offset, Offset] | None = None
     obstacles: tuple[tuple[float, float], ...] = ()
+    pegs: tuple[tuple[float, float, float], ...] = ()
+    revealed: NotNegative[float] | None = 0.0
+    faults: FaultConfig = field(default_factory=FaultConfig)
     simulation: PlantConfig = field(default_factory=PlantConfig)
     table: TableConfig | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.start is not None and not np.isfinite(self.start).all():
             raise InputError(f"start must be finite offsets, got {self.start!r}")
         if not np.isfinite(self.obstacles).all():
             raise InputError(f"obstacles must be finite displacements, got {self.obstacles!r}")
+        if not np.isfinite(self.pegs).all():
+            raise InputError(f"pegs must be discs (x, y, radius) of finite numbers, got {self.pegs!r}")
 
     def true_cable(self, task: Task) -> Cable:
         """The cable of the plant."""
         return self.cable or task.cable
 
     def known_task(self, task: Task) -> Task:
-        """What the controller knows: the task, with the obstacles where they are.
+        """What the controller knows from `revealed` on: the task, with the obstacles and pegs where they are.
 
         Raises:
             InputError: There is not one displacement for each obstacle of the task.
-            TaskError: A displaced obstacle touches the start or the goal.
+            TaskError: A displaced obstacle or a peg touches the start or the goal.
         """
-        if not self.obstacles:
+        if not (self.obstacles or self.pegs):
             return task
-        if len(self.obstacles) != len(task.scene.obstacles):
+        if self.obstacles and len(self.obstacles) != len(task.scene.obstacles):
             raise InputError(
                 f"obstacles must be one displacement for each of the task's {len(task.scene.obstacles)} obstacles, "
                 f"got {len(self.obstacles)}"
             )
-        moved = tuple(_displaced(*pair) for pair in zip(task.scene.obstacles, self.obstacles, strict=True))
-        return replace(task, scene=replace(task.scene, obstacles=moved))
+        by = self.obstacles or ((0.0, 0.0),) * len(task.scene.obstacles)
+        moved = tuple(_displaced(*pair) for pair in zip(task.scene.obstacles, by, strict=True))
+        pegs = tuple(Disc(center=(x, y), radius=radius) for x, y, radius in self.pegs)
+        return replace(task, scene=replace(task.scene, obstacles=(*moved, *pegs)))
 
     def true_task(self, task: Task) -> Task:
         """The task as the plant has it, apart from the cable: start and obstacles where they are.
@@ -92,7 +105,7 @@ class Perturbation:
             return known
         return replace(known, start=_start_between(task, np.array(self.start)), start_poses=None)
 
-    def build(self, task: Task, seed: int = 0) -> SensedPlant:
+    def build(self, task: Task, seed: int = 0) -> SensedPlant | FaultyPlant:
         """The plant.
 
         Args:
@@ -103,17 +116,25 @@ class Perturbation:
             InputError: Cable or displacements do not fit the task.
             SimulationError: The plant cannot take the start.
         """
+        sensed = SensedPlant(self._cable_plant(task), self.sensing, seed)
+        known_at_once = not (self.obstacles or self.pegs) or self.revealed == 0
+        if self.faults == FaultConfig() and known_at_once:
+            return sensed
+        return FaultyPlant(sensed, self.faults, task, self.revealed)
+
+    def _cable_plant(self, task: Task) -> CableSimulator | GraspedCable | TablePlant:
+        """The cable between the grippers."""
         if self.table is not None:
-            plant = TablePlant(self.true_task(task), self.cable, self.grasp, self.table, self.known_task(task))
-            return SensedPlant(plant, self.sensing, seed)
+            return TablePlant(self.true_task(task), self.cable, self.grasp, self.table, self.known_task(task))
         plant = CableSimulator(self.true_task(task), self.simulation, self.cable)
-        if self.grasp == GraspConfig() and self.start is None and not self.obstacles:
-            return SensedPlant(plant, self.sensing, seed)
-        return SensedPlant(GraspedCable(plant, self.grasp, self.known_task(task)), self.sensing, seed)
+        if self.grasp == GraspConfig() and self.start is None and not (self.obstacles or self.pegs):
+            return plant
+        return GraspedCable(plant, self.grasp, self.known_task(task))
 
     def as_dict(self, task: Task) -> dict[str, Any]:
         """The resolved configuration as plain data, for the record of a run."""
-        parts = {name: describe(getattr(self, name)) for name in ("grasp", "sensing", "start", "obstacles", "table")}
+        names = ("grasp", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table")
+        parts = {name: describe(getattr(self, name)) for name in names}
         return {**describe(self.simulation), "cable": describe(self.true_cable(task)), **parts}
 
 

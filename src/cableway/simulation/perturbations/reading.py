@@ -18,7 +18,9 @@ from cableway.simulation.perturbations.perturbation import Perturbation
 FORMAT_VERSION = 1
 """The value of the key `cableway`."""
 
-SECTIONS = ("cable", "grasp", "simulation", "sensing", "start", "obstacles", "table")
+SECTIONS = (
+    "cable", "grasp", "simulation", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table",
+)  # fmt: skip
 """Keys of the file: fields of `Perturbation`."""
 
 

@@ -46,6 +46,8 @@ class SensingConfig(Checked):
         occlusion_rate: Share of frames in which part of the cable is hidden.
         occluded_share: Largest share of the keypoints hidden in such a frame, one keypoint at least.
         measurement_delay: Time [s] from when a frame is taken until it arrives.
+        jitter: Largest time [s] by which a frame arrives later still, drawn for each frame; an older one that it
+            overtook is left out.
         action_delay: Time [s] from when an action is sent until the grippers begin it.
 
     Raises:
@@ -58,6 +60,7 @@ class SensingConfig(Checked):
     occlusion_rate: Share = 0.0
     occluded_share: Share = 0.3
     measurement_delay: Annotated[float, Bounds(0, LONGEST_DELAY)] = 0.0
+    jitter: Annotated[float, Bounds(0, 1)] = 0.0
     action_delay: Annotated[float, Bounds(0, LONGEST_DELAY)] = 0.0
 
 
@@ -113,11 +116,17 @@ class SensedPlant:
         """Time [s] that one step takes."""
         return self.plant.control_step
 
+    @property
+    def unmodelled(self) -> tuple[str, ...]:
+        """What the task holds that this plant leaves out, one sentence each, for reports."""
+        return self.plant.unmodelled
+
     def reset(self) -> Observation:
         """Go to the start and look; the same run after it gives the same observations bit for bit."""
         truth = self.plant.reset()
         # a frame that arrives between two steps is older than its delay by less than one step
-        count = math.ceil(self.config.measurement_delay / self.control_step - ROUNDING) + 2
+        latest = self.config.measurement_delay + self.config.jitter
+        count = math.ceil(latest / self.control_step - ROUNDING) + 2
         self._steps = 0
         self._past = np.repeat(truth.keypoints[None], count, axis=0)
         self._sent = np.zeros((math.ceil(self.config.action_delay / self.control_step - ROUNDING) + 1, 2, 3))
@@ -165,7 +174,16 @@ class SensedPlant:
 
     def _newest(self, now: float) -> int:
         """Number of the newest frame that has arrived by a time [s]."""
-        return math.floor((now - self.config.measurement_delay) / self._period + ROUNDING)
+        newest = math.floor((now - self.config.measurement_delay) / self._period + ROUNDING)
+        if not self.config.jitter:
+            return newest
+        arrivals = [self._arrival(newest - k) for k in range(math.ceil(self.config.jitter / self._period) + 1)]
+        return newest - next((k for k, arrival in enumerate(arrivals) if arrival <= now + ROUNDING), len(arrivals))
+
+    def _arrival(self, frame: int) -> float:
+        """Time [s] at which a frame arrives."""
+        later = self.config.jitter * np.random.default_rng((self.seed, frame % 2**32)).random()
+        return frame * self._period + self.config.measurement_delay + later
 
     def _frame(self, frame: int, age: float) -> Float[np.ndarray, "n 2"] | None:
         """The keypoints in a frame taken `age` control steps ago, NaN where hidden; None where it was lost."""

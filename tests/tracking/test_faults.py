@@ -1,0 +1,111 @@
+"""The closed loop under faults, from outside: each of these failed before what it is about was mended."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cableway.control.insertion import InsertionController
+from cableway.control.limits import last_filter
+from cableway.outcome import Outcome
+from cableway.planning.planner import plan
+from cableway.records import Observation, Rollout
+from cableway.scene.files.loading import load_task
+from cableway.simulation.perturbations.faults import FaultConfig
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.perturbations.sensing import SensingConfig
+from cableway.simulation.perturbations.variants import LAB
+from cableway.tasks.generation import random_task
+from cableway.workflow.run import Run, SolveOptions
+from cableway.workflow.solve import solve
+
+
+def run(seed: int, **differs: object) -> tuple[Run, Rollout]:
+    done = solve(random_task(seed, "clutter"), SolveOptions(perturbation=Perturbation(**differs)))  # pyright: ignore
+    assert done.rollout is not None
+    return done, done.rollout
+
+
+def deviation(rollout: Rollout) -> float:
+    return float(np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max())
+
+
+def test_latency_is_learned_from_whatever_is_seen() -> None:
+    done, rollout = run(
+        301, sensing=SensingConfig(measurement_delay=0.3, keypoint_noise=0.002), faults=FaultConfig(hidden_ends=1)
+    )
+    assert done.success
+    assert deviation(rollout) < 0.006
+
+
+def test_stray_keypoints_do_not_look_like_a_cable_that_left_its_plan() -> None:
+    done, rollout = run(301, faults=FaultConfig(strays=0.3, swapped=0.3))
+    assert done.success
+    assert rollout.metadata["recovered"] == []
+    assert rollout.metadata["suspected"] == []
+
+
+def test_frames_that_come_late_by_turns_do_not_either() -> None:
+    done, rollout = run(301, sensing=SensingConfig(jitter=0.3, measurement_delay=0.1))
+    assert done.success
+    assert done.plan is not None
+    assert all(when > 0.1 * done.plan.steps for when in rollout.metadata["recovered"])
+
+
+def test_nothing_is_done_about_a_rod_that_its_grippers_cannot_hold() -> None:
+    """A nearly straight cable whose estimate is a little short, while the camera is frozen."""
+    faults = FaultConfig(hidden_ends=2, swapped=0.2, strays=0.2, frozen_camera=(3.15, 4.15))
+    _, rollout = run(306, sensing=LAB, faults=faults)
+    dark = np.arange(33, 41)
+    assert np.linalg.norm(rollout.keypoints[dark] - rollout.reference[dark], axis=2).max() < 0.006
+
+
+def test_an_unknown_peg_is_noticed_left_and_gone_round() -> None:
+    task = random_task(310, "clutter")
+    shapes = plan(task).shapes
+    peg = (*shapes[20, 4].tolist(), 0.006)
+    done, rollout = run(310, pegs=(peg,), revealed=None, sensing=LAB)
+    touched = np.flatnonzero(rollout.clearance <= 0)
+    assert 0 < len(touched) < 20
+    assert touched[-1] - touched[0] < 25
+    (suspected,) = rollout.metadata["suspected"]
+    assert np.linalg.norm(np.subtract(suspected[:2], peg[:2])) < 0.03
+    assert rollout.outcome is Outcome.SETTLED
+    assert rollout.shape_error(task.goal) < 0.03
+    assert not done.success, "whatever touched is no success"
+    assert done.report.outcome is Outcome.CONTACT
+
+
+def test_without_recovery_it_ends_the_run() -> None:
+    peg = (*plan(random_task(310, "clutter")).shapes[20, 4].tolist(), 0.006)
+    task = random_task(310, "clutter")
+    perturbation = Perturbation(pegs=(peg,), revealed=None, sensing=LAB)
+    rollout = solve(task, SolveOptions(perturbation=perturbation, recover=False)).rollout
+    assert rollout is not None
+    assert rollout.outcome is Outcome.BLOCKED_WAY
+    assert "something unknown seems to hold the cable near" in rollout.metadata["detail"]
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_no_gripper_goes_away_from_one_that_stands_still(side: int) -> None:
+    task = random_task(312, "clutter")
+    poses = task.cable.rod.shapes(task.start_equilibrium[None])[1][0]
+    apart = (poses[1, :2] - poses[0, :2]) / np.linalg.norm(poses[1, :2] - poses[0, :2])
+    away = np.zeros((2, 3))
+    away[1 - side, :2] = 0.005 * apart * (1 if side == 0 else -1)
+    standing = np.where(np.arange(2)[:, None] == side, poses, np.nan)
+    assert last_filter(away, poses, task, 0.3).any()
+    assert not last_filter(away, poses, task, 0.3, standing).any()
+    np.testing.assert_array_equal(last_filter(-away, poses, task, 0.3, standing), -away)
+
+
+def test_a_plug_is_not_inserted_in_the_dark() -> None:
+    task = load_task("insertion")
+    done = solve(task, SolveOptions(track=False))
+    assert done.insertion_plan is not None
+    controller, plan = InsertionController(), done.insertion_plan
+    state = controller.init(task, plan)
+    dark = Observation(0.0, np.full_like(plan.shapes[0], np.nan), plan.poses[0])
+    for _ in range(80):
+        _, state = controller.step(state, dark)
+    assert state.index < state.plan.held_steps
