@@ -15,17 +15,20 @@ from scipy.special import ellipe, ellipk
 from cableway.rod.inverse import shape_between
 from cableway.rod.planar import PlanarRod
 
+LENGTH = 0.5
+"""[m]; a longer rod has more hinges."""
+
 
 def pushed_together(k: float, keypoints: int) -> tuple[float, float, float]:
-    """Height of the middle, axial force and energy of the rod at the modulus k."""
-    rod, whole = PlanarRod(1.0, keypoints), ellipk(k**2)
-    poses = np.array([[0.0, 0.0, 0.0], [1.0 - 2 * (1 - ellipe(k**2) / whole), 0.0, 0.0]])
+    """Height of the middle in lengths, axial force and energy of the rod at the modulus k."""
+    rod, whole = PlanarRod(LENGTH, keypoints), ellipk(k**2)
+    poses = np.array([[0.0, 0.0, 0.0], [LENGTH * (2 * ellipe(k**2) / whole - 1), 0.0, 0.0]])
     q = shape_between(rod, poses, "left")
     stations, reached = rod.shapes(q[None])
     np.testing.assert_allclose(reached[0], poses, atol=1e-9)
     middle = stations[0, rod.hinges]
     np.testing.assert_allclose(middle[0], poses[:, 0].mean(), atol=1e-8)
-    return float(middle[1]), float(q[3]), float(rod.energy(q[None])[0])
+    return float(middle[1]) / LENGTH, float(q[3]), float(rod.energy(q[None])[0])
 
 
 def closed_form(k: float) -> tuple[float, float, float]:

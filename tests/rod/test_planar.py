@@ -127,8 +127,8 @@ def test_a_rod_taken_from_its_other_end_is_the_same_rod(n: int):
 @pytest.mark.parametrize("n", SIZES)
 def test_shapes_scale_with_the_length(n: int):
     rows = random_rows(4) * [0, 0, 1, 1, 1, 1]
-    np.testing.assert_allclose(PlanarRod(0.6, n).shapes(rows)[0], 2 * PlanarRod(0.3, n).shapes(rows)[0], atol=1e-14)
-    np.testing.assert_allclose(PlanarRod(0.6, n).stability(rows)[0], PlanarRod(0.3, n).stability(rows)[0])
+    np.testing.assert_allclose(PlanarRod(0.5, n).shapes(rows)[0], 2 * PlanarRod(0.25, n).shapes(rows)[0], atol=1e-14)
+    np.testing.assert_allclose(PlanarRod(0.5, n).stability(rows)[0], PlanarRod(0.25, n).stability(rows)[0])
 
 
 @pytest.mark.parametrize("n", SIZES)

@@ -17,7 +17,9 @@ end poses once all that was sent is done, and s_ref,k the plan's shapes:
    least, R counting a turn of 1 rad as `turn_lever`; then lead the grippers so that the rod's ends come to e(q_1).
 
 Every q is an equilibrium, so the model has no state of its own: a late frame is compared with the gripper
-poses of its own time (`tracker`), and the cable's lag is part of b.
+poses of its own time (`tracker`), and the cable's lag is part of b. A long cable swings about its equilibria, and
+feedback that takes the swing for an error drives it: below `QUASI_STATIC` a frame counts with the third power of the
+frequency of the first bending mode.
 
 Note:
     Not in the paper (Tang et al.), whose MPC predicts with a network; terms and weights follow `neural_mpc`.
@@ -45,6 +47,7 @@ from cableway.rod.fitting import fit_shapes, meet_ends
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
+from cableway.scene.cable import QUASI_STATIC
 from cableway.scene.task import Task
 
 FIT_PULL = 1e-8
@@ -167,7 +170,8 @@ class RodMPC(Controller[RodMPCState]):
         """See `Controller.init`."""
         beginning = FollowerState.beginning(task, plan, self.config.hold)
         rod, grippers = task.cable.rod, task.grippers
-        estimator, shapes = RodEstimator(rod, self.config.estimator, self.control_step), plan_shapes(rod, plan)
+        trust = min(1.0, (task.cable.frequency / QUASI_STATIC) ** 3)
+        estimator, shapes = RodEstimator(rod, self.config.estimator, self.control_step, trust), plan_shapes(rod, plan)
         limits = (
             grippers.max_step,
             grippers.max_turn,

@@ -153,12 +153,14 @@ class RodEstimator:
         rod: The rod; its length is the first guess.
         config: The settings.
         control_step: Time [s] between two updates.
+        trust: Share by which a frame counts: less where the cable swings about its equilibrium. What looks like a
+            contact is not known from swinging then.
     """
 
-    def __init__(self, rod: PlanarRod, config: EstimatorConfig, control_step: float) -> None:
+    def __init__(self, rod: PlanarRod, config: EstimatorConfig, control_step: float, trust: float = 1.0) -> None:
         self.rod, self.modes, self._config = rod, material.modes(rod.hinges), config
         self._nominal = material.nominal(rod)
-        self._prior = config.prior(rod.length)
+        self._prior, self._trust = config.prior(rod.length), trust
         self._kept = math.exp(-control_step / config.memory)
         self._lag = config.lag / control_step
         self._least_surprise = np.maximum(LEAST_SURPRISE, np.multiply(SURPRISE, rod.length))
@@ -265,7 +267,7 @@ class RodEstimator:
         if not corrected.possible:
             return estimate
         rest = np.where(visible[:, None], keypoints - corrected.keypoints, estimate.offset)
-        gain = max(self._config.offset_gain, 1 / (1 + estimate.updates))
+        gain = max(self._trust * self._config.offset_gain, 1 / (1 + estimate.updates))
         offset = estimate.offset + gain * (rest - estimate.offset)
         newest = keypoints - np.stack([expected.keypoints + estimate.offset, corrected.keypoints])
         far = np.linalg.norm(newest, axis=-1) / (STRAY * self._least_surprise[:, None])
@@ -280,7 +282,7 @@ class RodEstimator:
         is: a contact makes both large.
         """
         innovations, residuals = np.linalg.norm(estimate.surprise, axis=-1)
-        if (np.array([innovations.max(), residuals.max()]) <= self._least_surprise).any():
+        if self._trust < 1.0 or (np.array([innovations.max(), residuals.max()]) <= self._least_surprise).any():
             return None
         worst = int(np.argmax(residuals))
         return worst, estimate.surprise[1, worst] / residuals[worst]
@@ -341,7 +343,7 @@ class RodEstimator:
         config, kept, nominal, prior = self._config, self._kept, self._nominal, self._prior
         distance = np.linalg.norm(keypoints - expected.keypoints, axis=1)
         deviation = math.hypot(config.noise, self._lag * speed)
-        certainty = 1.0 / np.maximum(1.0, distance / (config.outlier * deviation)) / deviation**2
+        certainty = self._trust / np.maximum(1.0, distance / (config.outlier * deviation)) / deviation**2
         certainty = certainty if confidence is None else certainty * confidence
         weights = np.repeat(np.where(np.isfinite(distance), certainty, 0.0), keypoints.shape[1])
         error = np.nan_to_num(keypoints - expected.keypoints).ravel()

@@ -27,6 +27,7 @@ Note:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -42,17 +43,25 @@ from cableway.rod.held_rod import HeldRod
 STRAIGHT_STABILITY = 4 * np.pi**2
 """Stability margin of the straight unloaded rod, the largest scale to compare margins with."""
 
+LEAST_HINGES = 24
+"""Hinges of a rod of up to `LONGEST_COARSE` [m]."""
+
+LONGEST_COARSE = 0.5
+
 LOAD_RANGE = (30.0, 30.0, 6.0)
 """Largest |a_x|, |a_y|, |m| of a first guess, beside the turn between the grippers: stable shapes have about these."""
 
 
-def hinge_count(keypoints: int) -> int:
-    """Number N of hinges for n keypoints: the least multiple of n - 1 that is at least 24.
+def hinge_count(keypoints: int, length: float = LONGEST_COARSE) -> int:
+    """Number N of hinges for n keypoints: the least multiple of n - 1 that is at least 24, more for a long rod.
 
-    >>> hinge_count(13), hinge_count(10)
-    (24, 27)
+    A chain is off its rod by an amount that goes with L / N^2.
+
+    >>> hinge_count(13), hinge_count(10), hinge_count(25, 1.2)
+    (24, 27, 48)
     """
-    return (keypoints - 1) * -(-24 // (keypoints - 1))
+    least = math.ceil(LEAST_HINGES * math.sqrt(max(1.0, length / LONGEST_COARSE)))
+    return (keypoints - 1) * -(-least // (keypoints - 1))
 
 
 @dataclass(frozen=True)
@@ -92,7 +101,7 @@ class PlanarRod(HeldRod):
     @property
     def hinges(self) -> int:
         """N, the number of hinges."""
-        return hinge_count(self.keypoints)
+        return hinge_count(self.keypoints, self.length)
 
     @property
     def stride(self) -> int:

@@ -29,6 +29,12 @@ PROFILES = ("stiffness_profile", "rest_curvature")
 DRAWN_VALUES = 3
 """Values along the length of a cable drawn at random: left end, middle, right end."""
 
+FIRST_MODE = 4.730
+"""Wave number times length of a clamped beam's first bending mode: cos(x) cosh(x) = 1."""
+
+QUASI_STATIC = 2.0
+"""Frequency [Hz] of the first bending mode from which a cable moves as its equilibria do. Slower ones swing."""
+
 LOGARITHMIC = ("bending_stiffness", "damping_time", "stiffness_profile")
 """Fields drawn uniformly in their logarithm: what is known of them is a factor."""
 
@@ -104,6 +110,13 @@ class Cable:
     def rod(self) -> PlanarRod:
         """The uniform elastic rod that stands for the cable in planning."""
         return PlanarRod(self.length, self.keypoints)
+
+    @property
+    def frequency(self) -> float:
+        """Of the first bending mode [Hz], straight and clamped at both ends: 4.730^2 / (2 pi L^2) sqrt(EI / rho)."""
+        return (
+            FIRST_MODE**2 / (2 * np.pi * self.length**2) * float(np.sqrt(self.bending_stiffness / self.linear_density))
+        )
 
     @property
     def bends_as_rod(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -90,6 +91,12 @@ class Task:
         if self.port is not None:
             assert self.plug is not None
             validity.check_port(self.plug_pose("goal"), self.plug, self.port)
+
+    def in_scene(self, scene: Scene) -> Task:
+        """The same task in another scene, whatever start and goal now touch: for a run that is under way."""
+        moved = copy.copy(self)
+        object.__setattr__(moved, "scene", scene)
+        return moved
 
     def plug_pose(self, end: Literal["start", "goal"]) -> Float[np.ndarray, "3"]:
         """Rear of the plug [m, m, rad] at start or goal: where stated, else as the keypoints have it."""

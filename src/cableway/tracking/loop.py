@@ -161,7 +161,7 @@ class Loop:
         known = self.plant.task
         if not self.suspected:
             return known
-        return replace(known, scene=replace(known.scene, obstacles=(*known.scene.obstacles, *self.suspected)))
+        return known.in_scene(replace(known.scene, obstacles=(*known.scene.obstacles, *self.suspected)))
 
     @property
     def poses(self) -> Float[np.ndarray, "2 3"]:

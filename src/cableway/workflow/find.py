@@ -21,6 +21,7 @@ from cableway.planning.compilation import compile_kernels
 from cableway.planning.insertion import plan_insertion
 from cableway.records import Plan
 from cableway.report import summarize
+from cableway.scene.cable import QUASI_STATIC
 from cableway.scene.task import Task
 from cableway.workflow.events import Listener, Note, Planned, Progress
 from cableway.workflow.registry import Planner
@@ -39,7 +40,7 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
     Raises:
         KeyboardInterrupt: The search was interrupted from the keyboard; the listener has what came closest.
     """
-    planner, notes, insertion_plan = options.resolved_planner(), _compile(listener), None
+    planner, notes, insertion_plan = options.resolved_planner(), (*_swinging(task, listener), *_compile(listener)), None
     timer = StageTimer(listener.progress)
     common: dict[str, Any] = {"timings": timer.seconds, "seed": options.seed, "limits": planner.limits}
     try:
@@ -182,3 +183,16 @@ class StageTimer:
         now = self._clock()
         self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
         self._last = now
+
+
+def _swinging(task: Task, listener: Listener) -> tuple[str, ...]:
+    """A warning where the cable does not move as its equilibria do."""
+    frequency = task.cable.frequency
+    if frequency >= QUASI_STATIC:
+        return ()
+    warning = (
+        f"The cable swings: its first bending mode is at {frequency:.2f} Hz, and below {QUASI_STATIC:g} Hz plan and "
+        "feedback, which take it to be at rest at every moment, are less accurate."
+    )
+    listener.emit(Note(warning))
+    return (warning,)

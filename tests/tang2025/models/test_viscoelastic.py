@@ -20,7 +20,7 @@ TO = FROM + np.array([0.004, -0.003, 0.02, 0.8, -0.6, 0.1])
 
 
 def material(keypoints: int, damping_time: float = 0.1):
-    return RodParameters(damping_time).material(PlanarRod(1.0, keypoints).hinges)
+    return RodParameters(damping_time).material(PlanarRod(0.3, keypoints).hinges)
 
 
 def equilibria(keypoints: int, length: float = 0.3):
@@ -63,7 +63,7 @@ def test_a_rod_that_is_not_uniform_is_the_rod_of_the_estimator(keypoints):
 
 
 def test_the_angles_of_the_links_are_found_from_the_keypoints():
-    rod = PlanarRod(1.0, 13)
+    rod = PlanarRod(0.5, 13)
     stations, poses = rod.shapes(FROM[None])
     links = np.diff(stations[0, 1::2], axis=0)
     found = jax.jit(link_angles)(np.float32(rod.at_keypoints(stations)[0]), np.float32(poses[0, :, 2]))
