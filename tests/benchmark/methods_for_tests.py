@@ -43,7 +43,7 @@ class Dawdles(OpenLoop):
 
     def step(self, state, observation):
         self.asked += 1
-        time.sleep(0.0 if self.asked % 5 else 0.02)
+        time.sleep(0.0 if self.asked % 5 else 0.15)
         return super().step(state, observation)
 
 

@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+from cableway.core.errors import InputError
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
-from cableway.scene.obstacles import Box, Disc, Polygon
-from cableway.scene.task import Task
+from cableway.scene.files.loading import load_task
 from cableway.tasks.generation import random_task
+from cableway.tasks.scaling import scaled
 from cableway.workflow.events import Note
 from cableway.workflow.run import SolveOptions
 from cableway.workflow.solve import solve
-
-
-def scaled(task: Task, by: float) -> Task:
-    """The task with everything but grippers and radius so many times as large."""
-    obstacles = []
-    for each in task.scene.obstacles:
-        if isinstance(each, Polygon):
-            obstacles.append(replace(each, vertices=by * each.vertices))
-        elif isinstance(each, Disc):
-            obstacles.append(replace(each, center=tuple(np.multiply(each.center, by)), radius=by * each.radius))
-        else:
-            assert isinstance(each, Box)
-            sizes = {name: tuple(np.multiply(getattr(each, name), by)) for name in ("center", "size")}
-            obstacles.append(replace(each, **sizes))
-    return replace(
-        task,
-        scene=replace(task.scene, size=tuple(np.multiply(task.scene.size, by)), obstacles=tuple(obstacles)),
-        cable=replace(task.cable, length=by * task.cable.length),
-        start=by * task.start, goal=by * task.goal, start_poses=None, goal_poses=None,
-    )  # fmt: skip
 
 
 def test_the_frequency_is_that_of_a_clamped_beam() -> None:
@@ -67,3 +46,18 @@ def test_a_cable_that_swings_is_led_to_its_goal_and_named() -> None:
     assert np.linalg.norm(done.rollout.keypoints - done.rollout.reference, axis=2).max() < 0.012
     assert any("first bending mode is at 0.45 Hz" in note for note in notes)
     assert any("first bending mode is at 0.45 Hz" in note for note in done.report.notes)
+
+
+def test_a_task_is_scaled_with_all_that_lies_on_the_table() -> None:
+    for name in ("multi-obstacle-1", "real-maze"):
+        task = load_task(name)
+        large = scaled(task, 2.0)
+        points = np.random.default_rng(0).uniform(0, task.scene.size, (50, 2))
+        np.testing.assert_allclose(large.scene.signed_distance(2 * points), 2 * task.scene.signed_distance(points))
+        np.testing.assert_allclose(large.goal, 2 * task.goal)
+        assert large.cable.length == 2 * task.cable.length
+        assert large.grippers == task.grippers
+    with pytest.raises(InputError, match="must be positive and finite"):
+        scaled(load_task("maze-1"), 0.0)
+    with pytest.raises(InputError, match="has a plug"):
+        scaled(load_task("insertion"), 2.0)
