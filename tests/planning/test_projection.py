@@ -84,6 +84,53 @@ def test_no_step_exceeds_its_share_of_the_limits(line, limits):
     assert (np.diff(at) > 0).all()
 
 
+RAMPED = [
+    {"max_acceleration": 0.5, "max_turn_acceleration": 5.0},
+    {"max_acceleration": 0.5, "max_turn_acceleration": 5.0, "max_jerk": 5.0, "max_turn_jerk": 50.0},
+    {"max_acceleration": 0.25, "max_turn_acceleration": 2.5, "max_jerk": 1.0, "max_turn_jerk": 10.0},
+    {"max_jerk": 0.3},
+    {"max_turn_acceleration": 0.5},
+]
+
+
+@pytest.mark.parametrize("limits", RAMPED)
+@pytest.mark.parametrize("kind", ["rod", "none"])
+def test_motion_starts_and_ends_at_rest_within_limits_of_acceleration_and_jerk(line, limits, kind):
+    """Differences of the rows themselves keep 70% of every limit, from rest to rest, and little time is lost."""
+    task, q = line
+    # a corner in the middle, where the path itself asks for acceleration
+    q = q + np.maximum(0.0, np.linspace(-1, 1, len(q)))[:, None] * [-0.1, 0.1, 0.5, 0, 0, 0]
+    ramped = replace(task, grippers=Grippers(**limits))
+    stepped, at = step_evenly(q, ramped, ProjectionConfig())
+    poses = task.cable.rod.shapes(stepped)[1]
+    if kind == "none":
+        shapes = task.cable.rod.at_keypoints(task.cable.rod.shapes(q)[0])
+        poses = project(shapes, ramped, ProjectionConfig(kind="none")).poses
+    padded = np.pad(poses, ((3, 3), (0, 0), (0, 0)), mode="edge")
+    largest = {}
+    for order, name in ((2, "acceleration"), (3, "jerk")):
+        change = np.diff(padded, order, axis=0) / CONTROL_STEP**order
+        largest[f"max_{name}"] = np.linalg.norm(change[..., :2], axis=2).max()
+        largest[f"max_turn_{name}"] = np.abs(change[..., 2]).max()
+    shares = {name: largest[name] / most for name, most in limits.items()}
+    assert max(shares.values()) <= LIMIT_SHARE * (1 + 1e-6)
+    assert max(shares.values()) > 0.8 * LIMIT_SHARE
+    move, turn = SE2.distance(poses[:-1], poses[1:])
+    assert max(move.max() / Grippers().max_step, turn.max() / Grippers().max_turn) <= LIMIT_SHARE * (1 + 1e-6)
+    assert np.allclose(stepped[[0, -1]], q[[0, -1]])
+    assert (np.diff(at) > 0).all()
+
+
+def test_ramps_on_a_straight_way_take_as_long_as_the_limits_ask(line):
+    """One path, with limits of a cobot: a ramp at either end, and full speed in between."""
+    task, q = line
+    plain = step_evenly(q, task, ProjectionConfig())[1]
+    limits = Grippers(max_acceleration=0.5, max_turn_acceleration=5.0)
+    ramped = step_evenly(q, replace(task, grippers=limits), ProjectionConfig())[1]
+    # from 0 to 93 mm/s and back at 350 mm/s²: half of 2 x 0.27 s longer, and a row for the last part of a step
+    assert len(plain) < len(ramped) <= len(plain) + 4
+
+
 def test_a_sluggish_cable_is_not_left_behind():
     """With quick grippers the lag sets the pace; a cable that does not lag goes as fast as they do."""
     task = replace(problems.free(), grippers=Grippers(max_step=0.04, max_turn=0.4))

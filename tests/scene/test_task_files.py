@@ -259,7 +259,8 @@ CABLE_KEYS = (
          + CABLE_KEYS),
         (at("workspace", "shape", 1), "task.yaml:5: workspace.shape is not a known key; known here: size"),
         (at("grippers", "max_speed", 1), "task.yaml:8: grippers.max_speed is not a known key; did you mean 'max_step'? "
-         "known here: radius, max_step, max_turn, separation"),
+         "known here: radius, max_step, max_turn, separation, max_acceleration, max_turn_acceleration, max_jerk, "
+         "max_turn_jerk"),
         (at("obstacles", 0, "radius", 1), "task.yaml:14: obstacles[0].radius is not a known key; "
          "known here: type, center, size, angle"),
         (at("obstacles", 1, "vertexes", 1), "task.yaml:20: obstacles[1].vertexes is not a known key; "
@@ -441,6 +442,8 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
          "turns), got -60.0"),
         (at("cable", "preset", "uzb"), f"cable.preset must be one of {', '.join(PRESETS)}, got 'uzb'"),
         (at("grippers", "max_step", 0), "grippers.max_step must be positive, got 0.0"),
+        (at("grippers", "max_acceleration", 0), "grippers.max_acceleration must be positive, got 0.0"),
+        (at("grippers", "max_turn_jerk", -1), "grippers.max_turn_jerk must be positive, got -1.0"),
         (at("grippers", "separation", 0.4), "start has its grippers 0.3000 m apart, less than grippers.separation "
          "0.4 m"),
         (at("workspace", "size", [0.7, 0]), "workspace.size[1] must be positive, got 0.0"),

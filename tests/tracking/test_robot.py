@@ -192,6 +192,38 @@ def test_what_is_allowed_is_not_touched() -> None:
         np.testing.assert_array_equal(last_filter(after - before, before, TASK, 0.3), after - before)
 
 
+def test_commands_keep_the_limits_of_acceleration() -> None:
+    """A controller that asks for full speed, then for the opposite, then for nothing, gets ramps."""
+    limits = replace(TASK.grippers, max_acceleration=0.5, max_turn_acceleration=5.0)
+    task, poses, sent = replace(TASK, grippers=limits), PLAN.poses[0], [np.zeros((2, 3))]
+    ahead = np.array([[0.012, 0.0, 0.12]] * 2)
+    for wanted in (ahead, ahead, ahead, ahead, -ahead, -ahead, np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 3))):
+        sent.append(last_filter(wanted, poses, task, task.cable.length, before=sent[-1]))
+        poses = poses + sent[-1]
+    change = np.diff(sent, axis=0)
+    assert np.linalg.norm(change[..., :2], axis=2).max() <= 0.005
+    assert np.abs(change[..., 2]).max() <= 0.05
+    np.testing.assert_array_equal(sent[4], ahead)  # reached, and then not touched
+    assert not sent[-1].any()
+
+
+def test_grippers_brake_harder_than_their_limit_before_an_obstacle() -> None:
+    """What they would still go while they slow down leads into it."""
+    limits = replace(TASK.grippers, max_acceleration=0.1, max_turn_acceleration=1.0)
+    task = replace(TASK, grippers=limits)
+    right = PLAN.poses[0, 1, :2]
+    blocked = replace(
+        task, scene=replace(task.scene, obstacles=(Disc(center=tuple(right - [0.0, 0.026]), radius=0.02),))
+    )
+    down = np.array([[0.0, -0.01, 0.0]] * 2)
+    stopped = last_filter(np.zeros((2, 3)), PLAN.poses[0], blocked, task.cable.length, before=down)
+    freely = last_filter(np.zeros((2, 3)), PLAN.poses[0], task, task.cable.length, before=down)
+    np.testing.assert_allclose(freely[:, 1], -0.009, atol=1e-9)
+    reached = PLAN.poses[0] + stopped
+    assert abs(stopped[1, 1]) < 0.003
+    assert blocked.scene.signed_distance(reached[1, :2]) >= blocked.grippers.radius - 1e-9
+
+
 def test_a_controller_whose_computation_fails_for_good_ends_the_run() -> None:
     class Broken(RodMPC):
         def _solve(self, state):

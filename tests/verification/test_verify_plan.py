@@ -37,6 +37,30 @@ def failed(plan: Plan, task: Task) -> set[str]:
     return {check.name for check in verify_plan(plan, task).failures()}
 
 
+RAMPS = {"max_acceleration": 0.5, "max_turn_acceleration": 5.0, "max_jerk": 5.0, "max_turn_jerk": 50.0}
+
+
+@pytest.mark.parametrize(("limit", "check"), [
+    ("max_acceleration", "gripper acceleration"), ("max_turn_acceleration", "gripper turn acceleration"),
+    ("max_jerk", "gripper jerk"), ("max_turn_jerk", "gripper turn jerk"),
+])  # fmt: skip
+def test_a_plan_without_ramps_fails_where_the_task_limits_them(good, limit, check):
+    """At even steps the first one starts at full speed; with ramps all limits are kept."""
+    task, plan = good
+    low = {name: 0.02 * most for name, most in RAMPS.items()}
+    limited = replace(task, grippers=replace(task.grippers, **{limit: low[limit]}))
+    assert check in failed(plan, limited)
+    assert "gripper step" not in failed(plan, limited)
+    ramped = replace(task, grippers=replace(task.grippers, **RAMPS))
+    again = plan_of(step_evenly(plan_line(task), ramped, ProjectionConfig())[0], ramped)
+    verdict = verify_plan(again, ramped)
+    assert check in {entry.name for entry in verdict.checks if entry.passed and entry.value > 0}
+
+
+def plan_line(task: Task) -> np.ndarray:
+    return problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.MOVED_ARC, 30)
+
+
 def test_a_line_of_equilibria_passes(good):
     """In free space a straight line in q is a true plan."""
     task, plan = good

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import body_clearance
 from cableway.motion.validity import gripper_spans
-from cableway.scene.task import Grippers, Task
+from cableway.scene.task import CONTROL_STEP, Grippers, Task
 
 MARGIN = 1.0 - 1e-9
 """Factor on the limits, so that rounding in the sums of poses does not exceed them."""
@@ -56,6 +56,7 @@ def last_filter(
     task: Task,
     max_span: float,
     standing: Float[np.ndarray, "2 3"] | None = None,
+    before: Float[np.ndarray, "2 3"] | None = None,
 ) -> Float[np.ndarray, "2 3"]:
     """What of an action may leave for the plant, whoever made it.
 
@@ -64,6 +65,9 @@ def last_filter(
     a disc or the plug in an obstacle or a wall. An action that breaks one of the latter is made in part, in steps of
     a quarter.
 
+    Where the task limits acceleration, the change from one action to the next is limited, too; but the grippers stop
+    faster than that where they would otherwise come too far apart, too near to each other, or into an obstacle.
+
     Args:
         action: (2, 3) gripper motion [m, m, rad]; one that is not finite becomes standing still.
         poses: (2, 3) gripper poses before it, as commanded [m, m, rad].
@@ -71,9 +75,14 @@ def last_filter(
         max_span: Largest distance [m] of the grippers at which the cable is not taut.
         standing: (2, 3) where a gripper stands that does not follow [m, m, rad], NaN for one that does; the other one
             does not go away from it.
+        before: (2, 3) the action of the control step before [m, m, rad]; None where there is none to compare with.
     """
     action = np.asarray(action, float)
-    if not np.isfinite(action).all() or exceeds_limits(action, task.grippers) or _span(action, poses) > max_span:
+    if not np.isfinite(action).all():
+        action = np.zeros_like(action)
+    if before is not None:
+        action = _within_acceleration(action, before, task.grippers)
+    if exceeds_limits(action, task.grippers) or _span(action, poses) > max_span:
         action = within_limits(action, poses, task.grippers, max_span)
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
     kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.bodies])
@@ -88,6 +97,22 @@ def last_filter(
     # the first share that is not allowed bounds those that are
     share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0
     return action if share == 1.0 else share * action
+
+
+def _within_acceleration(
+    action: Float[np.ndarray, "2 3"], before: Float[np.ndarray, "2 3"], grippers: Grippers
+) -> Float[np.ndarray, "2 3"]:
+    """The action, changed no more from the one before it than the grippers' limits of acceleration allow."""
+    most, most_turn = (
+        np.inf if limit is None else MARGIN * limit * CONTROL_STEP**2
+        for limit in (grippers.max_acceleration, grippers.max_turn_acceleration)
+    )
+    change = action - before
+    moves, turns = SE2.position(change), change[:, SE2.space :]
+    if np.linalg.norm(moves, axis=1).max() <= most and np.abs(turns).max() <= most_turn:
+        return action
+    moves = moves if np.isinf(most) else shorten(moves, most)
+    return before + np.column_stack([moves, np.clip(turns, -most_turn, most_turn)])
 
 
 def _span(action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"]) -> float:

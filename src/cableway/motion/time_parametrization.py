@@ -9,10 +9,28 @@ Note:
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
+from cableway.scene.grippers import Grippers
+from cableway.scene.task import CONTROL_STEP
+
+GRID = 0.02
+"""Spacing, in control steps at full speed, on which the profile of speed is computed."""
+
+ROUNDS = 60
+"""Most rounds in which the profile is made slower where a row is beyond a limit."""
+
+NEAR = 1.5
+"""How far, in control steps, from a row beyond a limit the motion is made slower."""
+
+ROUNDING = 1e-9
+
+STRETCH = 1.05
+"""Factor on the duration while rounds have not sufficed."""
 
 
 def gripper_effort(poses: Float[np.ndarray, "t 2 3"], max_step: float, max_turn: float) -> Float[np.ndarray, "t-1"]:
@@ -34,3 +52,118 @@ def at_equal_effort(
     total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))])
     count = max(1, int(np.ceil(total[-1] / share)))
     return np.interp(np.linspace(0, total[-1], count + 1), total, fine)
+
+
+def ramp_effort(poses: Float[np.ndarray, "t 2 3"], grippers: Grippers) -> Float[np.ndarray, "t+3 2"]:
+    """Acceleration and jerk over their limits, from rest before the first row to rest after the last.
+
+    Args:
+        poses: One row per control step [m, m, rad].
+        grippers: The limits.
+
+    Returns:
+        Columns: acceleration, whose entry i is centred on row i - 1, and jerk, centred on row i - 1.5; zero where
+        there is no limit, and in the first row of acceleration, which has one entry fewer.
+    """
+    padded = np.concatenate([np.repeat(poses[:1], 3, axis=0), poses, np.repeat(poses[-1:], 3, axis=0)])
+    padded[..., 2] = np.unwrap(padded[..., 2], axis=0)
+    effort = np.zeros((len(poses) + 3, 2))
+    limits = ((grippers.max_acceleration, grippers.max_turn_acceleration), (grippers.max_jerk, grippers.max_turn_jerk))
+    for column, (order, (move, turn)) in enumerate(zip((2, 3), limits, strict=True)):
+        # the differences before the motion and after it that are zero anyway are left out
+        change = np.diff(padded, order, axis=0)[: len(effort)] / CONTROL_STEP**order
+        moved = np.linalg.norm(change[..., :2], axis=2).max(1) / (move or np.inf)
+        effort[:, column] = np.maximum(moved, np.abs(change[..., 2]).max(1) / (turn or np.inf))
+    return effort
+
+
+def with_ramps(
+    fine: Float[np.ndarray, "f"],
+    effort: Float[np.ndarray, "f-1"],
+    share: float,
+    poses_at: Callable[[Float[np.ndarray, "k"]], Float[np.ndarray, "k 2 3"]],
+    grippers: Grippers,
+) -> Float[np.ndarray, "k"]:
+    """Places among `fine` between which no step asks more than `share` of the limits, ramps from and to rest included.
+
+    Speed along the path is the largest that a limit of speed and one of its slope allow, by a pass forward and one
+    backward (Bobrow et al. 1985); where rows placed so are beyond a limit of acceleration or jerk, both are reduced
+    and the passes are repeated. So the limits hold for the differences of the rows themselves.
+
+    Args:
+        fine: Places, first and last of which are kept.
+        effort: Between one place and the next, from speed alone.
+        share: Most of each limit that may be used.
+        poses_at: Poses of the grippers [m, m, rad] at places, with angles that run on.
+        grippers: The limits.
+
+    Note:
+        The result is not the fastest: docs/planning.md says how far from it.
+    """
+    total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))]) / share
+    grid = np.linspace(0.0, total[-1], max(3, int(np.ceil(total[-1] / GRID)) + 1))
+    slope, window = _slope(grippers)
+    slower = np.ones(len(grid))
+    times = grid
+    for _ in range(ROUNDS):
+        times = _times(grid, slower, slope)
+        at, when = _rows(grid, times, total, fine, window)
+        beyond = ramp_effort(poses_at(at), grippers) / share
+        if beyond.max() <= 1 + ROUNDING:
+            return at
+        # a motion that is slower by a factor f accelerates f² times less and jerks f³ times less
+        factor = np.maximum(beyond[:, 0] ** 0.5, np.r_[beyond[1:, 1], 0.0] ** (1 / 3))
+        centre = np.clip(np.arange(len(factor)) - 1, 0, len(when) - 1)
+        for row in np.flatnonzero(factor > 1):
+            near = np.abs(times - when[centre[row]]) <= NEAR + window / 2
+            slower[near] = np.minimum(slower[near] * min(factor[row], 1.2), 100.0)
+    while True:
+        times = STRETCH * times
+        at, _ = _rows(grid, times, total, fine, window)
+        if ramp_effort(poses_at(at), grippers).max() <= share * (1 + ROUNDING) or times[-1] > 100 * total[-1] + 1000:
+            return at
+
+
+def _slope(grippers: Grippers) -> tuple[float, int]:
+    """Change of speed in one control step, as a share of full speed, that the limits allow a straight motion.
+
+    Returns:
+        It, and the number of control steps over whose mean it changes no faster than the limit of jerk.
+    """
+    steps = grippers.max_step, grippers.max_turn
+    acceleration, jerk = (
+        min(CONTROL_STEP**order * (most or np.inf) / step for most, step in zip(limits, steps, strict=True))
+        for order, limits in (
+            (2, (grippers.max_acceleration, grippers.max_turn_acceleration)),
+            (3, (grippers.max_jerk, grippers.max_turn_jerk)),
+        )
+    )
+    slope = min(acceleration, jerk**0.5)
+    return slope, max(1, int(np.ceil(slope / jerk)))
+
+
+def _times(grid: Float[np.ndarray, "g"], slower: Float[np.ndarray, "g"], slope: float) -> Float[np.ndarray, "g"]:
+    """When the motion is at each place of the grid, in control steps, from rest to rest."""
+    most = slower**-2.0
+    most[[0, -1]] = 0.0
+    gained = np.concatenate([[0.0], np.cumsum(2 * slope * np.diff(grid) / slower[1:] ** 2)])
+    forward = gained + np.minimum.accumulate(most - gained)
+    left = gained[-1] - gained
+    backward = (left + np.minimum.accumulate((forward - left)[::-1])[::-1]).clip(0.0)
+    speed = np.sqrt(backward)
+    return np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / np.maximum(speed[1:] + speed[:-1], 1e-9))])
+
+
+def _rows(
+    grid: Float[np.ndarray, "g"],
+    times: Float[np.ndarray, "g"],
+    total: Float[np.ndarray, "f"],
+    fine: Float[np.ndarray, "f"],
+    window: int,
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+    """Places at equal times, at most a control step apart, averaged over `window` rows; and those times."""
+    when, step = np.linspace(0.0, times[-1], max(2, int(np.ceil(times[-1] - 1e-9)) + 1), retstep=True)
+    places = np.pad(np.interp(when, times, grid), window - 1, mode="edge")
+    places = np.convolve(places, np.full(window, 1 / window), mode="valid")
+    when = step * (np.arange(len(places)) - (window - 1) / 2)
+    return np.interp(places, total, fine), when

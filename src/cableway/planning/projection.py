@@ -21,7 +21,7 @@ from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
 from cableway.motion.interpolation import evenly_moved, rows_at, subdivided
-from cableway.motion.time_parametrization import at_equal_effort, gripper_effort
+from cableway.motion.time_parametrization import at_equal_effort, gripper_effort, with_ramps
 from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig, optimize_trajectory
 from cableway.rod import inverse
 from cableway.rod.lag import lag
@@ -134,7 +134,8 @@ def _as_it_is(shapes: Float[np.ndarray, "r n 2"], task: Task, config: Projection
     """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
     at = subdivided(len(shapes), EFFORT_PIECES)
     fine = rows_at(shapes, at)
-    at = at_equal_effort(at, _effort(fine, _tangent_poses(fine), task, config), LIMIT_SHARE)
+    effort = _effort(fine, _tangent_poses(fine), task, config)
+    at = _timed(at, effort, task, lambda places: _tangent_poses(rows_at(shapes, places)))
     fine = rows_at(shapes, at)
     return ProjectedTrajectory(fine, _tangent_poses(fine), at)
 
@@ -186,7 +187,9 @@ def fit_sequence(
 def step_evenly(
     q: Float[np.ndarray, "T+1 dof"], task: Task, config: ProjectionConfig
 ) -> tuple[Float[np.ndarray, "K+1 dof"], Float[np.ndarray, "K+1"]]:
-    """The same polyline in q with rows at equal effort, none above `LIMIT_SHARE` of the limits.
+    """The same polyline in q with rows none of which asks more than `LIMIT_SHARE` of the limits.
+
+    Rows are at equal effort, or with ramps from and to rest where the task limits acceleration or jerk.
 
     Returns:
         q (K+1, dof) and the fractional index of each row in the q given.
@@ -197,8 +200,19 @@ def step_evenly(
     trailing = np.minimum(lag(rod, q), MOST_LAG) * config.damping_time / CONTROL_STEP / config.lag
     effort = _effort(rod.at_keypoints(stations), poses, task, config)
     effort = np.maximum(effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES))
-    at = at_equal_effort(fine, effort, LIMIT_SHARE)
+    at = _timed(fine, effort, task, lambda places: rod.shapes(rows_at(q, places))[1])
     return rows_at(q, at), at
+
+
+def _timed(
+    fine: Float[np.ndarray, "f"],
+    effort: Float[np.ndarray, "f-1"],
+    task: Task,
+    poses_at: Callable[[Float[np.ndarray, "k"]], Float[np.ndarray, "k 2 3"]],
+) -> Float[np.ndarray, "k"]:
+    if not task.grippers.has_ramps:
+        return at_equal_effort(fine, effort, LIMIT_SHARE)
+    return with_ramps(fine, effort, LIMIT_SHARE, poses_at, task.grippers)
 
 
 def _effort(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,9 @@ from jaxtyping import Float
 from cableway.geometry import se2
 from cableway.scene import checks
 from cableway.scene.bodies import RIGHT, Body
+
+RAMPS = ("max_acceleration", "max_turn_acceleration", "max_jerk", "max_turn_jerk")
+"""Limits of grippers that are not set by default."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,21 +25,42 @@ class Grippers:
         max_step: Largest move in one control step [m].
         max_turn: Largest turn in one control step [rad].
         separation: Least distance between the two grippers' centres [m]; never below what their discs need.
+        max_acceleration: Of a gripper's position along a plan [m/s²]; None for no limit.
+        max_turn_acceleration: Of its angle [rad/s²].
+        max_jerk: Of its position [m/s³].
+        max_turn_jerk: Of its angle [rad/s³].
 
     Raises:
         TaskError: A value is not finite or out of range.
+
+    Note:
+        A plan with one of the last four starts and ends at rest: velocity, acceleration and jerk are the first,
+        second and third differences of the rows, with the first and last row repeated before and after.
     """
 
     radius: checks.Metres = 0.004
     max_step: checks.Metres = 0.0133
     max_turn: checks.Radians = 0.133
     separation: checks.Metres = 0.0
+    max_acceleration: Annotated[float | None, "a number"] = None
+    max_turn_acceleration: Annotated[float | None, "a number"] = None
+    max_jerk: Annotated[float | None, "a number"] = None
+    max_turn_jerk: Annotated[float | None, "a number"] = None
 
     def __post_init__(self) -> None:
         for name in ("radius", "max_step", "max_turn"):
             object.__setattr__(self, name, checks.real(getattr(self, name), ("grippers", name), positive=True))
         separation = checks.real(self.separation, ("grippers", "separation"), minimum=0.0)
         object.__setattr__(self, "separation", separation)
+        for name in RAMPS:
+            if getattr(self, name) is not None:
+                limit = checks.real(getattr(self, name), ("grippers", name), positive=True)
+                object.__setattr__(self, name, limit)
+
+    @property
+    def has_ramps(self) -> bool:
+        """Whether acceleration or jerk is limited."""
+        return any(getattr(self, name) is not None for name in RAMPS)
 
     @property
     def least_span(self) -> float:

@@ -170,7 +170,7 @@ class Guard:
         if after.status == Status.UNEXPLAINED:
             self._reason = "no cable of the model can be held as the grippers hold it"
         self._fallback += after.status == Status.FAILED
-        sent = last_filter(action, target, self.task, max_span, standing)
+        sent = last_filter(action, target, self.task, max_span, standing, before)
         if np.array_equal(sent, action):
             return Answer(action, after, str(after.status), seconds)
         self._cut += 1

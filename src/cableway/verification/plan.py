@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.records import Check, Plan, Verdict
-from cableway.scene.task import Task
+from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.ends import Ends
 from cableway.verification.follower import Followed, follow
 from cableway.verification.geometry import curve_through, pose_distance
@@ -104,6 +104,7 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         _grasp(plan, limits),
         _separation(plan.poses, task),
         *_gripper_motion(plan.poses, task),
+        *_gripper_ramps(plan.poses, task),
         *_following(followed, ends, clearance, task, limits),
         *_optional(plan, followed, task),
     ]
@@ -217,6 +218,25 @@ def _gripper_motion(poses: np.ndarray, task: Task) -> list[Check]:
         at_most("gripper step", move.max(1), "m", task.grippers.max_step),
         at_most("gripper turn", turn.max(1), "rad", task.grippers.max_turn),
     ]
+
+
+def _gripper_ramps(poses: np.ndarray, task: Task) -> list[Check]:
+    """Acceleration and jerk of the grippers where the task limits them, from rest and to rest."""
+    limits = task.grippers
+    angles = np.unwrap(poses[:, :, 2], axis=0)
+    checks = []
+    for name, values, most, unit, order in (
+        ("gripper acceleration", poses[:, :, :2], limits.max_acceleration, "m/s²", 2),
+        ("gripper turn acceleration", angles[:, :, None], limits.max_turn_acceleration, "rad/s²", 2),
+        ("gripper jerk", poses[:, :, :2], limits.max_jerk, "m/s³", 3),
+        ("gripper turn jerk", angles[:, :, None], limits.max_turn_jerk, "rad/s³", 3),
+    ):
+        if most is not None:
+            rate = np.pad(values, ((order, order), (0, 0), (0, 0)), mode="edge")
+            for _ in range(order):
+                rate = (rate[1:] - rate[:-1]) / CONTROL_STEP
+            checks.append(at_most(name, np.sqrt((rate**2).sum(axis=2)).max(1), unit, most))
+    return checks
 
 
 def _following(

@@ -44,7 +44,7 @@ def _content(task: Task) -> dict[str, Any]:
         "description": task.description,
         "workspace": {"size": list(task.scene.size)},
         "cable": cable,
-        "grippers": dict(vars(task.grippers)),
+        "grippers": {name: value for name, value in vars(task.grippers).items() if value is not None},
         "obstacles": [_obstacle(obstacle) for obstacle in task.scene.obstacles],
         "start": _shape(task.start, task.start_poses),
         "goal": _shape(task.goal, task.goal_poses),
