@@ -51,7 +51,7 @@ docs: env
 	@$(BIN)/python -m pytest checks/test_pages.py
 
 # The quick suites against checks/baseline.json; `make baseline` takes what the last `make gate` found for the new one.
-GATE := paper,clutter,dense,corridors,mazes,plants,sensing,unconstrained,blocked
+GATE := paper,clutter,dense,corridors,mazes,plants,sensing,table,faults,unconstrained,blocked
 gate: env
 	@rm -rf runs/gate
 	@$(BIN)/cableway bench $(GATE) --out runs/gate --against checks/baseline.json
