@@ -48,3 +48,13 @@ def test_the_plant_steps_whatever_graphics_are_named(graphics: str):
         "cw.CableSimulator(free()).reset(); assert os.environ['MUJOCO_GL'] == " + repr(graphics)
     )
     headless(code, MUJOCO_GL=graphics)
+
+
+def test_the_command_begins_no_process_to_ask_about_graphics():
+    """Ctrl-c would end it with a traceback."""
+    code = (
+        "import sys; from cableway.cli import main; begun = []\n"
+        "sys.addaudithook(lambda event, _: begun.append(event) if event == 'subprocess.Popen' else None)\n"
+        "assert main(['run', 'no such file']) == 2; assert 'mujoco' in sys.modules; assert not begun, begun"
+    )
+    headless(code)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -22,6 +23,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
+    # Nothing is drawn with MuJoCo, which asks a process of its own for the version of the graphics it finds: one that
+    # ctrl-c ends with a traceback.
+    os.environ.setdefault("MUJOCO_GL", "disable")
     with INTERRUPTS.handled(last=argv is None):
         try:
             sentence, status = _run(list(sys.argv[1:] if argv is None else argv))
