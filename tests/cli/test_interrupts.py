@@ -44,13 +44,18 @@ def planned(out: Path) -> bool:
     return (out / "plan.png").exists()
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "status", "sentence"),
+    [
+        (signal.SIGINT, 130, "cableway: interrupted\n"),
+        (signal.SIGTERM, 143, "cableway: terminated\n"),
+        (signal.SIGKILL, -signal.SIGKILL, ""),
+    ],
+)
 def test_a_run_that_is_interrupted_keeps_its_plan_and_what_was_tracked(
-    tmp_path: Path, moved_file: Path, number: int, status: int
+    tmp_path: Path, moved_file: Path, number: int, status: int, sentence: str
 ):
-    ended, said = interrupted(tmp_path, ["run", str(moved_file)], number, planned)
-    assert said == f"cableway: {'interrupted' if number == signal.SIGINT else 'terminated'}\n"
-    assert ended == status
+    assert interrupted(tmp_path, ["run", str(moved_file)], number, planned) == (status, sentence)
     left = {path.name for path in (tmp_path / "o").iterdir()}
     assert left - {"rollout.npz", "rollout.png"} == {"plan.npz", "plan.png", "report.json", "task.yaml"}
     assert Plan.load(tmp_path / "o/plan.npz").steps > 0

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + "}"
 PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
+UNTRACKED = "the run ended before its plan was tracked"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +65,7 @@ class PlanOptions(TaskOptions):
         terminal, folder = Terminal(self), self.folder(task.name)
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=self.time_limit, **options)
         with terminal.progress() as progress:
-            run = solve(task, chosen, _shown(terminal, progress, folder))
+            run = solve(task, chosen, _shown(terminal, progress, folder, tracked=chosen.track))
             INTERRUPTS.release()
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video
@@ -75,7 +76,7 @@ class PlanOptions(TaskOptions):
         return 0 if run.success else 1
 
 
-def _shown(terminal: Terminal, progress: OnProgress, folder: Path) -> OnEvent:
+def _shown(terminal: Terminal, progress: OnProgress, folder: Path, *, tracked: bool) -> OnEvent:
     """Shows a run at the terminal and leaves its files in a folder as they come.
 
     The folder stays as it was until there is something to write, so that an interrupt costs nothing. From then on an
@@ -91,7 +92,7 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path) -> OnEvent:
                 terminal.note(text)
             case Planned(run):
                 INTERRUPTS.hold()
-                _write_plans(folder, run)
+                _write_plans(folder, run, tracked=tracked)
             case Finished(run):
                 _write_rollouts(folder, run)
         return CANCEL if INTERRUPTS.came else None
@@ -99,11 +100,15 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path) -> OnEvent:
     return on_event
 
 
-def _write_plans(folder: Path, run: Run) -> None:
-    """Write the plans, or where there is none a picture of the closest attempt."""
+def _write_plans(folder: Path, run: Run, *, tracked: bool) -> None:
+    """Write the plans, or where there is none a picture of the closest attempt.
+
+    Until a plan has been tracked, the report calls the run interrupted: so it is right however the run ends.
+    """
     from cableway.figures.plan import alternatives_figure, attempt_figure, plan_figure
     from cableway.records import Attempt
     from cableway.scene.files.saving import save_task
+    from cableway.workflow.follow import stopped
 
     plans = [] if run.plan is None else [run.plan, *run.alternatives]
     outputs.clear(folder)
@@ -112,7 +117,7 @@ def _write_plans(folder: Path, run: Run) -> None:
     if run.insertion_plan is not None:
         run.insertion_plan.save(folder / outputs.INSERTION_PLAN)
     save_task(run.task, folder / outputs.TASK)
-    outputs.write_report(folder, run.report)
+    outputs.write_report(folder, stopped(run, UNTRACKED).report if tracked and run.plan is not None else run.report)
     attempt = run.attempt or Attempt(reason=run.report.failure or "")
     _draw(
         folder / outputs.PLAN_PICTURE,
