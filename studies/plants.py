@@ -24,7 +24,7 @@ from cableway.scene.files.presets import preset_names
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
-from cableway.simulation.perturbations.variants import LAB
+from cableway.simulation.perturbations.variant import LAB
 from cableway.simulation.plant import CableSimulator
 from cableway.simulation.table import GRAVITY
 from cableway.workflow.run import SolveOptions

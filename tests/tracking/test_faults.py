@@ -14,7 +14,7 @@ from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.faults import FaultConfig
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
-from cableway.simulation.perturbations.variants import LAB
+from cableway.simulation.perturbations.variant import LAB
 from cableway.tasks.generation import random_task
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
