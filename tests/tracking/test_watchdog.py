@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from quasi_static import QuasiStaticPlant, stacked, straight_plan, task_for
 
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
-from cableway.control.limits import exceeds_limits
+from cableway.control.limits import exceeds_limits, last_filter
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.core.errors import InputError
 from cableway.records import Observation, Rollout
@@ -198,7 +199,8 @@ def coasted(task: Task, before: np.ndarray, row: int = 20, **changed: Any) -> np
     """What is sent after `before` in place of a step that fails, with the cable at a row of the plan."""
     state = OpenLoop(OPEN).init(task, PLAN)
     observation = replace(Observation(0.1 * row, PLAN.shapes[row], PLAN.poses[row]), **changed)
-    return guard(task).step(state, observation, before, PLAN.poses[row]).action
+    filtered = partial(last_filter, poses=PLAN.poses[row], task=task, max_span=task.cable.length)
+    return guard(task).step(state, observation, before, filtered).action
 
 
 def behind_a_wall(clearance: float, row: int = 20) -> Task:

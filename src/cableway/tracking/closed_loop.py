@@ -55,9 +55,8 @@ def track(
         All that happened. `outcome` says how it ended: settled, timed out, wrong setup, left plan, blocked way,
         controller failed, plant failed or interrupted; `detail` says why. Where the plant failed, the rollout ends with
         the last state before that. `metadata["recovered"]` has the times [s] from which a new plan was followed,
-        `metadata["suspected"]` the discs (x, y, radius) [m] that were taken to stand where something unknown held the
-        cable,
-        `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
+        `metadata["suspected"]` the discs (x, y, radius) [m] that were supposed to stand where something unknown held
+        the cable, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
 
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -24,6 +23,7 @@ from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.plant import Plant
 from cableway.tracking.robot import FollowingError, MessageGate
+from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.watchdog import Guard, Watchdog
 
@@ -34,7 +34,6 @@ LOST = "off the plan: stopped"
 
 BLOCKED = "the way is blocked: stopped"
 """The same because something stands where the plan leads."""
-
 
 BACKING_OFF = "something unknown holds the cable: going back"
 """Status of a step that takes back one before."""
@@ -145,7 +144,8 @@ class Loop:
         self.state: ControllerState = controller.init(plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step)
         self._gate = MessageGate()
-        self.observation = self._gate.accepted(plant.reset())
+        self._slack = Slack(plant.task.cable.length)
+        self._see(plant.reset())
         start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
         self._robot = FollowingError(SE2.continued(start, plan.poses[0]), plant.control_step)
         self.log.see(0.0, self.observation, plant.measure(), self.state.reference)
@@ -169,18 +169,20 @@ class Loop:
         return self._robot.poses
 
     def back_off(self, steps: int) -> Ending | None:
-        """Take back the last gripper motions, as far as that is safe; how the run ended, if it did."""
+        """Stop, then take back the last gripper motions as far as that is safe; how the run ended, if it did."""
+        ending = self.stand(BACKING_OFF)
         for _ in range(min(steps, len(self._way))):
-            back = last_filter(-self._way[-1], self._robot.target, self.task, max_span=math.inf)
+            if ending is not None:
+                break
+            self.look_round()
+            back = self._filtered(-self._way[-1])
             if self._robot.holding or not self.guard.is_safe(back, self.observation):
                 return None
             self._way.pop()
             self.state = self.state.overruled(back, BACKING_OFF)
             self.log.act(back, 0.0, BACKING_OFF, self.state.estimates())
             ending = self._send(back)
-            if ending is not None:
-                return ending
-        return None
+        return ending
 
     @property
     def recent_references(self) -> Float[np.ndarray, "k n 2"]:
@@ -206,16 +208,17 @@ class Loop:
         if self._robot.holding:
             return self._hold()
         before = self.log.actions[-1] if self.log.actions else _still()
-        robot, hold = self._robot, partial(self._robot.stop, self.plant.task.grippers)
-        answer = self.guard.step(self.state, self.observation, before, robot.target, hold, robot.standing)
+        hold = partial(self._robot.stop, self.plant.task.grippers)
+        answer = self.guard.step(self.state, self.observation, before, self._filtered, hold)
         self.state = answer.state
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
 
     def stand(self, status: str = LOST) -> Ending | None:
         """One control step without motion."""
+        self.state = self.state.overruled(_still(), status)
         self.log.act(_still(), 0.0, status, self.state.estimates())
-        return self._move(_still())
+        return self._send(_still())
 
     def compute(self, function: Callable[[], T], status: str) -> T | Ending:
         """What a function returns, or how the run ended meanwhile; in real time the grippers stand until it does."""
@@ -224,6 +227,15 @@ class Loop:
             if (ending := self.stand(status)) is not None:
                 return ending
         return future.result()
+
+    def _filtered(self, action: np.ndarray) -> np.ndarray:
+        """What of an action may leave for the plant; a stop needs not ask."""
+        before = self.log.actions[-1] if self.log.actions else None
+        return last_filter(action, self._robot.target, self.guard.task, self._most_span, self._robot.standing, before)
+
+    def _see(self, message: Observation) -> None:
+        self.observation = self._gate.accepted(message)
+        self._most_span = self._slack.most_span(self.observation)
 
     def _hold(self) -> Ending | None:
         """One control step in which the measured gripper poses become the target."""
@@ -242,7 +254,7 @@ class Loop:
     def _send(self, action: np.ndarray) -> Ending | None:
         try:
             self._robot.commanded(action)
-            self.observation = self._gate.accepted(self.plant.step(action))
+            self._see(self.plant.step(action))
             self._robot.measured(self.observation)
             now = len(self.log.times) * self.plant.control_step
             self.log.see(now, self.observation, self.plant.measure(), self.state.reference)

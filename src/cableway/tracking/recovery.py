@@ -26,6 +26,21 @@ from cableway.tracking.loop import BLOCKED, LOST, Loop
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
 
+BACK = 1.5
+"""Time [s] for which the grippers go back from a contact that nobody expected: it is noticed within 1 s."""
+
+SUSPECTED = (0.015, 0.01, 0.006, 0.003)
+"""Radii [m] of discs of which one is then taken to stand beside the cable; keypoints are some 25 mm apart."""
+
+LEAST_ROOM = 0.001
+"""Clearance [m] that such a disc leaves to the cable and to the goal."""
+
+KNOWN = 0.02
+"""Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
+
+ATTEMPTS = 3
+"""Times that a plan is looked for, each time from farther back on the way."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Recovery(Checked):
@@ -36,6 +51,10 @@ class Recovery(Checked):
     plan is made from where the cable is, and the run goes on with it. So it is, too, where the cable does not lie at
     the start of the plan, or comes to rest away from its end; a nearly straight one may even bend to the other side.
     Where that plan fails, the first one is followed, or the run ends.
+
+    Where something unknown seems to hold the cable, the grippers first take back their motions of the last `BACK`
+    seconds, and the new plan leads round a disc that is supposed to stand there. Where there is no plan from where the
+    cable is, they go back in the same way and it is tried again, up to `ATTEMPTS` times.
 
     Attributes:
         replan: Plans a task that starts where the cable is, given the plan that was left. Raises `PlanningError` where
@@ -65,27 +84,10 @@ class Recovery(Checked):
     room: NotNegative[float] = 0.006
 
 
-BACK = 1.5
-"""Time [s] for which the grippers go back from a contact that nobody expected: it is noticed within 1 s."""
-
-SUSPECTED = (0.015, 0.01, 0.006, 0.003)
-"""Radii [m] of discs of which one is then taken to stand beside the cable; keypoints are some 25 mm apart."""
-
-LEAST_ROOM = 0.001
-"""Clearance [m] that such a disc leaves to the cable and to the goal."""
-
-
 def held_up(contact: Contact) -> str:
     """What a report says of a contact that nobody expected."""
     x, y = contact.place
     return f"something unknown seems to hold the cable near ({x:.3f}, {y:.3f})"
-
-
-KNOWN = 0.02
-"""Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
-
-ATTEMPTS = 3
-"""Times that a plan is looked for, each time from farther back on the way."""
 
 
 class Watch:
@@ -153,11 +155,13 @@ class Watch:
         """
         if len(self.recovered) >= self._recovery.times:
             return Ending(why, f"already replanned {len(self.recovered)} times") if why else None
+        suspected = len(loop.suspected)
         ending = self._replan(loop, why, contact)
         for _ in range(ATTEMPTS - 1):
             if ending is None or why is None or ending.outcome is not why:
                 break
-            ending = loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._replan(loop, why, contact)
+            anew = contact if len(loop.suspected) == suspected else None
+            ending = loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._replan(loop, why, anew)
         return ending if ending is None or why is not None or ending.outcome is not Outcome.NO_PLAN else None
 
     def _replan(self, loop: Loop, why: Outcome | None, contact: Contact | None) -> Ending | None:

@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState, Status
 from cableway.control.jacobian import blend_jacobian
-from cableway.control.limits import last_filter, within_limits
+from cableway.control.limits import within_limits
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.errors import ControlError
 from cableway.estimation.gating import FAR, poses_usable
@@ -33,7 +33,6 @@ from cableway.motion.validity import gripper_spans
 from cableway.outcome import Outcome
 from cableway.records import Observation
 from cableway.scene.task import Task
-from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending
 from cableway.tracking.thinking import AtOnce, InThread, Late
 
@@ -45,6 +44,9 @@ COASTED = 0.5
 
 Hold = Callable[[bool], Float[np.ndarray, "2 3"]]
 """Makes a motion, see `Guard.step`."""
+
+Filter = Callable[[Float[np.ndarray, "2 3"]], Float[np.ndarray, "2 3"]]
+"""What of an action [m, m, rad] may leave for the plant, see `last_filter`."""
 
 CUT = "; cut to the limits"
 """How the status of a step ends in which the controller asked for more than the grippers' limits."""
@@ -108,7 +110,6 @@ class Guard:
         self._missed = 0
         self._late, self._failed, self._cut, self._fallback = 0, 0, 0, 0
         self._reason: str | None = None
-        self._slack = Slack(task.cable.length)
         clearances(task.start[None], np.zeros((1, *task.cable.rod.end_shape)), task)  # compiles what it needs
 
     @property
@@ -135,22 +136,20 @@ class Guard:
         state: ControllerState,
         observation: Observation,
         before: Float[np.ndarray, "2 3"],
-        target: Float[np.ndarray, "2 3"],
+        filtered: Filter,
         hold: Hold = lambda anew: np.zeros((2, SE2.dof)),
-        standing: Float[np.ndarray, "2 3"] | None = None,
     ) -> Answer:
-        """One control step, whose action has passed the last filter whatever the controller does.
+        """One control step: a motion that has passed the last filter whatever the controller does, or a stop.
 
         Args:
             state: Of the controller, before it.
             observation: The newest one.
             before: (2, 3) what was sent in the control step before [m, m, rad].
-            target: (2, 3) gripper poses as commanded so far [m, m, rad].
+            filtered: The last filter.
             hold: Returns (2, 3) the motion that makes the measured poses the target [m, m, rad]; told whether those
                 measured now, or those at the last call that was told so.
-            standing: As for `last_filter`.
         """
-        begun, deadline, max_span = self._watchdog.clock(), self._watchdog.deadline, self._slack.most_span(observation)
+        begun, deadline = self._watchdog.clock(), self._watchdog.deadline
         try:
             step = self.thinker.answer(lambda: self._controller.step(state, observation), deadline)
             action, after = _usable(*step)
@@ -160,30 +159,31 @@ class Guard:
         except Exception as error:  # whatever it is, the grippers need a command
             self._failed += 1
             self._reason = self._reason or f"the first failed with {type(error).__name__}: {error}"
-            return self._missing("failed", state, observation, before, self._watchdog.clock() - begun)
+            return self._missing("failed", state, observation, before, filtered, self._watchdog.clock() - begun)
         seconds = self._watchdog.clock() - begun
         if deadline is not None and seconds > deadline:
             self._late += 1
-            return self._missing("late", state, observation, before, seconds)
+            return self._missing("late", state, observation, before, filtered, seconds)
         unanswered = after.status in (Status.FAILED, Status.UNEXPLAINED)
         self._missed = self._missed + 1 if unanswered else 0
         if after.status == Status.UNEXPLAINED:
             self._reason = "no cable of the model can be held as the grippers hold it"
         self._fallback += after.status == Status.FAILED
-        sent = last_filter(action, target, self.task, max_span, standing, before)
+        sent = filtered(action)
         if np.array_equal(sent, action):
             return Answer(action, after, str(after.status), seconds)
         self._cut += 1
         return Answer(sent, after, f"{after.status}{CUT}", seconds)
 
     def _missing(
-        self, why: str, state: ControllerState, observation: Observation, before: np.ndarray, seconds: float
-    ) -> Answer:
+        self, why: str, state: ControllerState, observation: Observation, before: np.ndarray, filtered: Filter,
+        seconds: float,
+    ) -> Answer:  # fmt: skip
         """What is done in place of a missed step."""
         self._missed += 1
         action = np.zeros(self.task.cable.rod.step_shape)
         if self._missed <= COASTING and poses_usable(observation):
-            coasted = within_limits(COASTED * before, observation.poses, self.task.grippers, max_span=0.0)
+            coasted = filtered(within_limits(COASTED * before, observation.poses, self.task.grippers, max_span=0.0))
             action = coasted if self._sees(observation) and self.is_safe(coasted, observation) else action
         status = f"{why}: {'coasting' if action.any() else 'stopped'}"
         return Answer(action, state.overruled(action, status), status, seconds)
