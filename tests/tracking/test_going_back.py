@@ -1,0 +1,71 @@
+"""The loop's own motion, back along the way it came: it passes the last filter like any other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
+
+from cableway.control.open_loop import OpenLoop, OpenLoopConfig
+from cableway.geometry.convex import signed_distance
+from cableway.records import Observation
+from cableway.rod.planar import PlanarRod
+from cableway.scene.obstacles import Disc
+from cableway.scene.scene import Scene
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.tracking.loop import Loop
+from cableway.tracking.stopping import TrackConfig
+from cableway.tracking.watchdog import Watchdog
+
+ROD = PlanarRod(0.3)
+PLAN = straight_plan(ROD, START, START + 0.4 * (GOAL - START), steps=30)
+TASK = task_for(PLAN)
+
+
+class HalfHidden(QuasiStaticPlant):
+    """What is not fully seen, the loop cannot judge by the cable: only the last filter is left."""
+
+    def _observe(self) -> Observation:
+        seen = super()._observe()
+        return replace(seen, keypoints=np.where(np.arange(13)[:, None] == 6, np.nan, seen.keypoints))
+
+
+def led(task: Task, steps: int = 20) -> Loop:
+    """A run that has followed the plan for some steps."""
+    plant = HalfHidden(task, START, ROD)
+    loop = Loop(plant, OpenLoop(OpenLoopConfig(hold=0.0)), PLAN, TrackConfig(), Watchdog())
+    for _ in range(steps):
+        loop.look_round()
+        assert loop.step() is None
+    return loop
+
+
+def test_the_grippers_return_the_way_they_came() -> None:
+    loop = led(TASK)
+    assert loop.back_off(5) is None
+    np.testing.assert_allclose(loop.poses, PLAN.poses[15], atol=1e-6)
+    np.testing.assert_array_equal(loop.log.actions[20], 0.0)
+    np.testing.assert_allclose(loop.log.actions[21], -loop.log.actions[19])
+
+
+def test_nothing_that_appeared_behind_a_gripper_is_run_into() -> None:
+    loop = led(TASK)
+    back = PLAN.poses[5, 0, :2] - loop.poses[0, :2]
+    center = loop.poses[0, :2] + back * (TASK.grippers.radius + 0.026) / np.linalg.norm(back)
+    behind = Disc(center=(float(center[0]), float(center[1])), radius=0.02)
+    assert np.linalg.norm(back) > 0.02
+    loop.plant.task = TASK.in_scene(Scene(obstacles=(behind,)))  # pyright: ignore[reportAttributeAccessIssue]
+    assert loop.back_off(20) is None
+    way = np.array([row.poses[0, :2] for row in loop.log.measured[20:]])
+    assert signed_distance(way, loop.plant.task.scene.world)[0].min() >= TASK.grippers.radius - 1e-6
+
+
+def test_limits_of_acceleration_hold_from_the_stop_on() -> None:
+    most = 0.02
+    limited = replace(TASK, grippers=replace(TASK.grippers, max_acceleration=most))
+    loop = led(limited)
+    loop.back_off(10)
+    sent = np.array(loop.log.actions[20:])
+    assert sent[1:].any()
+    assert np.linalg.norm(np.diff(sent[:, :, :2], axis=0), axis=-1).max() <= most * CONTROL_STEP**2 + 1e-12
