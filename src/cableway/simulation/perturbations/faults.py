@@ -16,9 +16,10 @@ from jaxtyping import Float
 from cableway.core.checks import Bounds, Checked, Choice, Share
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
-from cableway.records import Measurement, Observation
+from cableway.records import Observation
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.grasp import Offset
+from cableway.simulation.perturbations.layer import Layer
 from cableway.simulation.perturbations.sensing import SensedPlant, SensedState
 
 Window = tuple[float, float]
@@ -96,7 +97,7 @@ class FaultyState:
     passed: Observation
 
 
-class FaultyPlant:
+class FaultyPlant(Layer[SensedPlant]):
     """A plant with faults between it and the controller.
 
     Args:
@@ -107,28 +108,19 @@ class FaultyPlant:
     """
 
     def __init__(self, plant: SensedPlant, config: FaultConfig, planned: Task, revealed: float | None = 0.0) -> None:
-        self._sensed, self.config = plant, config
+        super().__init__(plant)
+        self.config = config
         self._planned, self._revealed = planned, math.inf if revealed is None else revealed
         self.reset()
 
     @property
     def task(self) -> Task:
         """What the controller knows."""
-        return self._sensed.task if self._steps * self.control_step >= self._revealed else self._planned
-
-    @property
-    def control_step(self) -> float:
-        """Time [s] that one step takes."""
-        return self._sensed.control_step
-
-    @property
-    def unmodelled(self) -> tuple[str, ...]:
-        """What the task holds that this plant leaves out."""
-        return self._sensed.unmodelled
+        return self.plant.task if self._steps * self.control_step >= self._revealed else self._planned
 
     def reset(self) -> Observation:
         """Go to the start and look."""
-        truth = self._sensed.reset()
+        truth = self.plant.reset()
         self._steps, self._pending = 0, np.zeros((2, SE2.dof))
         self._message = self._passed = truth
         self._frame = truth.keypoints
@@ -139,30 +131,26 @@ class FaultyPlant:
         pending, config = self._pending + action, self.config
         made = pending.copy()
         if config.stall is not None and self._time >= config.stall[0]:
-            grippers = self._sensed.task.grippers
+            grippers = self.plant.task.grippers
             efforts = np.maximum(
                 np.linalg.norm(pending[:, :2], axis=1) / grippers.max_step, np.abs(pending[:, 2]) / grippers.max_turn
             )
             made /= np.maximum(efforts, 1.0)[:, None]
             if self._time < config.stall[1]:
                 made[config.stalls] = 0.0
-        truth = self._sensed.step(made)
+        truth = self.plant.step(made)
         self._pending, self._steps = pending - made, self._steps + 1
         return self._pass_on(truth)
-
-    def measure(self) -> Measurement:
-        """The truth after the last step."""
-        return self._sensed.measure()
 
     def state(self) -> FaultyState:
         """A copy of the whole state, to branch a run from."""
         return FaultyState(
-            self._sensed.state(), self._steps, self._pending.copy(), self._message, self._frame, self._passed
+            self.plant.state(), self._steps, self._pending.copy(), self._message, self._frame, self._passed
         )
 
     def restore(self, state: FaultyState) -> None:
         """Go back to a state of this plant; what follows is the same bit for bit."""
-        self._sensed.restore(state.plant)
+        self.plant.restore(state.plant)
         self._steps, self._pending = state.steps, state.pending.copy()
         self._message, self._frame, self._passed = state.message, state.frame, state.passed
 
@@ -173,7 +161,7 @@ class FaultyPlant:
     def _pass_on(self, truth: Observation) -> Observation:
         """What the controller gets in place of a message."""
         config = self.config
-        rng = np.random.default_rng(np.random.SeedSequence(self._sensed.seed, spawn_key=(1, self._steps)))
+        rng = np.random.default_rng(np.random.SeedSequence(self.plant.seed, spawn_key=(1, self._steps)))
         repeated, swapped, stray = rng.random(3)
         if not _within(config.frozen_camera, self._time):
             self._frame = self._seen(truth.keypoints, swapped, stray, rng)

@@ -11,8 +11,9 @@ from cableway.core.checks import Checked, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
-from cableway.records import Measurement, Observation
+from cableway.records import Observation
 from cableway.scene.task import Task
+from cableway.simulation.perturbations.layer import Layer
 from cableway.simulation.plant import CableSimulator, PlantState
 
 MOST_SHIFT = 0.02
@@ -70,7 +71,7 @@ class GraspedState:
     poses: Float[np.ndarray, "2 3"]
 
 
-class GraspedCable:
+class GraspedCable(Layer[CableSimulator]):
     """A simulated cable whose ends are not where the grippers are.
 
     The cable starts where the task has it, grasped askew there. Observations hold the poses of the grippers,
@@ -84,7 +85,8 @@ class GraspedCable:
 
     @renamed_keywords(believed="nominal")
     def __init__(self, plant: CableSimulator, config: GraspConfig, nominal: Task | None = None) -> None:
-        self.plant, self.config = plant, config
+        super().__init__(plant)
+        self.config = config
         self._nominal = nominal or plant.task
         self.reset()
 
@@ -92,16 +94,6 @@ class GraspedCable:
     def task(self) -> Task:
         """What planner and controller know."""
         return self._nominal
-
-    @property
-    def control_step(self) -> float:
-        """Time [s] that one step takes."""
-        return self.plant.control_step
-
-    @property
-    def unmodelled(self) -> tuple[str, ...]:
-        """What the task holds that this plant leaves out."""
-        return self.plant.unmodelled
 
     def reset(self) -> Observation:
         """Go back to the start."""
@@ -120,10 +112,6 @@ class GraspedCable:
         observation = self.plant.step(ends - self.plant.commanded)
         self._poses = poses
         return replace(observation, poses=poses.copy())
-
-    def measure(self) -> Measurement:
-        """See `CableSimulator.measure`."""
-        return self.plant.measure()
 
     def state(self) -> GraspedState:
         """A copy of the whole state, to branch a run from."""

@@ -22,9 +22,9 @@ from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked, Share
 from cableway.core.errors import InputError
-from cableway.records import Measurement, Observation
-from cableway.scene.task import Task
+from cableway.records import Observation
 from cableway.simulation.perturbations.grasp import GraspedCable, GraspedState
+from cableway.simulation.perturbations.layer import Layer
 from cableway.simulation.plant import CableSimulator, PlantState
 from cableway.simulation.table_plant import TablePlant, TableState
 
@@ -81,7 +81,7 @@ class SensedState:
     sent: Float[np.ndarray, "D 2 3"]
 
 
-class SensedPlant:
+class SensedPlant(Layer["CableSimulator | GraspedCable | TablePlant"]):
     """A simulated cable behind a camera and a robot.
 
     Before the start the cable lies still and no action is under way. A step that fails leaves all as it was before;
@@ -101,25 +101,11 @@ class SensedPlant:
     ) -> None:
         if seed < 0:
             raise InputError(f"the seed of a plant must not be negative, got {seed}")
-        self.plant, self.config, self.seed = plant, config or SensingConfig(), seed
+        super().__init__(plant)
+        self.config, self.seed = config or SensingConfig(), seed
         rate = self.config.frame_rate
         self._period = self.control_step if rate is None else 1 / rate
         self.reset()
-
-    @property
-    def task(self) -> Task:
-        """What planner and controller know."""
-        return self.plant.task
-
-    @property
-    def control_step(self) -> float:
-        """Time [s] that one step takes."""
-        return self.plant.control_step
-
-    @property
-    def unmodelled(self) -> tuple[str, ...]:
-        """What the task holds that this plant leaves out, one sentence each, for reports."""
-        return self.plant.unmodelled
 
     def reset(self) -> Observation:
         """Go to the start and look; the same run after it gives the same observations bit for bit."""
@@ -143,10 +129,6 @@ class SensedPlant:
         self._sent, self._steps = sent, self._steps + 1
         self._past = np.concatenate([self._past[1:], truth.keypoints[None]])
         return self._observation(truth)
-
-    def measure(self) -> Measurement:
-        """The truth after the last step."""
-        return self.plant.measure()
 
     def state(self) -> SensedState:
         """A copy of the whole state, to branch a run from."""
