@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from cableway.control import rod_kernels
 from cableway.control.base import Status
-from cableway.control.rod_mpc import RodMPC, RodMPCConfig, plan_shapes
+from cableway.control.rod_mpc import FIT_PULL, FIT_STEPS, RodMPC, RodMPCConfig, plan_shapes
 from cableway.core.errors import InputError
 from cableway.estimation.delay import DelayEstimator
 from cableway.estimation.gripper_tracker import NOMINAL_GRASPS, GripperTracker
@@ -21,6 +21,7 @@ from cableway.geometry import convex
 from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan, Rollout
 from cableway.rod import material
+from cableway.rod.fitting import fit_shapes
 from cableway.rod.inverse import fit_keypoints, shape_between
 from cableway.rod.material import CURVATURE, GRASPS, LENGTH, STIFFNESS
 from cableway.rod.planar import PlanarRod
@@ -403,3 +404,27 @@ def test_obstacles_push_away_from_where_the_plan_keeps_more_room() -> None:
     assert state.clearance[0] == pytest.approx(0.012, abs=1e-3)
     moved = RodMPC().in_scene(state, task_for(PLAN))
     assert moved.clearance[0] > 0.02
+
+
+def test_fits_reach_the_shape_of_a_rod_far_from_the_uniform_one():
+    """Half round the end of a wall, as estimated of a cable of which one third is five times as stiff."""
+    rod = PlanarRod(0.3)
+    uniform = np.array([[0.5, 0.5, 0.0, -0.3, 14.7, 3.7]])
+    wanted = rod.at_keypoints(rod.shapes(uniform)[0])
+    theta = material.nominal(rod)
+    theta[LENGTH], theta[STIFFNESS], theta[CURVATURE] = 0.309, (-1.09, 0.63, 0.2, -0.51), (0.39, -0.11, 0.44, 1.07)
+
+    def distance(q: np.ndarray, p: np.ndarray) -> float:
+        """Largest one [m] of a keypoint from the one wanted, after a fit from q, which it changes."""
+        found = np.empty_like(wanted)
+        fit_shapes(
+            q, wanted, p, material.modes(rod.hinges), rod.stride, FIT_PULL, FIT_STEPS, found, np.empty((1, 2, 3))
+        )
+        return float(np.linalg.norm(found - wanted, axis=2).max())
+
+    followed = uniform.copy()
+    for share in np.linspace(0, 1, 17)[1:]:
+        nearest = distance(followed, (material.nominal(rod) + share * (theta - material.nominal(rod)))[material.ROD])
+    at_once = uniform.copy()
+    assert distance(at_once, theta[material.ROD]) < 1.05 * nearest < 0.006
+    np.testing.assert_allclose(at_once[0, 3:], followed[0, 3:], rtol=0.02)
