@@ -54,8 +54,8 @@ FIT_PULL = 1e-8
 """Weight [m^2] of the change of the load in a fit."""
 
 FIT_STEPS = 100
-"""Most steps of a fit from the shape of the uniform rod. Most take few; the pull lets the load of a rod that is far from
-the uniform one change little by little."""
+"""Most steps of a fit from the shape of the uniform rod. Most take few; the pull lets the load of a rod far from the
+uniform one change little by little."""
 
 MOTION_WEIGHT = 3.0
 """w_m [1/m^2]; only ratios of weights count."""
