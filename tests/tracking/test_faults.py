@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from quasi_static import QuasiStaticPlant, straight_plan, task_for
 
 from cableway.control.insertion import InsertionController
 from cableway.control.limits import last_filter
+from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.outcome import Outcome
 from cableway.planning.planner import plan
 from cableway.records import Observation, Rollout
+from cableway.rod.planar import PlanarRod
 from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.faults import FaultConfig
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
 from cableway.simulation.perturbations.variant import LAB
 from cableway.tasks.generation import random_task
+from cableway.tracking import track
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 
@@ -99,13 +103,34 @@ def test_no_gripper_goes_away_from_one_that_stands_still(side: int) -> None:
     np.testing.assert_array_equal(last_filter(-away, poses, task, 0.3, standing), -away)
 
 
-def test_a_plug_is_not_inserted_in_the_dark() -> None:
+def test_a_plug_is_not_inserted_before_enough_was_seen() -> None:
+    """One frame in eight: never so long without one that the controller stops for that."""
     task = load_task("insertion")
     done = solve(task, SolveOptions(track=False))
     assert done.insertion_plan is not None
     controller, plan = InsertionController(), done.insertion_plan
-    state = controller.init(task, plan)
-    dark = Observation(0.0, np.full_like(plan.shapes[0], np.nan), plan.poses[0])
-    for _ in range(80):
-        _, state = controller.step(state, dark)
-    assert state.index < state.plan.held_steps
+    state, seen = controller.init(task, plan), 0
+    dark = np.full_like(plan.shapes[0], np.nan)
+    for step in range(200):
+        lit = step % 8 == 0
+        seen += lit
+        _, state = controller.step(state, Observation(0.1 * step, plan.shapes[0] if lit else dark, plan.poses[0]))
+        if state.index >= state.plan.held_steps:
+            break
+    assert controller.config.frames <= seen < 200 / 8
+
+
+def test_a_gripper_does_not_leave_one_that_stands_still_behind() -> None:
+    """Both are to go the same way, and the left one stalls."""
+    start = np.array([0.25, 0.35, 0.0, -3.0, 9.0, 0.0])
+    rod, along = PlanarRod(0.3), np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    plan = straight_plan(rod, start, start + along, steps=60)
+
+    class Stalled(QuasiStaticPlant):
+        def step(self, action: np.ndarray) -> Observation:
+            return super().step(np.where(np.array([[self._step > 10], [False]]), 0.0, action))
+
+    rollout = track(Stalled(task_for(plan), start, rod), OpenLoop(OpenLoopConfig(hold=0.0)), plan)
+    left, right = rollout.poses[:, 0, 0], rollout.poses[:, 1, 0]
+    assert left[-1] - left[0] < 0.1, "it stalled"
+    assert (right - left).max() < (right - left)[0] + 0.012

@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
+from quasi_static import GOAL, START, QuasiStaticPlant, outward, straight_plan, task_for
 
+from cableway.control.base import Contact
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
+from cableway.core.errors import PlanningError
 from cableway.geometry.convex import signed_distance
-from cableway.records import Observation
+from cableway.outcome import Outcome
+from cableway.records import Observation, Plan
 from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import Loop
+from cableway.tracking.recovery import ATTEMPTS, Recovery, Watch
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
@@ -69,3 +73,20 @@ def test_limits_of_acceleration_hold_from_the_stop_on() -> None:
     sent = np.array(loop.log.actions[20:])
     assert sent[1:].any()
     assert np.linalg.norm(np.diff(sent[:, :, :2], axis=0), axis=-1).max() <= most * CONTROL_STEP**2 + 1e-12
+
+
+def test_a_contact_is_suspected_once_however_often_a_plan_is_looked_for() -> None:
+    asked = []
+
+    def replan(task: Task, left: Plan) -> Plan:
+        asked.append(len(task.scene.obstacles))
+        raise PlanningError("there is none")
+
+    loop = led(TASK)
+    watch = Watch(Recovery(replan=replan), CONTROL_STEP)
+    middle = PLAN.shapes[20, 6]
+    ending = watch.avoid(loop, Contact(middle, outward(PLAN.shapes[20])))
+    assert ending is not None
+    assert ending.outcome is Outcome.BLOCKED_WAY
+    assert asked == [1] * ATTEMPTS
+    assert len(loop.suspected) == 1
