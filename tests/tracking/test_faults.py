@@ -131,6 +131,6 @@ def test_a_gripper_does_not_leave_one_that_stands_still_behind() -> None:
             return super().step(np.where(np.array([[self._step > 10], [False]]), 0.0, action))
 
     rollout = track(Stalled(task_for(plan), start, rod), OpenLoop(OpenLoopConfig(hold=0.0)), plan)
-    left, right = rollout.poses[:, 0, 0], rollout.poses[:, 1, 0]
-    assert left[-1] - left[0] < 0.1, "it stalled"
-    assert (right - left).max() < (right - left)[0] + 0.012
+    span = rollout.poses[:, 1, 0] - rollout.poses[:, 0, 0]
+    assert rollout.steps > 20, "the cable was not pulled off"
+    assert span[:22].max() < span[0] + 0.006

@@ -155,13 +155,11 @@ class Watch:
         """
         if len(self.recovered) >= self._recovery.times:
             return Ending(why, f"already replanned {len(self.recovered)} times") if why else None
-        suspected = len(loop.suspected)
         ending = self._replan(loop, why, contact)
         for _ in range(ATTEMPTS - 1):
             if ending is None or why is None or ending.outcome is not why:
                 break
-            anew = contact if len(loop.suspected) == suspected else None
-            ending = loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._replan(loop, why, anew)
+            ending = loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._replan(loop, why, contact)
         return ending if ending is None or why is not None or ending.outcome is not Outcome.NO_PLAN else None
 
     def _replan(self, loop: Loop, why: Outcome | None, contact: Contact | None) -> Ending | None:
@@ -215,7 +213,10 @@ def _at_rest(frames: list[Float[np.ndarray, "n 2"]], poses: Float[np.ndarray, "2
 
 
 def _suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> list[Disc]:
-    """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies."""
+    """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies.
+
+    None where something known is near, what was suspected before included.
+    """
     if task.scene.signed_distance(contact.place) < KNOWN:
         return []
     lines = [shapely.LineString(shape) for shape in (keypoints, task.goal)]
