@@ -376,6 +376,20 @@ def test_a_cable_too_long_for_its_nominal_length_to_reach_between_the_grippers_i
     assert estimate.length == pytest.approx(0.315, abs=1.5e-3)
 
 
+def test_a_short_cable_that_is_almost_taut_is_not_taken_for_a_long_one():
+    """Known to be 3% short, and led 3 mm farther apart, which it cannot be: as much longer as that takes, and no more."""
+    short = PlanarRod(0.291)
+    held = np.array([[0.2, 0.3, 0.3], [0.4885, 0.31, -0.2]])
+    seen = short.at_keypoints(short.shapes(shape_between(short, held, "left")[None])[0])[0]
+    estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
+    estimate = estimator.start(shape_between(ROD, held, "left"))
+    for _ in range(20):
+        estimate = estimator.update(estimate, seen, held, 0.0)
+    farther = held + [[0.0, 0.0, 0.0], [0.003, 0.0, 0.0]]
+    assert estimate.length == pytest.approx(0.291, abs=1e-3)
+    assert estimator.update(estimate, seen, farther, 0.0).length < 0.296
+
+
 def test_what_no_rod_explains_moves_nothing() -> None:
     """Grippers farther apart than any cable of that name is long: they wait, and the reference with them."""
     controller = RodMPC()

@@ -30,8 +30,12 @@ MET = 1e-3
 HALVINGS = 6
 """Shorter corrections tried where the corrected rod cannot be held by its grippers."""
 
-LONGER = (1.02, 1.04, 1.06, 1.08, 1.1)
-"""Nominal lengths tried where the rod is too short for the grippers that hold the cable."""
+LONGER = (1.0025, 1.005, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1, 1.12, 1.15)
+"""Lengths tried, in estimated ones, where the rod is too short for the grippers that hold the cable: no more than it
+takes, for what is taken to be longer than it is will be pulled taut."""
+
+LONGEST = 1.1
+"""In nominal lengths, what a cable may turn out to be."""
 
 SURPRISE_GAIN = 0.3
 """Share of the newest frame in the low-passed innovation and residual; noise of 2 mm leaves less than 2 mm of them."""
@@ -296,7 +300,7 @@ class RodEstimator:
             if expected.possible:
                 break
             theta = estimate.theta.copy()
-            theta[LENGTH] = max(theta[LENGTH], share * self.rod.length)
+            theta[LENGTH] = min(share * theta[LENGTH], LONGEST * self.rod.length)
             longer = self._explained(estimate.q, theta, keypoints, poses)
             if longer.possible:
                 return replace(estimate, theta=theta), longer

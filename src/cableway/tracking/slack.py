@@ -7,14 +7,12 @@ from collections import deque
 import numpy as np
 
 from cableway.estimation.gating import poses_usable
+from cableway.estimation.rod_filter import LONGEST
 from cableway.motion.validity import gripper_spans
 from cableway.records import Observation
 
 MEMORY = 5
 """Observations that count. A frame may be some of them late: the least span of the grippers among them is its own."""
-
-LONGEST = 1.1
-"""In nominal lengths, what a cable may turn out to be."""
 
 RESERVE = 0.005
 """In nominal lengths, what is left of the slack seen. Noise of 2 mm on keypoints 25 mm apart adds as much to it."""
