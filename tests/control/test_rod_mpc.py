@@ -377,7 +377,7 @@ def test_a_cable_too_long_for_its_nominal_length_to_reach_between_the_grippers_i
 
 
 def test_a_short_cable_that_is_almost_taut_is_not_taken_for_a_long_one():
-    """Known to be 3% short, and led 3 mm farther apart, which it cannot be: as much longer as that takes, and no more."""
+    """Known to be 3% short, and led 3 mm farther than it reaches: as much longer as that takes, and no more."""
     short = PlanarRod(0.291)
     held = np.array([[0.2, 0.3, 0.3], [0.4885, 0.31, -0.2]])
     seen = short.at_keypoints(short.shapes(shape_between(short, held, "left")[None])[0])[0]
