@@ -1,4 +1,4 @@
-"""The loop's own motion, back along the way it came: it passes the last filter like any other."""
+"""What the loop sends, the way back included, passes the last filter."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import numpy as np
 from quasi_static import GOAL, START, QuasiStaticPlant, outward, straight_plan, task_for
 
 from cableway.control.base import Contact
+from cableway.control.following import FollowerState
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
-from cableway.core.errors import PlanningError
+from cableway.core.errors import CablewayError, PlanningError
+from cableway.estimation.rod_filter import LONGEST
 from cableway.geometry.convex import signed_distance
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
@@ -90,3 +92,34 @@ def test_a_contact_is_suspected_once_however_often_a_plan_is_looked_for() -> Non
     assert ending.outcome is Outcome.BLOCKED_WAY
     assert asked == [1] * ATTEMPTS
     assert len(loop.suspected) == 1
+
+
+class PullingApart(OpenLoop):
+    def step(self, state: FollowerState, observation: Observation | None) -> tuple[np.ndarray, FollowerState]:
+        _, after = super().step(state, observation)
+        return np.array([[-0.005, 0.0, 0.0], [0.005, 0.0, 0.0]]), after
+
+
+class NeverRefusing(QuasiStaticPlant):
+    """Its grippers go wherever they are sent, even where the rod cannot follow."""
+
+    def step(self, action: np.ndarray) -> Observation:
+        try:
+            return super().step(action)
+        except CablewayError:
+            self._poses = self._poses + action
+            return self._observe()
+
+
+def test_a_controller_that_pulls_the_grippers_apart_is_stopped() -> None:
+    """Where the slack that is seen never ends, at the longest that a cable may turn out to be."""
+    start = np.array([0.3, 0.3, 0.0, -10.0, 0.0, 4.0])
+    plan = straight_plan(ROD, start, start + [0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    task = task_for(plan)
+    controller = PullingApart(OpenLoopConfig(hold=0.0))
+    loop = Loop(NeverRefusing(task, start, ROD), controller, plan, TrackConfig(), Watchdog())
+    for _ in range(20):
+        loop.look_round()
+        assert loop.step() is None
+    spans = np.array([np.linalg.norm(row.poses[1, :2] - row.poses[0, :2]) for row in loop.log.measured])
+    assert spans[0] + 0.08 < spans.max() < LONGEST * task.cable.length + 1e-6

@@ -203,6 +203,12 @@ def coasted(task: Task, before: np.ndarray, row: int = 20, **changed: Any) -> np
     return guard(task).step(state, observation, before, filtered).action
 
 
+def test_coasting_passes_the_last_filter() -> None:
+    state, observation = OpenLoop(OPEN).init(TASK, PLAN), Observation(2.0, PLAN.shapes[20], PLAN.poses[20])
+    assert guard(TASK).step(state, observation, STEP, lambda action: action).action.any()
+    assert not guard(TASK).step(state, observation, STEP, np.zeros_like).action.any()
+
+
 def behind_a_wall(clearance: float, row: int = 20) -> Task:
     """A wall above the cable, so that its highest point has this clearance there; the goal lies elsewhere."""
     top = float(ROD.shapes((BENT + [0.0, 0.004 * row, 0.0, 0.0, 0.0, 0.0])[None])[0][0, :, 1].max())
