@@ -50,6 +50,20 @@ def test_noise_of_2_mm_does_not_make_a_cable_longer():
         assert most < 1.015 * NOMINAL
 
 
+def test_what_was_seen_before_does_not_let_hidden_cables_be_pulled_farther():
+    """Nor do lost messages make a straight cable one of its nominal length."""
+    slack = Slack(NOMINAL)
+    before = slack.most_span(arc(NOMINAL, 1.0))
+    for turn in (0.9, 0.8, 0.7, 0.6, 0.5, 0.4):
+        hidden = arc(1.05 * NOMINAL, turn)
+        hidden.keypoints[5] = np.nan
+        assert slack.most_span(hidden) == before
+    straight = arc(0.95 * NOMINAL, 0.05)
+    taut = [slack.most_span(straight) for _ in range(5)][-1]
+    assert taut < 0.96 * NOMINAL
+    assert slack.most_span(Observation(0.0, straight.keypoints, np.full((2, 3), np.nan))) == taut
+
+
 def test_what_is_not_seen_changes_nothing():
     slack = Slack(NOMINAL)
     hidden = arc(1.08 * NOMINAL, 1.0)
