@@ -67,6 +67,13 @@ def test_nothing_that_appeared_behind_a_gripper_is_run_into() -> None:
     assert signed_distance(way, loop.plant.task.scene.world)[0].min() >= TASK.grippers.radius - 1e-6
 
 
+def test_limits_of_acceleration_hold_from_rest_on() -> None:
+    limited = replace(TASK, grippers=replace(TASK.grippers, max_acceleration=0.02))
+    first = led(limited, steps=1).log.actions[0]
+    assert 0 < np.linalg.norm(first[:, :2], axis=1).max() <= 0.02 * CONTROL_STEP**2 + 1e-12
+    assert np.linalg.norm(led(TASK, steps=1).log.actions[0][:, :2], axis=1).max() > 0.001
+
+
 def test_limits_of_acceleration_hold_from_the_stop_on() -> None:
     most = 0.02
     limited = replace(TASK, grippers=replace(TASK.grippers, max_acceleration=most))

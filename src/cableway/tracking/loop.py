@@ -207,9 +207,8 @@ class Loop:
         """One control step; how the run ended, if it did."""
         if self._robot.holding:
             return self._hold()
-        before = self.log.actions[-1] if self.log.actions else _still()
         hold = partial(self._robot.stop, self.plant.task.grippers)
-        answer = self.guard.step(self.state, self.observation, before, self._filtered, hold)
+        answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
@@ -230,8 +229,13 @@ class Loop:
 
     def _filtered(self, action: np.ndarray) -> np.ndarray:
         """What of an action may leave for the plant; a stop needs not ask."""
-        before = self.log.actions[-1] if self.log.actions else None
-        return last_filter(action, self._robot.target, self.guard.task, self._most_span, self._robot.standing, before)
+        robot = self._robot
+        return last_filter(action, robot.target, self.guard.task, self._most_span, robot.standing, self._before)
+
+    @property
+    def _before(self) -> np.ndarray:
+        """The action of the control step before; the grippers stand at the start."""
+        return self.log.actions[-1] if self.log.actions else _still()
 
     def _see(self, message: Observation) -> None:
         self.observation = self._gate.accepted(message)
