@@ -30,7 +30,7 @@ MET = 1e-3
 HALVINGS = 6
 """Shorter corrections tried where the corrected rod cannot be held by its grippers."""
 
-LONGER = (1.0025, 1.005, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1, 1.12, 1.15)
+LONGER = (1.0025, 1.005, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1)
 """Lengths tried, in estimated ones, where the rod is too short for the grippers that hold the cable: no more than it
 takes, for what is taken to be longer than it is will be pulled taut."""
 
@@ -300,7 +300,9 @@ class RodEstimator:
             if expected.possible:
                 break
             theta = estimate.theta.copy()
-            theta[LENGTH] = min(share * theta[LENGTH], LONGEST * self.rod.length)
+            theta[LENGTH] *= share
+            if theta[LENGTH] > LONGEST * self.rod.length:
+                break
             longer = self._explained(estimate.q, theta, keypoints, poses)
             if longer.possible:
                 return replace(estimate, theta=theta), longer
