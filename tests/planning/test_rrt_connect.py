@@ -44,7 +44,7 @@ def test_keeps_the_grippers_apart_and_the_bends_wide():
     def extremes(task):
         q = rrt_connect_path(task, anywhere(task, CONFIG), CONFIG, seed=1)
         stations, poses = rod.shapes(q)
-        turns = [kernels.sharpest_turn(row, rod.length, rod.hinges) for row in stations]
+        turns = [kernels.sharpest_turn(row, rod.length) for row in stations]
         return np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1).min(), max(turns) * rod.hinges / rod.length
 
     apart, sharpest = extremes(free)

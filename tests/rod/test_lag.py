@@ -63,3 +63,26 @@ def test_the_simulated_cable_trails_as_far(tau: float):
     wanted = lag(cable.rod, q) * tau / CONTROL_STEP
     assert wanted[10:].max() > 0.001
     np.testing.assert_allclose(off[10:], wanted[10:], rtol=0.25, atol=2e-4)
+
+
+def test_a_stiff_half_trails_as_a_chain_of_it_does():
+    """Against the explicit equations: K d = -tau K_0 dtheta/dt on the changes that keep the ends in place."""
+    rod = PlanarRod(0.3, 13, (0.8, 0.0, 0.0, 0.0, 0.5, -0.5, 0.0, 0.0))
+    q = line(40)[:2]
+    stations, poses = rod.shapes(q)
+    links = np.diff(stations[:, 1::2], axis=1)
+    angles = np.column_stack([poses[:, 0, 2], np.arctan2(links[..., 1], links[..., 0]), poses[:, 1, 2]])
+    difference = np.diff(np.eye(rod.hinges + 1), axis=0)
+    bending = rod.hinges**2 * difference.T @ (rod.bending[0][:, None] * difference)
+    middle = q.mean(0)
+    along = np.diff(rod.shapes(middle[None])[0][0, 1::2], axis=0) * rod.hinges / rod.length
+    c, s = np.cos(middle[2]), np.sin(middle[2])
+    load = np.array([[c, -s], [s, c]]) @ middle[3:5]
+    null = np.linalg.svd(np.array([-along[:, 1], along[:, 0]]))[2][2:]
+    stiffness = bending[1:-1, 1:-1] + np.diag(along @ load)
+    moment = -(bending @ (angles[1] - angles[0]))[1:-1]
+    behind = null.T @ np.linalg.solve(null @ stiffness @ null.T, null @ moment)
+    across = np.column_stack([-along[:, 1], along[:, 0]]) * rod.length / rod.hinges
+    wanted = np.linalg.norm(np.cumsum(behind[:, None] * across, axis=0), axis=1).max()
+    assert lag(rod, q)[0] == pytest.approx(wanted, rel=1e-4)
+    assert lag(PlanarRod(0.3), q)[0] != pytest.approx(wanted, rel=0.05)

@@ -8,6 +8,7 @@ from scipy.linalg import null_space
 
 from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
+from cableway.rod.inverse import equilibria_at, fit_keypoints
 from cableway.rod.planar import STRAIGHT_STABILITY, PlanarRod, hinge_count
 
 SIZES = [5, 10, 13]
@@ -235,3 +236,63 @@ def test_coordinates_are_those_of_a_held_rod():
     turned = rod.continued(a, poses + [0, 0, 4 * np.pi])
     np.testing.assert_allclose(rod.end_poses(turned[None])[0], poses + [0, 0, 4 * np.pi], atol=1e-12)
     np.testing.assert_allclose(rod.shapes(turned[None])[0], rod.shapes(a[None])[0], atol=1e-12)
+
+
+BENT = PlanarRod(0.31, 13, (0.5, -0.4, 0.3, -0.2, 0.8, -0.9, 0.4, 0.3))
+"""Stiffer at one end, with a rest curvature that changes sign."""
+
+
+def test_a_rod_without_differences_is_the_uniform_one():
+    rows, uniform, same = random_rows(4), PlanarRod(0.3), PlanarRod(0.3, 13, (0.0,) * 8)
+    for found, wanted in zip(same.jacobians(rows), uniform.jacobians(rows), strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-12)
+    np.testing.assert_allclose(same.stability(rows)[0], uniform.stability(rows)[0], atol=1e-6)
+    np.testing.assert_allclose(same.energy(rows), uniform.energy(rows), atol=1e-9)
+    with pytest.raises(InputError, match="no modes or 8 finite ones"):
+        PlanarRod(0.3, 13, (1.0,))
+
+
+def test_stability_of_another_rod_is_the_least_second_change_of_its_energy():
+    """Against eigenvalues of the second difference of the energy by the free link angles, the ends held."""
+    q = np.array([[0.3, 0.3, 0.2, -5.0, 8.0, 1.5]])
+    stations, poses = BENT.shapes(q)
+    stiffness, rest = BENT.bending
+    links = np.diff(stations[0, 1::2], axis=0)
+    angles = np.unwrap(np.arctan2(links[:, 1], links[:, 0]))
+    load = np.array([[np.cos(0.2), -np.sin(0.2)], [np.sin(0.2), np.cos(0.2)]]) @ q[0, 3:5]
+
+    def potential(free: np.ndarray) -> float:
+        """Bending energy less the work of the load, in units of EI / (L N)."""
+        bends = np.diff(np.concatenate([[poses[0, 0, 2]], free, [poses[0, 1, 2]]])) * BENT.hinges - rest
+        along = np.column_stack([np.cos(free), np.sin(free)]).sum(0)
+        return float(0.5 * stiffness @ bends**2 - load @ along)
+
+    steps = 1e-3 * np.eye(len(angles))
+    slope = np.array([potential(angles + step) - potential(angles - step) for step in steps]) / 2e-3
+    np.testing.assert_allclose(slope, 0.0, atol=1e-4)
+    second = np.array([[potential(angles + a + b) - potential(angles + a - b) - potential(angles - a + b)
+                        + potential(angles - a - b) for b in steps] for a in steps]) / 4e-6  # fmt: skip
+    null = np.linalg.svd(np.array([-np.sin(angles), np.cos(angles)]))[2][2:]
+    margin, rates = BENT.stability(q)
+    assert margin[0] == pytest.approx(np.linalg.eigvalsh(null @ second @ null.T)[0], rel=1e-3)
+    nudges = 1e-5 * np.eye(6)
+    along = [(BENT.stability(q + nudge)[0] - BENT.stability(q - nudge)[0])[0] / 2e-5 for nudge in nudges]
+    np.testing.assert_allclose(rates[0], along, rtol=1e-2, atol=1e-3)
+
+
+def test_energy_of_another_rod_counts_from_rest():
+    """Without any load the rod is at rest."""
+    assert BENT.energy(np.array([[0.3, 0.3, 0.2, 0.0, 0.0, 0.0]]))[0] == pytest.approx(0.0, abs=1e-12)
+    stiffness, rest = BENT.bending
+    assert stiffness.max() > 1.3 * stiffness.min()
+    assert rest.max() > 0.5 > -0.5 > rest.min()
+
+
+def test_between_the_grippers_of_another_rod_it_is_found_again():
+    q = np.array([[0.3, 0.3, 0.2, -5.0, 8.0, 1.5]])
+    stations, poses = BENT.shapes(q)
+    found, distance = fit_keypoints(BENT, BENT.at_keypoints(stations)[0])
+    np.testing.assert_allclose(found, q[0], atol=1e-6)
+    assert distance < 1e-8
+    others = BENT.shapes(equilibria_at(BENT, poses[0]))[0]
+    assert np.abs(others - stations).max(axis=(1, 2)).min() < 1e-9

@@ -6,6 +6,7 @@ import numpy as np
 import problems
 import pytest
 
+from cableway.scene.cable import Cable
 from cableway.verification.follower import _Chain, follow
 
 
@@ -20,7 +21,7 @@ def test_takes_the_shapes_of_the_other_rod(motion):
     """Link angles (48 hinges) and centre coordinates (24 hinges) agree within the error of discretisation."""
     rod, q = motion
     stations, poses = rod.shapes(q)
-    followed = follow(rod.at_keypoints(stations), poses, rod.length)
+    followed = follow(rod.at_keypoints(stations), poses, Cable(length=rod.length, keypoints=rod.keypoints))
     assert followed.lost_at is None
     assert followed.deviation.max() < 6e-4
 
@@ -29,7 +30,7 @@ def test_stability_agrees_with_the_other_rod(motion):
     """The margins of both rods are the same number up to discretisation."""
     rod, q = motion
     stations, poses = rod.shapes(q)
-    followed = follow(rod.at_keypoints(stations), poses, rod.length)
+    followed = follow(rod.at_keypoints(stations), poses, Cable(length=rod.length, keypoints=rod.keypoints))
     assert followed.stability == pytest.approx(rod.stability(q)[0], rel=0.03)
 
 
@@ -38,7 +39,7 @@ def solved(motion):
     """A chain, the gripper poses and the link angles it takes between them."""
     rod, q = motion
     stations, poses = rod.shapes(q[20:21])
-    chain = _Chain(rod.length, 48)
+    chain = _Chain(Cable(length=rod.length), 48)
     angles = chain.solve(poses[0], chain.angles_of(rod.at_keypoints(stations)[0]))
     assert angles is not None
     return chain, poses[0], angles
@@ -73,6 +74,19 @@ def test_grippers_pulled_apart_lose_the_rod(motion):
     rod, q = motion
     stations, poses = rod.shapes(np.repeat(q[:1], 20, axis=0))
     poses[:, 1, 0] += np.linspace(0, 0.2, 20)
-    followed = follow(rod.at_keypoints(stations), poses, rod.length)
+    followed = follow(rod.at_keypoints(stations), poses, Cable(length=rod.length, keypoints=rod.keypoints))
     assert followed.lost_at is not None
     assert 0 < followed.lost_at < 20
+
+
+def test_takes_the_shapes_of_a_cable_that_is_not_uniform(motion):
+    """Stiffness and rest curvature, in both formulations; a uniform rod goes elsewhere."""
+    q = motion[1]
+    cable = Cable().estimated(0.31, (1.0, -0.8, 0.5, -0.3, 2.0, -1.8, 1.0, 0.6))
+    stations, poses = cable.rod.shapes(q)
+    followed = follow(cable.rod.at_keypoints(stations), poses, cable)
+    assert followed.lost_at is None
+    assert followed.deviation.max() < 1e-3
+    assert followed.stability == pytest.approx(cable.rod.stability(q)[0], rel=0.03)
+    uniform = follow(cable.rod.at_keypoints(stations), poses, Cable(length=0.31))
+    assert uniform.lost_at is not None or uniform.deviation.max() > 5 * followed.deviation.max()

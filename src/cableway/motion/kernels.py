@@ -1,7 +1,7 @@
 """Compiled kernels of `cableway.motion.validity`: whether one shape is free.
 
-A `space` is (rod, world, limits, bodies): length and hinges of the rod, `ConvexWorld.arrays`, `ShapeLimits`,
-`PackedBodies`.
+A `space` is (rod, world, limits, bodies): parameters and modes of the rod (`cableway.rod.kernels`),
+`ConvexWorld.arrays`, `ShapeLimits`, `PackedBodies`.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ def is_free(q, space):
     The cheapest tests come first.
     """
     rod, world, limits, bodies = space
-    length, hinges = rod
-    stations, poses = np.empty((2 * hinges + 1, 2)), np.empty((2, 3))
-    world_shape(q, length, hinges, stations, poses)
-    last = 2 * hinges
+    p, modes = rod
+    last = 2 * modes.shape[1]
+    stations, poses = np.empty((last + 1, 2)), np.empty((2, 3))
+    world_shape(q, p, modes, stations, poses)
     span = math.hypot(stations[last, 0] - stations[0, 0], stations[last, 1] - stations[0, 1])
     if not limits.least_span <= span <= limits.most_span:
         return False
-    if sharpest_turn(stations, length, hinges) > limits.sharpest_turn:
+    if sharpest_turn(stations, p[0]) > limits.sharpest_turn:
         return False
     if not _cable_keeps_distance(stations, world, limits.cable_distance):
         return False
     if not bodies_keep_distance(poses, bodies, world):
         return False
     gradient = np.empty(3)
-    if stability(q[3:], length, hinges, limits.stability, gradient) < limits.stability:
+    if stability(q[3:], p, modes, limits.stability, gradient) < limits.stability:
         return False
     return not crosses_itself(stations) and self_distance(stations, limits.apart) >= limits.self_distance
 
@@ -81,14 +81,14 @@ def crosses_itself(stations):
 
 
 @kernel
-def sharpest_turn(stations, length, hinges):
+def sharpest_turn(stations, length):
     """Greatest sine of the turn from link to link."""
     most = 0.0
-    for i in range(1, 2 * hinges, 2):
+    for i in range(1, len(stations) - 1, 2):
         ux, uy = stations[i, 0] - stations[i - 1, 0], stations[i, 1] - stations[i - 1, 1]
         vx, vy = stations[i + 1, 0] - stations[i, 0], stations[i + 1, 1] - stations[i, 1]
         most = max(most, abs(ux * vy - uy * vx))
-    return most / (length / (2 * hinges)) ** 2
+    return most / (length / (len(stations) - 1)) ** 2
 
 
 @kernel

@@ -43,7 +43,7 @@ class FreeSpace:
         rod, ends = task.cable.rod, np.array(task_ends(task))
         stations, poses = rod.shapes(ends)
         spans = gripper_spans(poses)
-        turns = [kernels.sharpest_turn(shape, rod.length, rod.hinges) for shape in stations]
+        turns = [kernels.sharpest_turn(shape, rod.length) for shape in stations]
         apart = stations_apart(task)
         selves = min(kernels.self_distance(shape, apart) for shape in stations)
         limits = ShapeLimits(
@@ -58,7 +58,7 @@ class FreeSpace:
             self_distance=min(2 * task.cable.radius + margins.self_distance, selves - 1e-9),
         )
         kept = [_body_distance(body, poses, task, margins) for body in task.bodies]
-        return cls(rod, ((rod.length, rod.hinges), task.scene.world.arrays, limits, pack(task.bodies, kept)))
+        return cls(rod, (rod.arrays, task.scene.world.arrays, limits, pack(task.bodies, kept)))
 
     def are_free(self, q: Float[np.ndarray, "k dof"]) -> Bool[np.ndarray, "k"]:
         """Which configurations are free."""

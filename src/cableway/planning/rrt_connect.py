@@ -126,7 +126,7 @@ def rrt_connect_path(
     parents, counts = np.full((2, rows), -1), np.ones(2, dtype=np.int64)
     for side, root in enumerate((start, goal)):
         trees[side, 0] = root
-        rrt_connect_kernels.features(root, rod.length, rod.hinges, shapes[side, 0])
+        rrt_connect_kernels.features(root, rod.arrays, shapes[side, 0])
     for first in range(0, config.samples, BATCH):
         if progress is not None:
             progress(first / config.samples)

@@ -21,12 +21,14 @@ REACH = 8
 
 
 @kernel
-def features(q, length, hinges, out):
+def features(q, rod, out):
     """Coordinates (2 FEATURES,) [m] of points at equal arc length on the rod, both ends included."""
-    stations, poses = np.empty((2 * hinges + 1, 2)), np.empty((2, 3))
-    world_shape(q, length, hinges, stations, poses)
+    p, modes = rod
+    last = 2 * modes.shape[1]
+    stations, poses = np.empty((last + 1, 2)), np.empty((2, 3))
+    world_shape(q, p, modes, stations, poses)
     for i in range(FEATURES):
-        at = i * 2 * hinges // (FEATURES - 1)
+        at = i * last // (FEATURES - 1)
         out[2 * i], out[2 * i + 1] = stations[at, 0], stations[at, 1]
 
 
@@ -60,12 +62,12 @@ def _grow(tree, shapes, parents, count, target, target_shape, most, space, step)
     """Grow a tree towards a target by at most `most` steps: the new count, and whether the target was reached."""
     rod = space[0]
     start = nearest(shapes, count, target_shape)
-    steps = steps_between(tree[start], target, shapes[start], target_shape, rod[0], step)
+    steps = steps_between(tree[start], target, shapes[start], target_shape, rod[0][0], step)
     free = free_share(tree[start], target, steps, most, space)
     if free == 0 or count == len(tree):
         return count, False
     tree[count] = tree[start] + (target - tree[start]) * (free / steps)
-    features(tree[count], rod[0], rod[1], shapes[count])
+    features(tree[count], rod, shapes[count])
     parents[count] = start
     return count + 1, free == steps
 
@@ -79,7 +81,7 @@ def connect(samples, trees, shapes, parents, counts, space, step):
     rod, sample_shape = space[0], np.empty(2 * FEATURES)
     for i in range(len(samples)):
         side = i % 2
-        features(samples[i], rod[0], rod[1], sample_shape)
+        features(samples[i], rod, sample_shape)
         before = counts[side]
         counts[side], _ = _grow(
             trees[side], shapes[side], parents[side], before, samples[i], sample_shape, REACH, space, step
@@ -102,7 +104,7 @@ def shortcut(path, pairs, space, step):
     """Replace sections of a path (k, 6) by straight free ones; `pairs` (m, 2) in [0, 1) says which to try."""
     rod, shapes = space[0], np.empty((len(path), 2 * FEATURES))
     for i in range(len(path)):
-        features(path[i], rod[0], rod[1], shapes[i])
+        features(path[i], rod, shapes[i])
     for k in range(len(pairs)):
         n = len(path)
         i, j = int(pairs[k, 0] * n), int(pairs[k, 1] * n)
@@ -110,7 +112,7 @@ def shortcut(path, pairs, space, step):
             i, j = j, i
         if j - i < 2:
             continue
-        steps = steps_between(path[i], path[j], shapes[i], shapes[j], rod[0], step)
+        steps = steps_between(path[i], path[j], shapes[i], shapes[j], rod[0][0], step)
         if free_share(path[i], path[j], steps, steps, space) == steps:
             path = np.concatenate((path[: i + 1], path[j:]))
             shapes = np.concatenate((shapes[: i + 1], shapes[j:]))

@@ -22,6 +22,13 @@ LOADS = 3
 EXACT = Rule(first=1e-3, shrink=5.0, restart=0.0, most=1e12, fall=1e-13, small=1e-10, trials=100, absolute=True)
 """For a fit to the last digit, from far away: where keypoints do not determine the loads, only the damping does."""
 
+PULL = 1e-8
+"""Weight [m^2] of the change of the load in a fit that goes on from another rod's shape."""
+
+FIT_STEPS = 100
+"""Most steps of one fit; most take few. The pull lets the load of a rod far from the uniform one change little by
+little."""
+
 QUICK = Rule(least=1e-9, restart=1e-5, most=1e3, small=1e-5, max_step=0.3)
 """For a fit that goes on from one near by."""
 
@@ -146,16 +153,18 @@ def follow_ends(dposes, length, changes, damping):
 
 
 @kernel
-def fit_shapes(q, wanted, p, modes, stride, pull, steps, keypoints, ends):
-    """`fit_shape` of each row of q (H, 6), which goes on from one near by; `pull` is in [m^2].
+def fit_along(q, near, wanted, p, modes, stride):
+    """The equilibria (t, 6) nearest to keypoints `wanted` (t, n, 2) of another rod.
 
-    Fills `keypoints` (H, n, 2) and `ends` (H, 2, 3) of the shapes found.
+    Each is looked for from that rod's q (t, 6), and from what was found for the row before, the first one from `near`
+    (6,): from afar a fit may end at another shape than the nearest.
     """
-    stations, no_stations, poses, no_poses = workspace(modes, 0)
+    found, pull = np.empty_like(q), PULL / p[0] ** 2
     for t in range(len(q)):
-        if steps > 0:
-            fit_shape(q[t], wanted[t], p, modes, stride, pull / p[0] ** 2, steps, QUICK)
-        held_shape(q[t], p, modes, stations, no_stations, poses, no_poses)
-        for i in range(wanted.shape[1]):
-            keypoints[t, i, :] = stations[i * stride]
-        ends[t, :, :] = poses
+        found[t] = q[t]
+        other = near + (q[t] - q[t - 1]) if t > 0 else near.copy()
+        cost = fit_shape(found[t], wanted[t], p, modes, stride, pull, FIT_STEPS, QUICK)
+        if fit_shape(other, wanted[t], p, modes, stride, pull, FIT_STEPS, QUICK) < cost:
+            found[t] = other
+        near = found[t]
+    return found

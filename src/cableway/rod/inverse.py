@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -21,12 +22,12 @@ LEAST_AREA = 1e-6
 SAME_SHAPE = 1e-4
 """Distance, in lengths of the rod, up to which two shapes count as one."""
 
-FIT_STEPS = 100
-"""Most steps of one fit; a fit takes some ten."""
-
 STAGES = 16
 """Steps from the uniform rod to another one in `nearest_shape`; with four, one that is curled by a full turn at one end
 is lost."""
+
+STAGE_STEPS = 50
+"""Most steps of the fit in each."""
 
 
 def fit_keypoints(
@@ -42,7 +43,11 @@ def fit_keypoints(
     Returns:
         q (6,) and ||keypoints(q) - keypoints|| [m].
     """
-    return _fit(rod, keypoints, [rod.guesses(keypoints[None])[0], *([] if guess is None else [guess])])
+    guesses = [rod.guesses(keypoints[None])[0], *([] if guess is None else [guess])]
+    if rod.modes:
+        uniform = fit_keypoints(replace(rod, modes=()), keypoints)[0]
+        guesses.append(_changed(uniform, keypoints, *rod.arrays, rod.stride))
+    return _fit(rod, keypoints, guesses)
 
 
 def fit_sequence(
@@ -58,8 +63,10 @@ def fit_sequence(
 def _fit(rod: PlanarRod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tuple[np.ndarray, float]:
     """The best fit from several guesses."""
     keypoints, starts = np.ascontiguousarray(keypoints, dtype=float), [np.array(guess, float) for guess in guesses]
-    p, modes = kernels.uniform(rod.length, rod.hinges)
-    costs = [fitting.fit_shape(q, keypoints, p, modes, rod.stride, 0.0, FIT_STEPS, fitting.EXACT) for q in starts]
+    p, modes = rod.arrays
+    costs = [
+        fitting.fit_shape(q, keypoints, p, modes, rod.stride, 0.0, fitting.FIT_STEPS, fitting.EXACT) for q in starts
+    ]
     best = int(np.argmin(costs))
     return starts[best], float(np.sqrt(2 * costs[best]) * rod.length)
 
@@ -198,8 +205,6 @@ def nearest_shape(
 ) -> tuple[Float[np.ndarray, "n 2"], float]:
     """The equilibrium of any elastic rod whose keypoints are nearest to given ones, whatever grippers make it.
 
-    The rod is made of the uniform one step by step, each from the shape before.
-
     Args:
         rod: Length and keypoints.
         stiffness: (N,) factors on the stiffness of the hinges.
@@ -210,9 +215,29 @@ def nearest_shape(
         Its keypoints (n, 2) [m] and their stacked distance [m] from the given ones.
     """
     modes = np.ascontiguousarray(np.stack([np.log(stiffness), rest]))
-    wanted = np.array(keypoints, float)[None]
-    q, found = fit_keypoints(rod, wanted[0])[0][None].copy(), np.empty_like(wanted)
+    p = np.array([rod.length, 1.0, 0.0, 0.0, 1.0])
+    q = _changed(fit_keypoints(rod, keypoints)[0], keypoints, p, modes, rod.stride)
+    found = rod.at_keypoints(kernels.batch_shapes(q[None], p, modes, 0)[0])[0]
+    return found, float(np.linalg.norm(found - keypoints))
+
+
+def nearest_shapes(
+    rod: PlanarRod, q: Float[np.ndarray, "t 6"], shapes: Float[np.ndarray, "t n 2"]
+) -> Float[np.ndarray, "t 6"]:
+    """Equilibria of a rod nearest to the shapes of another one.
+
+    Args:
+        rod: The rod.
+        q: (t, 6) of the other rod.
+        shapes: (t, n, 2) its keypoints [m].
+    """
+    return fitting.fit_along(q, q[0], np.ascontiguousarray(shapes, float), *rod.arrays, rod.stride)
+
+
+def _changed(q: np.ndarray, keypoints: np.ndarray, p: np.ndarray, modes: np.ndarray, stride: int) -> np.ndarray:
+    """The fit of a rod that is made of the uniform one, whose fit is q, step by step, each from the shape before."""
+    found, wanted = q.copy(), np.array(keypoints, float)
     for share in np.linspace(0.0, 1.0, STAGES + 1)[1:]:
-        p = np.array([rod.length, share, 0.0, 0.0, share])
-        fitting.fit_shapes(q, wanted, p, modes, rod.stride, 0.0, 50, found, np.empty((1, *rod.end_shape)))
-    return found[0], float(np.linalg.norm(found - wanted))
+        changed = np.concatenate([p[:1], share * p[1:]])
+        fitting.fit_shape(found, wanted, changed, modes, stride, 0.0, STAGE_STEPS, fitting.QUICK)
+    return found

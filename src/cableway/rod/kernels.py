@@ -127,10 +127,9 @@ def uniform(length, hinges):
 
 
 @kernel
-def world_shape(q, length, hinges, stations, poses):
-    """`held_shape` of a uniform rod, without derivatives."""
-    p, modes = uniform(length, hinges)
-    held_shape(q, p, modes, stations, np.empty((2 * hinges + 1, 2, 0)), poses, np.empty((2, 3, 0)))
+def world_shape(q, p, modes, stations, poses):
+    """`held_shape` without derivatives."""
+    held_shape(q, p, modes, stations, np.empty((len(stations), 2, 0)), poses, np.empty((2, 3, 0)))
 
 
 @kernel
@@ -161,13 +160,14 @@ def _link_angles(points, jacobian, length, angles, dangles):
 
 @kernel
 def _factor(diagonal, off, shift, pivots):
-    """LDL pivots of tridiag(off, diagonal - shift, off); the number of negative ones."""
+    """LDL pivots of tridiag(off, diagonal - shift, off), `off` (N - 2,) beside the diagonal; the number of negative
+    ones."""
     negative = 0
     previous = 1.0
     for i in range(len(diagonal)):
         pivot = diagonal[i] - shift
         if i > 0:
-            pivot -= off * off / previous
+            pivot -= off[i - 1] * off[i - 1] / previous
         if abs(pivot) < 1e-12:
             pivot = -1e-12
         pivots[i] = pivot
@@ -182,11 +182,11 @@ def _solve(pivots, off, x):
     """Solve the factored tridiagonal system in place."""
     n = len(pivots)
     for i in range(1, n):
-        x[i] -= off / pivots[i - 1] * x[i - 1]
+        x[i] -= off[i - 1] / pivots[i - 1] * x[i - 1]
     for i in range(n):
         x[i] /= pivots[i]
     for i in range(n - 2, -1, -1):
-        x[i] -= off / pivots[i] * x[i + 1]
+        x[i] -= off[i] / pivots[i] * x[i + 1]
 
 
 @kernel
@@ -237,20 +237,42 @@ def _any_below(diagonal, off, u, w, rank, shift, pivots, zu, zw, schur):
 
 
 @kernel
-def stability(load, length, hinges, ceiling, gradient):
+def _bending(p, modes, diagonal, off):
+    """The Hessian N^2 tridiag of the bending energy by the free link angles: its diagonal (N-1,) and beside (N-2,).
+
+    Returns the largest factor on the stiffness.
+    """
+    count, hinges = modes.shape
+    before, most = 0.0, 0.0
+    for hinge in range(hinges):
+        stiffness = 0.0
+        for k in range(count):
+            stiffness += p[1 + k] * modes[k, hinge]
+        own = float(hinges * hinges) * math.exp(stiffness)
+        if hinge > 0:
+            diagonal[hinge - 1] = before + own
+        if 0 < hinge < hinges - 1:
+            off[hinge - 1] = -own
+        before, most = own, max(most, own)
+    return most / (hinges * hinges)
+
+
+@kernel
+def stability(load, p, modes, ceiling, gradient):
     """The stability margin of one equilibrium; its derivative by (a_x, a_y, m) goes into `gradient` (3,).
 
     With K v = mu v - C' lambda and C v = 0, |v| = 1:  d mu = v' dK v + 2 lambda' dC v. A margin above `ceiling` is
     not computed: it comes back as `ceiling`, with derivative zero.
     """
+    length, hinges = p[0], modes.shape[1]
     free = hinges - 1
     points, no_jacobian = np.empty((2 * hinges + 2, 2)), np.empty((2 * hinges + 2, 2, 0))
-    angles, (p, modes) = np.empty(free), uniform(length, hinges)
+    angles, diagonal, off = np.empty(free), np.empty(free), np.empty(free - 1)
     local_shape(load, p, modes, points, no_jacobian)
     _link_angles(points, no_jacobian, length, angles, np.empty((free, 0)))
     ca, cb = -np.sin(angles), np.cos(angles)
-    diagonal = 2.0 * hinges * hinges + load[0] * cb - load[1] * ca
-    off = -float(hinges * hinges)
+    stiffest = _bending(p, modes, diagonal, off)
+    diagonal += load[0] * cb - load[1] * ca
     u, w = np.empty(free), np.empty(free)
     rank = _orthonormal_rows(ca, cb, u, w)
     pivots, zu, zw, schur = np.empty(free), np.empty(free), np.empty(free), np.empty(3)
@@ -262,7 +284,7 @@ def stability(load, length, hinges, ceiling, gradient):
     local_shape(load, p, modes, points, jacobian)
     _link_angles(points, jacobian, length, angles, dangles)
     reach = math.sqrt(load[0] ** 2 + load[1] ** 2)
-    low, high = -reach, min(ceiling, 160.0 + reach)
+    low, high = -reach, min(ceiling, 160.0 * stiffest + reach)
     while high - low > 1e-8 * (1.0 + reach):
         middle = 0.5 * (low + high)
         if _any_below(diagonal, off, u, w, rank, middle, pivots, zu, zw, schur):
@@ -305,9 +327,9 @@ def stability(load, length, hinges, ceiling, gradient):
 
 
 @kernel
-def batch_stability(q, length, hinges, ceiling):
+def batch_stability(q, p, modes, ceiling):
     """`stability` over rows of q (T, 6): margins (T,) and derivatives (T, 6)."""
     mu, dmu = np.empty(len(q)), np.zeros((len(q), 6))
     for t in range(len(q)):
-        mu[t] = stability(q[t, 3:], length, hinges, ceiling, dmu[t, 3:])
+        mu[t] = stability(q[t, 3:], p, modes, ceiling, dmu[t, 3:])
     return mu, dmu

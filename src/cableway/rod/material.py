@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
 
-from cableway.rod.planar import PlanarRod
+from cableway.rod.held_rod import HeldRod
 
 MODES = 4
 """K. Rest curvature that changes sign along the cable, and a stiff third, need more than a slope and a bulge; what
@@ -50,11 +50,15 @@ NAMES = {
 
 def modes(hinges: int, count: int = MODES) -> Float[np.ndarray, "K N"]:
     """P_k, k = 1 to `count`, at the hinges of a rod that has N of them, evenly spaced."""
-    places = (2 * np.arange(hinges) + 1) / hinges - 1
-    return np.ascontiguousarray(legendre.legvander(places, count)[:, 1:].T)
+    return modes_at((np.arange(hinges) + 0.5) / hinges, count)
 
 
-def nominal(rod: PlanarRod) -> Float[np.ndarray, "p"]:
+def modes_at(places: Float[np.ndarray, "k"], count: int = MODES) -> Float[np.ndarray, "K k"]:
+    """P_k, k = 1 to `count`, at shares (k,) of the length."""
+    return np.ascontiguousarray(legendre.legvander(2 * places - 1, count)[:, 1:].T)
+
+
+def nominal(rod: HeldRod) -> Float[np.ndarray, "p"]:
     """Parameters of a uniform rod held as it should be."""
     theta = np.zeros(PARAMETERS)
     theta[LENGTH] = rod.length

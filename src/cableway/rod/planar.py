@@ -1,7 +1,7 @@
 """Equilibria of a planar elastic rod clamped at both ends, in coordinates of its centre.
 
-The rod of length L is a chain of N hinges at spacing L/N, so N + 1 links of which the first and last are half as
-long. A rod under no load but at its ends carries one force F along its whole length, and the moment at a point p
+The uniform rod of length L is a chain of N hinges at spacing L/N, so N + 1 links of which the first and last are half
+as long. A rod under no load but at its ends carries one force F along its whole length, and the moment at a point p
 is M + F x (p - c), c the rod's centre. With a = F L^2/EI (in the frame of the centre) and m = M L/EI the bend at
 hinge j is
 
@@ -16,7 +16,8 @@ here for a planar chain). So
 holds a shape and the gripper poses that make it, for any EI, and every q is an equilibrium. Whether the rod stays
 there is a matter of the stability margin mu: the least eigenvalue of N^2 tridiag(-1, 2, -1) + diag(a . e_i) on the
 changes of the free link angles that keep the ends in place (e_i: direction of link i). mu = 4 pi^2 for a straight
-unloaded rod; where mu < 0 the rod moves away.
+unloaded rod; where mu < 0 the rod moves away. Rods that are stiffer at one place or curved at rest
+(`cableway.rod.material`) have other bends phi_j, and their stiffness in mu.
 
 Stations are the 2N + 1 points at equal arc length L/(2N): even ones are link middles and ends, odd ones hinges.
 Keypoints are every 2N/(n - 1)-th station.
@@ -29,6 +30,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -37,7 +39,7 @@ from jaxtyping import Float
 from cableway.core.errors import InputError
 from cableway.geometry import polyline, se2
 from cableway.geometry.groups import SE2, Group
-from cableway.rod import fitting, kernels
+from cableway.rod import fitting, kernels, material
 from cableway.rod.held_rod import HeldRod
 
 STRAIGHT_STABILITY = 4 * np.pi**2
@@ -66,15 +68,18 @@ def hinge_count(keypoints: int, length: float = LONGEST_COARSE) -> int:
 
 @dataclass(frozen=True)
 class PlanarRod(HeldRod):
-    """A uniform inextensible planar rod with n keypoints, with coordinates q (6,).
+    """An inextensible planar rod with n keypoints, with coordinates q (6,).
 
     Attributes:
         length: L [m].
         keypoints: n, both ends included.
+        modes: (b_1..b_K, r_1..r_K) of its stiffness and of its turn at rest, see `cableway.rod.material`; none where it
+            is uniform.
     """
 
     length: float
     keypoints: int = 13
+    modes: tuple[float, ...] = ()
     group: ClassVar[type[Group]] = SE2
 
     def __post_init__(self) -> None:
@@ -82,6 +87,21 @@ class PlanarRod(HeldRod):
             raise InputError(f"rod length must be positive and finite, got {self.length!r}")
         if self.keypoints < 3:
             raise InputError(f"a rod needs at least 3 keypoints, got {self.keypoints!r}")
+        if len(self.modes) not in (0, 2 * material.MODES) or not np.isfinite(self.modes).all():
+            raise InputError(f"a rod has no modes or {2 * material.MODES} finite ones, got {self.modes!r}")
+
+    @cached_property
+    def arrays(self) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "K N"]]:
+        """Parameters and modes as `cableway.rod.kernels` takes them."""
+        if not self.modes:
+            return kernels.uniform(self.length, self.hinges)
+        return np.array([self.length, *self.modes]), material.modes(self.hinges)
+
+    @cached_property
+    def bending(self) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
+        """Factors on the stiffness of the hinges, and the turn [rad] at rest, per length of the rod."""
+        p, modes = self.arrays
+        return np.exp(p[1 : 1 + len(modes)] @ modes), p[1 + len(modes) :] @ modes
 
     @property
     def dof(self) -> int:
@@ -110,7 +130,7 @@ class PlanarRod(HeldRod):
 
     def shapes(self, q: Float[np.ndarray, "t 6"]) -> tuple[Float[np.ndarray, "t s 2"], Float[np.ndarray, "t 2 3"]]:
         """Stations [m] and gripper poses [m, m, rad] of each row of q. The angles are not wrapped."""
-        stations, _, poses, _ = kernels.batch_shapes(_rows(q), *kernels.uniform(self.length, self.hinges), 0)
+        stations, _, poses, _ = kernels.batch_shapes(_rows(q), *self.arrays, 0)
         return stations, poses
 
     def jacobians(
@@ -122,7 +142,7 @@ class PlanarRod(HeldRod):
         Float[np.ndarray, "t 2 3 6"],
     ]:
         """Stations and gripper poses of each row of q, each followed by its derivative by q."""
-        return kernels.batch_shapes(_rows(q), *kernels.uniform(self.length, self.hinges), self.dof)
+        return kernels.batch_shapes(_rows(q), *self.arrays, self.dof)
 
     def stability(
         self, q: Float[np.ndarray, "t 6"], ceiling: float = 1e9
@@ -131,7 +151,7 @@ class PlanarRod(HeldRod):
 
         A margin above `ceiling` comes back as `ceiling` with derivative zero, some thirty times faster.
         """
-        return kernels.batch_stability(_rows(q), self.length, self.hinges, float(ceiling))
+        return kernels.batch_stability(_rows(q), *self.arrays, float(ceiling))
 
     def retract(self, q: Float[np.ndarray, "... 6"], step: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 6"]:
         """See `HeldRod.retract`."""
@@ -191,7 +211,7 @@ class PlanarRod(HeldRod):
         return np.concatenate([SE2.continued(q[:3], near[:3]), q[3:]])
 
     def energy(self, q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t"]:
-        """Bending energy in units of EI/L: N/2 times the sum of the squared bends."""
+        """Bending energy in units of EI/L: N/2 times the sum of the squared bends from rest, by their stiffness."""
         stations, poses = self.shapes(q)
         links = np.diff(stations[:, 1::2], axis=1)
         inner = np.unwrap(np.arctan2(links[..., 1], links[..., 0]), axis=1)
@@ -200,7 +220,8 @@ class PlanarRod(HeldRod):
             for end, near in ((poses[:, 0, 2], inner[:, 0]), (poses[:, 1, 2], inner[:, -1]))
         )
         angles = np.column_stack([first, inner, last])
-        return 0.5 * self.hinges * np.sum(np.diff(angles, axis=1) ** 2, axis=1)
+        stiffness, rest = self.bending
+        return 0.5 * self.hinges * np.sum(stiffness * (np.diff(angles, axis=1) - rest / self.hinges) ** 2, axis=1)
 
 
 def _rows(q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t 6"]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, TaskError
+from cableway.rod.material import modes_at
 from cableway.rod.planar import PlanarRod
 from cableway.scene import checks
 from cableway.scene.files.presets import preset_names, preset_ranges
@@ -111,6 +112,14 @@ class Cable:
         """The uniform elastic rod that stands for the cable in planning."""
         return PlanarRod(self.length, self.keypoints)
 
+    def bending(self, places: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """Factors on the stiffness of `rod`, and its turn [rad] at rest, per length, at shares of the length."""
+        return np.ones_like(places), np.zeros_like(places)
+
+    def estimated(self, length: float, modes: tuple[float, ...]) -> EstimatedCable:
+        """The same cable, of another length [m], that bends as modes of `PlanarRod` have it."""
+        return EstimatedCable(**{**Cable.as_dict(self), "length": length, "modes": modes})
+
     @property
     def frequency(self) -> float:
         """Of the first bending mode [Hz], straight and clamped at both ends: 4.730^2 / (2 pi L^2) sqrt(EI / rho)."""
@@ -158,6 +167,31 @@ class Cable:
     def as_dict(self) -> dict[str, Any]:
         """All fields by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatedCable(Cable):
+    """A cable as it turned out to be while it was led, for plans that go on from there.
+
+    Attributes:
+        modes: Of `PlanarRod`: how the rod that stands for it differs from a uniform one.
+
+    Raises:
+        TaskError: As for `Cable`.
+        InputError: The number of modes is not that of a rod.
+    """
+
+    modes: tuple[float, ...]
+
+    @property
+    def rod(self) -> PlanarRod:
+        """The rod that stands for the cable in planning."""
+        return PlanarRod(self.length, self.keypoints, self.modes)
+
+    def bending(self, places: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """See `Cable.bending`."""
+        stiffness, turn = np.reshape(self.modes, (2, -1)) @ modes_at(places)
+        return np.exp(stiffness), turn
 
 
 _DRAWABLE = tuple(field.name for field in fields(Cable) if field.name not in ("keypoints", "preset"))

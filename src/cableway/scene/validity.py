@@ -10,7 +10,7 @@ from cableway.core.errors import TaskError
 from cableway.geometry import polyline, se2
 from cableway.geometry.groups import SE2
 from cableway.rod.inverse import fit_keypoints
-from cableway.scene.cable import Cable
+from cableway.scene.cable import Cable, EstimatedCable
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.scene import Scene
 
@@ -125,8 +125,8 @@ def end_pose(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray,
 
 
 def curve_through(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "m 2"]:
-    """The cable through keypoints [m]: a spline, or the rod where there are too few of them for a spline."""
-    if len(shape) < SPLINE_KEYPOINTS:
+    """The cable through keypoints [m]: a spline, or the rod where there are too few of them or they are the rod's."""
+    if len(shape) < SPLINE_KEYPOINTS or isinstance(cable, EstimatedCable):
         q, distance = fit_keypoints(cable.rod, shape)
         if distance <= ROD_TOLERANCE * cable.length:
             return cable.rod.shapes(q[None])[0][0]

@@ -1,8 +1,9 @@
-"""A uniform elastic rod led by gripper poses, solved in link angles.
+"""An elastic rod led by gripper poses, solved in link angles.
 
-The rod is a chain of hinges with half links at its ends. Its energy 1/2 sum (theta_{i+1} - theta_i)^2 is stationary
-under the closure of the chain; Newton's method on that (a KKT system) continues the shape from row to row, in
-smaller steps where it does not converge. A shape whose energy is not a minimum has snapped.
+The rod is a chain of hinges with half links at its ends. Its energy 1/2 sum k_i (theta_{i+1} - theta_i - r_i)^2, k = 1
+and r = 0 where it is uniform, is stationary under the closure of the chain; Newton's method on that (a KKT system)
+continues the shape from row to row, in smaller steps where it does not converge. A shape whose energy is not a minimum
+has snapped.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.compiled import kernel
+from cableway.scene.cable import Cable
 from cableway.verification.geometry import curve_through, turn
 
 LINKS_PER_SEGMENT = 4
@@ -30,13 +32,15 @@ class Followed:
     """What the rod did.
 
     Attributes:
-        deviation: (k,) largest distance [m] of a keypoint to the plan at each row reached.
+        keypoints: (k, n, 2) of the rod [m] at each row reached.
+        deviation: (k,) largest distance [m] of one to the plan.
         curvature: (k,) largest curvature [1/m] at each row reached.
         stability: (k,) least eigenvalue of the energy's Hessian along the closure, times N^2, at each row reached.
         lines: (k, m, 2) the rod's vertices [m].
         lost_at: The row where no stable equilibrium was found any more, or None.
     """
 
+    keypoints: Float[np.ndarray, "k n 2"]
     deviation: Float[np.ndarray, "k"]
     curvature: Float[np.ndarray, "k"]
     stability: Float[np.ndarray, "k"]
@@ -45,10 +49,10 @@ class Followed:
 
 
 def follow(
-    shapes: Float[np.ndarray, "t n 2"], poses: Float[np.ndarray, "t 2 3"], length: float, halvings: int = 4
+    shapes: Float[np.ndarray, "t n 2"], poses: Float[np.ndarray, "t 2 3"], cable: Cable, halvings: int = 4
 ) -> Followed:
-    """Lead a rod of `length` [m] from the first shape through the gripper poses, quasi-statically."""
-    chain = _Chain(length, LINKS_PER_SEGMENT * (shapes.shape[1] - 1))
+    """Lead a cable from the first shape through the gripper poses, quasi-statically."""
+    chain = _Chain(cable, LINKS_PER_SEGMENT * (shapes.shape[1] - 1))
     angles = chain.angles_of(shapes[0])
     rows, pose, lost_at = [], poses[0], None
     for t in range(len(shapes)):
@@ -61,11 +65,13 @@ def follow(
         angles, margin = reached
         pose = target
         line = chain.vertices(pose, angles)
-        gap = np.linalg.norm(chain.keypoints(line, shapes.shape[1]) - shapes[t], axis=1).max()
-        rows.append((gap, np.abs(np.diff(chain.full(pose, angles))).max() / chain.spacing, margin, line))
-    columns = list(zip(*rows, strict=True)) if rows else [(), (), (), ()]
-    lines = np.array(columns[3]).reshape(len(rows), -1, 2) if rows else np.empty((0, 2, 2))
-    return Followed(np.array(columns[0]), np.array(columns[1]), np.array(columns[2]), lines, lost_at)
+        keypoints = chain.keypoints(line, shapes.shape[1])
+        gap = np.linalg.norm(keypoints - shapes[t], axis=1).max()
+        rows.append((keypoints, gap, np.abs(np.diff(chain.full(pose, angles))).max() / chain.spacing, margin, line))
+    columns = [np.array(column) for column in zip(*rows, strict=True)] if rows else [np.empty(0)] * 5
+    count = (len(rows), -1, 2) if rows else (0, 2, 2)
+    keypoints, deviation, curvature, stability, lines = columns
+    return Followed(keypoints.reshape(count), deviation, curvature, stability, lines.reshape(count), lost_at)
 
 
 def _continue(
@@ -91,8 +97,11 @@ CURVE_PIECES = 20
 class _Chain:
     """A chain of `hinges` hinges; its state is the angles of the links between the two half links at the ends."""
 
-    def __init__(self, length: float, hinges: int) -> None:
+    def __init__(self, cable: Cable, hinges: int) -> None:
+        length = cable.length
         self.length, self.hinges, self.spacing = length, hinges, length / hinges
+        stiffness, rest = cable.bending((np.arange(hinges) + 0.5) / hinges)
+        self._stiffness, self._rest = stiffness, rest / hinges
         links = np.full(hinges + 1, self.spacing)
         links[[0, -1]] /= 2
         self.links, self.arc = links, np.concatenate([[0.0], np.cumsum(links)])
@@ -123,17 +132,21 @@ class _Chain:
         """The stationary shape near `angles`, or None."""
         solved = angles.copy()
         try:
-            return solved if _settle(pose, solved, self.links / self.length, self.length) else None
+            return solved if _settle(pose, solved, *self._material) else None
         except np.linalg.LinAlgError:
             return None
 
     def stability(self, pose: np.ndarray, angles: np.ndarray) -> float:
         """Least eigenvalue of the Hessian on the changes that keep the chain closed, times N^2."""
-        return float(_least_eigenvalue(pose, angles, self.links / self.length, self.length) * self.hinges**2)
+        return float(_least_eigenvalue(pose, angles, *self._material) * self.hinges**2)
+
+    @property
+    def _material(self) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+        return self.links / self.length, self.length, self._stiffness, self._rest
 
 
 @kernel
-def _system(pose, angles, links, length, gradient, closure, rows):
+def _system(pose, angles, links, length, stiffness, rest, gradient, closure, rows):
     """Fill the energy's gradient (free,), the closure error over L (2,) and its derivative (2, free)."""
     free = len(angles)
     ends = np.empty(2)
@@ -146,7 +159,8 @@ def _system(pose, angles, links, length, gradient, closure, rows):
     for i in range(free):
         before = angles[i - 1] if i > 0 else ends[0]
         after = angles[i + 1] if i < free - 1 else ends[1]
-        gradient[i] = 2 * angles[i] - before - after
+        gradient[i] = stiffness[i] * (angles[i] - before - rest[i])
+        gradient[i] -= stiffness[i + 1] * (after - angles[i] - rest[i + 1])
         x, y = links[i + 1] * np.cos(angles[i]), links[i + 1] * np.sin(angles[i])
         closure[0] += x
         closure[1] += y
@@ -165,31 +179,31 @@ def _least_squares_multipliers(gradient, rows):
 
 
 @kernel
-def _hessian(rows, multipliers):
-    """Hessian of the Lagrangian: tridiag(-1, 2, -1), less the load along each link."""
+def _hessian(rows, multipliers, stiffness):
+    """Hessian of the Lagrangian: tridiag(-k_i, k_i + k_{i+1}, -k_{i+1}), less the load along each link."""
     free = rows.shape[1]
     hessian = np.zeros((free, free))
     for i in range(free):
-        hessian[i, i] = 2.0 - (rows[1, i] * multipliers[0] - rows[0, i] * multipliers[1])
+        hessian[i, i] = stiffness[i] + stiffness[i + 1] - (rows[1, i] * multipliers[0] - rows[0, i] * multipliers[1])
         if i > 0:
-            hessian[i, i - 1] = hessian[i - 1, i] = -1.0
+            hessian[i, i - 1] = hessian[i - 1, i] = -stiffness[i]
     return hessian
 
 
 @kernel
-def _settle(pose, angles, links, length):
+def _settle(pose, angles, links, length, stiffness, rest):
     """Newton's method on stationarity and closure, from and into `angles`; whether it arrives."""
     free = len(angles)
     gradient, closure, rows = np.empty(free), np.empty(2), np.empty((2, free))
     kkt, right = np.zeros((free + 2, free + 2)), np.empty(free + 2)
-    _system(pose, angles, links, length, gradient, closure, rows)
+    _system(pose, angles, links, length, stiffness, rest, gradient, closure, rows)
     multipliers = _least_squares_multipliers(gradient, rows)
     for _ in range(ITERATIONS):
         right[:free] = -gradient - rows.T @ multipliers
         right[free:] = -closure
         if np.abs(right).max() < 1e-10:
             return True
-        kkt[:free, :free] = _hessian(rows, multipliers)
+        kkt[:free, :free] = _hessian(rows, multipliers, stiffness)
         kkt[free:, :free], kkt[:free, free:] = rows, rows.T
         step = np.linalg.solve(kkt, right)
         size = np.abs(step[:free]).max()
@@ -198,17 +212,17 @@ def _settle(pose, angles, links, length):
         scale = 0.3 / size if size > 0.3 else 1.0
         angles += scale * step[:free]
         multipliers += scale * step[free:]
-        _system(pose, angles, links, length, gradient, closure, rows)
+        _system(pose, angles, links, length, stiffness, rest, gradient, closure, rows)
     return False
 
 
 @kernel
-def _least_eigenvalue(pose, angles, links, length):
+def _least_eigenvalue(pose, angles, links, length, stiffness, rest):
     """Least eigenvalue of the Hessian on the changes that keep the chain closed."""
     free = len(angles)
     gradient, closure, rows = np.empty(free), np.empty(2), np.empty((2, free))
-    _system(pose, angles, links, length, gradient, closure, rows)
-    hessian = _hessian(rows, _least_squares_multipliers(gradient, rows))
+    _system(pose, angles, links, length, stiffness, rest, gradient, closure, rows)
+    hessian = _hessian(rows, _least_squares_multipliers(gradient, rows), stiffness)
     values, vectors = np.linalg.eigh(rows @ rows.T)
     for k in range(2):
         if values[k] > 1e-18 * values[1]:
