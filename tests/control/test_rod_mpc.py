@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from cableway.control import rod_kernels
 from cableway.control.base import Status
-from cableway.control.rod_mpc import FIT_PULL, FIT_STEPS, RodMPC, RodMPCConfig, plan_shapes
+from cableway.control.rod_mpc import RodMPC, RodMPCConfig, RodMPCState, plan_shapes
 from cableway.core.errors import InputError
 from cableway.estimation.delay import DelayEstimator
 from cableway.estimation.gripper_tracker import NOMINAL_GRASPS, GripperTracker
@@ -21,8 +21,9 @@ from cableway.geometry import convex
 from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan, Rollout
 from cableway.rod import material
-from cableway.rod.fitting import fit_shapes
+from cableway.rod.fitting import fit_along
 from cableway.rod.inverse import fit_keypoints, shape_between
+from cableway.rod.kernels import batch_shapes
 from cableway.rod.material import CURVATURE, GRASPS, LENGTH, STIFFNESS
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
@@ -430,10 +431,9 @@ def test_fits_reach_the_shape_of_a_rod_far_from_the_uniform_one():
 
     def distance(q: np.ndarray, p: np.ndarray) -> float:
         """Largest one [m] of a keypoint from the one wanted, after a fit from q, which it changes."""
-        found = np.empty_like(wanted)
-        fit_shapes(
-            q, wanted, p, material.modes(rod.hinges), rod.stride, FIT_PULL, FIT_STEPS, found, np.empty((1, 2, 3))
-        )
+        modes = material.modes(rod.hinges)
+        q[:] = fit_along(q, q[0], wanted, p, modes, rod.stride)
+        found = rod.at_keypoints(batch_shapes(q, p, modes, 0)[0])
         return float(np.linalg.norm(found - wanted, axis=2).max())
 
     followed = uniform.copy()
@@ -442,3 +442,24 @@ def test_fits_reach_the_shape_of_a_rod_far_from_the_uniform_one():
     at_once = uniform.copy()
     assert distance(at_once, theta[material.ROD]) < 1.05 * nearest < 0.006
     np.testing.assert_allclose(at_once[0, 3:], followed[0, 3:], rtol=0.02)
+
+
+def test_fits_go_on_from_the_last_ones():
+    """From the plan's own shape a fit of this rod ends 94 mm off (stacked), from the rod's shape one step before 5."""
+    q = np.array([[0.3, 0.3, -2.34, -22.52, 9.14, 8.22]])
+    plan = Plan(ROD.at_keypoints(ROD.shapes(q)[0]).repeat(2, 0), ROD.shapes(q)[1].repeat(2, 0), q.repeat(2, 0))
+    theta = material.nominal(ROD)
+    theta[material.ROD] = [0.3, 1.56, 0.45, -0.66, -0.11, 1.75, -1.4, -0.59, 0.0]
+    rod = PlanarRod(0.3, 13, tuple(theta[material.ROD][1:].tolist()))
+    begun = RodMPC().init(task_for(plan), plan)
+    begun = replace(begun, estimate=replace(begun.estimate, theta=theta))
+
+    def off(state: RodMPCState) -> float:
+        fits = RodMPC()._fitted(state)[1]
+        return float(np.linalg.norm(rod.at_keypoints(rod.shapes(fits)[0]) - plan.shapes[0], axis=(1, 2)).max())
+
+    before = fit_keypoints(rod, plan.shapes[0] + 0.001)[0]
+    assert off(begun) > 0.05
+    assert off(replace(begun, fits=before[None].repeat(4, 0))) < 0.006
+    alone = replace(begun, fits=begun.fits + [0, 0, 0, 400.0, 0, 0])  # last fits that lead nowhere do no harm
+    assert off(alone) == pytest.approx(off(begun), rel=1e-6)

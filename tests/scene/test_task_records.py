@@ -20,7 +20,7 @@ from cableway.scene.files.saving import save_task
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Polygon
 from cableway.scene.scene import Scene
-from cableway.scene.task import Task
+from cableway.scene.task import RESUMED_STABILITY, Task
 
 LINE = np.column_stack([np.linspace(0.2, 0.5, 13), np.full(13, 0.1)])
 
@@ -226,3 +226,26 @@ def test_a_cable_deep_in_something_is_not_resumed():
     disc = Disc(center=(0.35, 0.1 + Cable().radius + GAP + 0.1), radius=0.1)
     with pytest.raises(TaskError, match="start overlaps"):
         task(scene=Scene(obstacles=(disc,))).resumed_from(LINE + [0.0, 0.05])
+
+
+def test_a_task_is_resumed_with_the_cable_as_it_turned_out_to_be():
+    """5% shorter and curled: start and goal become shapes of that cable, near what is seen and wanted."""
+    cable = Cable().estimated(0.285, (0.4, -0.3, 0.0, 0.0, 0.6, -0.8, 0.0, 0.0))
+    q = np.array([[0.35, 0.12, 0.1, -4.0, 8.0, 1.0]])
+    seen = cable.rod.at_keypoints(cable.rod.shapes(q)[0])[0]
+    resumed = task().resumed_from(seen, cable)
+    assert resumed.cable is cable
+    np.testing.assert_allclose(resumed.start, seen, atol=1e-6)
+    assert max(resumed.equilibrium_distances) < 1e-3
+    assert 0 < np.linalg.norm(resumed.goal - task().goal, axis=1).max() < 0.03
+
+
+def test_a_start_about_to_snap_is_made_a_little_more_stable():
+    cable = Cable().estimated(0.3, (0.0,) * 8)
+    q = np.array([0.35, 0.2, 0.0, -33.0, 6.0, 0.0])
+    margin = cable.rod.stability(q[None])[0][0]
+    assert 0 < margin < RESUMED_STABILITY - 2
+    seen = cable.rod.at_keypoints(cable.rod.shapes(q[None])[0])[0]
+    resumed = task().resumed_from(seen, cable)
+    assert cable.rod.stability(resumed.start_equilibrium[None])[0][0] > RESUMED_STABILITY - 1
+    assert np.linalg.norm(resumed.start - seen, axis=1).max() < 0.01

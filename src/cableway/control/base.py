@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.records import Estimate, Observation, Plan
+from cableway.scene.cable import EstimatedCable
 from cableway.scene.task import CONTROL_STEP, Task
 
 
@@ -68,6 +69,10 @@ class ControllerState:
     def estimates(self) -> Mapping[str, Estimate]:
         """The controller's estimates of the cable's parameters, by name; the same names in every step."""
         return {}
+
+    def estimated_cable(self) -> EstimatedCable | None:
+        """The cable as it turned out to be, for controllers that estimate it once they have; None for others."""
+        return None
 
     def contact(self) -> Contact | None:
         """What seems to hold the cable, for controllers that can tell; None for nothing."""

@@ -10,6 +10,11 @@ from cableway.control.following import FollowerState
 from cableway.estimation.delay import DELAYS
 from cableway.estimation.rod_filter import RodEstimate, RodEstimator
 from cableway.records import Estimate, Observation
+from cableway.rod.material import ROD
+from cableway.scene.cable import EstimatedCable
+
+SETTLED = 10
+"""Frames from which on an estimate is good enough to plan with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +32,14 @@ class EstimatingState(FollowerState):
     def estimates(self) -> Mapping[str, Estimate]:
         """See `ControllerState.estimates`."""
         return self.estimator.estimates(self.estimate)
+
+    def estimated_cable(self) -> EstimatedCable | None:
+        """See `ControllerState.estimated_cable`."""
+        estimate = self.estimate
+        if estimate.updates < SETTLED or not self.estimator.adapts:
+            return None
+        length, *modes = estimate.theta[ROD].tolist()
+        return self.task.cable.estimated(length, tuple(modes))
 
     def observing(self, observation: Observation | None) -> Self:
         """After an observation, the grippers tracked with the estimated grasps; the estimator needs few keypoints."""

@@ -43,19 +43,13 @@ from cableway.estimation.rod_filter import MET, EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import MEETING_STEPS
 from cableway.motion.clearance import clearances
 from cableway.records import Observation, Plan
-from cableway.rod.fitting import fit_shapes, meet_ends
+from cableway.rod import kernels
+from cableway.rod.fitting import fit_along, meet_ends
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import QUASI_STATIC
 from cableway.scene.task import Task
-
-FIT_PULL = 1e-8
-"""Weight [m^2] of the change of the load in a fit."""
-
-FIT_STEPS = 100
-"""Most steps of a fit from the shape of the uniform rod. Most take few; the pull lets the load of a rod far from the
-uniform one change little by little."""
 
 MOTION_WEIGHT = 3.0
 """w_m [1/m^2]; only ratios of weights count."""
@@ -138,13 +132,15 @@ class RodMPCState(EstimatingState):
     """State of `RodMPC`.
 
     Attributes:
-        shapes: (T + 1, d) shapes of the uniform rod nearest to the plan's rows, from which fits start: loads that
+        shapes: (T + 1, d) shapes of the task's rod nearest to the plan's rows, from which fits start: loads that
             keypoints do not determine do not run away from step to step.
+        fits: (H + 1, d) what the last ones found, from which they start, too.
         clearance: (T + 1,) least clearance of the plan's rows [m].
         limits: As `rod_kernels.assemble` wants them.
     """
 
     shapes: Float[np.ndarray, "t d"]
+    fits: Float[np.ndarray, "h d"]
     clearance: Float[np.ndarray, "t"]
     limits: tuple[float, ...]
 
@@ -183,6 +179,7 @@ class RodMPC(Controller[RodMPCState]):
         )
         state = RodMPCState(
             **beginning, estimator=estimator, estimate=estimator.start(shapes[0]), shapes=shapes,
+            fits=shapes[beginning["plan"].rows(0, self.config.horizon + 1)],
             clearance=_least_clearance(plan, task), limits=limits,
         )  # fmt: skip
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
@@ -192,10 +189,12 @@ class RodMPC(Controller[RodMPCState]):
         """See `Controller.resume`."""
         begun, estimate = self.init(task, plan), state.estimate
         q = state.estimator.rod.continued(estimate.q, plan.poses[0])
-        return replace(begun, estimate=replace(estimate, q=q, surprise=np.zeros_like(estimate.surprise)))
+        estimate = replace(estimate, q=q, surprise=np.zeros_like(estimate.surprise))
+        return replace(begun, estimator=state.estimator, estimate=estimate)
 
     def in_scene(self, state: RodMPCState, task: Task) -> RodMPCState:
         """See `Controller.in_scene`."""
+        task = state.task.in_scene(task.scene)
         return replace(state, task=task, clearance=_least_clearance(state.plan.plan, task))
 
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
@@ -206,7 +205,9 @@ class RodMPC(Controller[RodMPCState]):
         before, state = state.estimate, state.updated()
         if state.estimate is before and not state.tracker.steps_without_keypoints:
             return state.stopping(Status.UNEXPLAINED)
-        action, max_span = self._solve(state), self._span_limit(state)
+        wanted, fits, ends = self._fitted(state)
+        state, max_span = replace(state, fits=fits), self._span_limit(state)
+        action = self._solve(state, wanted, ends)
         if not np.isfinite(action).all():
             status = Status.UNSEEN if state.tracker.steps_without_keypoints else Status.FAILED
             return state.sending(state.plan.actions(state.index, 1)[0], status, max_span)
@@ -230,14 +231,23 @@ class RodMPC(Controller[RodMPCState]):
         span = float(np.linalg.norm(right - left))
         return max(planned, span + slack - (1 - share) * state.estimate.length - SURE * deviation)
 
-    def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
+    def _fitted(
+        self, state: RodMPCState
+    ) -> tuple[Float[np.ndarray, "h n 2"], Float[np.ndarray, "h d"], Float[np.ndarray, "h 2 3"]]:
+        """The plan's next shapes, the estimated rod's nearest to each, and the end poses of these."""
+        rod, modes, p = state.estimator.rod, state.estimator.modes, state.estimate.theta[ROD]
+        rows = state.plan.rows(state.index, self.config.horizon + 1)
+        wanted = state.plan.plan.shapes[rows]
+        fits = fit_along(state.shapes[rows], state.fits[1], wanted, p, modes, rod.stride)
+        return wanted, fits, kernels.batch_shapes(fits, p, modes, 0)[2]
+
+    def _solve(
+        self, state: RodMPCState, wanted: Float[np.ndarray, "h n 2"], ends: Float[np.ndarray, "h 2 3"]
+    ) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion; NaN where the estimated rod cannot be held as the grippers will be."""
-        config, estimator, estimate = self.config, state.estimator, state.estimate
-        count = config.horizon + 1
+        config, estimator, estimate, fits = self.config, state.estimator, state.estimate, state.fits
         rod, modes, p = estimator.rod, estimator.modes, estimate.theta[ROD]
-        rows = state.plan.rows(state.index, count)
-        wanted, fits, ends = state.plan.plan.shapes[rows], state.shapes[rows], np.empty((count, *rod.end_shape))
-        fit_shapes(fits, wanted, p, modes, rod.stride, FIT_PULL, FIT_STEPS, np.empty_like(wanted), ends)
+        rows = state.plan.rows(state.index, len(fits))
         commanded = state.tracker.commanded
         before = rod.group.compose(commanded, estimate.grasps)
         clearance = np.clip(state.clearance[rows[1:]], config.threshold, max(config.threshold, config.far))
@@ -251,8 +261,7 @@ class RodMPC(Controller[RodMPCState]):
             span_limit(ends[1:], estimate.length, config.soft_span), clearance,
             state.task.scene.world.arrays, state.limits, config.weights,
         )  # fmt: skip
-        first, reached = q[:1].copy(), np.empty((1, *rod.end_shape))
-        fit_shapes(first, wanted[:1], p, modes, rod.stride, FIT_PULL, 0, np.empty_like(wanted[:1]), reached)
+        reached = kernels.batch_shapes(q[:1], p, modes, 0)[2]
         farthest = float(span_limit(ends[1:2], estimate.length, config.max_span)[0])
         moved = within_limits(rod.group.minus(reached[0], before), before, state.task.grippers, farthest)
         grippers = rod.group.compose(rod.group.plus(before, moved), rod.group.inverse(estimate.grasps))

@@ -169,6 +169,11 @@ class RodEstimator:
         self._lag = config.lag / control_step
         self._least_surprise = np.maximum(LEAST_SURPRISE, np.multiply(SURPRISE, rod.length))
 
+    @property
+    def adapts(self) -> bool:
+        """Whether parameters are estimated, and not the output offset alone."""
+        return bool(self._prior.any())
+
     def start(self, q: Float[np.ndarray, "d"]) -> RodEstimate:
         """Nothing known but the first shape q."""
         nothing = np.zeros((2, self.rod.keypoints, self.rod.group.space))

@@ -14,9 +14,10 @@ from scipy.optimize import least_squares
 
 from cableway.core.errors import InputError, TaskError
 from cableway.rod.inverse import fit_keypoints, stable_near
+from cableway.rod.planar import PlanarRod
 from cableway.scene import checks, validity
 from cableway.scene.bodies import LEFT, RIGHT, Body
-from cableway.scene.cable import Cable
+from cableway.scene.cable import Cable, EstimatedCable
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.scene import Scene
 from cableway.scene.validity import SPLINE_PIECES as SPLINE_PIECES
@@ -27,11 +28,17 @@ CONTROL_STEP = 0.1
 RESUMED_CLEARANCE = 0.001
 """Clearance [m] that a start keeps from which a task is resumed."""
 
+RESUMED_STABILITY = 8.0
+"""Stability margin that it has; what is known of a cable at rest is not sure enough to plan from less."""
+
 MOVED_OFF = 0.02
 """Most that a keypoint is moved for that [m]; the cable is led there by the controller."""
 
 LACK_WEIGHT = 100.0
 """Of a lack of clearance against as large a move of a keypoint."""
+
+STABILITY_WEIGHT = 0.01
+"""Of a lack of stability [m]."""
 
 NAME = re.compile(r"\w[\w .+-]*")
 """A task's name; it becomes part of the names of folders."""
@@ -118,41 +125,50 @@ class Task:
         slow = replace(limits, max_step=share * limits.max_step, max_turn=share * limits.max_turn)
         return self if share == 1 else replace(self, grippers=slow)
 
-    def resumed_from(self, keypoints: Float[np.ndarray, "n 2"]) -> Task:
+    def resumed_from(self, keypoints: Float[np.ndarray, "n 2"], cable: EstimatedCable | None = None) -> Task:
         """The same task from where the cable is now.
 
         The start is the equilibrium nearest to the keypoints, which takes away most of what a camera adds. Where the
-        nominal cable would not stay there, it is the nearest one between the same grippers where it does; and where
-        that touches something, or nearly, it is moved off by as little as possible.
+        cable would not stay there, it is the nearest one between the same grippers where it does; and where that
+        touches something, or nearly, it is moved off by as little as possible.
 
         Args:
             keypoints: (n, 2) [m] as measured.
+            cable: As it turned out to be; the goal is then what comes nearest to the task's. None for the task's own.
 
         Raises:
             TaskError: They are not finite, of another number than the task's, or deep in collision.
         """
-        rod, points = self.cable.rod, checks.array(keypoints, ("start",), 2)
+        points = checks.array(keypoints, ("start",), 2)
         if points.shape != self.start.shape:
             raise TaskError(f"must have shape {self.start.shape}, got {points.shape}", ("start",))
-        q = self._moved_off(stable_near(rod, fit_keypoints(rod, points)[0]))
-        return replace(self, start=rod.at_keypoints(rod.shapes(q[None])[0])[0], start_poses=None)
+        if cable is None:
+            return replace(self, start=self._resting(points, self.cable.rod), start_poses=None)
+        start, goal = (self._resting(shape, cable.rod) for shape in (points, self.goal))
+        return replace(self, cable=cable, start=start, goal=goal, start_poses=None, goal_poses=None)
 
-    def _moved_off(self, q: Float[np.ndarray, "dof"]) -> Float[np.ndarray, "dof"]:
-        """The equilibrium nearest to q that keeps `RESUMED_CLEARANCE`; q where it keeps it, or none near does."""
-        rod = self.cable.rod
+    def _resting(self, keypoints: Float[np.ndarray, "n 2"], rod: PlanarRod) -> Float[np.ndarray, "n 2"]:
+        """The stable free shape of a rod nearest to keypoints [m], see `resumed_from`."""
+        q = self._moved_off(stable_near(rod, fit_keypoints(rod, keypoints)[0]), rod)
+        return rod.at_keypoints(rod.shapes(q[None])[0])[0]
+
+    def _moved_off(self, q: Float[np.ndarray, "dof"], rod: PlanarRod) -> Float[np.ndarray, "dof"]:
+        """The equilibrium nearest to q with `RESUMED_CLEARANCE` and `RESUMED_STABILITY`; q where it is far from q."""
         keypoints = rod.at_keypoints(rod.shapes(q[None])[0])[0]
 
-        def lack(stations: np.ndarray) -> np.ndarray:
+        def lack(x: np.ndarray) -> np.ndarray:
+            stations, less = rod.shapes(x[None])[0][0], RESUMED_STABILITY - rod.stability(x[None], RESUMED_STABILITY)[0]
             wanted = np.full(len(stations), self.cable.radius + RESUMED_CLEARANCE)
             wanted[[0, -1]] += max(0.0, self.grippers.radius - self.cable.radius)
-            return np.maximum(0.0, wanted - self.scene.signed_distance(stations))
+            short = LACK_WEIGHT * np.maximum(0.0, wanted - self.scene.signed_distance(stations))
+            return np.concatenate([short, STABILITY_WEIGHT * less])
 
         def residuals(x: np.ndarray) -> np.ndarray:
             stations = rod.shapes(x[None])[0]
             moved = rod.at_keypoints(stations)[0] - keypoints
-            return np.concatenate([moved.ravel(), LACK_WEIGHT * lack(stations[0])])
+            return np.concatenate([moved.ravel(), lack(x)])
 
-        if not lack(rod.shapes(q[None])[0][0]).any():
+        if not lack(q).any():
             return q
         found = least_squares(residuals, q, x_scale=rod.units).x
         moved = rod.at_keypoints(rod.shapes(found[None])[0])[0] - keypoints

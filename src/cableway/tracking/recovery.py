@@ -19,6 +19,7 @@ from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
+from cableway.rod.inverse import nearest_shapes
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
@@ -38,6 +39,15 @@ LEAST_ROOM = 0.001
 KNOWN = 0.02
 """Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
 
+FORESEEN = 3
+"""Times in one run that the grippers stop because of what the estimated cable would do."""
+
+FOLDING = 5.0
+"""Stability margin below which the estimated cable would soon snap to another shape."""
+
+ROWS_APART = 4
+"""Rows of the plan from one that is looked at to the next."""
+
 ATTEMPTS = 3
 """Times that a plan is looked for, each time from farther back on the way."""
 
@@ -51,6 +61,10 @@ class Recovery(Checked):
     plan is made from where the cable is, and the run goes on with it. So it is, too, where the cable does not lie at
     the start of the plan, or comes to rest away from its end; a nearly straight one may even bend to the other side.
     Where that plan fails, the first one is followed, or the run ends.
+
+    Plans of a run under way are made for the cable as the controller has estimated it, where it does, and its goal is
+    then what that cable can come nearest to the task's. With that cable the controller's way along the rest of a plan
+    is looked at every `foresight` seconds: where it would fold or touch something there, a plan is made at once.
 
     Where something unknown seems to hold the cable, the grippers first take back their motions of the last `BACK`
     seconds, and the new plan leads round a disc that is supposed to stand there. Where there is no plan from where the
@@ -66,6 +80,7 @@ class Recovery(Checked):
         patience: Time [s] for which that must be so.
         goal: Mean distance [m] of the keypoints from the plan's last shape from which a cable at rest has missed it.
         rest: Time [s] that the grippers stand still.
+        foresight: Time [s] from one look ahead to the next.
         room: Depth [m] to which cable or gripper discs of the plan may be in an obstacle: 10 mm of a move less the 4 mm
             that plans keep.
 
@@ -81,6 +96,7 @@ class Recovery(Checked):
     patience: NotNegative[float] = 0.2
     goal: NotNegative[float] = 0.01
     rest: NotNegative[float] = 1.0
+    foresight: NotNegative[float] = 0.5
     room: NotNegative[float] = 0.006
 
 
@@ -100,6 +116,27 @@ class Watch:
         self._off = 0
         self._checked: tuple[Plan, Scene, Float[np.ndarray, "t"]] | None = None
         self.recovered: list[float] = []
+        self._steps, self._foreseen = 0, 0
+        self._foresight = max(1, math.ceil(recovery.foresight / control_step))
+
+    def foresees(self, loop: Loop) -> bool:
+        """Whether the cable, as it is estimated by now, would fold or touch something on the rest of the plan.
+
+        Each row is taken for the shape of that cable nearest to it, as controllers do that know it.
+        """
+        self._steps += 1
+        cable, plan = loop.state.estimated_cable(), loop.plan
+        if self._steps % self._foresight or cable is None or plan.q is None or self._foreseen >= FORESEEN:
+            return False
+        first = round(loop.state.progress * plan.steps)
+        rows = np.unique([*range(first, plan.steps, ROWS_APART), plan.steps])
+        q = nearest_shapes(cable.rod, plan.q[rows], plan.shapes[rows])
+        stations, poses = cable.rod.shapes(q)
+        least = clearances(cable.rod.at_keypoints(stations), poses, loop.task).min()
+        if least > 0 and cable.rod.stability(q, ceiling=FOLDING)[0].min() >= FOLDING:
+            return False
+        self._foreseen += 1
+        return True
 
     def is_elsewhere(self, observation: Observation, plan: Plan, task: Task) -> bool:
         """Whether the cable does not lie where its plan begins; hidden keypoints do not count."""
@@ -182,11 +219,10 @@ class Watch:
         if wrong := disagreement(keypoints, loop.poses):
             return Ending(why or Outcome.WRONG_SETUP, wrong)
         try:
-            task = loop.task.resumed_from(keypoints)
-            plan = loop.compute(lambda: self._recovery.replan(task, loop.plan), status)
-            if isinstance(plan, Ending):
-                return plan
-            loop.follow(task, plan)
+            found = loop.compute(lambda: self._plan_from(loop, keypoints, why is None), status)
+            if isinstance(found, Ending):
+                return found
+            loop.follow(*found)
         except PlanningInterrupted as error:
             return Ending(Outcome.INTERRUPTED, str(error))
         except (TaskError, PlanningError) as error:
@@ -194,6 +230,24 @@ class Watch:
         self._off = 0
         self.recovered.append(loop.time)
         return None
+
+    def _plan_from(self, loop: Loop, keypoints: Float[np.ndarray, "n 2"], may_stay: bool) -> tuple[Task, Plan]:
+        """A plan from there, and its task: for the cable as it turned out to be, or else for the task's own.
+
+        The latter only where that is all there is, or the present plan cannot be followed.
+        """
+        cable = loop.state.estimated_cable()
+        if cable is not None and loop.task.port is None:
+            try:
+                task = loop.task.resumed_from(keypoints, cable)
+                return task, self._recovery.replan(task, loop.plan)
+            except PlanningInterrupted:
+                raise
+            except (TaskError, PlanningError):
+                if may_stay:
+                    raise
+        task = loop.task.resumed_from(keypoints)
+        return task, self._recovery.replan(task, loop.plan)
 
 
 def _at_rest(frames: list[Float[np.ndarray, "n 2"]], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:
