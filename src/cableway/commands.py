@@ -1,4 +1,4 @@
-"""What is sent to the grippers in a run, in figures that a person can compare with a robot before it moves."""
+"""What is sent to the grippers in a run, in figures that a person can compare with a robot, and how they stop."""
 
 from __future__ import annotations
 
@@ -9,6 +9,12 @@ from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
 from cableway.records import Rollout
+
+STOP = 3
+"""Control steps without a command from which on the grippers are taken to be stopped."""
+
+RESTING = (5e-4, 5e-3)
+"""Motion [m] and turn [rad] in a control step up to which a gripper is at rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +64,18 @@ class Commands:
             ("first pose, left", left),
             ("first pose, right", right),
         ]
+
+
+def stopping_time(rollout: Rollout) -> float | None:
+    """Longest time [s] from a stop until both grippers are at rest; None where they were never stopped."""
+    still = ~rollout.actions.any(axis=(1, 2))
+    moved, turned = SE2.distance(rollout.poses[:-1], rollout.poses[1:])
+    moving = ((moved > RESTING[0]) | (turned > RESTING[1])).any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    stops = [(first, end) for first, end in edges.reshape(-1, 2) if end - first >= STOP]
+    last = [first + int(np.flatnonzero(moving[first:end]).max(initial=-1)) + 1 for first, end in stops]
+    times = [rollout.times[row] - rollout.times[first] for row, (first, _) in zip(last, stops, strict=True)]
+    return float(max(times)) if times else None
 
 
 def _targets(rollout: Rollout) -> tuple[Float[np.ndarray, "t 2 3"], Float[np.ndarray, "t-1"]]:

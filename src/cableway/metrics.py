@@ -133,6 +133,12 @@ METRICS = {
         Metric(key="deviation", title="deviation", label="largest deviation from plan", unit="m", better="lower",
                value=_first("deviation", "largest_deviation"),
                definition="Largest distance of a keypoint from its reference at the time; none where nothing moved."),
+        Metric(key="stopping", title="stopping", unit="s", better="lower", value=_first("stopping"),
+               definition="Longest time from a stop (three control steps or more without a command) until both "
+               "grippers were at rest; none where they were never stopped."),
+        Metric(key="within_limits", title="within limits", unit="1", better="higher", value=_first("within_limits"),
+               definition="Share of episodes in which no gripper moved or turned faster than it may, by 5% at most, as "
+               "the independent judge has it."),
         Metric(key="gripper_travel", title="travel", unit="m", better="lower", value=_first("gripper_travel"),
                shown=("m", 1.0), definition="Way of both grippers together; none where nothing moved."),
         Metric(key="planning_time", title="planning", unit="s", better="lower", value=_first("planning_time"),

@@ -11,6 +11,7 @@ from typing import Any
 from cableway.benchmark.faulty import FAULTS, FaultyController
 from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
 from cableway.benchmark.suites import Episode
+from cableway.commands import stopping_time
 from cableway.control.base import Controller
 from cableway.outcome import Outcome
 from cableway.planning.compilation import EXAMPLE
@@ -32,6 +33,9 @@ FROM_REPORT = (
     "outcome", "success", "planning_time", "shape_error", "least_achievable_error", "mean_keypoint_error", "steps",
 )  # fmt: skip
 """Figures of a result that are the report's."""
+
+LIMITED = ("gripper step", "gripper turn")
+"""Checks of a rollout that compare the grippers' motion with its limits."""
 
 BLOCKED = "blocked"
 """The suite of tasks without a solution."""
@@ -61,6 +65,8 @@ class Result:
         mean_keypoint_error: Mean distance of a final keypoint from its goal.
         clearance: Least clearance of cable and grippers.
         deviation: Largest distance of a keypoint from its reference.
+        stopping: Longest time from a stop until both grippers were at rest; None where they were never stopped.
+        within_limits: Whether no gripper moved or turned faster than it may, by the independent judge.
         gripper_travel: Way of both grippers together.
         steps: Control steps.
         recovered: How many times a new plan was made.
@@ -91,6 +97,8 @@ class Result:
     mean_keypoint_error: float | None = None
     clearance: float | None = None
     deviation: float | None = None
+    stopping: float | None = None
+    within_limits: bool | None = None
     gripper_travel: float | None = None
     steps: int | None = None
     recovered: int | None = None
@@ -252,11 +260,19 @@ def _measured(job: Job, run: Run) -> Result:
             "missed": None if job.deadline is None else rollout.metadata["watchdog"]["late"],
             "verified": None if report.rollout_verdict is None else report.rollout_verdict.passed,
             "deviation": report.largest_deviation,
+            "stopping": stopping_time(rollout),
+            "within_limits": _within_limits(report),
             "gripper_travel": None if report.gripper_travel is None else sum(report.gripper_travel),
         }
     if report.control_time is not None:
         figures |= {f"control_{name}": seconds for name, seconds in asdict(report.control_time).items()}
     return Result(**_known(job), **figures, detail=_detail(report))
+
+
+def _within_limits(report: Report) -> bool | None:
+    if report.rollout_verdict is None:
+        return None
+    return all(check.passed for check in report.rollout_verdict.checks if check.name in LIMITED)
 
 
 def _detail(report: Report) -> str:

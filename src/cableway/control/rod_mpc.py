@@ -271,10 +271,11 @@ class RodMPC(Controller[RodMPCState]):
 def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
     """Rod coordinates of a plan's rows, running on from row to row, turned on with its gripper poses.
 
-    The plan's own where they are shapes of this rod, to `SAME`; otherwise each row is fitted.
+    The plan's own where they are shapes of this rod, to `SAME`; otherwise each row is fitted. The last row need not be
+    one: a plan may end at a goal that the rod only comes near to.
     """
     q = plan.q
-    if q is None or np.abs(rod.at_keypoints(rod.shapes(q)[0]) - plan.shapes).max() > SAME:
+    if q is None or np.abs((rod.at_keypoints(rod.shapes(q)[0]) - plan.shapes)[:-1]).max(initial=0.0) > SAME:
         rows = [fit_keypoints(rod, plan.shapes[0])[0]]
         for keypoints in plan.shapes[1:]:
             rows.append(fit_keypoints(rod, keypoints, rows[-1])[0])

@@ -129,8 +129,8 @@ class Task:
         """The same task from where the cable is now.
 
         The start is the equilibrium nearest to the keypoints, which takes away most of what a camera adds. Where the
-        cable would not stay there, it is the nearest one between the same grippers where it does; and where that
-        touches something, or nearly, it is moved off by as little as possible.
+        cable would touch something or snap there, or nearly, it is moved off by as little as possible, or else it is
+        the stable one between the same grippers.
 
         Args:
             keypoints: (n, 2) [m] as measured.
@@ -149,7 +149,9 @@ class Task:
 
     def _resting(self, keypoints: Float[np.ndarray, "n 2"], rod: PlanarRod) -> Float[np.ndarray, "n 2"]:
         """The stable free shape of a rod nearest to keypoints [m], see `resumed_from`."""
-        q = self._moved_off(stable_near(rod, fit_keypoints(rod, keypoints)[0]), rod)
+        q = self._moved_off(fit_keypoints(rod, keypoints)[0], rod)
+        if rod.stability(q[None])[0][0] <= 0:
+            q = self._moved_off(stable_near(rod, q), rod)
         return rod.at_keypoints(rod.shapes(q[None])[0])[0]
 
     def _moved_off(self, q: Float[np.ndarray, "dof"], rod: PlanarRod) -> Float[np.ndarray, "dof"]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -240,7 +240,9 @@ class Watch:
         if cable is not None and loop.task.port is None:
             try:
                 task = loop.task.resumed_from(keypoints, cable)
-                return task, self._recovery.replan(task, loop.plan)
+                plan = self._recovery.replan(task, loop.plan)
+                # as the estimate becomes better, what comes nearest to the goal changes
+                return task, replace(plan, shapes=np.concatenate([plan.shapes[:-1], loop.task.goal[None]]))
             except PlanningInterrupted:
                 raise
             except (TaskError, PlanningError):
