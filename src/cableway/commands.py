@@ -70,12 +70,14 @@ def stopping_time(rollout: Rollout) -> float | None:
     """Longest time [s] from a stop until both grippers are at rest; None where they were never stopped."""
     still = ~rollout.actions.any(axis=(1, 2))
     moved, turned = SE2.distance(rollout.poses[:-1], rollout.poses[1:])
-    moving = ((moved > RESTING[0]) | (turned > RESTING[1])).any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    stops = [(first, end) for first, end in edges.reshape(-1, 2) if end - first >= STOP]
-    last = [first + int(np.flatnonzero(moving[first:end]).max(initial=-1)) + 1 for first, end in stops]
-    times = [rollout.times[row] - rollout.times[first] for row, (first, _) in zip(last, stops, strict=True)]
-    return float(max(times)) if times else None
+    moving = np.any((moved > RESTING[0]) | (turned > RESTING[1]), axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still, [0]])))
+    longest = None
+    for first, end in edges.reshape(-1, 2).tolist():
+        if end - first >= STOP:
+            last = first + int(np.flatnonzero(moving[first:end]).max(initial=-1)) + 1
+            longest = max(longest or 0.0, float(rollout.times[last] - rollout.times[first]))
+    return longest
 
 
 def _targets(rollout: Rollout) -> tuple[Float[np.ndarray, "t 2 3"], Float[np.ndarray, "t-1"]]:
