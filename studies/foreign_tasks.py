@@ -115,8 +115,9 @@ def placed(rng: np.random.Generator, cable: cw.Cable, grippers: cw.Grippers, siz
             continue
         joints = joints * cable.length
         gap = np.linalg.norm(joints[-1] - joints[0])
-        apart = shapely.LineString(joints[: LINKS // 4]).distance(shapely.LineString(joints[-LINKS // 4 :]))
-        if gap < 3 * grippers.radius or gap > 0.97 * cable.length or apart < 4 * cable.radius:
+        apart = np.linalg.norm(joints[:, None] - joints, axis=2)
+        apart[np.abs(np.subtract.outer(range(LINKS + 1), range(LINKS + 1))) < LINKS // 6] = np.inf
+        if gap < 3 * grippers.radius or gap > 0.97 * cable.length or apart.min() < 2 * cable.radius + LEAST_CLEARANCE:
             continue
         low, high = joints.min(0), joints.max(0)
         room = size - (high - low) - 2 * (max(cable.radius, grippers.radius) + LEAST_CLEARANCE)

@@ -249,3 +249,16 @@ def test_a_start_about_to_snap_is_made_a_little_more_stable():
     resumed = task().resumed_from(seen, cable)
     assert cable.rod.stability(resumed.start_equilibrium[None])[0][0] > RESUMED_STABILITY - 1
     assert np.linalg.norm(resumed.start - seen, axis=1).max() < 0.01
+
+
+def test_a_cable_that_touches_itself_is_refused_before_any_search():
+    """A loop whose ends lie 6 mm apart, which is less than the cable is thick."""
+    angles = np.linspace(0, 1.93 * np.pi, 13)
+    radius = 0.3 / (1.93 * np.pi)
+    loop = np.array([0.35, 0.35]) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    gap = np.linalg.norm(loop[-1] - loop[0])
+    thin, thick = (Cable(radius=share * gap / 2) for share in (0.9, 1.1))
+    grippers = Grippers(radius=0.001, separation=0.001)
+    task(start=loop, cable=thin, grippers=grippers)
+    with pytest.raises(TaskError, match=r"start touches itself near \(0\.\d{3}, 0\.\d{3}\).*twice cable\.radius"):
+        task(start=loop, cable=thick, grippers=grippers)

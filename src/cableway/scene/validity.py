@@ -56,6 +56,7 @@ def check_shape(end: str, shape: Float[np.ndarray, "n 2"], scene: Scene, cable: 
     _check_lengths(end, curve, cable)
     if polyline.crosses_itself(curve):
         raise TaskError("crosses itself", (end,))
+    _check_apart(end, curve, cable)
     _check_bends(end, shape, cable)
     _check_free(end, curve, scene, cable.radius, grippers.radius)
     gap = float(np.linalg.norm(shape[-1] - shape[0]))
@@ -157,6 +158,20 @@ def _check_lengths(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> N
         raise TaskError(
             f"is not at equal arc length: keypoints {i} and {i + 1} are {pieces[i]:.4f} m apart along the cable, "
             f"not {wanted:.4f} m",
+            (end,),
+        )
+
+
+def _check_apart(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> None:
+    """Parts of the cable at least half a turn of its own thickness from each other do not touch."""
+    arc = polyline.arc_length(curve)
+    apart = np.linalg.norm(curve[:, None] - curve, axis=2)
+    apart[np.abs(arc[:, None] - arc) < np.pi * cable.radius] = np.inf
+    if apart.min() < 2 * cable.radius:
+        x, y = curve[np.unravel_index(np.argmin(apart), apart.shape)[0]]
+        raise TaskError(
+            f"touches itself near ({x:.3f}, {y:.3f}): its centre line comes within {_millimetres(float(apart.min()))} "
+            f"of itself, less than twice cable.radius {1000 * cable.radius:g} mm",
             (end,),
         )
 
