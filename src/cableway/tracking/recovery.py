@@ -91,7 +91,7 @@ class Recovery(Checked):
     replan: Callable[[Task, Plan], Plan]
     times: NotNegative[int] = 8
     start: NotNegative[float] = 0.015
-    deviation: NotNegative[float] = 0.03
+    deviation: NotNegative[float] = 0.018
     beside: NotNegative[float] = 0.01
     patience: NotNegative[float] = 0.2
     goal: NotNegative[float] = 0.01
