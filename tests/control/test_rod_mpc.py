@@ -455,7 +455,7 @@ def test_fits_go_on_from_the_last_ones():
     begun = replace(begun, estimate=replace(begun.estimate, theta=theta))
 
     def off(state: RodMPCState) -> float:
-        fits = RodMPC()._fitted(state)[1]
+        fits = RodMPC()._fitted(state).fits
         return float(np.linalg.norm(rod.at_keypoints(rod.shapes(fits)[0]) - plan.shapes[0], axis=(1, 2)).max())
 
     before = fit_keypoints(rod, plan.shapes[0] + 0.001)[0]

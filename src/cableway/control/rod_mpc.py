@@ -205,9 +205,8 @@ class RodMPC(Controller[RodMPCState]):
         before, state = state.estimate, state.updated()
         if state.estimate is before and not state.tracker.steps_without_keypoints:
             return state.stopping(Status.UNEXPLAINED)
-        wanted, fits, ends = self._fitted(state)
-        state, max_span = replace(state, fits=fits), self._span_limit(state)
-        action = self._solve(state, wanted, ends)
+        state = self._fitted(state)
+        action, max_span = self._solve(state), self._span_limit(state)
         if not np.isfinite(action).all():
             status = Status.UNSEEN if state.tracker.steps_without_keypoints else Status.FAILED
             return state.sending(state.plan.actions(state.index, 1)[0], status, max_span)
@@ -231,23 +230,19 @@ class RodMPC(Controller[RodMPCState]):
         span = float(np.linalg.norm(right - left))
         return max(planned, span + slack - (1 - share) * state.estimate.length - SURE * deviation)
 
-    def _fitted(
-        self, state: RodMPCState
-    ) -> tuple[Float[np.ndarray, "h n 2"], Float[np.ndarray, "h d"], Float[np.ndarray, "h 2 3"]]:
-        """The plan's next shapes, the estimated rod's nearest to each, and the end poses of these."""
-        rod, modes, p = state.estimator.rod, state.estimator.modes, state.estimate.theta[ROD]
-        rows = state.plan.rows(state.index, self.config.horizon + 1)
-        wanted = state.plan.plan.shapes[rows]
-        fits = fit_along(state.shapes[rows], state.fits[1], wanted, p, modes, rod.stride)
-        return wanted, fits, kernels.batch_shapes(fits, p, modes, 0)[2]
+    def _fitted(self, state: RodMPCState) -> RodMPCState:
+        """With the estimated rod's shapes nearest to the plan's next ones."""
+        estimator, rows = state.estimator, state.plan.rows(state.index, self.config.horizon + 1)
+        wanted, p = state.plan.plan.shapes[rows], state.estimate.theta[ROD]
+        fits = fit_along(state.shapes[rows], state.fits[1], wanted, p, estimator.modes, estimator.rod.stride)
+        return replace(state, fits=fits)
 
-    def _solve(
-        self, state: RodMPCState, wanted: Float[np.ndarray, "h n 2"], ends: Float[np.ndarray, "h 2 3"]
-    ) -> Float[np.ndarray, "2 3"]:
+    def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion; NaN where the estimated rod cannot be held as the grippers will be."""
         config, estimator, estimate, fits = self.config, state.estimator, state.estimate, state.fits
         rod, modes, p = estimator.rod, estimator.modes, estimate.theta[ROD]
         rows = state.plan.rows(state.index, len(fits))
+        wanted, ends = state.plan.plan.shapes[rows], kernels.batch_shapes(fits, p, modes, 0)[2]
         commanded = state.tracker.commanded
         before = rod.group.compose(commanded, estimate.grasps)
         clearance = np.clip(state.clearance[rows[1:]], config.threshold, max(config.threshold, config.far))
