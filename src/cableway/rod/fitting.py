@@ -29,6 +29,9 @@ FIT_STEPS = 100
 """Most steps of one fit; most take few. The pull lets the load of a rod far from the uniform one change little by
 little."""
 
+CLOSER = 1e-6
+"""By how much, in squared lengths of the rod, one of two fits must be nearer to be another shape than the other one."""
+
 QUICK = Rule(least=1e-9, restart=1e-5, most=1e3, small=1e-5, max_step=0.3)
 """For a fit that goes on from one near by."""
 
@@ -164,7 +167,7 @@ def fit_along(q, near, wanted, p, modes, stride):
         found[t] = q[t]
         other = near + (q[t] - q[t - 1]) if t > 0 else near.copy()
         cost = fit_shape(found[t], wanted[t], p, modes, stride, pull, FIT_STEPS, QUICK)
-        if fit_shape(other, wanted[t], p, modes, stride, pull, FIT_STEPS, QUICK) < cost:
+        if fit_shape(other, wanted[t], p, modes, stride, pull, FIT_STEPS, QUICK) < cost - CLOSER:
             found[t] = other
         near = found[t]
     return found
