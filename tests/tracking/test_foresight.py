@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
 
 from cableway.control.rod_mpc import RodMPC
@@ -21,6 +22,7 @@ from cableway.scene.cable import EstimatedCable
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.tracking.closed_loop import _advance
 from cableway.tracking.loop import Loop
 from cableway.tracking.recovery import FORESEEN, Recovery, Watch
 from cableway.tracking.stopping import TrackConfig
@@ -105,3 +107,32 @@ def test_the_new_plan_is_for_the_estimated_cable_and_else_for_the_nominal_one() 
     assert watch(replan, rest=0.2).recover(staying, None) is None
     assert [task.cable for task in asked] == [TASK.cable.estimated(0.3, CURLED)]
     assert staying.plan is PLAN
+
+
+def test_the_loop_looks_ahead_before_it_moves() -> None:
+    asked: list[Task] = []
+
+    def replan(task: Task, left: Plan) -> Plan:
+        asked.append(task)
+        return left
+
+    for modes, times in ((FOLDING, 1), ((0.0,) * 8, 0)):
+        asked.clear()
+        loop = begun(modes)
+        assert _advance(loop, watch(replan, foresight=CONTROL_STEP, rest=0.2)) is None
+        assert len(asked) == times
+
+
+def test_a_run_goes_on_with_what_was_estimated_towards_the_goal_of_the_task() -> None:
+    loop = begun(CURLED)
+    estimator, theta = loop.state.estimator, loop.state.estimate.theta
+    assert watch(rest=0.2).recover(loop, Outcome.LEFT_PLAN) is None
+    cable = TASK.cable.estimated(0.3, CURLED)
+    assert loop.state.task.cable == cable
+    assert loop.state.task.goal != pytest.approx(TASK.goal, abs=1e-6)
+    np.testing.assert_array_equal(loop.plan.shapes[-1], TASK.goal)
+    assert loop.state.estimator is estimator  # whose prior is the nominal cable, not the estimate itself
+    np.testing.assert_array_equal(loop.state.estimate.theta, theta)
+    moved = RodMPC().in_scene(loop.state, TASK.in_scene(Scene(obstacles=(Disc(center=(0.6, 0.6), radius=0.02),))))
+    assert moved.task.cable == cable
+    assert len(moved.task.scene.obstacles) == 1

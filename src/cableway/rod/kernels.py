@@ -258,6 +258,17 @@ def _bending(p, modes, diagonal, off):
 
 
 @kernel
+def _multipliers(ca, cb, rank, residual):
+    """Multipliers of the rows of C, ca and cb, that leave the least of `residual`."""
+    gaa, gab, gbb = np.dot(ca, ca), np.dot(ca, cb), np.dot(cb, cb)
+    ra, rb = np.dot(ca, residual), np.dot(cb, residual)
+    if rank == 2:
+        determinant = gaa * gbb - gab * gab
+        return (gbb * ra - gab * rb) / determinant, (gaa * rb - gab * ra) / determinant
+    return (ra / gaa, 0.0) if gaa > gbb else (0.0, rb / gbb)
+
+
+@kernel
 def stability(load, p, modes, ceiling, gradient):
     """The stability margin of one equilibrium; its derivative by (a_x, a_y, m) goes into `gradient` (3,).
 
@@ -307,17 +318,7 @@ def stability(load, p, modes, ceiling, gradient):
     residual = (mu - diagonal) * v
     residual[1:] -= off * v[:-1]
     residual[:-1] -= off * v[1:]
-    la, lb = 0.0, 0.0
-    gaa, gab, gbb = np.dot(ca, ca), np.dot(ca, cb), np.dot(cb, cb)
-    ra, rb = np.dot(ca, residual), np.dot(cb, residual)
-    if rank == 2:
-        determinant = gaa * gbb - gab * gab
-        la = (gbb * ra - gab * rb) / determinant
-        lb = (gaa * rb - gab * ra) / determinant
-    elif gaa > gbb:
-        la = ra / gaa
-    else:
-        lb = rb / gbb
+    la, lb = _multipliers(ca, cb, rank, residual)
     turn = v * v * (load[0] * ca + load[1] * cb) + 2.0 * v * (lb * ca - la * cb)
     for k in range(3):
         gradient[k] = np.dot(turn, np.ascontiguousarray(dangles[:, k]))

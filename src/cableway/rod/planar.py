@@ -99,9 +99,15 @@ class PlanarRod(HeldRod):
 
     @cached_property
     def bending(self) -> tuple[Float[np.ndarray, "N"], Float[np.ndarray, "N"]]:
-        """Factors on the stiffness of the hinges, and the turn [rad] at rest, per length of the rod."""
-        p, modes = self.arrays
-        return np.exp(p[1 : 1 + len(modes)] @ modes), p[1 + len(modes) :] @ modes
+        """`bending_at` the hinges."""
+        return self.bending_at((np.arange(self.hinges) + 0.5) / self.hinges)
+
+    def bending_at(self, places: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """Factors on the stiffness, and the turn [rad] at rest, per length of the rod, at shares (k,) of the length."""
+        if not self.modes:
+            return np.ones_like(places), np.zeros_like(places)
+        stiffness, turn = np.reshape(self.modes, (2, -1)) @ material.modes_at(places)
+        return np.exp(stiffness), turn
 
     @property
     def dof(self) -> int:

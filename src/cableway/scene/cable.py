@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, TaskError
-from cableway.rod.material import modes_at
 from cableway.rod.planar import PlanarRod
 from cableway.scene import checks
 from cableway.scene.files.presets import preset_names, preset_ranges
@@ -112,10 +111,6 @@ class Cable:
         """The uniform elastic rod that stands for the cable in planning."""
         return PlanarRod(self.length, self.keypoints)
 
-    def bending(self, places: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-        """Factors on the stiffness of `rod`, and its turn [rad] at rest, per length, at shares of the length."""
-        return np.ones_like(places), np.zeros_like(places)
-
     def estimated(self, length: float, modes: tuple[float, ...]) -> EstimatedCable:
         """The same cable, of another length [m], that bends as modes of `PlanarRod` have it."""
         return EstimatedCable(**{**Cable.as_dict(self), "length": length, "modes": modes})
@@ -178,7 +173,6 @@ class EstimatedCable(Cable):
 
     Raises:
         TaskError: As for `Cable`.
-        InputError: The number of modes is not that of a rod.
     """
 
     modes: tuple[float, ...]
@@ -187,11 +181,6 @@ class EstimatedCable(Cable):
     def rod(self) -> PlanarRod:
         """The rod that stands for the cable in planning."""
         return PlanarRod(self.length, self.keypoints, self.modes)
-
-    def bending(self, places: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-        """See `Cable.bending`."""
-        stiffness, turn = np.reshape(self.modes, (2, -1)) @ modes_at(places)
-        return np.exp(stiffness), turn
 
 
 _DRAWABLE = tuple(field.name for field in fields(Cable) if field.name not in ("keypoints", "preset"))

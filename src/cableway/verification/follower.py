@@ -100,7 +100,7 @@ class _Chain:
     def __init__(self, cable: Cable, hinges: int) -> None:
         length = cable.length
         self.length, self.hinges, self.spacing = length, hinges, length / hinges
-        stiffness, rest = cable.bending((np.arange(hinges) + 0.5) / hinges)
+        stiffness, rest = cable.rod.bending_at((np.arange(hinges) + 0.5) / hinges)
         self._stiffness, self._rest = stiffness, rest / hinges
         links = np.full(hinges + 1, self.spacing)
         links[[0, -1]] /= 2
