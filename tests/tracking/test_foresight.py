@@ -11,7 +11,7 @@ import pytest
 from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
 
 from cableway.control.rod_mpc import RodMPC
-from cableway.core.errors import PlanningError
+from cableway.core.errors import PlanningError, PlanningInterrupted
 from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Plan
@@ -124,9 +124,12 @@ def test_the_loop_looks_ahead_before_it_moves() -> None:
 
 
 def test_a_run_goes_on_with_what_was_estimated_towards_the_goal_of_the_task() -> None:
+    def replan(task: Task, left: Plan) -> Plan:
+        return replace(left, shapes=np.concatenate([left.shapes[:-1], task.goal[None]]))
+
     loop = begun(CURLED)
     estimator, theta = loop.state.estimator, loop.state.estimate.theta
-    assert watch(rest=0.2).recover(loop, Outcome.LEFT_PLAN) is None
+    assert watch(replan, rest=0.2).recover(loop, Outcome.LEFT_PLAN) is None
     cable = TASK.cable.estimated(0.3, CURLED)
     assert loop.state.task.cable == cable
     assert loop.state.task.goal != pytest.approx(TASK.goal, abs=1e-6)
@@ -136,3 +139,16 @@ def test_a_run_goes_on_with_what_was_estimated_towards_the_goal_of_the_task() ->
     moved = RodMPC().in_scene(loop.state, TASK.in_scene(Scene(obstacles=(Disc(center=(0.6, 0.6), radius=0.02),))))
     assert moved.task.cable == cable
     assert len(moved.task.scene.obstacles) == 1
+
+
+def test_an_interrupted_search_is_not_followed_by_another() -> None:
+    asked: list[Task] = []
+
+    def replan(task: Task, left: Plan) -> Plan:
+        asked.append(task)
+        raise PlanningInterrupted("from the keyboard", None, Outcome.INTERRUPTED)
+
+    ending = watch(replan, rest=0.2).recover(begun(CURLED), Outcome.LEFT_PLAN)
+    assert ending is not None
+    assert ending.outcome is Outcome.INTERRUPTED
+    assert len(asked) == 1
