@@ -296,3 +296,11 @@ def test_between_the_grippers_of_another_rod_it_is_found_again():
     assert distance < 1e-8
     others = BENT.shapes(equilibria_at(BENT, poses[0]))[0]
     assert np.abs(others - stations).max(axis=(1, 2)).min() < 1e-9
+
+
+def test_a_fit_of_another_rod_goes_there_from_the_uniform_one():
+    """Straight from its guess it ends 94 mm off (stacked)."""
+    uniform = PlanarRod(0.3)
+    wanted = uniform.at_keypoints(uniform.shapes(np.array([[0.3, 0.3, -2.34, -22.52, 9.14, 8.22]]))[0])[0]
+    other = PlanarRod(0.3, 13, (1.56, 0.45, -0.66, -0.11, 1.75, -1.4, -0.59, 0.0))
+    assert fit_keypoints(other, wanted)[1] < 0.006

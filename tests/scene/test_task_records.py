@@ -262,3 +262,14 @@ def test_a_cable_that_touches_itself_is_refused_before_any_search():
     task(start=loop, cable=thin, grippers=grippers)
     with pytest.raises(TaskError, match=r"start touches itself near \(0\.\d{3}, 0\.\d{3}\).*twice cable\.radius"):
         task(start=loop, cable=thick, grippers=grippers)
+
+
+@pytest.mark.parametrize("load", [(-24.0, -62.0, -3.0), (-38.0, -31.0, 0.0)])
+def test_a_start_that_would_snap_is_resumed_from_the_nearest_shape_that_does_not(load):
+    """Between the same grippers the stable one is more than 30 mm away."""
+    rod, q = Cable().rod, np.array([0.35, 0.35, 0.0, *load])
+    assert rod.stability(q[None])[0][0] < 0
+    seen = rod.at_keypoints(rod.shapes(q[None])[0])[0]
+    resumed = task().resumed_from(seen)
+    assert rod.stability(resumed.start_equilibrium[None])[0][0] > RESUMED_STABILITY - 1
+    assert np.linalg.norm(resumed.start - seen, axis=1).max() < 0.015

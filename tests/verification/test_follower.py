@@ -6,8 +6,10 @@ import numpy as np
 import problems
 import pytest
 
+from cableway.records import Check, Plan
 from cableway.scene.cable import Cable
 from cableway.verification.follower import _Chain, follow
+from cableway.verification.plan import verify_plan
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +92,20 @@ def test_takes_the_shapes_of_a_cable_that_is_not_uniform(motion):
     assert followed.stability == pytest.approx(cable.rod.stability(q)[0], rel=0.03)
     uniform = follow(cable.rod.at_keypoints(stations), poses, Cable(length=0.31))
     assert uniform.lost_at is not None or uniform.deviation.max() > 5 * followed.deviation.max()
+
+
+def test_the_length_of_a_sharply_bent_cable_is_that_of_its_rod():
+    """The spline through its keypoints is 2.4% shorter than the cable; a stretched plan is found out all the same."""
+    cable = Cable().estimated(0.3, (0.3, -0.1, 0.6, -0.4, 2.2, 0.1, -0.1, 0.0))
+    q = np.array([[0.35, 0.35, 0.0, -2.0, 50.0, -6.0]]).repeat(2, 0)
+    stations, poses = cable.rod.shapes(q)
+    shapes = np.ascontiguousarray(cable.rod.at_keypoints(stations))
+    task = problems.moved().in_scene(problems.moved().scene)
+    object.__setattr__(task, "cable", cable)
+
+    def error(plan: Plan) -> Check:
+        return next(check for check in verify_plan(plan, task).checks if check.name == "length error")
+
+    assert error(Plan(shapes, poses)).passed
+    stretched = shapes[0, 0] + 1.05 * (shapes - shapes[0, 0])
+    assert not error(Plan(stretched, poses)).passed
