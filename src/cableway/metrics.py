@@ -86,6 +86,15 @@ def _over_least(result: Any) -> float | None:
     return max(0.0, result.shape_error - result.least_achievable_error)
 
 
+def _avoidable(result: Any) -> bool | None:
+    unavoidable = getattr(result, "unavoidable", None)
+    return None if unavoidable is None else result.contact and not unavoidable
+
+
+def _survived(result: Any) -> bool | None:
+    return result.success if getattr(result, "unavoidable", None) is False else None
+
+
 def _missed(result: Any) -> bool | None:
     missed = getattr(result, "missed", None)
     return None if missed is None else missed > 0
@@ -107,6 +116,12 @@ METRICS = {
                "with the plant's cable, and those that ended before it was known."),
         Metric(key="contact", title="contact", unit="1", better="lower", value=_first("contact"),
                definition="Share of episodes in which cable or grippers touched an obstacle or a wall."),
+        Metric(key="avoidable_contact", title="avoidable contact", unit="1", better="lower", value=_avoidable,
+               definition="With faults, the share of episodes with a contact beyond the first touch of something that "
+               "the controller could not know of yet."),
+        Metric(key="survived", title="survived", unit="1", better="higher", value=_survived,
+               definition="With faults, the share of successes in the episodes without such a first touch, which is "
+               "never a success."),
         Metric(key="shape_error", title="error", label="shape error, stacked", unit="m", better="lower",
                value=_first("shape_error"), tolerance=1.25,
                definition="Final shape error, stacked; none where nothing moved (no plan, a crash, a time-out)."),

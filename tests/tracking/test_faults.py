@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-import pytest
 from quasi_static import QuasiStaticPlant, straight_plan, task_for
 
 from cableway.control.insertion import InsertionController
-from cableway.control.limits import last_filter
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.outcome import Outcome
 from cableway.planning.planner import plan
 from cableway.records import Observation, Rollout
 from cableway.rod.planar import PlanarRod
 from cableway.scene.files.loading import load_task
+from cableway.scene.task import CONTROL_STEP
 from cableway.simulation.perturbations.faults import FaultConfig
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
 from cableway.simulation.perturbations.variant import LAB
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tasks.generation import random_task
 from cableway.tracking import track
 from cableway.workflow.run import Run, SolveOptions
@@ -90,17 +92,16 @@ def test_without_recovery_it_ends_the_run() -> None:
     assert "something unknown seems to hold the cable near" in rollout.metadata["detail"]
 
 
-@pytest.mark.parametrize("side", [0, 1])
-def test_no_gripper_goes_away_from_one_that_stands_still(side: int) -> None:
-    task = random_task(312, "clutter")
-    poses = task.cable.rod.shapes(task.start_equilibrium[None])[1][0]
-    apart = (poses[1, :2] - poses[0, :2]) / np.linalg.norm(poses[1, :2] - poses[0, :2])
-    away = np.zeros((2, 3))
-    away[1 - side, :2] = 0.005 * apart * (1 if side == 0 else -1)
-    standing = np.where(np.arange(2)[:, None] == side, poses, np.nan)
-    assert last_filter(away, poses, task, 0.3).any()
-    assert not last_filter(away, poses, task, 0.3, standing).any()
-    np.testing.assert_array_equal(last_filter(-away, poses, task, 0.3, standing), -away)
+def test_a_gripper_stops_at_once_beside_one_that_stalls() -> None:
+    """In a corridor: a nearly straight cable buckles into its wall where only one goes on."""
+    task = random_task(311, "corridor", width=0.06)
+    perturbation = named_perturbation("fault-stalled", task)
+    rollout = solve(task, SolveOptions(perturbation=perturbation)).rollout
+    assert rollout is not None
+    assert perturbation.faults.stall is not None
+    late = math.ceil(perturbation.faults.stall[0] / CONTROL_STEP) + 1
+    np.testing.assert_array_equal(rollout.actions[late], 0.0)
+    assert rollout.least_clearance > 0.005
 
 
 def test_a_plug_is_not_inserted_before_enough_was_seen() -> None:

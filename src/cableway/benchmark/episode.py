@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
+from cableway.benchmark.contacts import is_unavoidable
 from cableway.benchmark.faulty import FAULTS, FaultyController
 from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
 from cableway.benchmark.suites import Episode
@@ -20,7 +21,7 @@ from cableway.records import Attempt, Plan
 from cableway.report import Report
 from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.perturbation import Perturbation
-from cableway.simulation.perturbations.variants import named_perturbation
+from cableway.simulation.perturbations.variants import FAULTS_SUITE, named_perturbation
 from cableway.tracking import Watchdog
 from cableway.workflow.registry import require_extras
 from cableway.workflow.run import Run
@@ -59,6 +60,8 @@ class Result:
         success: As `cableway.report.judge` has it; of a blocked task: the planner said that no plan exists.
         strict: The same with 1 cm.
         contact: Whether something was touched.
+        unavoidable: Whether that was the first touch of something unknown and nothing else, see `benchmark.contacts`;
+            None where the plant has no faults.
         verified: Whether the independent judge found nothing wrong with the rollout.
         shape_error: Final stacked error; None where the cable was not moved, as where no plan was found.
         least_achievable_error: Least that any gripper poses reach with this cable.
@@ -91,6 +94,7 @@ class Result:
     success: bool = False
     strict: bool = False
     contact: bool = False
+    unavoidable: bool | None = None
     verified: bool | None = None
     shape_error: float | None = None
     least_achievable_error: float | None = None
@@ -184,7 +188,7 @@ def _score(job: Job) -> Scored:
     run = solve(task, options)
     if episode.suite == BLOCKED:
         return Scored(_certified(job, run))
-    result = _measured(job, run)
+    result = _measured(job, run, perturbation)
     return Scored(result, None if result.success else _picture(run, perturbation))
 
 
@@ -248,13 +252,16 @@ def _certified(job: Job, run: Run) -> Result:
     )
 
 
-def _measured(job: Job, run: Run) -> Result:
+def _measured(job: Job, run: Run, perturbation: Perturbation) -> Result:
     report, rollout = run.report, run.rollout
     figures = {name: getattr(report, name) for name in FROM_REPORT}
     if rollout is not None:
         figures |= {
             "strict": report.success and report.shape_error is not None and report.shape_error < STRICT_ERROR,
             "contact": not rollout.least_clearance > 0,
+            "unavoidable": is_unavoidable(rollout, run.task, perturbation.revealed)
+            if job.episode.plant in FAULTS_SUITE
+            else None,
             "clearance": rollout.least_clearance,
             "recovered": len(rollout.metadata.get("recovered", [])),
             "missed": None if job.deadline is None else rollout.metadata["watchdog"]["late"],

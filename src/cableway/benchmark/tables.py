@@ -12,8 +12,9 @@ from cableway.benchmark.summary import Results, by_group
 from cableway.metrics import METRICS, Metric
 from cableway.simulation.perturbations.variants import variant
 
-COLUMNS = ("success", "strict", "strict_reachable", "contact", "shape_error", "above_least_achievable", "deviation",
-           "clearance", "planning_time", "control_time", "control_p99", "missed")  # fmt: skip
+COLUMNS = ("success", "strict", "strict_reachable", "survived", "contact", "avoidable_contact", "shape_error",
+           "above_least_achievable", "deviation", "clearance", "planning_time", "control_time", "control_p99",
+           "missed")  # fmt: skip
 """Metrics of the tables."""
 
 COMPARED = ("success", "strict", "contact", "shape_error", "deviation", "clearance", "planning_time", "control_time")

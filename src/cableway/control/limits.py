@@ -55,7 +55,6 @@ def last_filter(
     poses: Float[np.ndarray, "2 3"],
     task: Task,
     max_span: float,
-    standing: Float[np.ndarray, "2 3"] | None = None,
     before: Float[np.ndarray, "2 3"] | None = None,
 ) -> Float[np.ndarray, "2 3"]:
     """What of an action may leave for the plant, whoever made it.
@@ -73,8 +72,6 @@ def last_filter(
         poses: (2, 3) gripper poses before it, as commanded [m, m, rad].
         task: Limits, scene and bodies.
         max_span: Largest distance [m] of the grippers at which the cable is not taut.
-        standing: (2, 3) where a gripper stands that does not follow [m, m, rad], NaN for one that does; the other one
-            does not go away from it.
         before: (2, 3) the action of the control step before [m, m, rad]; None where there is none to compare with.
     """
     action = np.asarray(action, float)
@@ -87,12 +84,6 @@ def last_filter(
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
     kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.bodies])
     kept = np.column_stack([kept, gripper_spans(reached) - task.grippers.least_span])
-    if standing is not None:
-        for side in np.flatnonzero(np.isfinite(standing).all(axis=1)):
-            alone = reached.copy()
-            alone[:, side] = standing[side]
-            spans = gripper_spans(alone)
-            kept = np.column_stack([kept, spans[0] - spans])
     allowed = (kept >= np.minimum(kept[0], 0.0) - ROUNDING).all(axis=1)
     # the first share that is not allowed bounds those that are
     share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0

@@ -228,9 +228,12 @@ class Loop:
         return future.result()
 
     def _filtered(self, action: np.ndarray) -> np.ndarray:
-        """What of an action may leave for the plant; a stop needs not ask."""
-        robot = self._robot
-        return last_filter(action, robot.target, self.guard.task, self._most_span, robot.standing, self._before)
+        """What of an action may leave for the plant; a stop needs not ask.
+
+        Nothing while a gripper is short of its command: a taut cable buckles at once when only one gripper goes on.
+        """
+        action = _still() if self._robot.short else action
+        return last_filter(action, self._robot.target, self.guard.task, self._most_span, self._before)
 
     @property
     def _before(self) -> np.ndarray:

@@ -70,7 +70,7 @@ class FollowingError:
     Attributes:
         target: Where they were sent [m, m, rad].
         poses: Where they were when that was last reported.
-        standing: The same of a gripper that is short of its command by more than `SHORT`, NaN of one that is not.
+        short: Whether a gripper was short of its command by more than `SHORT` then.
         error: What is wrong, in a sentence.
 
     Args:
@@ -82,7 +82,7 @@ class FollowingError:
         self.target = np.array(poses, float)
         self._commands = DelayEstimator.constant(self.target)
         self.poses = self._rest = self.target
-        self.standing = np.full_like(self.target, np.nan)
+        self.short = False
         self._hold, self._pause = round(HOLD / control_step), round(PAUSE / control_step)
         self._suspicions, self._holding, self._holds, self._since, self._behind = 0, 0, 0, 0, 0
         self.error = ""
@@ -100,11 +100,11 @@ class FollowingError:
             return
         self.poses = SE2.continued(observation.poses, self.poses)
         away, turned = SE2.distance(self.poses, self._commands.delayed)
-        self.standing = np.where((away > SHORT)[:, None], self.poses, np.nan)
+        self.short = bool((away > SHORT).any())
         apart = np.linalg.norm(SE2.position(SE2.minus(self._commands.at(DELAYS), self.poses)), axis=-1)
         # distances added up, not squares: no delay makes up for one gripper of two that stands still
         self._commands = self._commands.updated(apart.sum(axis=1) ** 2)
-        self._behind = self._behind + 1 if (away > SHORT).any() else 0
+        self._behind = self._behind + 1 if self.short else 0
         worst = int(np.argmax(np.maximum(away / FOLLOWING_ERROR[0], turned / FOLLOWING_ERROR[1])))
         lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1] or self._behind > LONGEST_DELAY
         self._suspicions = self._suspicions + 1 if lost else 0

@@ -1,0 +1,68 @@
+"""What counts as a contact that no controller could have avoided."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cableway.benchmark.contacts import is_unavoidable
+from cableway.benchmark.episode import Result
+from cableway.metrics import METRICS
+from cableway.records import Rollout
+from cableway.scene.files.loading import load_task
+from cableway.scene.obstacles import Disc
+
+TASK = load_task("multi-obstacle-1")
+ROWS = 100
+
+
+def touching(*times: float) -> Rollout:
+    """A rollout at rest at the start that touches something at these times [s]."""
+    poses = TASK.cable.rod.shapes(TASK.start_equilibrium[None])[1][0]
+    clearance = np.full(ROWS + 1, 0.01)
+    clearance[[round(10 * time) for time in times]] = -1e-4
+    still, step = np.repeat(TASK.start[None], ROWS + 1, axis=0), np.zeros(ROWS)
+    return Rollout(
+        times=0.1 * np.arange(ROWS + 1), keypoints=still, observed=still, centreline=still,
+        poses=np.repeat(poses[None], ROWS + 1, axis=0),
+        actions=np.zeros((ROWS, 2, 3)), reference=still, solve_time=step, status=step.astype(str),
+        clearance=clearance, gripper_clearance=np.full(ROWS + 1, 0.01),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("times", "revealed", "unavoidable"),
+    [
+        ((), None, False),
+        ((2.0, 2.1, 4.0), None, True),
+        ((2.0, 2.1, 4.0), 2.5, True),
+        ((2.0,), 1.0, False),
+        ((2.0, 6.0), None, False),
+    ],
+    ids=["none", "unknown", "known meanwhile", "known before", "again"],
+)
+def test_only_the_first_touch_of_something_unknown_is_unavoidable(
+    times: tuple[float, ...], revealed: float | None, unavoidable: bool
+) -> None:
+    assert is_unavoidable(touching(*times), TASK, revealed) is unavoidable
+
+
+def test_what_the_planner_knew_could_be_avoided() -> None:
+    middle = TASK.start[len(TASK.start) // 2]
+    peg = Disc(center=(float(middle[0]), float(middle[1])), radius=0.005)
+    known = replace(TASK.scene, obstacles=(*TASK.scene.obstacles, peg))
+    assert not is_unavoidable(touching(2.0), TASK.in_scene(known), None)
+
+
+def test_what_is_said_of_it() -> None:
+    def values(**given: bool | None) -> tuple[bool | None, bool | None]:
+        row = Result(suite="faults", episode="", method="", task="", plant="", seed=0, digest="", made_by="",
+                     outcome="", **given)  # fmt: skip
+        return METRICS["avoidable_contact"].value(row), METRICS["survived"].value(row)
+
+    assert values(contact=True, unavoidable=True) == (False, None)
+    assert values(contact=True, unavoidable=False) == (True, False)
+    assert values(success=True, unavoidable=False) == (False, True)
+    assert values(success=True, unavoidable=None) == (None, None)
