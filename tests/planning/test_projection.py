@@ -13,6 +13,7 @@ from cableway.geometry.groups import SE2
 from cableway.motion.interpolation import rows_at
 from cableway.planning.projection import (
     LIMIT_SHARE,
+    USUAL_RAMPS,
     ProjectionConfig,
     end_equilibria,
     fit_sequence,
@@ -93,6 +94,18 @@ RAMPED = [
 ]
 
 
+def test_without_limits_of_acceleration_a_motion_has_the_usual_ramps(line):
+    """From rest to rest, as with those limits; shapes that are kept as they are go at equal effort."""
+    task, q = line
+    usual = replace(task, grippers=replace(task.grippers, **USUAL_RAMPS))
+    np.testing.assert_array_equal(
+        step_evenly(q, task, ProjectionConfig())[0], step_evenly(q, usual, ProjectionConfig())[0]
+    )
+    poses = project(task.cable.rod.at_keypoints(task.cable.rod.shapes(q)[0]), task, ProjectionConfig(kind="none")).poses
+    moves = SE2.distance(poses[:-1], poses[1:])[0].max(axis=1)
+    assert moves[0] > 0.9 * moves.max()
+
+
 @pytest.mark.parametrize("limits", RAMPED)
 @pytest.mark.parametrize("kind", ["rod", "none"])
 def test_motion_starts_and_ends_at_rest_within_limits_of_acceleration_and_jerk(line, limits, kind):
@@ -124,7 +137,7 @@ def test_motion_starts_and_ends_at_rest_within_limits_of_acceleration_and_jerk(l
 def test_ramps_on_a_straight_way_take_as_long_as_the_limits_ask(line):
     """One path, with limits of a cobot: a ramp at either end, and full speed in between."""
     task, q = line
-    plain = step_evenly(q, task, ProjectionConfig())[1]
+    plain = step_evenly(q, replace(task, grippers=Grippers(max_acceleration=1e6)), ProjectionConfig())[1]
     limits = Grippers(max_acceleration=0.5, max_turn_acceleration=5.0)
     ramped = step_evenly(q, replace(task, grippers=limits), ProjectionConfig())[1]
     # from 0 to 93 mm/s and back at 350 mm/s²: half of 2 x 0.27 s longer, and a row for the last part of a step

@@ -9,8 +9,7 @@ Note:
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -38,6 +37,9 @@ MOST_LAG = 0.05
 
 LIMIT_SHARE = 0.7
 """Share of the gripper limits, and of `ProjectionConfig.lag`, that a plan uses; the rest is left to the controller."""
+
+USUAL_RAMPS = {"max_acceleration": 0.5, "max_turn_acceleration": 5.0, "max_jerk": 5.0, "max_turn_jerk": 50.0}
+"""Limits [m/s², rad/s², m/s³, rad/s³] that a collaborative robot takes easily, for plans of tasks that have none."""
 
 KEYPOINT_STEP = 1.5
 """Largest move of any keypoint in a control step, in units of the grippers' largest step."""
@@ -131,11 +133,17 @@ def stepped(
 
 
 def _as_it_is(shapes: Float[np.ndarray, "r n 2"], task: Task, config: ProjectionConfig) -> ProjectedTrajectory:
-    """Shapes straight between those given, at equal effort, with the poses that the tangents at their ends give."""
+    """Shapes straight between those given, with the poses that the tangents at their ends give.
+
+    Rows are at equal effort, or with ramps where the task limits acceleration or jerk.
+    """
     at = subdivided(len(shapes), EFFORT_PIECES)
     fine = rows_at(shapes, at)
     effort = _effort(fine, _tangent_poses(fine), task, config)
-    at = _timed(at, effort, task, lambda places: _tangent_poses(rows_at(shapes, places)))
+    if task.grippers.has_ramps:
+        at = with_ramps(at, effort, LIMIT_SHARE, lambda where: _tangent_poses(rows_at(shapes, where)), task.grippers)
+    else:
+        at = at_equal_effort(at, effort, LIMIT_SHARE)
     fine = rows_at(shapes, at)
     return ProjectedTrajectory(fine, _tangent_poses(fine), at)
 
@@ -189,7 +197,7 @@ def step_evenly(
 ) -> tuple[Float[np.ndarray, "K+1 dof"], Float[np.ndarray, "K+1"]]:
     """The same polyline in q with rows none of which asks more than `LIMIT_SHARE` of the limits.
 
-    Rows are at equal effort, or with ramps from and to rest where the task limits acceleration or jerk.
+    The motion begins and ends at rest, with `USUAL_RAMPS` where the task limits neither acceleration nor jerk.
 
     Returns:
         q (K+1, dof) and the fractional index of each row in the q given.
@@ -200,19 +208,9 @@ def step_evenly(
     trailing = np.minimum(lag(rod, q), MOST_LAG) * config.damping_time / CONTROL_STEP / config.lag
     effort = _effort(rod.at_keypoints(stations), poses, task, config)
     effort = np.maximum(effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES))
-    at = _timed(fine, effort, task, lambda places: rod.shapes(rows_at(q, places))[1])
+    grippers = task.grippers if task.grippers.has_ramps else replace(task.grippers, **USUAL_RAMPS)
+    at = with_ramps(fine, effort, LIMIT_SHARE, lambda places: rod.shapes(rows_at(q, places))[1], grippers)
     return rows_at(q, at), at
-
-
-def _timed(
-    fine: Float[np.ndarray, "f"],
-    effort: Float[np.ndarray, "f-1"],
-    task: Task,
-    poses_at: Callable[[Float[np.ndarray, "k"]], Float[np.ndarray, "k 2 3"]],
-) -> Float[np.ndarray, "k"]:
-    if not task.grippers.has_ramps:
-        return at_equal_effort(fine, effort, LIMIT_SHARE)
-    return with_ramps(fine, effort, LIMIT_SHARE, poses_at, task.grippers)
 
 
 def _effort(
