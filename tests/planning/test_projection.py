@@ -12,6 +12,7 @@ from cableway.core.errors import PlanningError
 from cableway.geometry.groups import SE2
 from cableway.motion.interpolation import rows_at
 from cableway.planning.projection import (
+    LEAST_PACE,
     LIMIT_SHARE,
     USUAL_RAMPS,
     ProjectionConfig,
@@ -165,3 +166,19 @@ def test_an_end_that_is_no_shape_of_the_cable_is_refused():
     odd = replace(task, goal=curve[::100] + [0.2, 0.4])
     with pytest.raises(PlanningError, match="the goal is not an equilibrium of the cable"):
         end_equilibria(odd, ProjectionConfig())
+
+
+def test_a_cable_with_little_slack_is_drawn_along_slowly():
+    """In no step more than 70% of its slack, so that a gripper that stalls does not pull it out."""
+    task = problems.free()
+    taut = np.linspace([0.1, 0.3, 0.0, 0.0, 5.0, 0.0], [0.3, 0.3, 0.0, 0.0, 5.0, 0.0], 31)
+    limp = np.linspace([0.1, 0.3, 0.0, 0.0, 60.0, 0.0], [0.3, 0.3, 0.0, 0.0, 60.0, 0.0], 31)
+    paces = []
+    for q in (taut, limp):
+        stepped, _ = step_evenly(q, task, ProjectionConfig())
+        poses = task.cable.rod.shapes(stepped)[1]
+        slack = task.cable.length - np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1).max()
+        move = SE2.distance(poses[:-1], poses[1:])[0].max()
+        assert move <= LIMIT_SHARE * max(slack, LEAST_PACE * task.grippers.max_step) * (1 + 1e-6)
+        paces.append(move / task.grippers.max_step)
+    assert paces[0] < 0.5 * paces[1]

@@ -4,17 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Protocol, Self
 
+import numpy as np
+from jaxtyping import Float
+
+from cableway.control.base import Contact
 from cableway.control.following import FollowerState
 from cableway.estimation.delay import DELAYS
-from cableway.estimation.rod_filter import RodEstimate, RodEstimator
-from cableway.records import Estimate, Observation
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
+from cableway.records import Estimate, Observation, Plan
+from cableway.rod.inverse import fit_keypoints
 from cableway.rod.material import ROD
-from cableway.scene.cable import EstimatedCable
+from cableway.scene.cable import QUASI_STATIC, EstimatedCable
+from cableway.scene.task import CONTROL_STEP, Task
 
 SETTLED = 10
 """Frames from which on an estimate is good enough to plan with."""
+
+
+class EstimatingConfig(Protocol):
+    """What the settings of a controller that estimates the cable have."""
+
+    @property
+    def hold(self) -> float:
+        """Time [s] at the plan's first row."""
+        ...
+
+    @property
+    def estimator(self) -> EstimatorConfig:
+        """Settings of the estimation."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +48,44 @@ class EstimatingState(FollowerState):
 
     estimator: RodEstimator
     estimate: RodEstimate
+
+    @staticmethod
+    def estimating(
+        task: Task, plan: Plan, config: EstimatingConfig, shape: Float[np.ndarray, "d"] | None = None
+    ) -> dict[str, Any]:
+        """The fields of all of these before the first step, as `FollowerState.beginning` those of followers.
+
+        Args:
+            task: The task.
+            plan: To follow.
+            config: With the settings of the estimation and the hold [s].
+            shape: Of the task's rod in the plan's first row, if it is known.
+
+        Raises:
+            InputError: Task and plan differ in their number of keypoints.
+        """
+        beginning, rod = FollowerState.beginning(task, plan, config.hold), task.cable.rod
+        trust = min(1.0, (task.cable.frequency / QUASI_STATIC) ** 3)
+        estimator = RodEstimator(rod, config.estimator, CONTROL_STEP, trust)
+        if shape is None:
+            shape = rod.continued(fit_keypoints(rod, plan.shapes[0])[0], plan.poses[0])
+        return {**beginning, "estimator": estimator, "estimate": estimator.start(shape)}
+
+    def knowing(self, earlier: EstimatingState) -> Self:
+        """The state before the first step of another plan, with what was estimated until then."""
+        estimator, estimate = earlier.estimator, earlier.estimate
+        q = estimator.rod.continued(estimate.q, self.plan.plan.poses[0])
+        estimate = replace(estimate, q=q, surprise=np.zeros_like(estimate.surprise))
+        return replace(self, estimator=estimator, estimate=estimate)
+
+    def contact(self) -> Contact | None:
+        """See `ControllerState.contact`; none while the estimates settle."""
+        held = self.estimator.held_at(self.estimate)
+        visible = np.flatnonzero(np.isfinite(self.tracker.keypoints[:, 0]))
+        if held is None or self.index < self.plan.held_steps or not len(visible):
+            return None
+        nearest = visible[np.argmin(np.abs(visible - held[0]))]
+        return Contact(self.tracker.keypoints[nearest], held[1])
 
     def estimates(self) -> Mapping[str, Estimate]:
         """See `ControllerState.estimates`."""

@@ -18,13 +18,11 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller
 from cableway.control.estimating import EstimatingState
-from cableway.control.following import FollowerState
 from cableway.core.checks import Checked, NotNegative, Share
 from cableway.core.deprecation import renamed, renamed_keywords
-from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
+from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan
-from cableway.rod.inverse import fit_keypoints
 from cableway.scene.task import Task
 
 
@@ -69,10 +67,7 @@ class InsertionController(Controller[EstimatingState]):
 
     def init(self, task: Task, plan: Plan) -> EstimatingState:
         """See `Controller.init`."""
-        beginning = FollowerState.beginning(task, plan, self.config.hold)
-        estimator = RodEstimator(task.cable.rod, self.config.estimator, self.control_step)
-        shape = task.cable.rod.continued(fit_keypoints(task.cable.rod, plan.shapes[0])[0], plan.poses[0])
-        state = EstimatingState(**beginning, estimator=estimator, estimate=estimator.start(shape))
+        state = EstimatingState(**EstimatingState.estimating(task, plan, self.config))
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
 

@@ -33,13 +33,12 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control import rod_kernels
-from cableway.control.base import Contact, Controller, Status
+from cableway.control.base import Controller, Status
 from cableway.control.estimating import EstimatingState
-from cableway.control.following import FollowerState
 from cableway.control.limits import span_limit, within_limits
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
-from cableway.estimation.rod_filter import MET, EstimatorConfig, RodEstimator
+from cableway.estimation.rod_filter import MET, EstimatorConfig
 from cableway.estimation.rod_kernels import MEETING_STEPS
 from cableway.motion.clearance import clearances
 from cableway.records import Observation, Plan
@@ -48,7 +47,6 @@ from cableway.rod.fitting import fit_along, meet_ends
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
-from cableway.scene.cable import QUASI_STATIC
 from cableway.scene.task import Task
 
 MOTION_WEIGHT = 3.0
@@ -144,15 +142,6 @@ class RodMPCState(EstimatingState):
     clearance: Float[np.ndarray, "t"]
     limits: tuple[float, ...]
 
-    def contact(self) -> Contact | None:
-        """See `ControllerState.contact`; none while the estimates settle."""
-        held = self.estimator.held_at(self.estimate)
-        visible = np.flatnonzero(np.isfinite(self.tracker.keypoints[:, 0]))
-        if held is None or self.index < self.plan.held_steps or not len(visible):
-            return None
-        nearest = visible[np.argmin(np.abs(visible - held[0]))]
-        return Contact(self.tracker.keypoints[nearest], held[1])
-
 
 class RodMPC(Controller[RodMPCState]):
     """Model predictive control with the rod as the model, adapted while it runs.
@@ -166,10 +155,8 @@ class RodMPC(Controller[RodMPCState]):
 
     def init(self, task: Task, plan: Plan) -> RodMPCState:
         """See `Controller.init`."""
-        beginning = FollowerState.beginning(task, plan, self.config.hold)
-        rod, grippers = task.cable.rod, task.grippers
-        trust = min(1.0, (task.cable.frequency / QUASI_STATIC) ** 3)
-        estimator, shapes = RodEstimator(rod, self.config.estimator, self.control_step, trust), plan_shapes(rod, plan)
+        grippers, shapes = task.grippers, plan_shapes(task.cable.rod, plan)
+        beginning = EstimatingState.estimating(task, plan, self.config, shapes[0])
         limits = (
             grippers.max_step,
             grippers.max_turn,
@@ -178,8 +165,7 @@ class RodMPC(Controller[RodMPCState]):
             grippers.least_span,
         )
         state = RodMPCState(
-            **beginning, estimator=estimator, estimate=estimator.start(shapes[0]), shapes=shapes,
-            fits=shapes[beginning["plan"].rows(0, self.config.horizon + 1)],
+            **beginning, shapes=shapes, fits=shapes[beginning["plan"].rows(0, self.config.horizon + 1)],
             clearance=_least_clearance(plan, task), limits=limits,
         )  # fmt: skip
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
@@ -187,10 +173,7 @@ class RodMPC(Controller[RodMPCState]):
 
     def resume(self, state: RodMPCState, task: Task, plan: Plan) -> RodMPCState:
         """See `Controller.resume`."""
-        begun, estimate = self.init(task, plan), state.estimate
-        q = state.estimator.rod.continued(estimate.q, plan.poses[0])
-        estimate = replace(estimate, q=q, surprise=np.zeros_like(estimate.surprise))
-        return replace(begun, estimator=state.estimator, estimate=estimate)
+        return self.init(task, plan).knowing(state)
 
     def in_scene(self, state: RodMPCState, task: Task) -> RodMPCState:
         """See `Controller.in_scene`."""
@@ -208,8 +191,9 @@ class RodMPC(Controller[RodMPCState]):
         state = self._fitted(state)
         action, max_span = self._solve(state), self._span_limit(state)
         if not np.isfinite(action).all():
+            # as it is estimated the cable is taut already
             status = Status.UNSEEN if state.tracker.steps_without_keypoints else Status.FAILED
-            return state.sending(state.plan.actions(state.index, 1)[0], status, max_span)
+            return state.sending(state.plan.actions(state.index, 1)[0], status, max_span=0.0)
         if state.index < state.plan.held_steps:
             action = SETTLING * action
         return state.sending(action, state.tracking_status, max_span)

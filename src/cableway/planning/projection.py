@@ -41,6 +41,9 @@ LIMIT_SHARE = 0.7
 USUAL_RAMPS = {"max_acceleration": 0.5, "max_turn_acceleration": 5.0, "max_jerk": 5.0, "max_turn_jerk": 50.0}
 """Limits [m/s², rad/s², m/s³, rad/s³] that a collaborative robot takes easily, for plans of tasks that have none."""
 
+LEAST_PACE = 0.25
+"""Share of the grippers' largest step that a cable without slack leaves them."""
+
 KEYPOINT_STEP = 1.5
 """Largest move of any keypoint in a control step, in units of the grippers' largest step."""
 
@@ -207,7 +210,7 @@ def step_evenly(
     stations, poses = rod.shapes(rows_at(q, fine))
     trailing = np.minimum(lag(rod, q), MOST_LAG) * config.damping_time / CONTROL_STEP / config.lag
     effort = _effort(rod.at_keypoints(stations), poses, task, config)
-    effort = np.maximum(effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES))
+    effort = np.max([effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES), _slack_effort(poses, task)], axis=0)
     grippers = task.grippers if task.grippers.has_ramps else replace(task.grippers, **USUAL_RAMPS)
     at = with_ramps(fine, effort, LIMIT_SHARE, lambda places: rod.shapes(rows_at(q, places))[1], grippers)
     return rows_at(q, at), at
@@ -221,6 +224,15 @@ def _effort(
     shift = np.linalg.norm(np.diff(shapes, axis=0), axis=2).max(1)
     moved = gripper_effort(poses, limits.max_step, limits.max_turn)
     return np.maximum(moved, shift / (KEYPOINT_STEP * limits.max_step))
+
+
+def _slack_effort(poses: Float[np.ndarray, "f 2 3"], task: Task) -> Float[np.ndarray, "f-1"]:
+    """How far a gripper goes away from the other over the cable's slack, which that uses up if the other one stalls."""
+    gap = poses[:, 1, :2] - poses[:, 0, :2]
+    span = np.linalg.norm(gap, axis=1)
+    along = np.sum(np.diff(poses[..., :2], axis=0) * (gap / span[:, None])[:-1, None], axis=2)
+    slack = task.cable.length - np.maximum(span[1:], span[:-1])
+    return np.maximum(-along[:, 0], along[:, 1]) / np.maximum(slack, LEAST_PACE * task.grippers.max_step)
 
 
 __getattr__ = renamed(

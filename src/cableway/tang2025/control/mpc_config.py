@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from cableway.core.checks import Checked, Choice, NotNegative, Positive, Share
 from cableway.core.deprecation import renamed_keywords
+from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.tang2025.control.terms import Profile
 
 ADAPT_EVERY = 20
@@ -40,6 +41,8 @@ class MPCConfig(Checked):
         hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
         blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
         unseen_steps: Steps in a row that go on without keypoints before the grippers stop.
+        estimator: Of the rod's parameters, for the latency, contacts and new plans, not for the model; as `nominal`
+            there is none of it (paper).
     """
 
     horizon: Positive[int] = 5
@@ -62,6 +65,7 @@ class MPCConfig(Checked):
     hold: NotNegative[float] = 1.5
     blind_steps: NotNegative[int] = 3
     unseen_steps: NotNegative[int] = 10
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     @classmethod
     def paper(cls) -> MPCConfig:
@@ -78,6 +82,7 @@ class MPCConfig(Checked):
             offset_gain=0.0,
             span_weight=0.0,
             hold=0.0,
+            estimator=EstimatorConfig.nominal(),
         )
 
 

@@ -21,9 +21,13 @@ frame is first predicted forward by the gripper motions made or sent since it wa
 With `adapt_every` the model itself is adapted to the cable at hand: its decoder, as in the paper, or its rod
 (`models.adaptation`), from the frames that show the whole cable.
 
+Beside the model the rod's parameters are estimated as `RodMPC` does: for the latency of frames without the cable's
+ends, for contacts with something unknown, and for new plans.
+
 Note:
-    The feedforward a_ref, the offset, the handling of latency, the span term and the cost of the cable between
-    its keypoints are ours; `MPCConfig.paper()` has no feedforward, offset, span term or points between.
+    The feedforward a_ref, the offset, the handling of latency, the span term, the cost of the cable between its
+    keypoints and the rod's estimate are ours; `MPCConfig.paper()` has no feedforward, offset, span term, points between
+    or estimate.
 """
 
 from __future__ import annotations
@@ -35,7 +39,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.base import Controller, Status
-from cableway.control.following import FollowerState
+from cableway.control.estimating import EstimatingState
 from cableway.control.limits import span_limit
 from cableway.core.errors import ControlError, InputError
 from cableway.geometry.groups import SE2
@@ -65,7 +69,7 @@ class NeuralProblem:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MPCState(FollowerState):
+class MPCState(EstimatingState):
     """State of `NeuralMPC`.
 
     Attributes:
@@ -85,8 +89,10 @@ class MPCState(FollowerState):
     learning: Learning | None = None
 
     def estimates(self) -> Mapping[str, Estimate]:
-        """See `ControllerState.estimates`."""
-        return {} if self.learning is None else self.learning.estimates()
+        """See `ControllerState.estimates`; those of the model where it is adapted."""
+        if self.learning is not None:
+            return self.learning.estimates()
+        return super().estimates() if self.estimator.adapts else {}
 
 
 class NeuralMPC(Controller[MPCState]):
@@ -113,7 +119,7 @@ class NeuralMPC(Controller[MPCState]):
 
     def init(self, task: Task, plan: Plan) -> MPCState:
         """See `Controller.init`."""
-        beginning, learning = FollowerState.beginning(task, plan, self.config.hold), None
+        beginning, learning = EstimatingState.estimating(task, plan, self.config), None
         if isinstance(self.model, LearnedModel) and self.config.adapt_every:
             learning = Learning.of(self.model, self._adaptation, self.config.adapt_every, task.cable.keypoints)
         state = MPCState(
@@ -128,15 +134,25 @@ class NeuralMPC(Controller[MPCState]):
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # loads and compiles what a step needs
         return state
 
+    def resume(self, state: MPCState, task: Task, plan: Plan) -> MPCState:
+        """See `Controller.resume`."""
+        begun = self.init(task, plan).knowing(state)
+        if state.learning is None:
+            return begun
+        predictor = begun.problem.predictor.of(state.learning.state.model)
+        return replace(begun, learning=state.learning, problem=replace(begun.problem, predictor=predictor))
+
     def in_scene(self, state: MPCState, task: Task) -> MPCState:
         """See `Controller.in_scene`."""
         return replace(state, task=task, problem=replace(state.problem, cost=HorizonCost(task, self.config)))
 
     def step(self, state: MPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], MPCState]:
         """See `Controller.step`."""
-        state = state.looking(observation)
+        estimates = state.estimator.adapts
+        state = state.observing(observation) if estimates else state.looking(observation)
         if state.must_stop(self.config):
             return self._sent(state, np.zeros_like(state.actions[0]), Status.STOPPED)
+        state = state.updated() if estimates else state
         try:
             return self._track(state)
         except ControlError:
