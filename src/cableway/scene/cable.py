@@ -35,6 +35,12 @@ FIRST_MODE = 4.730
 QUASI_STATIC = 2.0
 """Frequency [Hz] of the first bending mode from which a cable moves as its equilibria do. Slower ones swing."""
 
+GRAVITY = 9.81
+"""[m/s^2]."""
+
+FRICTION_RULES = 100.0
+"""`Cable.friction_number` from which friction, not the grippers, decides the shape; by `studies/limp_cables.py`."""
+
 LOGARITHMIC = ("bending_stiffness", "damping_time", "stiffness_profile")
 """Fields drawn uniformly in their logarithm: what is known of them is a factor."""
 
@@ -121,6 +127,14 @@ class Cable:
         return (
             FIRST_MODE**2 / (2 * np.pi * self.length**2) * float(np.sqrt(self.bending_stiffness / self.linear_density))
         )
+
+    def friction_number(self, friction: float) -> float:
+        """mu rho g L^3 / EI: the friction over the length, against what bends the cable to that size.
+
+        Args:
+            friction: mu, Coulomb coefficient on the table.
+        """
+        return friction * self.linear_density * GRAVITY * self.length**3 / self.bending_stiffness
 
     @property
     def bends_as_rod(self) -> bool:

@@ -26,11 +26,8 @@ import mujoco
 import numpy as np
 
 from cableway.rod.planar import PlanarRod
-from cableway.scene.cable import Cable
+from cableway.scene.cable import GRAVITY, Cable
 from cableway.simulation.links import link_extents
-
-GRAVITY = 9.81
-"""[m/s^2]."""
 
 DIRECTIONS = 4
 """Directions of the lines, evenly spread over half a turn."""

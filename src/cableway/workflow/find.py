@@ -21,7 +21,7 @@ from cableway.planning.compilation import compile_kernels
 from cableway.planning.insertion import plan_insertion
 from cableway.records import Plan
 from cableway.report import summarize
-from cableway.scene.cable import QUASI_STATIC
+from cableway.scene.cable import FRICTION_RULES, QUASI_STATIC
 from cableway.scene.task import Task
 from cableway.workflow.events import Listener, Note, Planned, Progress
 from cableway.workflow.registry import Planner
@@ -40,7 +40,8 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
     Raises:
         KeyboardInterrupt: The search was interrupted from the keyboard; the listener has what came closest.
     """
-    planner, notes, insertion_plan = options.resolved_planner(), (*_swinging(task, listener), *_compile(listener)), None
+    planner, insertion_plan = options.resolved_planner(), None
+    notes = (*_warnings(task, options, listener), *_compile(listener))
     timer = StageTimer(listener.progress)
     common: dict[str, Any] = {"timings": timer.seconds, "seed": options.seed, "limits": planner.limits}
     try:
@@ -185,14 +186,19 @@ class StageTimer:
         self._last = now
 
 
-def _swinging(task: Task, listener: Listener) -> tuple[str, ...]:
-    """A warning where the cable does not move as its equilibria do."""
-    frequency = task.cable.frequency
-    if frequency >= QUASI_STATIC:
-        return ()
-    warning = (
-        f"The cable swings: its first bending mode is at {frequency:.2f} Hz, and below {QUASI_STATIC:g} Hz plan and "
-        "feedback, which take it to be at rest at every moment, are less accurate."
-    )
-    listener.emit(Note(warning))
-    return (warning,)
+def _warnings(task: Task, options: SolveOptions, listener: Listener) -> tuple[str, ...]:
+    """Of a cable that does not move as its equilibria do."""
+    found = []
+    if (frequency := task.cable.frequency) < QUASI_STATIC:
+        found.append(
+            f"The cable swings: its first bending mode is at {frequency:.2f} Hz, and below {QUASI_STATIC:g} Hz plan "
+            "and feedback, which take it to be at rest at every moment, are less accurate."
+        )
+    if (number := options.perturbation.friction_number(task)) >= FRICTION_RULES:
+        found.append(
+            f"The cable lies as friction leaves it: mu rho g L^3 / EI is {number:.0f}, and from {FRICTION_RULES:g} on "
+            "the grippers cannot lead its middle. It may well miss its goal, or touch something."
+        )
+    for warning in found:
+        listener.emit(Note(warning))
+    return tuple(found)

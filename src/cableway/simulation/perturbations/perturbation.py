@@ -73,6 +73,12 @@ class Perturbation(Checked):
         """The cable of the plant."""
         return self.cable or task.cable
 
+    def friction_number(self, task: Task) -> float:
+        """`Cable.friction_number` of the plant's cable on the plant's table, across or along it, whichever is more."""
+        cable = self.true_cable(task)
+        on_table = 0.0 if self.table is None else self.table.friction * max(1.0, self.table.across)
+        return cable.friction_number(max(cable.friction, on_table))
+
     def known_task(self, task: Task) -> Task:
         """What the controller knows from `revealed` on: the task, with the obstacles and pegs where they are.
 
