@@ -12,12 +12,10 @@ from rich.text import Text
 
 from cableway.cli.options import REPORT, Options
 from cableway.cli.terminal import Terminal, columns
-from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cableway.records import Transitions
     from cableway.tang2025.models.base import DeformationModel
     from cableway.tang2025.models.evaluation import Curve
 
@@ -54,7 +52,7 @@ class Evaluate(Options):
 
         terminal, folder = Terminal(self), self.folder("evaluate")
         sets = {str(path): load_transitions(path) for path in self.data}
-        models = self._models(sets)
+        models = self._models()
         enable_compilation_cache()
         results: dict[str, dict[str, Curve]] = {}
         with terminal.progress() as progress:
@@ -84,34 +82,18 @@ class Evaluate(Options):
         terminal.result(report, _table(results))
         return 0
 
-    def _models(self, sets: Mapping[str, Transitions]) -> dict[str, list[DeformationModel]]:
-        """Models by name, those that learn nothing last; trainings with other seeds under one name.
-
-        Raises:
-            InputError: A model given does not serve as many keypoints as the data have.
-        """
+    def _models(self) -> dict[str, list[DeformationModel]]:
+        """Models by name, those that learn nothing last; trainings with other seeds under one name."""
         from cableway.tang2025.models.checkpoint import load_model, model_names, read_card
         from cableway.tang2025.models.evaluation import baselines, training_groups
 
-        counts = {data.keypoints.shape[1] for data in sets.values()}
         wanted = list(dict.fromkeys([*(self.models or model_names()), *BASELINES]))
         loaded = {name: load_model(name) for name in wanted}
-        serving = {name: model for name, model in loaded.items() if all(_serves(model, count) for count in counts)}
-        for name in self.models:
-            if name not in serving:
-                raise InputError(
-                    f"{name} does not support cables with {' and '.join(map(str, sorted(counts)))} keypoints"
-                )
-        groups = training_groups({name: read_card(name) for name in serving})
+        groups = training_groups({name: read_card(name) for name in loaded})
         return {
-            **{name: [serving[one] for one in trained] for name, trained in groups.items()},
+            **{name: [loaded[one] for one in trained] for name, trained in groups.items()},
             **{name: [model] for name, model in baselines().items()},
         }
-
-
-def _serves(model: DeformationModel, keypoints: int) -> bool:
-    """Whether a model takes that many keypoints."""
-    return getattr(getattr(model, "config", None), "keypoints", keypoints) == keypoints
 
 
 def _draw(path: Path, curves: Mapping[str, Curve]) -> None:

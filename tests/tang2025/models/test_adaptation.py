@@ -22,6 +22,7 @@ from cableway.tang2025.models.networks import RodConfig
 
 NOMINAL = LearnedModel(RodConfig(), key=jax.random.key(0))
 GRADED = eqx.tree_at(lambda model: model.rod.stiffness, NOMINAL, jnp.array([0.7, -0.2 * 2 / 3]))
+TRUE = eqx.tree_at(lambda model: model.rod, GRADED, GRADED.rod.keeping_nothing())
 run = eqx.filter_jit(jax.vmap(rollout, in_axes=(None, 0, 0, 0)))
 
 
@@ -31,8 +32,8 @@ def observed() -> Transitions:
     led = quasi_static(10, 40, seed=3)
     first = slice(None, None, 40)
     actions = led.actions.reshape(10, 40, 2, 3)
-    settled = run(GRADED, led.keypoints[first], led.poses[first], 0 * actions[:, :20])[:, -1]
-    shapes = np.concatenate([settled[:, None], run(GRADED, settled, led.poses[first], actions)], axis=1)
+    settled = run(TRUE, led.keypoints[first], led.poses[first], 0 * actions[:, :20])[:, -1]
+    shapes = np.concatenate([settled[:, None], run(TRUE, settled, led.poses[first], actions)], axis=1)
     before, after = (shapes[:, part].reshape(-1, 13, 2).astype(float) for part in (slice(-1), slice(1, None)))
     return replace(led, keypoints=before, next_keypoints=after)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -90,6 +91,16 @@ def test_a_rod_in_a_file_of_version_1_keeps_its_stiffness_and_rest_curvature(tmp
     save_model(path, load_model(path), CARD)
     assert read_metadata(path)["version"] == 2
     np.testing.assert_allclose(load_file(path)["rod.stiffness"], [0.5, -0.4 * 2 / 3], rtol=1e-6)
+
+
+def test_a_file_that_does_not_say_how_many_keypoints_a_network_saw_has_it_with_its_data(model, file):
+    config = {key: value for key, value in read_metadata(file)["config"].items() if key != "keypoints"}
+    for card, keypoints in (
+        (CARD, model.config.keypoints),
+        ({"data": {"metadata": {"config": {"cable": {"keypoints": 10}}}}}, 10),
+    ):
+        rewrite(file, config=config, card=card)
+        assert load_model(file).config == replace(model.config, keypoints=keypoints)
 
 
 def test_another_kind_is_refused_with_the_known_ones(file):

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from led_cables import quasi_static
 
 from cableway.core.errors import InputError
 from cableway.tang2025.models.checkpoint import load_model, save_model
@@ -55,15 +56,16 @@ def test_a_network_that_is_not_told_the_angles_does_not_depend_on_them(name, tra
         assert (change > 1e-6) == angles
 
 
-@pytest.mark.parametrize("name", ["conv", "bilstm"])
-def test_one_model_takes_any_number_of_keypoints(name, transitions, sample):
+@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("keypoints", [10, 25])
+def test_a_prediction_does_not_depend_on_the_number_of_keypoints(name, keypoints, transitions):
     model = made(CONFIGS[name], transitions)
-    assert predict(model, sample[0][::3], *sample[1:]).shape == (5, 2)
-
-
-def test_a_list_of_numbers_serves_one_number_of_keypoints(transitions, sample):
-    with pytest.raises(InputError, match="serves 13 keypoints only, the cable has 5"):
-        made(CONFIGS["mlp"], transitions)(sample[0][::3], *sample[1:])
+    other = quasi_static(2, 20, seed=0, keypoints=keypoints)
+    few, many = (
+        np.asarray(predict(model, *(np.float32(part[7]) for part in (data.keypoints, data.poses, data.actions))))
+        for data in (other, transitions)
+    )
+    np.testing.assert_allclose(few[:: (keypoints - 1) // 3], many[::4], atol=0.02 * np.abs(many).max())
 
 
 def test_the_linear_model_is_linear_in_the_motion(transitions, sample):
@@ -86,6 +88,9 @@ def test_every_kind_has_a_test_and_knows_its_name():
         (lambda: RecurrentConfig(width=0), "bilstm width must be at least 1, got 0"),
         (lambda: MLPConfig(hidden=(4, 0)), "mlp hidden widths must be at least 1"),
         (lambda: MLPConfig(keypoints=2), "mlp keypoints must be at least 3, got 2"),
+        (lambda: ConvConfig(keypoints=2), "conv keypoints must be at least 3, got 2"),
+        (lambda: RecurrentConfig(keypoints=2), "bilstm keypoints must be at least 3, got 2"),
+        (lambda: TransformerConfig(keypoints=2), "transformer keypoints must be at least 3, got 2"),
         (lambda: RodConfig(damping_time=0.0), "rod.damping_time must be finite and positive, got 0.0"),
     ],
 )

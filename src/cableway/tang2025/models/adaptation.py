@@ -283,7 +283,8 @@ def fit(
     """The model with parameters that predict the windows best.
 
     Minimises the mean squared residual of each window over its variance plus the squared distance to `first` over its
-    own. A window counts once, however many numbers it has: what a model cannot describe errs alike in all of them.
+    own. A window counts once, however many numbers it has: what a model cannot describe errs alike in all of them. A
+    rod is fitted without what it keeps of the shape, which would hide what the parameters are to explain.
 
     Args:
         model: Where to begin.
@@ -292,10 +293,11 @@ def fit(
         iterations: Gauss-Newton steps.
     """
     values = np.asarray(parameters_of(model), float)
+    described = model if model.rod is None else eqx.tree_at(lambda m: m.rod, model, model.rod.keeping_nothing())
     spread = np.array(ROD_SPREAD) if model.rod is not None else WEIGHT_SPREAD * np.sqrt(np.mean(first**2) + 1e-12)
     pull = np.broadcast_to(1.0 / np.square(spread), values.shape)
     for _ in range(iterations):
-        matrix, right, variance = _normal_equations(model, jnp.asarray(values, jnp.float32), batch)
+        matrix, right, variance = _normal_equations(described, jnp.asarray(values, jnp.float32), batch)
         noise = max(float(variance), LEAST_NOISE**2) * batch.targets[0].size
         system = np.asarray(matrix, float) / noise + np.diag(pull)
         values = values - np.linalg.solve(system, np.asarray(right, float) / noise + pull * (values - first))

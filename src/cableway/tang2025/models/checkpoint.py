@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -89,7 +90,7 @@ def load_model(name_or_path: str | Path) -> DeformationModel:
     metadata = _read_model_metadata(path)
     kind = str(metadata.get("kind"))
     try:
-        config = from_mapping(config_of(kind), metadata.get("config"), "its configuration")
+        config = from_mapping(config_of(kind), _with_keypoints(metadata), "its configuration")
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from None
     like = eqx.filter_eval_shape(lambda: LearnedModel(config, key=jax.random.key(0)))
@@ -98,6 +99,18 @@ def load_model(name_or_path: str | Path) -> DeformationModel:
         old, modes = model.rod, jnp.array(FIRST_MODES, jnp.float32)
         model = eqx.tree_at(lambda m: (m.rod.stiffness, m.rod.rest), model, (modes * old.stiffness, modes * old.rest))
     return model
+
+
+def _with_keypoints(metadata: dict[str, Any]) -> Any:
+    """The configuration; files of earlier releases say only with their data how many keypoints a network saw."""
+    config, kind = metadata.get("config"), config_of(str(metadata.get("kind")))
+    try:
+        count = metadata["card"]["data"]["metadata"]["config"]["cable"]["keypoints"]
+    except (KeyError, TypeError):
+        return config
+    if not isinstance(config, dict) or "keypoints" not in {field.name for field in fields(kind)}:
+        return config
+    return {"keypoints": count, **config}
 
 
 def read_card(name_or_path: str | Path) -> dict[str, Any]:

@@ -18,11 +18,13 @@ Note:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, NamedTuple, get_args
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.interpolate import CubicSpline
 
 from cableway.core.errors import InputError
 
@@ -92,6 +94,17 @@ class Inputs(NamedTuple):
 def arc_fractions(count: int) -> Float[np.ndarray, "n"]:
     """Arc length of each keypoint over the cable's length, from 0 to 1."""
     return np.linspace(0.0, 1.0, count, dtype=np.float32)
+
+
+def resampled(rows: Float[Array, "n k"], count: int) -> Float[Array, "m k"]:
+    """The rows at another number of places at equal arc length, by cubic splines; the first and last stay."""
+    return rows if len(rows) == count else jnp.asarray(_splines(len(rows), count)) @ rows
+
+
+@lru_cache
+def _splines(given: int, wanted: int) -> Float[np.ndarray, "m n"]:
+    """Weight of each given row in each wanted one."""
+    return CubicSpline(arc_fractions(given), np.eye(given))(arc_fractions(wanted)).astype(np.float32)
 
 
 def cable_frame(keypoints: Float[Array, "n 2"], poses: Float[Array, "2 3"]) -> Frame:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from cableway.core.errors import InputError
 from cableway.records import Transitions
 from cableway.tang2025.models import frames
 from cableway.tang2025.models.base import DeformationModel
@@ -19,6 +20,10 @@ from cableway.tang2025.models.viscoelastic import RodParameters
 
 SMALLEST_SPREAD = 1e-6
 """Standard deviation below which an input counts as constant and is not divided by it."""
+
+
+KEYPOINTS = 13
+"""Number of keypoints that a network sees unless its configuration says otherwise."""
 
 
 class Network(eqx.Module):
@@ -33,11 +38,21 @@ class LearnedConfig(abc.ABC):
     """A learned model's configuration: it makes the network, with random weights."""
 
     kind: ClassVar[str]
+    keypoints: int
     framing: Framing
 
     @abc.abstractmethod
     def network(self, key: PRNGKeyArray) -> Network:
         """The network."""
+
+    def check_keypoints(self) -> None:
+        """Fewer than three show no bend.
+
+        Raises:
+            InputError: The network sees so few.
+        """
+        if self.keypoints < 3:
+            raise InputError(f"{self.kind} keypoints must be at least 3, got {self.keypoints!r}")
 
     def rod(self) -> RodParameters | None:
         """The nominal rod, where the framing asks for one."""
@@ -155,8 +170,10 @@ class LearnedModel(DeformationModel):
     ) -> Float[Array, "n 2"]:
         """See `DeformationModel`."""
         framing = self.config.framing
-        frame = frames.frame_of(framing, keypoints, poses)
-        output = self.network(self.normalization(frames.express(framing, frame, keypoints, poses, action)))
+        seen = frames.resampled(keypoints, self.config.keypoints)
+        frame = frames.frame_of(framing, seen, poses)
+        output = self.network(self.normalization(frames.express(framing, frame, seen, poses, action)))
+        output = frames.resampled(output, len(keypoints))
         correction = self.normalization.output * frame.unit * output @ frame.axes.T
         window = jnp.asarray(frames.correction_window(framing, len(keypoints)))[:, None]
         return _base(framing, self.rod, keypoints, poses, action) + window * correction

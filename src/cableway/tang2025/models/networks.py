@@ -22,7 +22,7 @@ from cableway.core.errors import InputError, UnknownNameError
 from cableway.scene.task import CONTROL_STEP
 from cableway.tang2025.models.frames import Framing, Inputs
 from cableway.tang2025.models.layers import GRIPPERS, TOKEN, Dense, LayerNorm, tokens
-from cableway.tang2025.models.learned import LearnedConfig, Network
+from cableway.tang2025.models.learned import KEYPOINTS, LearnedConfig, Network
 from cableway.tang2025.models.transformer import TransformerConfig
 from cableway.tang2025.models.viscoelastic import RodParameters
 
@@ -34,18 +34,21 @@ class ConvConfig(LearnedConfig):
     Attributes:
         width: Numbers a keypoint is encoded in.
         blocks: Residual blocks of two convolutions each.
+        keypoints: How many keypoints the network sees; a cable with another number is resampled.
         framing: Frame, blend, hard ends, rod.
     """
 
     kind: ClassVar[str] = "conv"
     width: int = 48
     blocks: int = 2
+    keypoints: int = KEYPOINTS
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
         for name in ("width", "blocks"):
             if getattr(self, name) < 1:
                 raise InputError(f"conv {name} must be at least 1, got {getattr(self, name)!r}")
+        self.check_keypoints()
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
@@ -112,18 +115,21 @@ class RecurrentConfig(LearnedConfig):
     Attributes:
         width: Numbers that each direction remembers.
         layers: Bidirectional layers.
+        keypoints: How many keypoints the network sees; a cable with another number is resampled.
         framing: Frame, blend, hard ends, rod.
     """
 
     kind: ClassVar[str] = "bilstm"
     width: int = 28
     layers: int = 2
+    keypoints: int = KEYPOINTS
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
         for name in ("width", "layers"):
             if getattr(self, name) < 1:
                 raise InputError(f"bilstm {name} must be at least 1, got {getattr(self, name)!r}")
+        self.check_keypoints()
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
@@ -184,20 +190,19 @@ class MLPConfig(LearnedConfig):
 
     Attributes:
         hidden: Widths of the hidden layers; none of them for the linear model.
-        keypoints: The number of keypoints it serves.
+        keypoints: How many keypoints the network sees; a cable with another number is resampled.
         framing: Frame, blend, hard ends, rod.
     """
 
     kind: ClassVar[str] = "mlp"
     hidden: tuple[int, ...] = (128, 128)
-    keypoints: int = 13
+    keypoints: int = KEYPOINTS
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
         if any(width < 1 for width in self.hidden):
             raise InputError(f"mlp hidden widths must be at least 1, got {self.hidden!r}")
-        if self.keypoints < 3:
-            raise InputError(f"mlp keypoints must be at least 3, got {self.keypoints!r}")
+        self.check_keypoints()
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
@@ -206,7 +211,7 @@ class MLPConfig(LearnedConfig):
 
 class Perceptron(Network):
     """Dense layers with SiLU between them, from all inputs as one list to all displacements; linear without a hidden
-    layer. It serves one number of keypoints only."""
+    layer."""
 
     layers: tuple[Dense, ...]
     readout: Dense
@@ -218,14 +223,7 @@ class Perceptron(Network):
         self.readout = Dense(sizes[-1], 2 * config.keypoints, key=keys[0], scale=0.1)
 
     def __call__(self, inputs: Inputs) -> Float[Array, "n 2"]:
-        """See `Network`.
-
-        Raises:
-            InputError: The cable has another number of keypoints.
-        """
-        keypoints = len(self.readout.bias) // 2
-        if len(inputs.keypoints) != keypoints:
-            raise InputError(f"this model serves {keypoints} keypoints only, the cable has {len(inputs.keypoints)}")
+        """See `Network`."""
         row = jnp.concatenate([part.reshape(1, -1) for part in inputs], axis=1)
         for layer in self.layers:
             row = jax.nn.silu(layer(row))
@@ -241,6 +239,7 @@ class RodConfig(Checked, LearnedConfig):
     """
 
     kind: ClassVar[str] = "rod"
+    keypoints: ClassVar[int] = KEYPOINTS  # pyright: ignore[reportIncompatibleVariableOverride]
     damping_time: Positive[float] = CONTROL_STEP
 
     @property

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from cableway.core.errors import InputError
 from cableway.tang2025.models.frames import Framing, Inputs
 from cableway.tang2025.models.layers import PLACED, Attention, Dense, FeedForward, LayerNorm, placed
-from cableway.tang2025.models.learned import LearnedConfig, Network
+from cableway.tang2025.models.learned import KEYPOINTS, LearnedConfig, Network
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +35,7 @@ class TransformerConfig(LearnedConfig):
         encoder_blocks: Self-attention blocks of the DLO encoder.
         decoder_blocks: Cross-attention blocks of the DLO decoder.
         expansion: Width of the layer inside a feed-forward block over `width`.
+        keypoints: How many keypoints the network sees; a cable with another number is resampled.
         framing: Frame, blend, hard ends, rod.
     """
 
@@ -44,6 +45,7 @@ class TransformerConfig(LearnedConfig):
     encoder_blocks: int = 2
     decoder_blocks: int = 1
     expansion: int = 2
+    keypoints: int = KEYPOINTS
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
@@ -52,6 +54,7 @@ class TransformerConfig(LearnedConfig):
                 raise InputError(f"transformer {name} must be at least 1, got {getattr(self, name)!r}")
         if self.width % self.heads:
             raise InputError(f"transformer width must be a multiple of its {self.heads} heads, got {self.width!r}")
+        self.check_keypoints()
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
