@@ -11,6 +11,7 @@ import pytest
 from quasi_static import outward, straight_plan, task_for
 
 from cableway.control.base import Status
+from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.geometry import convex
 from cableway.records import Observation, Plan
 from cableway.rod.planar import PlanarRod
@@ -98,6 +99,21 @@ def test_an_offset_is_led_back(started: Shared) -> None:
     shifted = replace(at(0), keypoints=PLAN.shapes[0] + [0.005, 0.0], poses=PLAN.poses[0] + [0.005, 0.0, 0.0])
     action, _ = controller.step(state, shifted)
     assert (action[:, 0] < -2e-4).all()
+
+
+def test_the_cable_is_estimated_and_the_estimate_survives_a_new_plan(started: Shared) -> None:
+    """A cable 1.5% longer than the task has it; the paper's controller estimates nothing."""
+    longer = straight_plan(PlanarRod(0.3045))
+    for settings, estimates in (({}, True), ({"estimator": EstimatorConfig.nominal()}, False)):
+        controller, state = started(longer, replace(task_for(longer), cable=TASK.cable), **settings)
+        for row in range(len(longer.shapes)):
+            _, state = controller.step(state, at(row, longer))
+        assert bool(state.estimates()) is estimates
+        resumed = controller.resume(state, state.task, longer)
+        for cable in (state.estimated_cable(), resumed.estimated_cable()):
+            assert (cable is not None) is estimates
+            if cable is not None:
+                assert 0.3025 < cable.length < 0.3065
 
 
 def test_the_offset_learns_what_the_model_gets_wrong(started: Shared) -> None:
