@@ -7,6 +7,7 @@ import problems
 import pytest
 
 from cableway.records import Check, Plan
+from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.verification.follower import _Chain, follow
 from cableway.verification.plan import verify_plan
@@ -34,6 +35,17 @@ def test_stability_agrees_with_the_other_rod(motion):
     stations, poses = rod.shapes(q)
     followed = follow(rod.at_keypoints(stations), poses, Cable(length=rod.length, keypoints=rod.keypoints))
     assert followed.stability == pytest.approx(rod.stability(q)[0], rel=0.03)
+
+
+def test_stability_is_judged_half_way_between_rows():
+    """Both ends turned one way, then the other: an arc, least stable half-way."""
+    rod, cable = PlanarRod(0.3), Cable(length=0.3)
+    stations, poses = rod.shapes(np.array([[0.3, 0.3, 0.0, 0.0, 20.0, 0.0]]))
+    turned = poses + 0.4 * np.array([[[0, 0, -1], [0, 0, 1]], [[0, 0, 1], [0, 0, -1]]])
+    followed = follow(np.repeat(rod.at_keypoints(stations), 2, axis=0), turned, cable)
+    halfway = rod.stability(np.array([[0.3, 0.3, 0.0, 0.0, 20.0, 0.0]]))[0][0]
+    assert followed.stability[0] > 1.3 * halfway
+    assert followed.stability[1] == pytest.approx(halfway, rel=0.03)
 
 
 @pytest.fixture(scope="module")

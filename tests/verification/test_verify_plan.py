@@ -17,7 +17,7 @@ from cableway.scene.obstacles import Box, Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Grippers, Task
 from cableway.verification import verify_plan
-from cableway.verification.plan import self_clearance
+from cableway.verification.plan import self_clearance, with_halves
 
 
 def plan_of(q: np.ndarray, task: Task) -> Plan:
@@ -101,6 +101,28 @@ def test_the_sweep_between_rows_is_judged(good):
     walled = replace(task, scene=Scene(obstacles=(Box(center=(0.35, 0.36), size=(0.2, 0.004)),)))
     assert task.scene.clearance(rows, 0.004).min() > 0.004
     assert "cable clearance" in failed(far, walled)
+
+
+def test_grippers_that_pass_each_other_between_rows_are_found(good):
+    """The left one jumps from one side of the right one to the other: apart by 20 mm in either row."""
+    task, plan = good
+    poses = plan.poses[:2].copy()
+    poses[:, 0, :2] = poses[:, 1, :2] + np.array([[0.02, 0.0], [-0.02, 0.001]])
+    jumping = replace(plan, shapes=plan.shapes[:2], poses=poses, q=None)
+    found = next(check for check in verify_plan(jumping, task).checks if check.name == "gripper separation")
+    assert found.value < 0.002
+    assert not found.passed
+
+
+def test_a_cable_that_touches_itself_between_rows_is_found():
+    """Two strands that change sides, 20 mm apart in either row."""
+    along = np.linspace(0.0, 0.1, 21)
+    strand = np.column_stack([along, np.zeros(21)])
+    lines = np.stack([np.vstack([strand, strand[::-1] + [0.0, gap]]) for gap in (0.02, -0.02)])
+    assert self_clearance(lines[:1], 0.004).passed
+    both = self_clearance(with_halves(lines), 0.004)
+    assert not both.passed
+    assert both.where == "at row 0.5"
 
 
 def test_a_corner_between_keypoints_is_judged(good):

@@ -35,7 +35,8 @@ class Followed:
         keypoints: (k, n, 2) of the rod [m] at each row reached.
         deviation: (k,) largest distance [m] of one to the plan.
         curvature: (k,) largest curvature [1/m] at each row reached.
-        stability: (k,) least eigenvalue of the energy's Hessian along the closure, times N^2, at each row reached.
+        stability: (k,) least eigenvalue of the energy's Hessian along the closure, times N^2, at each row reached, or
+            half-way to it where it is less than at both rows.
         lines: (k, m, 2) the rod's vertices [m].
         lost_at: The row where no stable equilibrium was found any more, or None.
     """
@@ -58,11 +59,13 @@ def follow(
     for t in range(len(shapes)):
         target = poses[t].copy()
         target[:, 2] = pose[:, 2] + turn(target[:, 2] - pose[:, 2])
-        reached = _continue(chain, angles, pose, target, halvings)
-        if reached is None:
+        halfway = _continue(chain, angles, pose, 0.5 * (pose + target), halvings)
+        reached = halfway and _continue(chain, halfway[0], 0.5 * (pose + target), target, halvings)
+        if halfway is None or reached is None:
             lost_at = t
             break
-        angles, margin = reached
+        before = rows[-1][3] if rows else np.inf
+        angles, margin = reached[0], halfway[1] if halfway[1] < min(before, reached[1]) else reached[1]
         pose = target
         line = chain.vertices(pose, angles)
         keypoints = chain.keypoints(line, shapes.shape[1])

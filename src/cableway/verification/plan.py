@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -99,8 +99,8 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         cable_clearance(lines, task, clearance),
         gripper_clearance(plan.poses, task, np.stack(grippers)),
         _length(lines, followed, task, limits),
-        self_crossings(lines),
-        self_clearance(lines, task.cable.radius),
+        self_crossings(with_halves(lines)),
+        self_clearance(with_halves(lines), task.cable.radius),
         _grasp(plan, limits),
         _separation(plan.poses, task),
         *_gripper_motion(plan.poses, task),
@@ -153,14 +153,16 @@ def _clearance(
 
 
 def self_crossings(lines: Float[np.ndarray, "t m 2"]) -> Check:
-    """No row in which the cable crosses itself."""
+    """No line in which the cable crosses itself; lines are as from `with_halves`."""
     crossed = ~shapely.is_simple(shapely.linestrings(lines))
-    where = f"first at row {int(np.argmax(crossed))}" if crossed.any() else ""
+    where = f"first at row {int(np.argmax(crossed)) / 2:g}" if crossed.any() else ""
     return Check("self-crossings", float(crossed.sum()), "", 0.0, not crossed.any(), where)
 
 
 def self_clearance(lines: Float[np.ndarray, "t m 2"], radius: float) -> Check:
     """Least clearance of the cable's surface from itself, between parts at least half a turn of it apart.
+
+    Lines are as from `with_halves`.
 
     Those are pi radius of arc length or more from each other: nearer ones cannot touch unless the cable bends more
     sharply than its radius.
@@ -176,7 +178,15 @@ def self_clearance(lines: Float[np.ndarray, "t m 2"], radius: float) -> Check:
         here = arcs[:, point, None]
         apart = np.maximum(arcs[:, :-1] - here, here - arcs[:, 1:])
         gap = np.minimum(gap, np.where(apart >= np.pi * radius, distance, np.inf).min(1))
-    return at_least("self-clearance", gap - 2 * radius, "m", 0.0)
+    found = at_least("self-clearance", gap - 2 * radius, "m", 0.0)
+    return replace(found, where=f"at row {int(np.argmin(gap)) / 2:g}")
+
+
+def with_halves(lines: Float[np.ndarray, "t m 2"]) -> Float[np.ndarray, "2*t-1 m 2"]:
+    """The lines of all rows, and half-way from each row to the next."""
+    both = np.empty((2 * len(lines) - 1, *lines.shape[1:]))
+    both[::2], both[1::2] = lines, (lines[:-1] + lines[1:]) / 2
+    return both
 
 
 def _end(name: str, shape: np.ndarray, wanted: np.ndarray, limits: VerificationLimits) -> Check:
@@ -218,9 +228,11 @@ def _grasp(plan: Plan, limits: VerificationLimits) -> Check:
 
 
 def _separation(poses: np.ndarray, task: Task) -> Check:
-    """The grippers' discs overlap nowhere, and their centres keep the distance that the task asks for."""
-    grippers = task.grippers
-    apart = np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1)
+    """The grippers' discs overlap nowhere, between rows neither, and their centres keep the distance asked for."""
+    grippers, gap = task.grippers, poses[:, 1, :2] - poses[:, 0, :2]
+    change = np.diff(gap, axis=0, append=gap[-1:])
+    share = np.clip(-np.sum(gap * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-30), 0.0, 1.0)
+    apart = np.linalg.norm(gap + share[:, None] * change, axis=1)
     return at_least("gripper separation", apart, "m", max(grippers.separation, 2 * grippers.radius))
 
 
