@@ -463,3 +463,22 @@ def test_fits_go_on_from_the_last_ones():
     assert off(replace(begun, fits=before[None].repeat(4, 0))) < 0.006
     alone = replace(begun, fits=begun.fits + [0, 0, 0, 400.0, 0, 0])  # last fits that lead nowhere do no harm
     assert off(alone) == pytest.approx(off(begun), rel=1e-6)
+
+
+def test_grippers_do_not_part_where_the_estimated_cable_is_taut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No rod can be held so, while the plan goes on pulling: what they do together is made, what parts them is not."""
+    slack = np.array([0.25, 0.35, 0.0, 0.0, 9.0, 0.0])
+    rod = PlanarRod(0.3)
+    plan = straight_plan(rod, slack, slack + [0.1, 0.0, 0.0, 0.0, -5.0, 0.0], steps=20)
+    span = np.linalg.norm(plan.poses[:, 1, :2] - plan.poses[:, 0, :2], axis=1)
+    assert np.diff(span).min() > 0
+    controller = RodMPC(RodMPCConfig(hold=0.0))
+    state = controller.init(task_for(plan), plan)
+    monkeypatch.setattr(RodMPC, "_solve", lambda *_: np.full((2, 3), np.nan))
+    for row in range(5):
+        action, state = controller.step(state, Observation(0.1 * row, plan.shapes[row], plan.poses[row]))
+        after = SE2.plus(plan.poses[row], action)
+        assert np.linalg.norm(after[1, :2] - after[0, :2]) <= span[row] + 1e-9
+        assert state.status == Status.FAILED
+        if row:
+            assert np.linalg.norm(action[:, :2].mean(axis=0)) > 0.002
