@@ -17,8 +17,10 @@ from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Grippers
 from cableway.tracking import track
-from cableway.tracking.loop import HOLDING
+from cableway.tracking.loop import HOLDING, Loop
 from cableway.tracking.robot import HOLD, HOLDS, FollowingError, MessageGate
+from cableway.tracking.stopping import TrackConfig
+from cableway.tracking.watchdog import Watchdog
 
 ROD = PlanarRod(0.3)
 PLAN = straight_plan(ROD, steps=60)
@@ -93,6 +95,20 @@ def test_a_gripper_that_stalls_is_not_left_behind(controller: RodMPC) -> None:
     assert plant.lead < 0.02
     assert rollout.outcome is Outcome.SETTLED
     assert stacked(rollout.keypoints[-1], TASK.goal) < 0.005
+
+
+def test_a_stop_takes_back_what_a_stalled_gripper_has_yet_to_do(controller: RodMPC) -> None:
+    """It is stopped while it stalls, and does not move when it could again."""
+    plant = Stalled(2.0, 2.8)
+    loop = Loop(plant, controller, PLAN, TrackConfig(), Watchdog())
+    while plant.now < 2.4:
+        assert loop.step() is None
+    loop.stand()
+    stopped = loop.poses.copy()
+    for _ in range(8):
+        assert loop.stand() is None
+    assert plant.now > plant.end + 0.3
+    np.testing.assert_allclose(loop.poses, stopped, atol=1e-9)
 
 
 def test_a_gripper_that_stays_stalled_ends_the_run(controller: RodMPC) -> None:

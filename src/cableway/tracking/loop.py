@@ -214,10 +214,11 @@ class Loop:
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
 
     def stand(self, status: str = LOST) -> Ending | None:
-        """One control step without motion."""
-        self.state = self.state.overruled(_still(), status)
-        self.log.act(_still(), 0.0, status, self.state.estimates())
-        return self._send(_still())
+        """One control step without motion; what a gripper that is short of its command has yet to do is taken back."""
+        action = self._robot.stop(self.plant.task.grippers, anew=True) if self._robot.short else _still()
+        self.state = self.state.overruled(action, status, waits=True)
+        self.log.act(action, 0.0, status, self.state.estimates())
+        return self._send(action)
 
     def compute(self, function: Callable[[], T], status: str) -> T | Ending:
         """What a function returns, or how the run ended meanwhile; in real time the grippers stand until it does."""
