@@ -175,6 +175,9 @@ class Loop:
             if ending is not None:
                 break
             self.look_round()
+            if self._robot.short and not self._robot.holding:
+                ending = self.stand(BACKING_OFF)
+                continue
             back = self._filtered(-self._way[-1])
             if self._robot.holding or not self.guard.is_safe(back, self.observation):
                 return None
