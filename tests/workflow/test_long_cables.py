@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,8 @@ from cableway.core.errors import InputError
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import load_task
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.table_plant import TableConfig
 from cableway.tasks.generation import random_task
 from cableway.tasks.scaling import scaled
 from cableway.workflow.events import Note
@@ -61,3 +65,14 @@ def test_a_task_is_scaled_with_all_that_lies_on_the_table() -> None:
         scaled(load_task("maze-1"), 0.0)
     with pytest.raises(InputError, match="has a plug"):
         scaled(load_task("insertion"), 2.0)
+
+
+def test_a_cable_that_friction_holds_is_named() -> None:
+    """mu rho g L^3 / EI = 0.5 * 0.1 * 9.81 * 0.3^3 / 1e-4 = 132, of the plant's cable and table; not of the task's."""
+    task = random_task(301, "clutter")
+    limp = replace(task.cable, bending_stiffness=1e-4, linear_density=0.1)
+    plant = Perturbation(cable=limp, table=TableConfig(friction=0.25, across=2.0))
+    assert plant.friction_number(task) == pytest.approx(132.4, abs=0.1)
+    done = solve(task, SolveOptions(perturbation=plant, track=False))
+    assert any("mu rho g L^3 / EI is 132" in note for note in done.report.notes)
+    assert not any("Friction" in note for note in solve(task, SolveOptions(track=False)).report.notes)

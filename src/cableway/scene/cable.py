@@ -39,7 +39,7 @@ GRAVITY = 9.81
 """[m/s^2]."""
 
 FRICTION_RULES = 100.0
-"""`Cable.friction_number` from which friction, not the grippers, decides the shape; by `studies/limp_cables.py`."""
+"""`Cable.friction_number` from which friction holds the cable back by some 10 cm; by `studies/limp_cables.py`."""
 
 LOGARITHMIC = ("bending_stiffness", "damping_time", "stiffness_profile")
 """Fields drawn uniformly in their logarithm: what is known of them is a factor."""

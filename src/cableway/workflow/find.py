@@ -196,8 +196,8 @@ def _warnings(task: Task, options: SolveOptions, listener: Listener) -> tuple[st
         )
     if (number := options.perturbation.friction_number(task)) >= FRICTION_RULES:
         found.append(
-            f"The cable lies as friction leaves it: mu rho g L^3 / EI is {number:.0f}, and from {FRICTION_RULES:g} on "
-            "the grippers cannot lead its middle. It may well miss its goal, or touch something."
+            f"Friction may hold the cable: mu rho g L^3 / EI is {number:.0f}, and from {FRICTION_RULES:g} on it strays "
+            "by some 10 cm on its way, more the limper and heavier it is."
         )
     for warning in found:
         listener.emit(Note(warning))
