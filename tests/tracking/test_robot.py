@@ -68,6 +68,20 @@ class Stalled(Faulty):
         return super().step(moved)
 
 
+class ReportedLate(Stalled):
+    """Its poses are those of three steps ago."""
+
+    def reset(self) -> Observation:
+        observation = super().reset()
+        self.past = [observation.poses] * 3
+        return observation
+
+    def step(self, action: np.ndarray) -> Observation:
+        observation = super().step(action)
+        self.past.append(observation.poses)
+        return replace(observation, poses=self.past.pop(0))
+
+
 class Repeating(Faulty):
     """The link, or the camera alone, repeats its last message."""
 
@@ -109,6 +123,32 @@ def test_a_stop_takes_back_what_a_stalled_gripper_has_yet_to_do(controller: RodM
         assert loop.stand() is None
     assert plant.now > plant.end + 0.3
     np.testing.assert_allclose(loop.poses, stopped, atol=1e-9)
+
+
+def test_a_stop_takes_back_once_where_poses_are_reported_late(controller: RodMPC) -> None:
+    """The grippers do not go to and fro until the reports show that they stand."""
+    plant = ReportedLate(2.0, 2.8)
+    loop = Loop(plant, controller, PLAN, TrackConfig(), Watchdog())
+    while plant.now < 2.6:
+        assert loop.step() is None
+    stopped = len(loop.log.actions)
+    for _ in range(10):
+        assert loop.stand() is None
+    assert np.any(loop.log.actions[stopped])
+    assert not np.any(loop.log.actions[stopped + 3 :])
+
+
+def test_the_way_back_loses_no_motion_to_a_gripper_that_stalls(controller: RodMPC) -> None:
+    """It stalls while the last 14 motions are taken back: the grippers end where both were together before."""
+    plant = Stalled(2.0, 2.8)
+    loop = Loop(plant, controller, PLAN, TrackConfig(), Watchdog())
+    while plant.now < 1.9:
+        assert loop.step() is None
+    went = np.array([row.poses for row in loop.log.measured])
+    assert loop.back_off(14) is None
+    loop.stand()
+    gaps = np.linalg.norm((went - loop.poses)[..., :2], axis=2).max(axis=1)
+    assert gaps.min() < 0.004
 
 
 def test_a_gripper_that_stays_stalled_ends_the_run(controller: RodMPC) -> None:

@@ -140,6 +140,7 @@ class Loop:
         self._followed = -1
         self.suspected: list[Disc] = []
         self._way: list[np.ndarray] = []
+        self._taken_back = False
         self.plan = plan
         self.state: ControllerState = controller.init(plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step)
@@ -176,7 +177,7 @@ class Loop:
                 break
             self.look_round()
             if self._robot.short and not self._robot.holding:
-                ending = self.stand(BACKING_OFF)
+                ending = self._without_motion(_still(), BACKING_OFF)
                 continue
             back = self._filtered(-self._way[-1])
             if self._robot.holding or not self.guard.is_safe(back, self.observation):
@@ -208,6 +209,7 @@ class Loop:
 
     def step(self) -> Ending | None:
         """One control step; how the run ended, if it did."""
+        self._taken_back = False
         if self._robot.holding:
             return self._hold()
         hold = partial(self._robot.stop, self.plant.task.grippers)
@@ -217,11 +219,16 @@ class Loop:
         return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
 
     def stand(self, status: str = LOST) -> Ending | None:
-        """One control step without motion; what a gripper that is short of its command has yet to do is taken back."""
-        action = self._robot.stop(self.plant.task.grippers, anew=True) if self._robot.short else _still()
-        self.state = self.state.overruled(action, status, waits=True)
-        self.log.act(action, 0.0, status, self.state.estimates())
-        return self._send(action)
+        """One control step without motion; what a gripper that is short of its command has yet to do is taken back.
+
+        Once: where poses are reported late, the next ones do not show yet that it was, and the grippers would go to
+        and fro.
+        """
+        action = _still()
+        if self._robot.short and (not self._taken_back or self._before.any()):
+            action = self._robot.stop(self.plant.task.grippers, anew=not self._taken_back)
+            self._taken_back = True
+        return self._without_motion(action, status)
 
     def compute(self, function: Callable[[], T], status: str) -> T | Ending:
         """What a function returns, or how the run ended meanwhile; in real time the grippers stand until it does."""
@@ -230,6 +237,12 @@ class Loop:
             if (ending := self.stand(status)) is not None:
                 return ending
         return future.result()
+
+    def _without_motion(self, action: np.ndarray, status: str) -> Ending | None:
+        """One control step in which the plan does not go on."""
+        self.state = self.state.overruled(action, status, waits=True)
+        self.log.act(action, 0.0, status, self.state.estimates())
+        return self._send(action)
 
     def _filtered(self, action: np.ndarray) -> np.ndarray:
         """What of an action may leave for the plant; a stop needs not ask.

@@ -81,6 +81,11 @@ def test_a_wrong_model_is_changed_while_it_leads(model: LearnedModel):
         keypoints, poses = truth.shapes(keypoints, poses, action[None])[0], poses + action
         state = replace(state, tracker=state.tracker.commanding(action))
     assert state.estimates()["model changes taken"].value >= 1
+    resumed = controller.resume(state, TASK, PLAN)
+    assert resumed.estimates() == state.estimates()
+    motions = np.full((config.horizon, 2, 3), 0.005)
+    before, after = (one.problem.predictor.shapes(PLAN.shapes[0], PLAN.poses[0], motions) for one in (state, resumed))
+    np.testing.assert_array_equal(after, before)
 
 
 def test_what_was_not_learned_cannot_be_adapted():

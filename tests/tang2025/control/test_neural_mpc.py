@@ -116,6 +116,18 @@ def test_the_cable_is_estimated_and_the_estimate_survives_a_new_plan(started: Sh
                 assert 0.3025 < cable.length < 0.3065
 
 
+def test_a_contact_is_noticed(started: Shared) -> None:
+    """From row 12 on the middle of the cable is pushed out by 4 mm a row, which no parameter explains."""
+    controller, state = started()
+    bulge = outward(PLAN.shapes[0]) * np.exp(-(((np.arange(13) - 6) / 2.0) ** 2))[:, None]
+    for row in range(40):
+        _, state = controller.step(state, at(row, shift=0.004 * max(row - 12, 0) * bulge))
+        if state.contact() is not None:
+            break
+    assert (contact := state.contact()) is not None
+    assert contact.direction @ outward(PLAN.shapes[0]) > 0.5
+
+
 def test_the_offset_learns_what_the_model_gets_wrong(started: Shared) -> None:
     """A cable that drifts by 0.4 mm a step although nothing moves: the offset goes to that drift."""
     controller, state = started(STILL)
