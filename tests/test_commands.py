@@ -10,7 +10,7 @@ from recorded import moved_plan, perfect_rollout
 
 from cableway.commands import stopping_time
 from cableway.records import Rollout
-from cableway.tracking.watchdog import CUT
+from cableway.tracking.loop import WAITING
 
 
 def stopped(sent: list[float], moved: list[float]) -> Rollout:
@@ -39,7 +39,7 @@ def test_time_from_a_stop_to_rest(sent: list[float], moved: list[float], seconds
 def test_waiting_for_a_gripper_that_is_late_is_no_stop() -> None:
     late = stopped([5, 0, 0, 0, 0, 0], [5, 0, 0, 0, 5, 0])
     assert stopping_time(late) == pytest.approx(0.4)
-    waiting = np.array(["tracking", *[f"tracking{CUT}"] * 5])
+    waiting = np.array(["tracking", *[WAITING] * 5])
     assert stopping_time(replace(late, status=waiting)) is None
 
 

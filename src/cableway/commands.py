@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
 from cableway.records import Rollout
-from cableway.tracking.watchdog import CUT
+from cableway.tracking.loop import TRIAL, WAITING
 
 STOP = 3
 """Control steps without a command from which on the grippers are taken to be stopped."""
@@ -70,9 +70,9 @@ class Commands:
 def stopping_time(rollout: Rollout) -> float | None:
     """Longest time [s] from a stop until both grippers are at rest; None where they were never stopped.
 
-    Where the last filter lets nothing pass they only wait: a gripper that is late still carries out its command.
+    Where they only wait for a gripper that is late, it still carries out its command.
     """
-    still = ~rollout.actions.any(axis=(1, 2)) & ~np.char.endswith(rollout.status, CUT)
+    still = ~rollout.actions.any(axis=(1, 2)) & ~np.isin(rollout.status, (WAITING, TRIAL))
     moved, turned = SE2.distance(rollout.poses[:-1], rollout.poses[1:])
     moving = np.any((moved > RESTING[0]) | (turned > RESTING[1]), axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still, [0]])))

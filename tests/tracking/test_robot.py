@@ -17,8 +17,8 @@ from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Grippers
 from cableway.tracking import track
-from cableway.tracking.loop import HOLDING, Loop
-from cableway.tracking.robot import HOLD, HOLDS, FollowingError, MessageGate
+from cableway.tracking.loop import HOLDING, TRIAL, WAITING, Loop
+from cableway.tracking.robot import HOLD, HOLDS, SHORT, FollowingError, MessageGate
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
@@ -107,8 +107,38 @@ def test_a_gripper_that_stalls_is_not_left_behind(controller: RodMPC) -> None:
     stalled = (rollout.times > 2.2) & (rollout.times < rollout.times[held[0]])
     np.testing.assert_array_equal(np.ptp(rollout.poses[stalled], axis=0), 0.0)
     assert plant.lead < 0.02
+    waited = np.isin(rollout.status, (WAITING, HOLDING, TRIAL))
+    assert np.ptp(rollout.reference[np.flatnonzero(waited)[1:]], axis=0).max() == 0.0, "the reference waits, too"
     assert rollout.outcome is Outcome.SETTLED
     assert stacked(rollout.keypoints[-1], TASK.goal) < 0.005
+
+
+def test_a_gripper_that_did_not_follow_goes_first(controller: RodMPC) -> None:
+    """It stalls for 3 s: after every hold it is tried alone, and the other one moves when it has followed."""
+    plant = Stalled(2.0, 5.0)
+    rollout = track(plant, controller, PLAN)
+    tried = np.flatnonzero(rollout.status == TRIAL)
+    assert rollout.times[tried[0]] < 4.0 < rollout.times[tried[-1]]
+    np.testing.assert_array_equal(rollout.actions[tried, 0], 0.0)
+    assert rollout.actions[tried, 1].any()
+    span = np.linalg.norm(np.subtract(*rollout.poses.swapaxes(0, 1)[..., :2]), axis=1)
+    stalled = (rollout.times > 2.25) & (rollout.times < 5.0)
+    assert np.ptp(span[stalled]) < SHORT
+    assert rollout.outcome is Outcome.SETTLED
+
+
+@pytest.mark.parametrize("slack", [0.02, 0.0])
+def test_a_taut_cable_waits_where_no_poses_come(controller: RodMPC, slack: float) -> None:
+    """A gripper may have stalled; with more slack than one step takes they go on for that step."""
+    plant = Stalled(2.0, 3.0)
+    loop = Loop(plant, controller, PLAN, TrackConfig(), Watchdog())
+    while plant.now < 2.0:
+        assert loop.step() is None
+    loop.observation = replace(loop.observation, poses=np.full((2, 3), np.nan))
+    loop._most_span = float(np.linalg.norm(np.subtract(*loop.poses[:, :2]))) + slack
+    assert loop.step() is None
+    assert (loop.log.status[-1] == WAITING) is (slack == 0.0)
+    assert loop.log.actions[-1].any() is np.bool_(slack > 0.0)
 
 
 def test_a_stop_takes_back_what_a_stalled_gripper_has_yet_to_do(controller: RodMPC) -> None:

@@ -108,7 +108,7 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
         return watch.avoid(loop, contact) if watch is not None else Ending(Outcome.BLOCKED_WAY, held_up(contact))
     if watch is None:
         return ending
-    if ending is None and watch.is_lost(loop.observation, loop.recent_references, loop.task):
+    if ending is None and not loop.waits and watch.is_lost(loop.observation, loop.recent_references, loop.task):
         return watch.recover(loop, Outcome.LEFT_PLAN)
     if (
         ending is not None

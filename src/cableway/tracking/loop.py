@@ -42,6 +42,13 @@ HOLDING = "a gripper does not follow: holding"
 """The same because a gripper is not where it was sent."""
 
 
+WAITING = "a gripper is late or was not reported: waiting"
+"""The same because a gripper has not come yet where it was sent, or may not have."""
+
+TRIAL = "a gripper did not follow: trying it alone"
+"""Status of a step in which only that gripper may move."""
+
+
 class Log:
     """What was observed and done so far."""
 
@@ -169,6 +176,20 @@ class Loop:
         """Where the grippers were when that was last reported [m, m, rad]."""
         return self._robot.poses
 
+    @property
+    def waits(self) -> bool:
+        """Whether a gripper is late, or did not follow, so that the cable is not where the plan has it."""
+        robot = self._robot
+        return robot.short or robot.holding or robot.on_trial or self._would_tear
+
+    @property
+    def _would_tear(self) -> bool:
+        """Whether no poses came and the next motion like the last would pull the cable taut, had a gripper stalled."""
+        if poses_usable(self.observation) or not self._way:
+            return False
+        ahead, behind = SE2.position(SE2.plus(self._robot.target, self._way[-1])), SE2.position(self._robot.poses)
+        return float(np.linalg.norm(ahead - behind[::-1], axis=1).max()) > self._most_span
+
     def back_off(self, steps: int) -> Ending | None:
         """Stop, then take back the last gripper motions as far as that is safe; how the run ended, if it did."""
         ending = self.stand(BACKING_OFF)
@@ -212,6 +233,8 @@ class Loop:
         self._taken_back = False
         if self._robot.holding:
             return self._hold()
+        if self.waits:
+            return self._wait()
         hold = partial(self._robot.stop, self.plant.task.grippers)
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
@@ -239,17 +262,16 @@ class Loop:
         return future.result()
 
     def _without_motion(self, action: np.ndarray, status: str) -> Ending | None:
-        """One control step in which the plan does not go on."""
-        self.state = self.state.overruled(action, status, waits=True)
-        self.log.act(action, 0.0, status, self.state.estimates())
+        """One control step in which the plan does not go on, and whose motion is none to take back later."""
+        self._act_in_place(action, status)
         return self._send(action)
 
-    def _filtered(self, action: np.ndarray) -> np.ndarray:
-        """What of an action may leave for the plant; a stop needs not ask.
+    def _act_in_place(self, action: np.ndarray, status: str) -> None:
+        self.state = self.state.overruled(action, status, waits=True)
+        self.log.act(action, 0.0, status, self.state.estimates())
 
-        Nothing while a gripper is short of its command: a taut cable buckles at once when only one gripper goes on.
-        """
-        action = _still() if self._robot.short else action
+    def _filtered(self, action: np.ndarray) -> np.ndarray:
+        """What of an action may leave for the plant; a stop needs not ask."""
         return last_filter(action, self._robot.target, self.guard.task, self._most_span, self._before)
 
     @property
@@ -266,9 +288,20 @@ class Loop:
         if self._robot.failed:
             return Ending(Outcome.PLANT_FAILED, self._robot.error)
         action = self._robot.stop(self.plant.task.grippers)
-        self.state = self.state.overruled(action, HOLDING)
-        self.log.act(action, 0.0, HOLDING, self.state.estimates())
+        self._act_in_place(action, HOLDING)
         return self._move(action)
+
+    def _wait(self) -> Ending | None:
+        """One control step in which the plan waits for a gripper that is late, or that is on trial after a hold.
+
+        A taut cable buckles at once when only one gripper goes on.
+        """
+        motion, status = _still(), WAITING
+        if self._robot.on_trial:
+            motion, status = self._robot.trial(self.plant.task.grippers), TRIAL
+        action = self._filtered(motion)
+        self._act_in_place(action, status)
+        return self._move(action) or self._rule.outcome(self.state, self.observation)
 
     def _move(self, action: np.ndarray) -> Ending | None:
         if action.any():

@@ -31,10 +31,10 @@ HOLD = 0.5
 """Time [s] for which the grippers then stand where they are before the run goes on."""
 
 HOLDS = 6
-"""Such holds, each begun within `PAUSE` of the end of the one before, after which the robot has failed."""
+"""Such holds without a sign between them that the gripper follows, after which the robot has failed."""
 
-PAUSE = 1.0
-"""[s]."""
+TRIAL = 0.006
+"""Way [m] that the gripper then goes alone, to show that it follows: what is `SHORT` of it is noticed."""
 
 
 class MessageGate:
@@ -67,6 +67,9 @@ class MessageGate:
 class FollowingError:
     """Sees that a gripper does not follow its commands: it stalled, was stopped, or the link is dead.
 
+    Then both hold: where they stand becomes the target. After that the gripper that did not follow goes a little of
+    what it missed, alone; the run goes on when it is seen to follow, and the next hold begins if it does not.
+
     Attributes:
         target: Where they were sent [m, m, rad].
         poses: Where they were when that was last reported.
@@ -83,8 +86,10 @@ class FollowingError:
         self._commands = DelayEstimator.constant(self.target)
         self.poses = self._rest = self.target
         self.short = False
-        self._hold, self._pause = round(HOLD / control_step), round(PAUSE / control_step)
-        self._suspicions, self._holding, self._holds, self._since, self._behind = 0, 0, 0, 0, 0
+        self._hold = round(HOLD / control_step)
+        self._suspicions, self._holding, self._holds, self._behind = 0, 0, 0, 0
+        self._missed: Float[np.ndarray, "2 3"] | None = None
+        self._late, self._tried = 0, 0
         self.error = ""
 
     def commanded(self, action: Float[np.ndarray, "2 3"]) -> None:
@@ -94,7 +99,6 @@ class FollowingError:
 
     def measured(self, observation: Observation) -> None:
         """Gripper poses came, or none that can be used."""
-        self._since += 1
         self._holding = max(0, self._holding - 1)
         if not poses_usable(observation):
             return
@@ -105,15 +109,19 @@ class FollowingError:
         # distances added up, not squares: no delay makes up for one gripper of two that stands still
         self._commands = self._commands.updated(apart.sum(axis=1) ** 2)
         self._behind = self._behind + 1 if self.short else 0
+        self._try()
         worst = int(np.argmax(np.maximum(away / FOLLOWING_ERROR[0], turned / FOLLOWING_ERROR[1])))
-        lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1] or self._behind > LONGEST_DELAY
+        lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1]
+        lost = lost or max(self._behind, self._tried) > LONGEST_DELAY
         self._suspicions = self._suspicions + 1 if lost else 0
         if self._suspicions >= SUSPICIONS and not self._holding:
             side = ("left", "right")[worst]
             off = f"{1000 * away[worst]:.0f} mm and {turned[worst]:.2f} rad"
             self.error = f"the {side} gripper does not follow its commands: it is off by {off}"
-            self._holds = self._holds + 1 if self._since <= self._hold + self._pause else 1
-            self._holding, self._suspicions, self._since, self._behind = self._hold, 0, 0, 0
+            self._missed = self.target if self._missed is None else self._missed
+            self._late, self._tried = worst, 0
+            self._holds, self._holding = self._holds + 1, self._hold
+            self._suspicions, self._behind = 0, 0
             self._rest = self.poses
             self._commands = DelayEstimator.constant(self.target)
 
@@ -124,8 +132,32 @@ class FollowingError:
 
     @property
     def failed(self) -> bool:
-        """Whether they did not follow again and again."""
+        """Whether one did not follow again and again."""
         return self._holds > HOLDS
+
+    @property
+    def on_trial(self) -> bool:
+        """Whether, after a hold, the gripper that did not follow has yet to show that it does, see `trial`."""
+        return self._missed is not None and not self._holding
+
+    def trial(self, grippers: Grippers) -> Float[np.ndarray, "2 3"]:
+        """The next motion [m, m, rad] of that gripper alone, within its limits: `TRIAL` at most, then nothing."""
+        motion = np.zeros((2, SE2.dof))
+        if self._missed is not None and not self._tried:
+            self._tried = 1
+            way = self._towards(self._missed, grippers)[self._late]
+            motion[self._late] = min(1.0, TRIAL / max(float(np.linalg.norm(way[: SE2.space])), TRIAL)) * way
+        return motion
+
+    def _try(self) -> None:
+        """One message later: the gripper follows, or has had one more to do so."""
+        if not self._tried:
+            return
+        away, turned = SE2.distance(self.poses, self.target)
+        if away[self._late] <= TRIAL / 2 and turned[self._late] <= FOLLOWING_ERROR[1] / 2:
+            self._missed, self._tried, self._holds = None, 0, 0
+        else:
+            self._tried += 1
 
     def stop(self, grippers: Grippers, anew: bool = False) -> Float[np.ndarray, "2 3"]:
         """The motion [m, m, rad] that makes the measured poses the target, within the grippers' limits.
@@ -137,7 +169,11 @@ class FollowingError:
             anew: Whether a hold begins now.
         """
         if anew:
-            self._rest = self.poses
-        back = SE2.minus(self._rest, self.target)
-        turns = np.clip(back[:, SE2.space :], -grippers.max_turn, grippers.max_turn)
-        return np.column_stack([shorten(SE2.position(back), grippers.max_step), turns])
+            self._rest, self._missed = self.poses, None
+        return self._towards(self._rest, grippers)
+
+    def _towards(self, poses: Float[np.ndarray, "2 3"], grippers: Grippers) -> Float[np.ndarray, "2 3"]:
+        """The motion [m, m, rad] from the target towards other poses, within the grippers' limits."""
+        way = SE2.minus(poses, self.target)
+        turns = np.clip(way[:, SE2.space :], -grippers.max_turn, grippers.max_turn)
+        return np.column_stack([shorten(SE2.position(way), grippers.max_step), turns])
