@@ -482,3 +482,21 @@ def test_grippers_do_not_part_where_the_estimated_cable_is_taut(monkeypatch: pyt
         assert state.status == Status.FAILED
         if row:
             assert np.linalg.norm(action[:, :2].mean(axis=0)) > 0.002
+
+
+def test_a_new_plan_in_another_turn_goes_on_from_the_estimate_of_a_curled_cable() -> None:
+    """Under its forces the nominal rod would end turned by more than half a turn from the cable that is held."""
+    theta = material.nominal(ROD)
+    theta[material.ROD] = [0.287, 1.113, 0.765, -0.673, -1.093, 0.128, 0.325, -1.433, 0.176]
+    poses = np.array([[0.355, 0.540, 5.297], [0.324, 0.480, -0.130]])
+    q, by_theta = np.array([0.30, 0.42, 3.70, 105.0, 48.96, -3.01]), np.empty((13, 2, material.PARAMETERS))
+    assert predicted(q, poses, theta, keypoints := np.empty((13, 2)), by_theta) < 1e-6
+    controller = RodMPC()
+    still = replace(PLAN, poses=np.repeat(poses[None], 2, 0), shapes=np.repeat(keypoints[None], 2, 0), q=None)
+    state = controller.init(TASK, still)
+    known = replace(state, estimate=replace(state.estimate, theta=theta, q=q, updates=100))
+    for turns in (0, -1):
+        turned = still.poses + [0.0, 0.0, 2 * np.pi * turns]
+        estimate = controller.resume(known, TASK, replace(still, poses=turned)).estimate
+        np.testing.assert_allclose(estimate.q, q + [0.0, 0.0, 2 * np.pi * turns, 0.0, 0.0, 0.0], atol=1e-9)
+        assert predicted(estimate.q.copy(), turned[0], theta, keypoints, by_theta) < 1e-6

@@ -73,8 +73,10 @@ class EstimatingState(FollowerState):
 
     def knowing(self, earlier: EstimatingState) -> Self:
         """The state before the first step of another plan, with what was estimated until then."""
-        estimator, estimate = earlier.estimator, earlier.estimate
-        q = estimator.rod.continued(estimate.q, self.plan.plan.poses[0])
+        estimator, estimate, cable = earlier.estimator, earlier.estimate, earlier.estimated_cable()
+        # a nominal rod under the forces of another one may end turned by more than half a turn from it
+        rod = estimator.rod if cable is None else cable.rod
+        q = rod.continued(estimate.q, self.plan.plan.poses[0])
         estimate = replace(estimate, q=q, surprise=np.zeros_like(estimate.surprise))
         return replace(self, estimator=estimator, estimate=estimate)
 
