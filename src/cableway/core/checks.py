@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 import reprlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from numbers import Integral, Real
@@ -113,6 +115,43 @@ def _declared(checked: type) -> list[tuple[str, Bounds | Choice, Any, bool]]:
                 if isinstance(note, Bounds | Choice):
                     found.append((name, note, arm.__origin__, type(None) in arms))
     return found
+
+
+def require_interface(value: Any, what: str, attributes: Iterable[str], methods: Mapping[str, int]) -> None:
+    """Check that an object has attributes, and methods that can be called with so many arguments.
+
+    Args:
+        value: Any object.
+        what: Says messages what it is to be.
+        attributes: Their names; one that raises another error than `AttributeError` is there.
+        methods: Number of arguments of each.
+
+    Raises:
+        InputError: It is a class instead, something is missing, or a method takes other arguments.
+    """
+    if isinstance(value, type):
+        raise InputError(f"{what} must be an object, got the class {value.__name__} itself")
+    kind = type(value).__name__
+    lacking = [name for name in attributes if not _has(value, name)]
+    lacking += [f"{name}()" for name in methods if not callable(getattr(value, name, None))]
+    if lacking:
+        raise InputError(f"{what}, of type {kind}, lacks {', '.join(lacking)}")
+    for name, count in methods.items():
+        try:
+            signature = inspect.signature(getattr(value, name))
+        except ValueError:  # compiled code may have none
+            continue
+        try:
+            signature.bind(*range(count))
+        except TypeError:
+            raise InputError(f"{kind}.{name}{signature} must take {count} arguments besides self") from None
+
+
+def _has(value: Any, name: str) -> bool:
+    try:
+        return hasattr(value, name)
+    except Exception:  # whoever uses it gets it
+        return True
 
 
 def require_choice(kind: str, value: str, choices: Any) -> None:

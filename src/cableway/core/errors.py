@@ -13,6 +13,16 @@ class CablewayError(Exception):
     """Base of every error that cableway raises on purpose."""
 
 
+def said(error: BaseException) -> str:
+    """Kind and message of an error, on one line and cut short.
+
+    >>> said(ValueError("no such pose")), said(TimeoutError())
+    ('ValueError: no such pose', 'TimeoutError')
+    """
+    text = " ".join(str(error).split())[:300]
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
 class InputError(CablewayError):
     """An argument or a file that the caller gave cannot be used (exit status 2)."""
 

@@ -9,10 +9,12 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from cableway.control.base import Controller
-from cableway.core.errors import Cancelled, InputError, TrackingInterrupted
+from cableway.core.checks import require_interface
+from cableway.core.errors import Cancelled, InputError, SimulationError, TrackingInterrupted
 from cableway.core.provenance import describe
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
+from cableway.tracking.answers import AnsweringPlant
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
 from cableway.tracking.recovery import Recovery, Watch, held_up
@@ -22,6 +24,10 @@ from cableway.tracking.watchdog import Watchdog
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
+
+
+CONTROLLER = {"init": 2, "step": 2, "resume": 3, "in_scene": 2}
+"""Methods of a controller that a run calls, and how many arguments each takes."""
 
 
 # Threads of the linear algebra library cost more than they save on matrices of this size, most on a busy machine.
@@ -59,11 +65,13 @@ def track(
         the cable, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
 
     Raises:
-        InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step.
+        InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step;
+            one of the latter lacks something; or the plant's first answers are no records of the task's cable.
         SimulationError: The plant could not even take its start.
         TrackingInterrupted: An interrupt from the keyboard; its `rollout` is what was tracked until then.
     """
-    config = config or TrackConfig()
+    config, plant = config or TrackConfig(), AnsweringPlant(plant)
+    require_interface(controller, "the controller", ("config", "control_step"), CONTROLLER)
     if not math.isclose(controller.control_step, plant.control_step, rel_tol=1e-6):
         raise InputError(
             f"the controller steps every {controller.control_step:.4g} s, "
@@ -82,6 +90,8 @@ def track(
                 progress("track", 1.0 if ending else min(loop.state.progress, 0.99))
     except Cancelled as error:
         ending = Ending(Outcome.INTERRUPTED, str(error))
+    except SimulationError as error:  # from its task, which is read anywhere
+        ending = Ending(Outcome.PLANT_FAILED, str(error))
     except KeyboardInterrupt:
         stopped = Ending(Outcome.INTERRUPTED, "from the keyboard")
         raise TrackingInterrupted(_record(loop, watch, _metadata(controller, config, stopped, seed))) from None

@@ -14,6 +14,7 @@ from cableway.geometry.groups import SE2
 from cableway.outcome import SUCCESS_ERROR, stacked_limit
 from cableway.records import INSERTION, Observation, Plan, Rollout
 from cableway.scene.task import Task
+from cableway.tracking.answers import AnsweringPlant
 from cableway.tracking.closed_loop import Progress, track
 from cableway.tracking.plant import Plant
 from cableway.tracking.stopping import TrackConfig
@@ -24,7 +25,7 @@ class _GoingOn:
     """A plant whose start is where it is: its reset is one control step of standing still."""
 
     def __init__(self, plant: Plant) -> None:
-        self._plant = plant
+        self._plant = AnsweringPlant(plant)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._plant, name)

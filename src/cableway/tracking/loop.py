@@ -22,7 +22,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.plant import Plant
-from cableway.tracking.robot import FollowingError, MessageGate
+from cableway.tracking.robot import FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.watchdog import Guard, Watchdog
@@ -63,12 +63,7 @@ class Log:
         self.estimates: list[Mapping[str, Estimate]] = []
 
     def see(self, time: float, observation: Observation, measurement: Measurement, reference: np.ndarray) -> None:
-        """Add a row of what is.
-
-        Raises:
-            SimulationError: The plant reported numbers that are not finite.
-        """
-        _require_finite(measurement)
+        """Add a row of what is."""
         self.times.append(time)
         self.observed.append(observation.keypoints)
         self.measured.append(measurement)
@@ -129,12 +124,6 @@ def _still() -> np.ndarray:
     return np.zeros((2, SE2.dof))
 
 
-def _require_finite(measurement: Measurement) -> None:
-    for name in ("keypoints", "poses", "centreline"):
-        if not np.isfinite(getattr(measurement, name)).all():
-            raise SimulationError(f"the plant reported {name} that are not finite")
-
-
 class Loop:
     """A run: plant and controller, what was observed last, and the record."""
 
@@ -151,7 +140,7 @@ class Loop:
         self.plan = plan
         self.state: ControllerState = controller.init(plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step)
-        self._gate = MessageGate()
+        self._gate, self._silence = MessageGate(), Silence()
         self._slack = Slack(plant.task.cable.length)
         self._see(plant.reset())
         start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
@@ -239,7 +228,8 @@ class Loop:
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
-        return self._move(answer.action) or self._rule.outcome(self.state, self.observation) or self.guard.outcome
+        ending, missing = self._move(answer.action), self._silence.lasting(self.time)
+        return ending or self._rule.outcome(self.state, self.observation, missing) or self.guard.outcome
 
     def stand(self, status: str = LOST) -> Ending | None:
         """One control step without motion; what a gripper that is short of its command has yet to do is taken back.
@@ -285,8 +275,6 @@ class Loop:
 
     def _hold(self) -> Ending | None:
         """One control step in which the measured gripper poses become the target."""
-        if self._robot.failed:
-            return Ending(Outcome.PLANT_FAILED, self._robot.error)
         action = self._robot.stop(self.plant.task.grippers)
         self._act_in_place(action, HOLDING)
         return self._move(action)
@@ -317,4 +305,6 @@ class Loop:
             self.log.see(now, self.observation, self.plant.measure(), self.state.reference)
         except SimulationError as error:
             return self.log.end_early(error)
-        return None
+        self._silence.noted(self.observation, now)
+        failure = self._robot.error if self._robot.failed else self._silence.lasting(now, never=True)
+        return Ending(Outcome.PLANT_FAILED, failure) if failure else None

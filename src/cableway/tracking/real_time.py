@@ -22,25 +22,24 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.base import Controller
-from cableway.core.checks import Bounds
-from cableway.core.errors import InputError, SimulationError, TrackingInterrupted
+from cableway.core.checks import Bounds, require_interface
+from cableway.core.errors import InputError, SimulationError, TrackingInterrupted, said
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
+from cableway.outcome import Outcome
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.tracking.answers import usable_observation
 from cableway.tracking.closed_loop import Progress, track
 from cableway.tracking.recovery import Recovery
+from cableway.tracking.robot import SILENT_CAMERA, SILENT_ROBOT
 from cableway.tracking.sender import RATES, Robot, Sender, spread
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
 MARGIN = 0.01
 """Time [s] between the deadline of an answer and the begin of its motion, for the filter and the loop."""
-
-SILENT_ROBOT, SILENT_CAMERA = 1.0, 5.0
-"""Time [s] without a new gripper pose, and without a new frame, after which the run ends. The grippers stand still
-before that: after 0.3 s and 1 s with the default controller."""
 
 SWITCHING = 5e-4
 """Time [s] for which the interpreter lets one thread compute while others wait; by default, 5 ms."""
@@ -56,7 +55,8 @@ class RealTimePlant:
         control_step: Time [s] between two observations.
 
     Raises:
-        InputError: The rate is out of range, or the deadline leaves no time within a control step.
+        InputError: The rate is out of range, the deadline leaves no time within a control step, or the robot lacks a
+            method.
     """
 
     def __init__(
@@ -73,11 +73,12 @@ class RealTimePlant:
             raise InputError(
                 f"deadline must be above 0 and below the control step of {control_step:g} s, got {deadline!r}"
             )
+        require_interface(robot, "the robot", ("task",), {"send": 1, "observe": 0, "stop": 0})
         self.control_step, self._robot, self._rate = control_step, robot, rate
         self._lead = min(deadline + MARGIN, control_step)
         self._sender: Sender | None = None
         self._steps: list[float] = []
-        self._slipped = 0
+        self._slipped, self._closed = 0, False
 
     @property
     def task(self) -> Task:
@@ -93,21 +94,38 @@ class RealTimePlant:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         sys.setswitchinterval(self._switching)
-        if self._sender is None:
-            self._robot.stop()
-        else:
-            self._sender.close()
+        unstopped = self.close()
+        if unstopped and error is None:
+            raise SimulationError(unstopped)
+        if unstopped and error is not None:
+            error.add_note(unstopped)
+
+    def close(self) -> str:
+        """Stop the robot for good, the first time; a sentence where it could not be stopped, "" otherwise."""
+        if self._closed:
+            return ""
+        self._closed = True
+        try:
+            if self._sender is None:
+                self._robot.stop()
+            else:
+                self._sender.close()
+        except Exception as error:
+            return f"the robot could not be stopped: its stop raised {said(error)}"
+        return ""
 
     def reset(self) -> Observation:
         """See `Plant.reset`: the robot is at the start, and is looked at.
 
         Raises:
+            InputError: It answers with no observation of the cable.
             SimulationError: It does not report where its grippers are.
         """
         try:
-            first = self._robot.observe()
+            answer = self._robot.observe()
         except Exception as error:
-            raise SimulationError(f"the robot's driver failed with {type(error).__name__}: {error}") from None
+            raise SimulationError(f"the robot's driver failed with {said(error)}") from error
+        first = usable_observation(answer, self.task.cable.keypoints, "the robot's observe")
         if not poses_usable(first):
             raise SimulationError("the robot reports no gripper poses")
         self._known, self._poses = np.array(self.task.start, float), np.array(first.poses, float)
@@ -225,6 +243,10 @@ def track_in_real_time(
             )  # fmt: skip
         except TrackingInterrupted as stop:
             raise TrackingInterrupted(_timed(stop.rollout, plant)) from None
+        unstopped = plant.close()
+    if unstopped and rollout.outcome is not Outcome.PLANT_FAILED:
+        detail = f"{unstopped}; until then: {rollout.outcome}"
+        rollout = replace(rollout, metadata={**rollout.metadata, "outcome": Outcome.PLANT_FAILED.value, "detail": detail})
     return _timed(rollout, plant)
 
 

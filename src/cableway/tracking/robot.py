@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.limits import shorten
+from cableway.control.limits import ROUNDING, shorten
 from cableway.estimation.delay import DELAYS, LONGEST_DELAY, DelayEstimator
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.task import Grippers
+from cableway.tracking.first_motion import FirstMotion
 
 FROZEN = 0.002
 """Way [m] of a gripper during which a frame that stays the same bit for bit is taken for frozen."""
@@ -30,11 +31,23 @@ SUSPICIONS = 2
 HOLD = 0.5
 """Time [s] for which the grippers then stand where they are before the run goes on."""
 
+MOVED = (FROZEN, FROZEN * FOLLOWING_ERROR[1] / FOLLOWING_ERROR[0])
+"""Way [m] and turn [rad] beyond which a gripper has moved."""
+
 HOLDS = 6
 """Such holds without a sign between them that the gripper follows, after which the robot has failed."""
 
+FIRST_HOLDS = 1
+"""The same of a gripper that has not moved at all since the start: most likely it is not enabled."""
+
 TRIAL = 0.006
 """Way [m] that the gripper then goes alone, to show that it follows: what is `SHORT` of it is noticed."""
+
+
+SILENT_ROBOT, SILENT_CAMERA = 1.0, 5.0
+"""Time [s] without new gripper poses, and without a new frame, after which a run ends: in real time always, otherwise
+where none has come since the start. The grippers stand still before that: after 0.3 s and 1 s with the default
+controller."""
 
 
 class MessageGate:
@@ -64,6 +77,35 @@ class MessageGate:
         return replace(message, keypoints=np.full_like(self._frame, np.nan)) if way > FROZEN else message
 
 
+class Silence:
+    """Notes when gripper poses and keypoints came that tell something."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, float] = {}
+        self._limits = {
+            "the robot has reported no new gripper poses": SILENT_ROBOT,
+            "the camera has not seen the cable": SILENT_CAMERA,
+        }
+
+    def noted(self, observation: Observation, time: float) -> None:
+        """An observation came, `time` [s] after the start."""
+        came = (poses_usable(observation), bool(np.isfinite(observation.keypoints).any()))
+        self._last |= {what: time for what, news in zip(self._limits, came, strict=True) if news}
+
+    def lasting(self, time: float, never: bool = False) -> str:
+        """What has been missing for too long, in a sentence; "" for nothing.
+
+        Args:
+            time: [s] since the start.
+            never: Whether only that counts which has not come once.
+        """
+        for what, limit in self._limits.items():
+            silent = time - self._last.get(what, 0.0)
+            if silent >= limit - ROUNDING and not (never and what in self._last):
+                return f"{what} for {silent:.3g} s"
+        return ""
+
+
 class FollowingError:
     """Sees that a gripper does not follow its commands: it stalled, was stopped, or the link is dead.
 
@@ -74,6 +116,8 @@ class FollowingError:
         target: Where they were sent [m, m, rad].
         poses: Where they were when that was last reported.
         short: Whether a gripper was short of its command by more than `SHORT` then.
+        failed: Whether there is no use in going on: a gripper did not follow again and again, has not moved at all, or
+            goes elsewhere than it is sent.
         error: What is wrong, in a sentence.
 
     Args:
@@ -90,12 +134,15 @@ class FollowingError:
         self._suspicions, self._holding, self._holds, self._behind = 0, 0, 0, 0
         self._missed: Float[np.ndarray, "2 3"] | None = None
         self._late, self._tried = 0, 0
-        self.error = ""
+        self._start, self._moved = self.target, np.zeros(2, bool)
+        self._motion = FirstMotion(self.target)
+        self.error, self.failed = "", False
 
     def commanded(self, action: Float[np.ndarray, "2 3"]) -> None:
         """A motion was sent."""
         self.target = SE2.plus(self.target, action)
         self._commands = self._commands.appended(self.target)
+        self._motion.commanded(self.target)
 
     def measured(self, observation: Observation) -> None:
         """Gripper poses came, or none that can be used."""
@@ -103,6 +150,9 @@ class FollowingError:
         if not poses_usable(observation):
             return
         self.poses = SE2.continued(observation.poses, self.poses)
+        self._moved |= _elsewhere(self.poses, self._start)
+        if mistake := self._motion.mistake(self.poses):
+            self.error, self.failed = mistake, True
         away, turned = SE2.distance(self.poses, self._commands.delayed)
         self.short = bool((away > SHORT).any())
         apart = np.linalg.norm(SE2.position(SE2.minus(self._commands.at(DELAYS), self.poses)), axis=-1)
@@ -114,26 +164,26 @@ class FollowingError:
         lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1]
         lost = lost or max(self._behind, self._tried) > LONGEST_DELAY
         self._suspicions = self._suspicions + 1 if lost else 0
-        if self._suspicions >= SUSPICIONS and not self._holding:
-            side = ("left", "right")[worst]
-            off = f"{1000 * away[worst]:.0f} mm and {turned[worst]:.2f} rad"
-            self.error = f"the {side} gripper does not follow its commands: it is off by {off}"
-            self._missed = self.target if self._missed is None else self._missed
-            self._late, self._tried = worst, 0
-            self._holds, self._holding = self._holds + 1, self._hold
-            self._suspicions, self._behind = 0, 0
-            self._rest = self.poses
-            self._commands = DelayEstimator.constant(self.target)
+        if self._suspicions >= SUSPICIONS and not self._holding and not self.failed:
+            self._begin_hold(worst, f"{1000 * away[worst]:.0f} mm and {turned[worst]:.2f} rad")
+
+    def _begin_hold(self, worst: int, off: str) -> None:
+        """Make where the grippers are the target for a while; the robot has failed where that is of no use."""
+        self.error = f"the {('left', 'right')[worst]} gripper does not follow its commands: it is off by {off}"
+        if not self._moved[worst]:
+            self.error += " and has not moved since the start"
+        self._missed = self.target if self._missed is None else self._missed
+        self._late, self._tried = worst, 0
+        self._holds, self._holding = self._holds + 1, self._hold
+        self.failed = self._holds > (HOLDS if self._moved[worst] else FIRST_HOLDS)
+        self._suspicions, self._behind = 0, 0
+        self._rest = self.poses
+        self._commands = DelayEstimator.constant(self.target)
 
     @property
     def holding(self) -> bool:
         """Whether the grippers are to stand where they are."""
         return self._holding > 0
-
-    @property
-    def failed(self) -> bool:
-        """Whether one did not follow again and again."""
-        return self._holds > HOLDS
 
     @property
     def on_trial(self) -> bool:
@@ -177,3 +227,9 @@ class FollowingError:
         way = SE2.minus(poses, self.target)
         turns = np.clip(way[:, SE2.space :], -grippers.max_turn, grippers.max_turn)
         return np.column_stack([shorten(SE2.position(way), grippers.max_step), turns])
+
+
+def _elsewhere(poses: Float[np.ndarray, "2 3"], before: Float[np.ndarray, "2 3"]) -> np.ndarray:
+    """Which grippers have moved."""
+    moves, turns = SE2.distance(poses, before)
+    return (moves > MOVED[0]) | (turns > MOVED[1])

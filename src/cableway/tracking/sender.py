@@ -15,11 +15,12 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.errors import SimulationError
+from cableway.core.errors import CablewayError, SimulationError, said
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.task import Grippers, Task
+from cableway.tracking.answers import usable_observation
 
 LATE = 1.5
 """Period, in units of the wanted one, from which on a command counts as late."""
@@ -125,8 +126,10 @@ class Sender:
                 due += self._period
                 due += self._period * max(0, math.floor((self._clock() - due) / self._period))  # skips what is over
                 self._closed.wait(max(0.0, due - self._clock()))
+        except CablewayError as error:
+            self._fail(str(error))
         except Exception as error:
-            self._fail(f"the robot's driver failed with {type(error).__name__}: {error}")
+            self._fail(f"the robot's driver failed with {said(error)}")
 
     def _tick(self, now: float) -> None:
         with self._lock:
@@ -137,7 +140,7 @@ class Sender:
             poses = self._at(now)
         self._robot.send(poses)
         self.sent.append(now)
-        observation = self._robot.observe()
+        observation = usable_observation(self._robot.observe(), len(self._newest.keypoints), "the robot's observe")
         with self._lock:
             self.alive = self._clock()
             self._take(observation, self.alive)
@@ -172,7 +175,7 @@ class Sender:
         try:
             self._robot.stop()
         except Exception as error:
-            self.error += f"; it could not be stopped either: {type(error).__name__}: {error}"
+            self.error += f"; it could not be stopped either: {said(error)}"
 
     def timing(self) -> dict[str, Any]:
         """Plain data on how even the commands came."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
@@ -29,18 +28,9 @@ def setup_mistake(observation: Observation, plan: Plan, task: Task) -> str:
         observation: The first one.
         plan: What is about to be followed.
         task: With the size of the workspace.
-
-    Raises:
-        InputError: The observation has another number of keypoints than the plan, or not two gripper poses.
     """
-    keypoints, start = np.asarray(observation.keypoints, float), plan.shapes[0]
-    if keypoints.shape != start.shape:
-        found = f"{len(keypoints)} keypoints" if keypoints.ndim == 2 else f"keypoints of shape {keypoints.shape}"
-        raise InputError(f"the camera reports {found}, but the plan has {len(start)}")
-    poses = np.asarray(observation.poses, float)
-    if poses.shape != task.cable.rod.end_shape:
-        raise InputError(f"the robot reports gripper poses of shape {poses.shape}, not (2, 3)")
-    return _explained(keypoints, start, task, "the camera's keypoints") or _explained_poses(poses, plan.poses[0], task)
+    mistake = _explained(observation.keypoints, plan.shapes[0], task, "the camera's keypoints")
+    return mistake or _explained_poses(observation.poses, plan.poses[0], task)
 
 
 def _explained(points: Float[np.ndarray, "k 2"], wanted: Float[np.ndarray, "k 2"], task: Task, what: str) -> str:

@@ -54,14 +54,14 @@ class StopRule:
         self._steps = 0
         self._errors: list[float] = []
 
-    def outcome(self, state: ControllerState, observation: Observation) -> Ending | None:
-        """How the run ended, if it did."""
+    def outcome(self, state: ControllerState, observation: Observation, missing: str = "") -> Ending | None:
+        """How the run ended, if it did; `missing` says what it has been waiting for."""
         self._steps += 1
         if state.progress >= 1.0:
             self._errors.append(_stacked_error(observation.keypoints, self._goal))
             if self._settled():
                 return Ending(Outcome.SETTLED)
-        return Ending(Outcome.TIMED_OUT) if self._steps >= self._most_steps else None
+        return Ending(Outcome.TIMED_OUT, missing) if self._steps >= self._most_steps else None
 
     def _settled(self) -> bool:
         errors, patience = self._errors, self._patience_steps

@@ -1,0 +1,180 @@
+"""What a plant answers, before anything relies on it: usable records, or one sentence on what it did instead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.checks import require_interface
+from cableway.core.errors import CablewayError, Cancelled, InputError, SimulationError, said
+from cableway.geometry.groups import SE2
+from cableway.records import Measurement, Observation
+from cableway.scene.task import Task
+from cableway.tracking.plant import Plant
+
+T = TypeVar("T")
+
+
+class AnsweringPlant:
+    """A plant as the loop asks it: whatever it raises or answers instead of a record is a `SimulationError`.
+
+    Arrays are copied both ways, so that a plant may keep and change its own.
+
+    Args:
+        plant: What is asked.
+
+    Raises:
+        InputError: It is no plant.
+        SimulationError: It does not say what its task is.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        require_interface(plant, "the plant", ("task", "control_step"), {"reset": 0, "step": 1, "measure": 0})
+        self._plant, self._moved = plant, False
+        self._stations: int | None = None
+        self.control_step = float(_numbers(plant.control_step, (), "the plant has a control_step"))
+        if not 0 < self.control_step < np.inf:
+            raise InputError(f"the plant's control_step must be finite and positive, got {self.control_step!r}")
+        self._keypoints = self.task.cable.keypoints
+
+    @property
+    def task(self) -> Task:
+        """See `Plant.task`.
+
+        Raises:
+            SimulationError: There is none.
+        """
+        task = _asked(lambda: self._plant.task, "task")
+        if not isinstance(task, Task):
+            raise SimulationError(f"the plant's task is {_kind(task)}, not a Task")
+        return task
+
+    def reset(self) -> Observation:
+        """See `Plant.reset`.
+
+        Raises:
+            InputError: It answered with no observation of its task's cable.
+            SimulationError: The start cannot be taken.
+        """
+        answer = _asked(self._plant.reset, "reset", CablewayError)
+        return usable_observation(answer, self._keypoints, "the plant's reset")
+
+    def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
+        """See `Plant.step`.
+
+        Raises:
+            SimulationError: The plant cannot go on.
+        """
+        self._moved = True
+        answer = _asked(lambda: self._plant.step(np.array(action)), "step")
+        return self._during_a_run(lambda: usable_observation(answer, self._keypoints, "the plant's step"))
+
+    def measure(self) -> Measurement:
+        """See `Plant.measure`.
+
+        Raises:
+            InputError: Before the first step, the answer is no measurement of the task's cable.
+            SimulationError: After it; or the plant raised an error.
+        """
+        answer = _asked(self._plant.measure, "measure")
+        measured = self._during_a_run(lambda: _usable_measurement(answer, self._keypoints, self._stations))
+        self._stations = len(measured.centreline)
+        return measured
+
+    def _during_a_run(self, judge: Callable[[], T]) -> T:
+        """What a judge of an answer returns; an answer that it refuses ends the run once something was moved."""
+        try:
+            return judge()
+        except InputError as error:
+            if self._moved:
+                raise SimulationError(str(error)) from None
+            raise
+
+
+def usable_observation(answer: Any, keypoints: int, who: str) -> Observation:
+    """An answer as an observation with arrays of its own, NaN for keypoints that are not finite.
+
+    Args:
+        answer: Whatever came.
+        keypoints: How many there must be.
+        who: Says messages who answered.
+
+    Raises:
+        InputError: It is none, or one of other shapes or types.
+    """
+    _require_kind(answer, Observation, who)
+    points = _numbers(answer.keypoints, (keypoints, SE2.space), f"{who} reported keypoints")
+    points[~np.isfinite(points)] = np.nan
+    time = float(_numbers(answer.time, (), f"{who} reported a time"))
+    if not np.isfinite(time):
+        raise InputError(f"{who} reported a time that is not finite")
+    taken, confidence = answer.taken, answer.confidence
+    return replace(
+        answer,
+        time=time,
+        keypoints=points,
+        poses=_numbers(answer.poses, (2, SE2.size), f"{who} reported gripper poses"),
+        taken=None if taken is None else float(_numbers(taken, (), f"{who} reported a time of the frame")),
+        confidence=None if confidence is None else _numbers(confidence, (keypoints,), f"{who} reported a confidence"),
+    )
+
+
+def _usable_measurement(answer: Any, keypoints: int, stations: int | None) -> Measurement:
+    """An answer as a measurement with arrays of its own, all of them finite; see `usable_observation`."""
+    who = "the plant's measure"
+    _require_kind(answer, Measurement, who)
+    points = len(answer.centreline) if stations is None and np.ndim(answer.centreline) else stations or 0
+    shapes = {
+        "keypoints": (keypoints, SE2.space), "poses": (2, SE2.size), "centreline": (points, SE2.space),
+        "clearance": (), "gripper_clearance": (),
+    }  # fmt: skip
+    found = {name: _numbers(getattr(answer, name), shape, f"{who} reported {name}") for name, shape in shapes.items()}
+    for name, numbers in found.items():
+        if not np.isfinite(numbers).all():
+            raise InputError(f"{who} reported {name} that {'are' if numbers.ndim else 'is'} not finite")
+    return Measurement(**{name: numbers if numbers.ndim else float(numbers) for name, numbers in found.items()})
+
+
+def _asked(ask: Callable[[], T], name: str, kept: type[Exception] = SimulationError) -> T:
+    """What a plant answers; errors of the kind that is kept, and a cancellation, mean what they say.
+
+    Raises:
+        SimulationError: It raised another one.
+    """
+    try:
+        return ask()
+    except (kept, Cancelled):
+        raise
+    except Exception as error:
+        raise SimulationError(f"the plant's {name} raised {said(error)}") from error
+
+
+def _require_kind(answer: Any, kind: type, who: str) -> None:
+    if not isinstance(answer, kind):
+        raise InputError(f"{who} answered with {_kind(answer)}, not with a cableway.records.{kind.__name__}")
+
+
+def _kind(value: Any) -> str:
+    return "None" if value is None else f"a value of type {type(value).__name__}"
+
+
+def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Float[np.ndarray, "..."]:
+    """A copy as real numbers.
+
+    Raises:
+        InputError: They are none, or of another shape.
+    """
+    try:
+        array = np.array(value)
+    except Exception:  # ragged lists, or what another library's array raises
+        array = np.array(None)
+    if array.dtype.kind not in "fiu":
+        kind = value.dtype.name if isinstance(value, np.ndarray) else type(value).__name__
+        raise InputError(f"{what} of type {kind}, not real numbers")
+    if array.shape != shape:
+        raise InputError(f"{what} of shape {array.shape}, not {shape}")
+    return array.astype(float)
