@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import pytest
 
-from cableway.core.checks import Bounds, Checked, NotNegative, Positive
+from cableway.core.checks import Bounds, Checked, NotNegative, Positive, require_interface
 from cableway.core.errors import InputError
 
 
@@ -67,3 +67,21 @@ def test_only_a_number_that_may_be_missing_may_be_none() -> None:
     assert SomethingConfig(limit=None).limit is None
     with pytest.raises(InputError, match=r"something\.limit must be finite and positive, got 0"):
         SomethingConfig(limit=0.0)
+
+
+def test_an_object_of_another_kind_is_refused_with_what_it_lacks() -> None:
+    class Driver:
+        @property
+        def task(self) -> str:
+            raise OSError("not connected")
+
+        def send(self) -> None: ...
+
+    require_interface(Driver(), "the robot", ["task"], {"send": 0})
+    for given, methods, said in (
+        (Driver, {}, "the robot must be an object, got the class Driver itself"),
+        (Driver(), {"stop": 0}, r"the robot, of type Driver, lacks stop\(\)"),
+        (Driver(), {"send": 1}, r"Driver\.send\(\) .*must take 1 argument besides self"),
+    ):
+        with pytest.raises(InputError, match=said):
+            require_interface(given, "the robot", ["task"], methods)

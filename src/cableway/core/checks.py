@@ -144,7 +144,9 @@ def require_interface(value: Any, what: str, attributes: Iterable[str], methods:
         try:
             signature.bind(*range(count))
         except TypeError:
-            raise InputError(f"{kind}.{name}{signature} must take {count} arguments besides self") from None
+            raise InputError(
+                f"{kind}.{name}{signature} must take {count} argument{'s'[: count != 1]} besides self"
+            ) from None
 
 
 def _has(value: Any, name: str) -> bool:

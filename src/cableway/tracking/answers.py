@@ -128,15 +128,20 @@ def _usable_measurement(answer: Any, keypoints: int, stations: int | None) -> Me
     who = "the plant's measure"
     _require_kind(answer, Measurement, who)
     points = len(answer.centreline) if stations is None and np.ndim(answer.centreline) else stations or 0
-    shapes = {
-        "keypoints": (keypoints, SE2.space), "poses": (2, SE2.size), "centreline": (points, SE2.space),
-        "clearance": (), "gripper_clearance": (),
-    }  # fmt: skip
-    found = {name: _numbers(getattr(answer, name), shape, f"{who} reported {name}") for name, shape in shapes.items()}
-    for name, numbers in found.items():
+
+    def finite(name: str, *shape: int) -> Float[np.ndarray, "..."]:
+        numbers = _numbers(getattr(answer, name), shape, f"{who} reported {name}")
         if not np.isfinite(numbers).all():
-            raise InputError(f"{who} reported {name} that {'are' if numbers.ndim else 'is'} not finite")
-    return Measurement(**{name: numbers if numbers.ndim else float(numbers) for name, numbers in found.items()})
+            raise InputError(f"{who} reported {name} that {'are' if shape else 'is'} not finite")
+        return numbers
+
+    return Measurement(
+        keypoints=finite("keypoints", keypoints, SE2.space),
+        poses=finite("poses", 2, SE2.size),
+        centreline=finite("centreline", points, SE2.space),
+        clearance=float(finite("clearance")),
+        gripper_clearance=float(finite("gripper_clearance")),
+    )
 
 
 def _asked(ask: Callable[[], T], name: str, kept: type[Exception] = SimulationError) -> T:

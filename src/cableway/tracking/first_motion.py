@@ -98,8 +98,8 @@ class FirstMotion:
             self._sums[index] = FORGETTING * self._sums[index] + off**2
             guilty = self._open[index] & _explains(self._sums[index], self._plain[aspect], plain[aspect], guess)
             if guilty.any():
-                apart = plain[aspect].min(axis=0)[guilty].max()
-                found.append((self._sums[index].min(axis=0)[guilty].mean(), _sentence(guess, guilty, apart)))
+                apart, left = plain[aspect].min(axis=0)[guilty].max(), self._sums[index].min(axis=0)[guilty].mean()
+                found.append((left / APART[aspect] ** 2, _sentence(guess, guilty, apart)))
             self._open[index] &= ~_explains(self._plain[aspect], self._sums[index], off, guess)
         return min(found, default=(0.0, ""))[1]
 

@@ -246,7 +246,9 @@ def track_in_real_time(
         unstopped = plant.close()
     if unstopped and rollout.outcome is not Outcome.PLANT_FAILED:
         detail = f"{unstopped}; until then: {rollout.outcome}"
-        rollout = replace(rollout, metadata={**rollout.metadata, "outcome": Outcome.PLANT_FAILED.value, "detail": detail})
+        rollout = replace(
+            rollout, metadata={**rollout.metadata, "outcome": Outcome.PLANT_FAILED.value, "detail": detail}
+        )
     return _timed(rollout, plant)
 
 
