@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -231,6 +232,57 @@ def test_a_driver_that_fails_ends_the_run(fault: str, monkeypatch: pytest.Monkey
     assert rollout.outcome is Outcome.PLANT_FAILED
     assert ("ConnectionError: cable unplugged" if fault == "raises" else "driver has not returned") in rollout.detail
     assert robot.stops
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (None, "the robot's observe answered with None"),
+        (Observation(9.0, PLAN.shapes[0][:5], PLAN.poses[0]), r"the robot's observe reported keypoints of shape \(5, 2\)"),
+        (Observation(9.0, PLAN.shapes[0], PLAN.poses[0] + 0j), "the robot's observe reported gripper poses of type complex"),
+    ],
+)  # fmt: skip
+def test_a_driver_that_answers_something_else_ends_the_run(answer: Any, said: str) -> None:
+    class Confused(Hand):
+        def observe(self) -> Observation:
+            return answer if self.now > since else super().observe()
+
+    since = 0.5
+    robot = Confused()
+    rollout = run(robot)
+    assert rollout.outcome is Outcome.PLANT_FAILED
+    assert re.match(said, rollout.detail)
+    assert robot.stops
+    since = 0.0
+    robot = Confused()
+    with pytest.raises(InputError, match=said):
+        run(robot)
+    assert (robot.sent, len(robot.stops)) == ([], 1)
+
+
+@pytest.mark.parametrize("lost", [0.5, np.inf], ids=["during the run", "at its end"])
+def test_a_robot_that_cannot_be_stopped_loses_no_record(lost: float) -> None:
+    class Gone(Hand):
+        def stop(self) -> None:
+            raise ConnectionResetError(104, "gone")
+
+    def fail(now: float) -> None:
+        if now > lost:
+            raise ConnectionResetError(104, "gone")
+
+    rollout = run(Gone(fail))
+    assert rollout.outcome is Outcome.PLANT_FAILED
+    assert "could not be stopped" in rollout.detail
+    assert "ConnectionResetError: [Errno 104] gone" in rollout.detail
+    assert rollout.steps > 5
+
+
+def test_what_is_no_robot_is_refused() -> None:
+    class Driver(Hand):
+        stop = None  # pyright: ignore[reportAssignmentType]
+
+    with pytest.raises(InputError, match=r"the robot, of type Driver, lacks stop\(\)"):
+        RealTimePlant(Driver())
 
 
 def test_an_interrupt_stops_the_robot_and_keeps_what_was_tracked() -> None:
