@@ -303,6 +303,52 @@ def test_a_slow_plan_does_not_end_while_a_gripper_stands() -> None:
     assert "the left gripper does not follow its commands" in rollout.detail
 
 
+class Echo(QuasiStaticPlant):
+    """Its grippers stand still and are reported where they were sent.
+
+    Args:
+        noise: Standard deviation of the keypoints [m].
+    """
+
+    def __init__(self, noise: float) -> None:
+        super().__init__(TASK, START, ROD)
+        self.noise, self.rng, self.sent = noise, np.random.default_rng(0), PLAN.poses[0]
+
+    def step(self, action: np.ndarray) -> Observation:
+        self.sent, observation = self.sent + action, super().step(0.0 * action)
+        noise = self.rng.normal(0.0, self.noise, observation.keypoints.shape)
+        return replace(observation, poses=self.sent, keypoints=observation.keypoints + noise)
+
+
+@pytest.mark.parametrize("controller", [OpenLoop, JacobianFeedback])
+@pytest.mark.parametrize(
+    ("noise", "said"),
+    [(0.0, "the camera has not seen the cable for 5 s"), (0.001, "from where the left gripper is reported")],
+)
+def test_a_cable_that_stays_behind_its_grippers_ends_the_run(
+    noise: float, said: str, controller: Callable[[], Controller[Any]]
+) -> None:
+    rollout = track(Echo(noise), controller(), PLAN)
+    assert rollout.outcome is Outcome.PLANT_FAILED
+    assert said in rollout.detail
+    assert rollout.times[-1] < 7.0
+
+
+@pytest.mark.parametrize("late", [3, 6, 9])
+def test_a_cable_that_is_seen_late_is_at_its_grippers(late: int) -> None:
+    class Late(QuasiStaticPlant):
+        def reset(self) -> Observation:
+            self.frames = []
+            return super().reset()
+
+        def step(self, action: np.ndarray) -> Observation:
+            observation = super().step(action)
+            self.frames.append(observation.keypoints)
+            return replace(observation, keypoints=self.frames[max(0, len(self.frames) - 1 - late)])
+
+    assert track(Late(TASK, START, ROD), OpenLoop(), PLAN).outcome is Outcome.SETTLED
+
+
 # ---------------------------------------------------------------- what never comes
 BLIND: dict[str, tuple[Answers, str, float]] = {
     "keypoints": (lambda it: replace(it, keypoints=np.nan * it.keypoints), "the camera has not seen the cable", 5.0),

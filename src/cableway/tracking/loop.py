@@ -22,7 +22,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.plant import Plant
-from cableway.tracking.robot import FollowingError, MessageGate, Silence
+from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.watchdog import Guard, Watchdog
@@ -140,7 +140,7 @@ class Loop:
         self.plan = plan
         self.state: ControllerState = controller.init(plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step)
-        self._gate, self._silence = MessageGate(), Silence()
+        self._gate, self._silence, self._attachment = MessageGate(), Silence(), Attachment(plant.control_step)
         self._slack = Slack(plant.task.cable.length)
         self._see(plant.reset())
         start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
@@ -306,5 +306,6 @@ class Loop:
         except SimulationError as error:
             return self.log.end_early(error)
         self._silence.noted(self.observation, now)
-        failure = self._robot.error if self._robot.failed else self._silence.lasting(now, never=True)
+        lost = self._silence.lasting(now, never=True) or self._attachment.lost(self.observation)
+        failure = self._robot.error if self._robot.failed else lost
         return Ending(Outcome.PLANT_FAILED, failure) if failure else None

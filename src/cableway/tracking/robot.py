@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.task import Grippers
 from cableway.tracking.first_motion import FirstMotion
+from cableway.tracking.setup import OFF
 
 FROZEN = 0.002
 """Way [m] of a gripper during which a frame that stays the same bit for bit is taken for frozen."""
@@ -50,6 +52,12 @@ where none has come since the start. The grippers stand still before that: after
 controller."""
 
 
+SEEN_LATE = 2 * LONGEST_DELAY
+"""Control steps by which a frame may be late that is compared with the grippers: frames may be rarer than messages."""
+
+SIDES = ("left", "right")
+
+
 class MessageGate:
     """Takes away what a message only repeats.
 
@@ -77,19 +85,27 @@ class MessageGate:
         return replace(message, keypoints=np.full_like(self._frame, np.nan)) if way > FROZEN else message
 
 
+UNSEEN = "the camera has not seen the cable"
+
+
 class Silence:
     """Notes when gripper poses and keypoints came that tell something."""
 
     def __init__(self) -> None:
         self._last: dict[str, float] = {}
-        self._limits = {
-            "the robot has reported no new gripper poses": SILENT_ROBOT,
-            "the camera has not seen the cable": SILENT_CAMERA,
-        }
+        self._limits = {"the robot has reported no new gripper poses": SILENT_ROBOT, UNSEEN: SILENT_CAMERA}
+        self._start: np.ndarray | None = None
+        self._begun, self._moved = 0.0, False
 
     def noted(self, observation: Observation, time: float) -> None:
         """An observation came, `time` [s] after the start."""
-        came = (poses_usable(observation), bool(np.isfinite(observation.keypoints).any()))
+        posed = poses_usable(observation)
+        if posed and not self._moved:
+            self._start = observation.poses if self._start is None else self._start
+            self._moved = bool(_elsewhere(observation.poses, self._start).any())
+            if self._moved and self._last.pop(UNSEEN, None) is not None:  # only now does it show what was frozen
+                self._begun = time
+        came = (posed, bool(np.isfinite(observation.keypoints).any()))
         self._last |= {what: time for what, news in zip(self._limits, came, strict=True) if news}
 
     def lasting(self, time: float, never: bool = False) -> str:
@@ -97,13 +113,44 @@ class Silence:
 
         Args:
             time: [s] since the start.
-            never: Whether only that counts which has not come once.
+            never: Whether only that counts which has not come once, or not once since the grippers began to move.
         """
         for what, limit in self._limits.items():
-            silent = time - self._last.get(what, 0.0)
+            silent = time - self._last.get(what, self._begun)
             if silent >= limit - ROUNDING and not (never and what in self._last):
                 return f"{what} for {silent:.3g} s"
         return ""
+
+
+class Attachment:
+    """Sees that the cable's ends are not where the grippers are said to be: one of the two reports is wrong.
+
+    An end must be more than `OFF` from every pose of its gripper in the last `SEEN_LATE` control steps, in every frame
+    that shows it, for `SILENT_ROBOT`.
+
+    Args:
+        control_step: Time [s] between two observations.
+    """
+
+    def __init__(self, control_step: float) -> None:
+        self._most = round(SILENT_ROBOT / control_step)
+        self._poses: deque[np.ndarray] = deque(maxlen=SEEN_LATE + 1)
+        self._apart = np.zeros(2, int)
+
+    def lost(self, observation: Observation) -> str:
+        """A sentence on the end that is elsewhere, after an observation; "" for none."""
+        if poses_usable(observation):
+            self._poses.append(observation.poses)
+        ends = observation.keypoints[[0, -1]]
+        shown = np.isfinite(ends).all(axis=1)
+        if not (self._poses and shown.any()):
+            return ""
+        apart = np.linalg.norm(SE2.position(np.array(self._poses)) - ends, axis=2).min(axis=0)
+        self._apart = np.where(shown, np.where(apart > OFF, self._apart + 1, 0), self._apart)
+        side = int(np.argmax(self._apart))
+        if self._apart[side] < self._most:
+            return ""
+        return f"the camera's cable ends {1000 * apart[side]:.0f} mm from where the {SIDES[side]} gripper is reported"
 
 
 class FollowingError:
