@@ -73,7 +73,7 @@ class Outcome(StrEnum):
         Raises:
             InputError: There is no such outcome; the message lists them.
         """
-        value, _, detail = text.partition(": ")
+        value, _, detail = str(text).partition(": ")
         value = _OUTCOMES_0_1.get(value, value)
         if value not in cls._value2member_map_:
             raise InputError(f"outcome must be one of {', '.join(map(str, cls))}, got {text!r}")

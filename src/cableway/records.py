@@ -67,6 +67,10 @@ INSERTION = "insertion"
 """Value of `metadata["part"]` of a plan and a rollout that insert a plug into its port."""
 
 
+THEN_FAILED = "; then the plant failed"
+"""How the last status of a rollout ends whose next step failed."""
+
+
 @dataclass(frozen=True)
 class Plan(ArrayRecord):
     """A verified sequence of shapes with the gripper poses that make them; one row per control step.
@@ -333,6 +337,8 @@ class Rollout(ArrayRecord):
     def __post_init__(self) -> None:
         check_shapes(self)
         _require(len(self.times) >= 1, "a rollout needs at least one row")
+        points = self.centreline.shape[1]
+        _require(points >= 2, f"a centreline needs at least 2 points, got {points}")
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         _require_finite(self, "times", "keypoints", "poses", "centreline", "actions", "estimates", "deviations")
         Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))

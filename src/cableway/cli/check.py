@@ -15,7 +15,7 @@ from cableway.cli.terminal import Terminal, columns
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cableway.records import Rollout, Verdict
+    from cableway.records import Verdict
     from cableway.scene.task import Task
 
 
@@ -47,19 +47,19 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
 
     Raises:
         FileFormatError: It is neither a plan nor a rollout.
-        InputError: It belongs to a task with another number of keypoints.
+        InputError: It belongs to a task with another number of keypoints, or states a length that is none.
     """
     from cableway.core.errors import FileFormatError
     from cableway.core.files import read_arrays
     from cableway.records import INSERTION, Plan, Rollout
-    from cableway.verification import verify_insertion, verify_insertion_plan, verify_plan, verify_rollout
+    from cableway.verification import plant_length, verify_insertion, verify_insertion_plan, verify_plan, verify_rollout
 
     arrays = read_arrays(file)
     if "centreline" in arrays:
         rollout = Rollout.from_arrays(arrays, str(file))
         inserting = rollout.metadata.get("part") == INSERTION
         judge = verify_insertion if inserting else verify_rollout
-        return "insertion" if inserting else "rollout", judge(rollout, task, length=_recorded_length(rollout))
+        return "insertion" if inserting else "rollout", judge(rollout, task, length=plant_length(rollout, task))
     if "shapes" in arrays:
         plan = Plan.from_arrays(arrays, str(file))
         inserting = plan.metadata.get("part") == INSERTION
@@ -68,14 +68,6 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
         f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
         f"it has {', '.join(sorted(arrays)) or 'nothing'}"
     )
-
-
-def _recorded_length(rollout: Rollout) -> float | None:
-    """Length [m] of the plant's cable, where the rollout says so."""
-    try:
-        return float(rollout.metadata["plant"]["cable"]["length"])
-    except (KeyError, TypeError, ValueError):
-        return None
 
 
 def _table(verdict: Verdict) -> Table:

@@ -15,6 +15,9 @@ import numpy as np
 
 from cableway.core.errors import FileFormatError, InputError
 
+LARGEST = 1e6
+"""No number in the file of a record is larger, in its unit, as in that of a task."""
+
 
 def write_atomically(path: Path, write: Any) -> None:
     """Call `write(file)` on a temporary file beside `path`, then move it there: all of it or nothing.
@@ -115,17 +118,32 @@ class ArrayRecord:
             value = arrays[entry.name]
             values[entry.name] = _metadata(value, source) if entry.name == "metadata" else value
         try:
-            return cls(**values)
+            numbers = {name: _numbers(name, value) for name, value in values.items() if _is_number(value)}
+            return cls(**values | numbers)
         except InputError as error:
             raise FileFormatError(f"{source}: {error}") from None
         except (TypeError, IndexError, ValueError) as error:
             raise FileFormatError(f"{source}: not the arrays of a {cls.kind} file ({error})") from None
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
+
+
+def _numbers(name: str, array: np.ndarray) -> np.ndarray:
+    """Real numbers of any kind and size as float64: differences of unsigned ones wrap, Shapely has no long doubles."""
+    with np.errstate(over="ignore"):
+        numbers = array.astype(np.float64)
+    large = np.isfinite(array) & ~(np.abs(numbers) <= LARGEST)
+    if large.any():
+        raise InputError(f"{name} holds {array[large][0]!s}, at most {LARGEST:g} is a number of a record")
+    return numbers
+
+
 def _metadata(value: np.ndarray, source: str) -> dict[str, Any]:
     try:
         content = json.loads(str(value))
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:  # not JSON, a number of 5,000 digits, 10,000 brackets
         raise FileFormatError(f"{source}: metadata is not JSON ({error})") from None
     if not isinstance(content, dict):
         raise FileFormatError(f"{source}: metadata is not a JSON object")

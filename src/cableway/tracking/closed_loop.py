@@ -135,6 +135,7 @@ def _metadata(controller: Controller[Any], config: TrackConfig, ending: Ending, 
         "seed": seed,
         "outcome": ending.outcome.value,
         "detail": ending.detail,
+        "control_step": controller.control_step,
         "controller": {"name": type(controller).__name__, "config": describe(controller.config)},
         "track": describe(config),
     }

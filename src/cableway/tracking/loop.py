@@ -17,7 +17,7 @@ from cableway.estimation.delay import LONGEST_DELAY
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
-from cableway.records import Estimate, Measurement, Observation, Plan, Rollout
+from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Plan, Rollout
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
@@ -80,7 +80,7 @@ class Log:
         """Leave out the step that failed and say so in the status of the one before."""
         self.status.pop()
         if self.status:
-            self.status[-1] += "; then the plant failed"
+            self.status[-1] += THEN_FAILED
         return Ending(Outcome.PLANT_FAILED, str(error))
 
     def rollout(self, metadata: dict[str, Any]) -> Rollout:

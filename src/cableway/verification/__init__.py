@@ -7,12 +7,14 @@ that must follow a plan is solved in link angles instead of centre coordinates.
 from cableway.core.deprecation import renamed
 from cableway.verification.plan import VerificationLimits, verify_insertion_plan, verify_plan
 from cableway.verification.plug import Inserted, measure_insertion
+from cableway.verification.recording import plant_length
 from cableway.verification.rollout import verify_insertion, verify_rollout
 
 __all__ = [
     "Inserted",
     "VerificationLimits",
     "measure_insertion",
+    "plant_length",
     "verify_insertion",
     "verify_insertion_plan",
     "verify_plan",

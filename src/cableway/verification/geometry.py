@@ -22,6 +22,17 @@ def curve_through(keypoints: Float[np.ndarray, "... n 2"], pieces: int) -> Float
     return spline(np.arange(pieces * (count - 1) + 1) / pieces)
 
 
+def at_equal_arcs(lines: Float[np.ndarray, "t m 2"], count: int) -> Float[np.ndarray, "t count 2"]:
+    """`count` points [m] at equal arc length along each polyline, both ends included."""
+    steps = np.linalg.norm(np.diff(lines, axis=1), axis=2)
+    arcs = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(steps, axis=1)], axis=1)
+    rows = [
+        [np.interp(np.linspace(0.0, arc[-1], count), arc, column) for column in line.T]
+        for arc, line in zip(arcs, lines, strict=True)
+    ]
+    return np.swapaxes(np.array(rows), 1, 2)
+
+
 def turn(angle: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """The same angle [rad] the short way round, from -pi to pi."""
     return np.angle(np.exp(1j * np.asarray(angle)))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import shapely
 
 from cableway.core.errors import InputError
 from cableway.outcome import START_ERROR, SUCCESS_ERROR, stacked_limit
 from cableway.records import Check, Rollout, Verdict
-from cableway.scene.task import CONTROL_STEP, Task
-from cableway.verification.geometry import pose_distance
-from cableway.verification.plan import at_most, cable_clearance, gripper_clearance
+from cableway.scene.task import Task
+from cableway.verification.plan import cable_clearance, gripper_clearance
 from cableway.verification.plug import insertion_checks, plug_clearance, require_port
+from cableway.verification.recording import recording_checks
 
 
 def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:
@@ -61,37 +60,8 @@ def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
     """What any rollout must keep, wherever it begins and ends."""
     if rollout.keypoints.shape[1] != task.cable.keypoints:
         raise InputError(f"the rollout has {rollout.keypoints.shape[1]} keypoints, the task {task.cable.keypoints}")
-    measured = np.linalg.norm(np.diff(rollout.centreline, axis=1), axis=2).sum(1)
-    curves = np.asarray(shapely.linestrings(rollout.centreline))
-    off = shapely.distance(curves[:, None], shapely.points(rollout.keypoints)).max(1)
-    held = np.linalg.norm(rollout.poses[:, :, :2] - rollout.centreline[:, [0, -1]], axis=2).max(1)
     return [
         cable_clearance(rollout.centreline, task, 0.0),
         gripper_clearance(rollout.poses, task, 0.0),
-        _recorded("recorded cable clearance", rollout.clearance),
-        _recorded("recorded gripper clearance", rollout.gripper_clearance),
-        at_most("length error", np.abs(measured / (length or task.cable.length) - 1), "", 0.02),
-        at_most("keypoints off the cable", off, "m", 0.002),
-        at_most("grasp error", held, "m", 0.003),
-        *_motion(rollout, task),
+        *recording_checks(rollout, task, length),
     ]
-
-
-def _recorded(name: str, values: np.ndarray) -> Check:
-    row = int(np.argmin(values))
-    return Check(name, float(values[row]), "m", 0.0, bool(values[row] > 0), f"at row {row}")
-
-
-def _motion(rollout: Rollout, task: Task, tolerance: float = 1.05) -> list[Check]:
-    """Time and gripper motion; a plant's grippers may lag and catch up by a few percent."""
-    steps = np.diff(rollout.times)
-    backwards = int(np.sum(steps <= 0))
-    checks = [Check("rows out of time", float(backwards), "", 0.0, backwards == 0)]
-    if rollout.steps and not backwards:
-        move, turn = pose_distance(rollout.poses[:-1], rollout.poses[1:])
-        share = (CONTROL_STEP / steps)[:, None]
-        checks += [
-            at_most("gripper step", (move * share).max(1), "m", tolerance * task.grippers.max_step),
-            at_most("gripper turn", (turn * share).max(1), "rad", tolerance * task.grippers.max_turn),
-        ]
-    return checks

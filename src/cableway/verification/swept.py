@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Float, Integer
 
 from cableway.scene.scene import Scene
 
@@ -46,7 +46,7 @@ def closest_approach(
     """
     wanted = np.broadcast_to(wanted, len(lines))
     rows = np.arange(len(lines))
-    distance, obstacle = _distances(lines, scene)
+    distance, obstacle = distances(lines, scene)
     kept = distance - wanted
     row = int(np.argmin(kept))
     least, best = kept[row], Closest(float(distance[row]), float(row), int(obstacle[row]), float(wanted[row]))
@@ -61,7 +61,7 @@ def closest_approach(
         first, at, before, after = first[keep], at[keep], before[keep], after[keep]
         share, length = share / 2, length[keep] / 2
         f = (at + share - first)[:, None, None]
-        distance, obstacle = _distances((1 - f) * lines[first] + f * lines[first + 1], scene)
+        distance, obstacle = distances((1 - f) * lines[first] + f * lines[first + 1], scene)
         limits = np.interp(at + share, rows, wanted)
         kept = distance - limits
         k = int(np.argmin(kept))
@@ -73,8 +73,10 @@ def closest_approach(
         before, after = np.concatenate([before, kept]), np.concatenate([kept, after])
 
 
-def _distances(lines: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (t,) of each polyline (t, m, 2), a single point where m = 1, and the obstacle that is nearest.
+def distances(
+    lines: Float[np.ndarray, "t m 2"], scene: Scene
+) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
+    """Distance [m] of each polyline, a single point where m = 1, as in `Closest`, and the obstacle that is nearest.
 
     An obstacle is measured only where the boxes about it and the polyline leave room for it to be nearer than what is
     found.

@@ -1,0 +1,243 @@
+"""What the record of a run says of itself, and whether its arrays agree: times, keypoints, grasps, motion, shape, end.
+
+No bound is that of one plant. Each stands well beyond what `studies/true_rollouts.py` finds in rollouts of all plants.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.checks import shown
+from cableway.core.errors import InputError
+from cableway.core.provenance import describe
+from cableway.records import THEN_FAILED, Check, Rollout
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.verification.geometry import at_equal_arcs, turn
+from cableway.verification.plan import at_most
+from cableway.verification.swept import distances
+
+ROW_JITTER = 0.5
+"""Share of the usual time between rows by which one may differ; a row left out makes it twice as long."""
+
+LONGEST_CONTROL_STEP = 1.0
+"""Time [s] that one step of a plant takes at most."""
+
+CLEARANCE_ERROR = 5e-4
+"""Distance [m] by which a clearance may be recorded above that of its row."""
+
+GRASP_OFFSET = 0.02
+"""Largest distance [m] of a cable's end from where its gripper should hold it; poses may be those of either."""
+
+GRASP_ANGLE = 0.2
+"""Angle [rad] between a gripper and the cable's end: held askew by 10 degrees and more; measured: 1.5 degrees."""
+
+KEYPOINT_ERROR = 0.002
+"""Distance [m] of a keypoint from its place along the cable; measured: less than 0.01 mm."""
+
+OTHER_LENGTH = 0.05
+"""Difference [m] of a plant's cable from the task's. At 50 mm no gripper poses bring it within 3 cm of a goal of the
+catalogue: the least error is 34 mm."""
+
+SNAP = 0.6
+"""Lengths of the cable that a part of it moves in one control step beyond what the grippers move it: 0.54 where a cable
+of damping time 0.02 s snaps, 0.02 in runs that succeed."""
+
+AT_REST = 0.005
+"""The same [m] in the last row, where a run has come to rest; measured: 0.1 mm."""
+
+ASTRAY = 0.05
+"""Lengths of the cable by which a row may lie off the way between its neighbours, beyond what the grippers move."""
+
+BEND = 20.0
+"""Root mean square of curvature times length: 6 measured where nothing is touched, and in a coil."""
+
+KINK = 25.0
+"""Change of curvature times length between neighbouring pieces, of which there are `PIECES`. The bending moment is
+continuous along a cable: 4.5 measured, 9 in a cable pressed against a peg."""
+
+PIECES = 24
+"""Pieces of a cable in which its bends are measured."""
+
+COMMAND_LAG = 1.0
+"""Time [s] by which grippers may lag behind their commands."""
+
+
+def plant_length(rollout: Rollout, task: Task) -> float | None:
+    """Length [m] of the plant's cable, where the metadata say of a plant that it does not start as the task does.
+
+    Raises:
+        InputError: They say something else than a length.
+    """
+    length = _stated(rollout, "plant", "cable", "length")
+    if length is None:
+        return None
+    if isinstance(length, bool) or not isinstance(length, int | float) or not 0 < length < math.inf:
+        raise InputError(f"metadata.plant.cable.length must be a length in metres, got {shown(length)}")
+    differs = any(_stated(rollout, "plant", name) is not None for name in ("start", "table"))
+    same = _stated(rollout, "plant", "cable") == describe(task.cable)
+    return None if same and not differs else float(length)
+
+
+def _stated(rollout: Rollout, *keys: str) -> Any:
+    """What the metadata say under nested keys; None where they say nothing."""
+    found: Any = rollout.metadata
+    for key in keys:
+        found = found.get(key) if isinstance(found, dict) else None
+    return found
+
+
+def _seconds(rollout: Rollout, default: float, most: float, *keys: str) -> float:
+    """A time [s] that the metadata state under nested keys, as far as it is positive and not above `most`."""
+    found = _stated(rollout, *keys)
+    return float(found) if isinstance(found, int | float) and 0 < found <= most else default
+
+
+def recording_checks(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
+    """All that can be checked of a record without another run of the plant; `length` as for `verify_rollout`."""
+    measured = np.linalg.norm(np.diff(rollout.centreline, axis=1), axis=2).sum(1)
+    truth = task.cable.length if length is None else length
+    return [
+        _ending(rollout),
+        *_clearances(rollout, task),
+        at_most("difference to the task's cable", np.array([abs(truth - task.cable.length)]), "m", OTHER_LENGTH),
+        at_most("length error", np.abs(measured / truth - 1), "", 0.02),
+        *_grasps(rollout),
+        *_times(rollout),
+        *_gripper_motion(rollout, task),
+        *_cable_motion(rollout, truth),
+        *_bends(rollout),
+    ]
+
+
+def _ending(rollout: Rollout) -> Check:
+    """The run was led to its end, and nothing was particular to that."""
+    said = [str(text) for text in rollout.status if THEN_FAILED in str(text)]
+    if not rollout.outcome.finished or rollout.detail:
+        said.insert(0, f"{rollout.outcome}: {rollout.detail}" if rollout.detail else rollout.outcome.value)
+    return Check("failures recorded", float(len(said)), "", 0.0, not said, "; ".join(said))
+
+
+def _clearances(rollout: Rollout, task: Task) -> list[Check]:
+    """Recorded clearances are positive, and not above those of the same row.
+
+    A record is the least since the row before, so it may be below. Of displaced obstacles only the walls count.
+    """
+    scene = replace(task.scene, obstacles=()) if _stated(rollout, "plant", "obstacles") else task.scene
+    discs = np.min([distances(rollout.poses[:, k : k + 1, :2], scene)[0] for k in range(2)], axis=0)
+    checks = []
+    for name, recorded, found, error in (
+        ("cable", rollout.clearance, distances(rollout.centreline, scene)[0] - task.cable.radius, 0.0),
+        ("gripper", rollout.gripper_clearance, discs - task.grippers.radius, GRASP_OFFSET),
+    ):
+        row, what = int(np.argmin(recorded)), f"recorded {name} clearance"
+        least = float(recorded[row])
+        checks += [
+            Check(what, least, "m", 0.0, least > 0, f"at row {row}"),
+            at_most(f"{what} above that of its row", recorded - found, "m", CLEARANCE_ERROR + error),
+        ]
+    return checks
+
+
+def _grasps(rollout: Rollout) -> list[Check]:
+    """Keypoints at equal arc length from the left end to the right one, and the ends where and as they are held."""
+    line, poses = rollout.centreline, rollout.poses
+    places = at_equal_arcs(line, rollout.keypoints.shape[1])
+    directions, turns = _turns_along(line)
+    askew = np.abs(turn(directions[:, [0, -1]] - poses[:, :, 2])) - np.abs(turns[:, [0, -1]])
+    held = np.linalg.norm(poses[:, :, :2] - line[:, [0, -1]], axis=2).max(1)
+    off = np.linalg.norm(rollout.keypoints - places, axis=2).max(1)
+    return [
+        at_most("keypoints off their places along the cable", off, "m", KEYPOINT_ERROR),
+        at_most("grasp error", held, "m", 0.003),
+        at_most("grasp angle", askew.max(1), "rad", GRASP_ANGLE),
+    ]
+
+
+def _times(rollout: Rollout) -> list[Check]:
+    """Rows follow each other at the pace of the control steps."""
+    steps = np.diff(rollout.times)
+    if not len(steps):
+        return []
+    usual = float(np.median(steps))
+    irregular = (steps <= 0) | (np.abs(steps - usual) > ROW_JITTER * usual)
+    wanted = _seconds(rollout, CONTROL_STEP, LONGEST_CONTROL_STEP, "plant", "control_step")
+    wanted = _seconds(rollout, wanted, LONGEST_CONTROL_STEP, "control_step")
+    where = f"first at row {int(np.argmax(irregular)) + 1}" if irregular.any() else ""
+    return [
+        Check("rows out of time", float(irregular.sum()), "", 0.0, not irregular.any(), where),
+        at_most("time between rows", steps, "s", (1 + ROW_JITTER) * wanted),
+    ]
+
+
+def _gripper_motion(rollout: Rollout, task: Task, tolerance: float = 1.05) -> list[Check]:
+    """Gripper steps within the limits, where a plant's grippers may catch up by a few percent, and as commanded."""
+    steps = np.diff(rollout.times)
+    if not len(steps) or steps.min() <= 0:
+        return []
+    share = (CONTROL_STEP / steps)[:, None]
+    move, turned = (_gripper_moves(rollout.poses) * share).max(1), (_gripper_turns(rollout.poses) * share).max(1)
+    sent = rollout.actions[:, :, :2]
+    way = np.cumsum(np.linalg.norm(sent, axis=2), axis=0)
+    late = COMMAND_LAG + _seconds(rollout, 0.0, math.inf, "plant", "sensing", "action_delay")
+    rows = math.ceil(late / float(np.median(steps)))
+    recent = way - np.concatenate([np.zeros_like(way[:rows]), way[:-rows]])
+    off = np.linalg.norm(rollout.poses[1:, :, :2] - rollout.poses[0, :, :2] - np.cumsum(sent, axis=0), axis=2)
+    return [
+        at_most("gripper step", move, "m", tolerance * task.grippers.max_step),
+        at_most("gripper turn", turned, "rad", tolerance * task.grippers.max_turn),
+        at_most("grippers away from their commands", (off - recent).max(1), "m", 2 * GRASP_OFFSET),
+    ]
+
+
+def _gripper_moves(poses: Float[np.ndarray, "t 2 3"]) -> Float[np.ndarray, "t-1 2"]:
+    return np.linalg.norm(np.diff(poses[:, :, :2], axis=0), axis=2)
+
+
+def _gripper_turns(poses: Float[np.ndarray, "t 2 3"]) -> Float[np.ndarray, "t-1 2"]:
+    """Turns [rad] from row to row: as recorded, or the short way where all angles of a gripper are within one turn."""
+    angles = poses[:, :, 2]
+    turns = np.diff(angles, axis=0)
+    return np.abs(np.where(np.ptp(angles, axis=0) <= 2 * np.pi, turn(turns), turns))
+
+
+def _cable_motion(rollout: Rollout, length: float) -> list[Check]:
+    """No part of the cable moves far beyond what the grippers lead it: their moves, and their turns of half of it."""
+    if not rollout.steps:
+        return []
+    led = (_gripper_moves(rollout.poses) + length / 2 * np.abs(turn(np.diff(rollout.poses[:, :, 2], axis=0)))).max(1)
+    steps = np.diff(at_equal_arcs(rollout.centreline, PIECES + 1), axis=0)
+    moves = np.linalg.norm(steps, axis=2)
+    beyond = moves.max(1) - led
+    round_about = (moves[:-1] + moves[1:] - np.linalg.norm(steps[:-1] + steps[1:], axis=2)).max(1) / 2
+    checks = [
+        at_most("cable step beyond the grippers'", beyond, "m", SNAP * length),
+        at_most("cable step to the last row", beyond[-1:], "m", AT_REST),
+    ]
+    if rollout.steps > 1:
+        astray = round_about - np.maximum(led[:-1], led[1:])
+        checks.append(at_most("row off the way between its neighbours", astray, "m", ASTRAY * length))
+    return checks
+
+
+def _turns_along(line: Float[np.ndarray, "t m 2"]) -> tuple[Float[np.ndarray, "t p"], Float[np.ndarray, "t q"]]:
+    """Directions [rad] of a cable's pieces, and the turns from each to the next."""
+    pieces = np.diff(at_equal_arcs(line, min(PIECES, line.shape[1] - 1) + 1), axis=1)
+    directions = np.arctan2(pieces[:, :, 1], pieces[:, :, 0])
+    return directions, turn(np.diff(directions, axis=1))
+
+
+def _bends(rollout: Rollout) -> list[Check]:
+    """The cable is bent as a cable can be: not wound up, and without kinks."""
+    turns = _turns_along(rollout.centreline)[1]
+    curvatures = turns * (turns.shape[1] + 1)
+    checks = []
+    if turns.shape[1] > 0:
+        checks.append(at_most("bending", np.sqrt(np.mean(curvatures**2, axis=1)), "", BEND))
+    if turns.shape[1] > 1:
+        checks.append(at_most("kink", np.abs(np.diff(curvatures, axis=1)).max(1), "", KINK))
+    return checks
