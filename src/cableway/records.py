@@ -340,6 +340,7 @@ class Rollout(ArrayRecord):
         points = self.centreline.shape[1]
         _require(points >= 2, f"a centreline needs at least 2 points, got {points}")
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
+        _require(self.status.dtype.kind not in "biufc", "status holds numbers, not short texts")
         _require_finite(self, "times", "keypoints", "poses", "centreline", "actions", "estimates", "deviations")
         Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))
         _require((self.estimates is None) == (self.deviations is None), "estimates and deviations go together")

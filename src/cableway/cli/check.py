@@ -49,7 +49,7 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
         FileFormatError: It is neither a plan nor a rollout.
         InputError: It belongs to a task with another number of keypoints, or states a length that is none.
     """
-    from cableway.core.errors import FileFormatError
+    from cableway.core.errors import FileFormatError, InputError
     from cableway.core.files import read_arrays
     from cableway.records import INSERTION, Plan, Rollout
     from cableway.verification import plant_length, verify_insertion, verify_insertion_plan, verify_plan, verify_rollout
@@ -59,7 +59,11 @@ def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
         rollout = Rollout.from_arrays(arrays, str(file))
         inserting = rollout.metadata.get("part") == INSERTION
         judge = verify_insertion if inserting else verify_rollout
-        return "insertion" if inserting else "rollout", judge(rollout, task, length=plant_length(rollout, task))
+        try:
+            verdict = judge(rollout, task, length=plant_length(rollout, task))
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+        return "insertion" if inserting else "rollout", verdict
     if "shapes" in arrays:
         plan = Plan.from_arrays(arrays, str(file))
         inserting = plan.metadata.get("part") == INSERTION

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import shown
+from cableway.core.checks import Bounds, shown
 from cableway.core.errors import InputError
+from cableway.core.files import LARGEST
 from cableway.core.provenance import describe
 from cableway.records import THEN_FAILED, Check, Rollout
 from cableway.scene.task import CONTROL_STEP, Task
@@ -64,7 +65,10 @@ PIECES = 24
 """Pieces of a cable in which its bends are measured."""
 
 COMMAND_LAG = 1.0
-"""Time [s] by which grippers may lag behind their commands."""
+"""Time [s] by which grippers may lag behind their commands, on top of an actuation latency that is stated."""
+
+LONGEST_DELAY = 10.0
+"""Longest actuation latency [s] that may be stated."""
 
 
 def plant_length(rollout: Rollout, task: Task) -> float | None:
@@ -76,8 +80,8 @@ def plant_length(rollout: Rollout, task: Task) -> float | None:
     length = _stated(rollout, "plant", "cable", "length")
     if length is None:
         return None
-    if isinstance(length, bool) or not isinstance(length, int | float) or not 0 < length < math.inf:
-        raise InputError(f"metadata.plant.cable.length must be a length in metres, got {shown(length)}")
+    if not Bounds(0, LARGEST, open=True).hold(length, whole=False):
+        raise InputError(f"plant.cable.length must be positive and at most {LARGEST:g} m, got {shown(length)}")
     differs = any(_stated(rollout, "plant", name) is not None for name in ("start", "table"))
     same = _stated(rollout, "plant", "cable") == describe(task.cable)
     return None if same and not differs else float(length)
@@ -91,10 +95,10 @@ def _stated(rollout: Rollout, *keys: str) -> Any:
     return found
 
 
-def _seconds(rollout: Rollout, default: float, most: float, *keys: str) -> float:
-    """A time [s] that the metadata state under nested keys, as far as it is positive and not above `most`."""
+def _seconds(rollout: Rollout, most: float, *keys: str) -> float:
+    """A time [s] that the metadata state under nested keys; 0 where they do not, or where it is above `most`."""
     found = _stated(rollout, *keys)
-    return float(found) if isinstance(found, int | float) and 0 < found <= most else default
+    return float(found) if Bounds(0, most, open=True).hold(found, whole=False) else 0.0
 
 
 def recording_checks(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
@@ -148,7 +152,9 @@ def _grasps(rollout: Rollout) -> list[Check]:
     line, poses = rollout.centreline, rollout.poses
     places = at_equal_arcs(line, rollout.keypoints.shape[1])
     directions, turns = _turns_along(line)
-    askew = np.abs(turn(directions[:, [0, -1]] - poses[:, :, 2])) - np.abs(turns[:, [0, -1]])
+    askew = np.abs(turn(directions[:, [0, -1]] - poses[:, :, 2]))
+    if turns.shape[1]:  # within its first and last piece the cable bends as much as to the next
+        askew -= np.abs(turns[:, [0, -1]])
     held = np.linalg.norm(poses[:, :, :2] - line[:, [0, -1]], axis=2).max(1)
     off = np.linalg.norm(rollout.keypoints - places, axis=2).max(1)
     return [
@@ -165,8 +171,8 @@ def _times(rollout: Rollout) -> list[Check]:
         return []
     usual = float(np.median(steps))
     irregular = (steps <= 0) | (np.abs(steps - usual) > ROW_JITTER * usual)
-    wanted = _seconds(rollout, CONTROL_STEP, LONGEST_CONTROL_STEP, "plant", "control_step")
-    wanted = _seconds(rollout, wanted, LONGEST_CONTROL_STEP, "control_step")
+    stated = [_seconds(rollout, LONGEST_CONTROL_STEP, *keys) for keys in (["control_step"], ["plant", "control_step"])]
+    wanted = min((found for found in stated if found), default=CONTROL_STEP)
     where = f"first at row {int(np.argmax(irregular)) + 1}" if irregular.any() else ""
     return [
         Check("rows out of time", float(irregular.sum()), "", 0.0, not irregular.any(), where),
@@ -183,7 +189,7 @@ def _gripper_motion(rollout: Rollout, task: Task, tolerance: float = 1.05) -> li
     move, turned = (_gripper_moves(rollout.poses) * share).max(1), (_gripper_turns(rollout.poses) * share).max(1)
     sent = rollout.actions[:, :, :2]
     way = np.cumsum(np.linalg.norm(sent, axis=2), axis=0)
-    late = COMMAND_LAG + _seconds(rollout, 0.0, math.inf, "plant", "sensing", "action_delay")
+    late = COMMAND_LAG + _seconds(rollout, LONGEST_DELAY, "plant", "sensing", "action_delay")
     rows = math.ceil(late / float(np.median(steps)))
     recent = way - np.concatenate([np.zeros_like(way[:rows]), way[:-rows]])
     off = np.linalg.norm(rollout.poses[1:, :, :2] - rollout.poses[0, :, :2] - np.cumsum(sent, axis=0), axis=2)
