@@ -117,7 +117,7 @@ def test_what_the_simulator_does_not_see_the_verification_does(recorded: tuple[T
     assert report.shape_error < 0.03
     assert not report.success
     assert report.failure is not None
-    assert "keypoints off the cable" in report.failure
+    assert "keypoints off their places" in report.failure
 
 
 @pytest.mark.parametrize(

@@ -93,4 +93,4 @@ def test_another_number_of_keypoints_is_named(cableway: Command, moved_file: Pat
     kept = {name: getattr(rollout, name)[:, ::2] for name in ("keypoints", "observed", "reference")}
     replace(rollout, **kept).save("seven.npz")
     done = cableway("check", moved_file, "seven.npz")
-    assert done == (2, "", "cableway: the rollout has 7 keypoints, the task 13\n")
+    assert done == (2, "", "cableway: seven.npz: the rollout has 7 keypoints, the task 13\n")

@@ -281,6 +281,13 @@ def shrunk(arrays: Arrays, task: Task) -> None:
     arrays["centreline"][MIDDLE] = arrays["centreline"][MIDDLE, :1]
 
 
+def pushed(arrays: Arrays, task: Task) -> None:
+    """Away from the grippers by half the cable's length."""
+    for name in ("centreline", "keypoints"):
+        bump = np.sin(np.linspace(0, np.pi, arrays[name].shape[1])) ** 2
+        arrays[name][20:60, :, 1] += task.cable.length / 2 * bump
+
+
 def outcome_list(arrays: Arrays, task: Task) -> None:
     says(arrays, outcome=["settled"])
 
@@ -341,6 +348,7 @@ FORGED: list[tuple[Forgery, str]] = [
     (slow, "time between rows"),
     (failed_at_last, "failures recorded"),
     (shrunk, "length error"),
+    (pushed, "distance from the rod"),
 ]
 UNREADABLE: list[tuple[Forgery, str]] = [
     (ages, "times holds 1e+299, at most 1e+06 is a number of a record"),
