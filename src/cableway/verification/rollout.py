@@ -47,9 +47,11 @@ def verify_insertion(rollout: Rollout, task: Task, *, length: float | None = Non
         InputError: The rollout has another number of keypoints than the task, or the task has no port.
     """
     require_port(task)
-    ends = rollout.poses[:, 1]
+    physics, ends = _physics(rollout, task, length), rollout.poses[:, 1]
+    before, most = float(np.linalg.norm(rollout.keypoints[0] - task.goal)), stacked_limit(SUCCESS_ERROR, len(task.goal))
     checks = [
-        *_physics(rollout, task, length),
+        Check("shape error before the insertion", before, "m", most, before < most),
+        *physics,
         *plug_clearance(ends, task, 0.0, inserting=True),
         *insertion_checks(ends, task),
     ]
