@@ -42,6 +42,22 @@ def test_a_rollout_that_touched_fails(cableway: Command, moved_file: Path, run_f
     assert done == (1, "", "")
 
 
+def test_a_rollout_that_says_it_failed_fails(cableway: Command, moved_file: Path, run_folder: Path):
+    rollout = Rollout.load(run_folder / "rollout.npz")
+    replace(rollout, metadata={**rollout.metadata, "outcome": "plant failed", "detail": "stopped"}).save("failed.npz")
+    done = cableway("check", moved_file, "failed.npz")
+    assert done.status == 1
+    assert "failures recorded" in done.out
+    assert "plant failed: stopped" in " ".join(done.out.split())
+
+
+def test_a_number_too_large_is_named_at_once(cableway: Command, moved_file: Path, run_folder: Path):
+    arrays = dict(np.load(run_folder / "rollout.npz"))
+    np.savez("huge.npz", **{**arrays, "centreline": np.full_like(arrays["centreline"], 1e300)})
+    sentence = "centreline holds 1e+300; numbers of a record are at most 1e+06"
+    assert cableway("check", moved_file, "huge.npz") == (2, "", f"cableway: huge.npz: {sentence}\n")
+
+
 def test_another_task_is_another_verdict(cableway: Command, run_folder: Path):
     assert cableway("check", "maze-1", run_folder / "rollout.npz", "--quiet").status == 1
 

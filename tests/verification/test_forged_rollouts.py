@@ -351,11 +351,11 @@ FORGED: list[tuple[Forgery, str]] = [
     (pushed, "distance from the rod"),
 ]
 UNREADABLE: list[tuple[Forgery, str]] = [
-    (ages, "times holds 1e+299, at most 1e+06 is a number of a record"),
-    (huge_clearance, "clearance holds 1000000000.0, at most 1e+06"),
+    (ages, "times holds 1e+299; numbers of a record are at most 1e+06"),
+    (huge_clearance, "clearance holds 1000000000.0; numbers of a record are at most 1e+06"),
     (one_point, "a centreline needs at least 2 points, got 1"),
-    (far_away, "centreline holds 1e+300, at most 1e+06"),
-    (longer_than_double, "keypoints holds 1e+4000, at most 1e+06"),
+    (far_away, "centreline holds 1e+300; numbers of a record are at most 1e+06"),
+    (longer_than_double, "keypoints holds 1e+4000; numbers of a record are at most 1e+06"),
     (outcome_list, "outcome must be one of success, settled"),
     (brackets, "metadata is not JSON"),
     (complex_numbers, "poses is not an array of numbers"),

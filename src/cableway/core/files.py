@@ -136,7 +136,7 @@ def _numbers(name: str, array: np.ndarray) -> np.ndarray:
         numbers = array.astype(np.float64)
     large = np.isfinite(array) & ~(np.abs(numbers) <= LARGEST)
     if large.any():
-        raise InputError(f"{name} holds {array[large][0]!s}, at most {LARGEST:g} is a number of a record")
+        raise InputError(f"{name} holds {array[large][0]!s}; numbers of a record are at most {LARGEST:g}")
     return numbers
 
 

@@ -34,8 +34,8 @@ CLEARANCE_ERROR = 5e-4
 """Distance [m] by which a clearance may be recorded above that of its row."""
 
 GRASP_OFFSET = 0.02
-"""Largest distance [m] of a cable's end from where its gripper should hold it, of which recorded poses may be either; 5 mm
-measured."""
+"""Largest distance [m] of a cable's end from where its gripper should hold it; recorded poses may be those of either.
+Measured: 5 mm."""
 
 GRASP_ANGLE = 0.2
 """Angle [rad] between a gripper and the cable's end: held askew by 10 degrees and more; measured: 1.5 degrees."""
@@ -55,8 +55,8 @@ AT_REST = 0.005
 """The same [m] in the last row, where a run has come to rest; measured: 0.2 mm."""
 
 ASTRAY = 0.05
-"""Lengths of the cable by which a row may lie off the way between its neighbours, beyond what the grippers move; measured:
-0.002 where a cable snaps."""
+"""Lengths of the cable by which a row may lie off the way between its neighbours, beyond what the grippers move.
+Measured: 0.002 where a cable snaps."""
 
 BEND = 20.0
 """Largest root mean square of curvature times length; measured: 7 in runs that succeed, 12 where cables snap."""
