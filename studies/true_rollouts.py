@@ -1,7 +1,7 @@
 """How near to its limits a true rollout comes: the margins that `verification/recording.py` leaves.
 
-    .venv/bin/python studies/true_rollouts.py [--suites plants,sensing,table,faults,mazes,corridors,lab-drawn]
-        [--episodes 12] [--snaps 40]
+    .venv/bin/python studies/true_rollouts.py [--suites plants,sensing,...]
+        [--episodes 48] [--snaps 40]
 
 Runs the first episodes of each suite, judges their rollouts as the run does and as `cableway check` does, lists those
 of successful runs that are refused, and prints of each check the largest value over its limit. Then the same for cables
@@ -29,7 +29,7 @@ from cableway.verification import plant_length, verify_insertion, verify_rollout
 from cableway.workflow.run import SolveOptions
 from cableway.workflow.solve import solve
 
-SUITES = "plants,sensing,table,faults,mazes,corridors,lab-drawn"
+SUITES = "plants,sensing,table,faults,dense,mazes,corridors,lab-drawn,lab-constrained,lab-unconstrained"
 RECORD = (
     "cable step beyond the grippers'",
     "row off the way between its neighbours",
@@ -44,7 +44,7 @@ def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--suites", default=SUITES)
-    parser.add_argument("--episodes", type=int, default=12)
+    parser.add_argument("--episodes", type=int, default=48)
     parser.add_argument("--snaps", type=int, default=40)
     given = parser.parse_args()
     plants: Counter[str] = Counter()
