@@ -145,6 +145,10 @@ class Check:
     passed: bool
     where: str = ""
 
+    def __str__(self) -> str:
+        found = f"{self.name} {self.value:.4g} {self.unit}".rstrip()
+        return f"{found} (limit {self.limit:.4g}){' ' + self.where if self.where else ''}"
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -164,10 +168,7 @@ class Verdict:
     def __str__(self) -> str:
         if self.passed:
             return "all checks passed"
-        return "; ".join(
-            f"{c.name} {c.value:.4g} {c.unit}".rstrip() + f" (limit {c.limit:.4g}){' ' + c.where if c.where else ''}"
-            for c in self.failures()
-        )
+        return "; ".join(map(str, self.failures()))
 
     def as_dict(self) -> list[dict[str, Any]]:
         """Plain data for JSON; a value that is not finite becomes null."""

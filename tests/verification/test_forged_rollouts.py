@@ -19,7 +19,7 @@ from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.plant import CableSimulator
 from cableway.tracking import track
-from cableway.verification import plant_length, verify_rollout
+from cableway.verification import verify_record
 
 Arrays = dict[str, Any]
 ROW = ("times", "keypoints", "observed", "poses", "centreline", "reference", "clearance", "gripper_clearance")
@@ -40,7 +40,7 @@ def rollout(task: Task) -> Rollout:
 
 def judged(arrays: Arrays, task: Task) -> Verdict:
     found = Rollout.from_arrays(arrays, "forged.npz")
-    return verify_rollout(found, task, length=plant_length(found, task))
+    return verify_record(found, task)
 
 
 def copied(rollout: Rollout) -> Arrays:

@@ -18,7 +18,7 @@ from cableway.simulation.perturbations.sensing import SensingConfig
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.simulation.table_plant import TableConfig
 from cableway.tracking import track
-from cableway.verification import plant_length, verify_rollout
+from cableway.verification import verify_record
 
 PLANTS = {
     name: named_perturbation(name, load_task("single-obstacle-2"))
@@ -49,7 +49,7 @@ def test_a_true_rollout_is_accepted(task: Task, found: Plan, name: str, tmp_path
     run = track(perturbation.build(task), OpenLoop(), found)
     replace(run, metadata={**run.metadata, "plant": perturbation.as_dict(task)}).save(tmp_path / "rollout.npz")
     read = Rollout.load(tmp_path / "rollout.npz")
-    verdict = verify_rollout(read, task, length=plant_length(read, task))
+    verdict = verify_record(read, task)
     assert verdict.passed, str(verdict)
     assert all(check.value <= check.limit / 2 for check in upper(verdict) if check.name not in HALF)
 

@@ -15,8 +15,7 @@ from cableway.cli.terminal import Terminal, columns
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cableway.records import Verdict
-    from cableway.scene.task import Task
+    from cableway.records import Plan, Rollout, Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,12 +27,18 @@ class Check(TaskOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        task = self.load()
-        kind, verdict = _judge(task, self.file)
+        from cableway.core.errors import InputError
+        from cableway.verification import kind_of, verify_record
+
+        task, record = self.load(), read_record(self.file)
+        try:
+            verdict = verify_record(record, task)
+        except InputError as error:
+            raise InputError(f"{self.file}: {error}") from None
         report = {
             "task": task.name,
             "file": str(self.file),
-            "kind": kind,
+            "kind": kind_of(record),
             "passed": verdict.passed,
             "checks": verdict.as_dict(),
         }
@@ -42,32 +47,21 @@ class Check(TaskOptions):
         return 0 if verdict.passed else 1
 
 
-def _judge(task: Task, file: Path) -> tuple[str, Verdict]:
-    """The kind of a file and what is to be said of it.
+def read_record(file: Path) -> Plan | Rollout:
+    """The plan or the rollout in a file.
 
     Raises:
         FileFormatError: It is neither a plan nor a rollout.
-        InputError: It belongs to a task with another number of keypoints, or states a length that is none.
     """
-    from cableway.core.errors import FileFormatError, InputError
+    from cableway.core.errors import FileFormatError
     from cableway.core.files import read_arrays
-    from cableway.records import INSERTION, Plan, Rollout
-    from cableway.verification import plant_length, verify_insertion, verify_insertion_plan, verify_plan, verify_rollout
+    from cableway.records import Plan, Rollout
 
     arrays = read_arrays(file)
     if "centreline" in arrays:
-        rollout = Rollout.from_arrays(arrays, str(file))
-        inserting = rollout.metadata.get("part") == INSERTION
-        judge = verify_insertion if inserting else verify_rollout
-        try:
-            verdict = judge(rollout, task, length=plant_length(rollout, task))
-        except InputError as error:
-            raise InputError(f"{file}: {error}") from None
-        return "insertion" if inserting else "rollout", verdict
+        return Rollout.from_arrays(arrays, str(file))
     if "shapes" in arrays:
-        plan = Plan.from_arrays(arrays, str(file))
-        inserting = plan.metadata.get("part") == INSERTION
-        return ("insertion plan", verify_insertion_plan(plan, task)) if inserting else ("plan", verify_plan(plan, task))
+        return Plan.from_arrays(arrays, str(file))
     raise FileFormatError(
         f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
         f"it has {', '.join(sorted(arrays)) or 'nothing'}"

@@ -9,12 +9,16 @@ from typing import Annotated
 import tyro
 
 from cableway.cli.planning import CONTROLLER_NAMES, PlanOptions
+from cableway.core.errors import InputError
 from cableway.workflow.registry import DEFAULT_CONTROLLER
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run(PlanOptions):
     """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
+
+    plan_file: Annotated[Path | None, tyro.conf.arg(name="from", metavar="PLAN.npz")] = None
+    """Track this plan of the task, such as one of `plan --alternatives`, instead of planning."""
 
     controller: Annotated[str | None, tyro.conf.arg(metavar=CONTROLLER_NAMES)] = None
     """The controller; by default rod-mpc, or neural-mpc if there is a --model."""
@@ -43,6 +47,28 @@ class Run(PlanOptions):
     no_video: bool = False
     """Do not make a video."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.plan_file is None:
+            return
+        for option in ("planner", "pivot", "time_limit", "no_rehearsal"):
+            if getattr(self, option) != getattr(type(self), option):
+                name = option.replace("_", "-")
+                raise InputError(f"--{name} says how a plan is found, and --from {self.plan_file} gives one")
+
+    def folder(self, name: str) -> Path:
+        """The folder for results; never the one of the plan that is followed, whose plans would be replaced.
+
+        Raises:
+            InputError: It is a file, or that folder.
+        """
+        if self.plan_file is None:
+            return super().folder(name)
+        folder = super().folder(f"{name}-{self.plan_file.stem}")
+        if folder.resolve() == self.plan_file.resolve().parent:
+            raise InputError(f"--out {folder}: the plans in it would be replaced, {self.plan_file} among them")
+        return folder
+
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.simulation.perturbations.perturbation import Perturbation
@@ -52,6 +78,7 @@ class Run(PlanOptions):
         return self.solve(
             task,
             video=not self.no_video,
+            plan=self.plan_file,
             controller=self.controller or (DEFAULT_CONTROLLER if self.model is None else "neural-mpc"),
             model=self.model,
             adapt=self.adapt,

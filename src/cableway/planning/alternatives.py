@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from cableway.core.errors import Cancelled
+from collections.abc import Callable
+
+from cableway.core.errors import Cancelled, PlanningError
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import cable_clearance
+from cableway.outcome import Outcome
 from cableway.planning.candidates import OutOfTime, Search
 from cableway.planning.initial_trajectories import PIVOTED
-from cableway.planning.routes.homotopy import different_routes, motion_class
+from cableway.planning.routes.homotopy import different_routes, motion_class, signature
 from cableway.records import Plan
 from cableway.scene.task import Task
 
@@ -20,16 +23,26 @@ CLEARANCE_WEIGHT = 0.001
 
 def plan_cost(plan: Plan, task: Task) -> float:
     """What alternatives are ranked by: travel of both grippers [m] + 0.001 m^2 / least clearance of the cable."""
-    travel = float(SE2.distance(plan.poses[1:], plan.poses[:-1])[0].sum())
-    clearance = float(cable_clearance(plan.shapes, task).min())
+    travel, clearance = travel_and_clearance(plan, task)
     return travel + CLEARANCE_WEIGHT / max(clearance, 1e-4)
 
 
-def find_alternatives(search: Search, count: int) -> tuple[Plan, ...]:
+def travel_and_clearance(plan: Plan, task: Task) -> tuple[float, float]:
+    """Travel of both grippers together and least clearance of the cable, [m] each."""
+    travel = float(SE2.distance(plan.poses[1:], plan.poses[:-1])[0].sum())
+    return travel, float(cable_clearance(plan.shapes, task).min())
+
+
+def find_alternatives(search: Search, count: int, default: Callable[[], Plan]) -> tuple[Plan, ...]:
     """Up to `count` plans of different homotopy classes, in the order of their cost.
 
+    Args:
+        search: Of the task.
+        count: Plans wanted.
+        default: Finds the plan that is found where no alternatives are asked for; it is one of them.
+
     Raises:
-        PlanningError: There is none at all.
+        PlanningError: There is none at all, or the task is infeasible.
         OutOfTime: The time ran out before there was one.
     """
     found: dict[tuple[int, ...], Plan] = {}
@@ -39,18 +52,33 @@ def find_alternatives(search: Search, count: int) -> tuple[Plan, ...]:
         known = motion_class(task, plan.shapes) in found
         return "the plan goes round the obstacles as an earlier one does" if known else ""
 
+    def add(plan: Plan) -> None:
+        found[motion_class(task, plan.shapes)] = plan
+
     try:
+        _add_default(add, default)
         for route in different_routes(task, config.pivot, search.seed, SEARCHES_EACH * count):
+            if len(found) == count:
+                break
+            if signature(task.scene, route) in found:
+                continue
             trajectories, names = search.trajectories(route=lambda route=route: route), config.initial_trajectories
             plans = (search.follow(trajectories, name, is_known) for name in names if name in PIVOTED)
             plan = next((plan for plan in plans if plan is not None), None)
             if plan is not None:
-                found[motion_class(task, plan.shapes)] = plan
-            if len(found) == count:
-                break
+                add(plan)
     except (OutOfTime, Cancelled, KeyboardInterrupt):
         if not found:
             raise
     if not found:
-        raise search.blocked() or search.nothing("along any pivot path")
+        raise search.nothing("with any initial trajectory, nor along any other pivot path")
     return tuple(sorted(found.values(), key=lambda plan: plan_cost(plan, task)))
+
+
+def _add_default(add: Callable[[Plan], None], default: Callable[[], Plan]) -> None:
+    """Add the default plan where there is one; one for which the task is infeasible ends the search."""
+    try:
+        add(default())
+    except PlanningError as error:
+        if Outcome(error.outcome) is Outcome.INFEASIBLE:
+            raise

@@ -77,7 +77,7 @@ def plan(
         alternatives: Number of plans wanted that go round the obstacles in different ways (homotopy classes).
 
     Returns:
-        The plan; with `alternatives`, up to that many, in the order of `alternatives.plan_cost`.
+        The plan; with `alternatives`, up to that many, this one among them, in the order of `alternatives.plan_cost`.
 
     Raises:
         PlanningError: No plan was found; `attempt` holds the one that came closest. The message says so where the
@@ -93,7 +93,7 @@ def plan(
             return _find(search, through, avoiding, previous)
         if alternatives < 1 or through or avoiding or previous:
             raise InputError(f"alternatives must be 1 or more, without a requested way, got {alternatives}")
-        return find_alternatives(search, alternatives)
+        return find_alternatives(search, alternatives, lambda: _find(search, (), (), None))
     except OutOfTime:
         reason = f"; the closest attempt: {search.best.reason}" if search.best else ""
         message = f"the time limit ran out before a plan was found{reason}"

@@ -6,23 +6,25 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cableway.core.compiled import is_compiled
-from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted
+from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningInterrupted
 from cableway.core.provenance import describe
-from cableway.geometry.groups import SE2
-from cableway.motion.interpolation import rows_at
+from cableway.motion.resampling import smoothed
 from cableway.motion.time_parametrization import gripper_effort
 from cableway.outcome import Outcome
+from cableway.planning.alternatives import CLEARANCE_WEIGHT, travel_and_clearance
 from cableway.planning.compilation import compile_kernels
 from cableway.planning.insertion import plan_insertion
 from cableway.records import Plan
 from cableway.report import summarize
 from cableway.scene.cable import FRICTION_RULES, QUASI_STATIC
 from cableway.scene.task import Task
+from cableway.verification import kind_of, require_verified
 from cableway.workflow.events import Listener, Note, Planned, Progress
 from cableway.workflow.registry import Planner
 from cableway.workflow.rehearsal import rehearsed_plan
@@ -38,6 +40,7 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
         The run so far: the plan with its report, or the closest attempt and why it is no plan.
 
     Raises:
+        InputError: The options give a plan, and it is none of the task.
         KeyboardInterrupt: The search was interrupted from the keyboard; the listener has what came closest.
     """
     planner, insertion_plan = options.resolved_planner(), None
@@ -58,10 +61,12 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
             listener.emit(Planned(run))
             raise KeyboardInterrupt from None
         return run
-    if len(plans) < options.alternatives:
-        notes = (*notes, f"{len(plans)} of {options.alternatives} alternatives were found.")
+    if options.alternatives > 1:
+        notes = (*notes, *_ranked(task, plans, options.alternatives))
     if options.speed < 1:
         notes = (*notes, f"Planned and tracked with {100 * options.speed:g}% of the grippers' limits.")
+    if options.plan is not None and not isinstance(options.plan, Plan):
+        notes = (*notes, f"The plan is that of {options.plan}.")
     report = summarize(task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), **common)
     return Run(
         task=task, report=report, plan=plans[0], alternatives=tuple(plans[1:]), insertion_plan=insertion_plan,
@@ -93,7 +98,7 @@ def search(
 
 def _plans(task: Task, options: SolveOptions, planner: Planner, timer: StageTimer) -> Sequence[Plan]:
     if options.plan is not None:
-        return [_slowed(options.plan, task, options.speed)]
+        return [_given(options.plan, task, options, planner)]
     if options.alternatives > 1:
         return planner.find(
             task, config=planner.config, seed=options.seed, progress=timer, alternatives=options.alternatives,
@@ -105,19 +110,43 @@ def _plans(task: Task, options: SolveOptions, planner: Planner, timer: StageTime
     return [one(options.seed)]
 
 
+def _given(given: Plan | Path | str, task: Task, options: SolveOptions, planner: Planner) -> Plan:
+    """The plan that the options name, at the speed that they ask for.
+
+    Raises:
+        FileFormatError: It is no file of a plan.
+        InputError: It is not a plan of the task.
+    """
+    plan, source = (given, "the plan") if isinstance(given, Plan) else (Plan.load(given), str(given))
+    if kind_of(plan) != "plan":
+        raise InputError(f"{source}: the plan of an insertion, which begins at the goal, not a plan of {task.name!r}")
+    plan = _slowed(plan, task, options.speed)
+    if not options.follow_unverified:
+        require_verified(plan, task, source, planner.limits)
+    return plan
+
+
+def _ranked(task: Task, plans: Sequence[Plan], wanted: int) -> tuple[str, ...]:
+    """By what alternatives are ranked, and how many there are, for the reader of the report."""
+    each = [f"{travel:.3f} m and {1000 * clearance:.1f} mm"
+            for travel, clearance in (travel_and_clearance(plan, task) for plan in plans)]  # fmt: skip
+    ranked = (
+        f"Plans, best first, by travel of both grippers + {CLEARANCE_WEIGHT:g} m² / least clearance: {'; '.join(each)}."
+    )
+    return (ranked,) if len(plans) == wanted else (f"{len(plans)} of {wanted} alternatives were found.", ranked)
+
+
 def _slowed(plan: Plan, task: Task, share: float) -> Plan:
     """A plan made for the grippers' whole limits at a share of its speed; one that keeps the task's as it is."""
     limits = task.grippers
     if share == 1 or gripper_effort(plan.poses, limits.max_step, limits.max_turn).max() <= 1:
         return plan
-    at = np.linspace(0, plan.steps, math.ceil(plan.steps / share) + 1)
+    at = np.linspace(-1, plan.steps + 1, math.ceil((plan.steps + 2) / share) + 1)
     if plan.q is not None:
-        q = rows_at(plan.q, at)
+        q = smoothed(plan.q, at)
         stations, poses = task.cable.rod.shapes(q)
         return Plan(np.ascontiguousarray(task.cable.rod.at_keypoints(stations)), poses, q=q, metadata=plan.metadata)
-    before = np.minimum(at.astype(int), plan.steps - 1)
-    poses = SE2.between(plan.poses[before], plan.poses[before + 1], (at - before)[:, None])
-    return Plan(rows_at(plan.shapes, at), poses, metadata=plan.metadata)
+    return Plan(smoothed(plan.shapes, at), smoothed(plan.poses, at), metadata=plan.metadata)
 
 
 def _without_plan(task: Task, planner: Planner, error: PlanningError | Cancelled, common: dict[str, Any]) -> Run:

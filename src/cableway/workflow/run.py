@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from cableway.control.base import Controller
@@ -32,7 +33,7 @@ class SolveOptions(Checked):
         controller: A name of `registry.CONTROLLERS`, or a controller.
         model: Name or file of the deformation model, for a controller named that has one.
         adapt: Whether that model is adapted to the cable while it runs.
-        plan: Followed in place of one that is sought.
+        plan: Followed in place of one that is sought; a `Plan`, or the file of one. It must verify.
         alternatives: Number of plans wanted that go round the obstacles in different ways; the first is followed.
         perturbation: How the simulated plant differs from the task.
         seed: Of everything random.
@@ -59,7 +60,7 @@ class SolveOptions(Checked):
     controller: str | Controller[Any] = DEFAULT_CONTROLLER
     model: str | None = None
     adapt: bool = False
-    plan: Plan | None = None
+    plan: Plan | Path | str | None = None
     alternatives: int = 1
     perturbation: Perturbation = field(default_factory=Perturbation)
     seed: int = 0

@@ -22,7 +22,7 @@ def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | N
         cancelled; `report.failure` says why.
 
     Raises:
-        InputError: The options name something that is not known, or do not fit the task.
+        InputError: The options name something that is not known, or do not fit the task, as a plan of another one.
         KeyboardInterrupt: The run was interrupted from the keyboard; `Finished` has come with what there is.
     """
     options, listener = options or SolveOptions(), Listener(on_event)

@@ -14,8 +14,10 @@ from cableway.planning.config import PivotConfig
 from cableway.planning.planner import plan
 from cableway.planning.routes.homotopy import different_routes, motion_class, signature, unmet_request
 from cableway.planning.routes.passages import find_passages
+from cableway.scene.files.loading import load_task
 from cableway.scene.obstacles import Box, Disc
 from cableway.scene.scene import Scene
+from cableway.tasks.generation import random_task
 from cableway.verification import verify_plan
 
 THREE = Scene((1.0, 1.0), tuple(Disc(center=(x, 0.5), radius=0.05) for x in (0.3, 0.5, 0.7)))
@@ -87,6 +89,17 @@ def test_alternatives_are_true_different_and_ranked():
     assert all(verify_plan(found, task).passed for found in plans)
     costs = [plan_cost(found, task) for found in plans]
     assert costs == sorted(costs)
+
+
+@pytest.mark.parametrize("name", ["multi-obstacle-1", "single-obstacle-2", "clutter-7", "clutter-11", "maze-4"])
+def test_the_default_plan_is_among_the_alternatives(name: str):
+    """So the first is never worse than the plan that is found where none are asked for."""
+    kind, _, seed = name.partition("-")
+    task = random_task(int(seed), kind) if kind in ("clutter", "maze") else load_task(name)
+    default, plans = plan(task), plan(task, alternatives=2)
+    assert any(np.array_equal(found.poses, default.poses) for found in plans)
+    assert plan_cost(plans[0], task) <= plan_cost(default, task)
+    assert len({motion_class(task, found.shapes) for found in plans}) == len(plans)
 
 
 def test_alternatives_where_there_is_one_way_only():
