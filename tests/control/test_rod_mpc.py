@@ -490,7 +490,8 @@ def test_a_new_plan_in_another_turn_goes_on_from_the_estimate_of_a_curled_cable(
     theta[material.ROD] = [0.287, 1.113, 0.765, -0.673, -1.093, 0.128, 0.325, -1.433, 0.176]
     poses = np.array([[0.355, 0.540, 5.297], [0.324, 0.480, -0.130]])
     q, by_theta = np.array([0.30, 0.42, 3.70, 105.0, 48.96, -3.01]), np.empty((13, 2, material.PARAMETERS))
-    assert predicted(q, poses, theta, keypoints := np.empty((13, 2)), by_theta) < 1e-6
+    keypoints = np.empty((13, 2))
+    assert predicted(q, poses, theta, keypoints, by_theta) < 1e-6
     controller = RodMPC()
     still = replace(PLAN, poses=np.repeat(poses[None], 2, 0), shapes=np.repeat(keypoints[None], 2, 0), q=None)
     state = controller.init(TASK, still)

@@ -64,4 +64,4 @@ def test_wrapped_angles_and_whole_turns_are_the_same_poses(task: Task, found: Pl
     run = track(Perturbation().build(task), OpenLoop(), found)
     for angles in (np.angle(np.exp(1j * (run.poses[..., 2] + 2.5))) - 2.5, run.poses[..., 2] + 4 * np.pi):
         poses = np.concatenate([run.poses[..., :2], angles[..., None]], axis=2)
-        assert verify_rollout(replace(run, poses=poses), task).passed
+        assert verify_record(replace(run, poses=poses), task).passed

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 from cableway.control.base import Controller
 from cableway.core.errors import InputError, UnknownNameError
+from cableway.core.plugins import is_plugin, load_plugin
 from cableway.core.provenance import PACKAGE, versions
 from cableway.planning.named import PLANNERS
 from cableway.records import Plan
@@ -79,15 +78,14 @@ def load_method(source: str) -> Method:
     """The method of a name, of an installed plug-in, or of a file.
 
     Args:
-        source: One of `method_names()`, or FILE.py:NAME, which runs the file and takes what it calls NAME.
+        source: One of `method_names()`, or FILE.py:NAME or package.module:NAME, see `core.plugins.load_plugin`.
 
     Raises:
         UnknownNameError: No such method; the message lists them.
         InputError: The file or the plug-in cannot be loaded, or what it names is no method.
     """
-    file, _, name = source.rpartition(":")
-    if file:
-        return _require_method(_from_file(Path(file), name), source)
+    if is_plugin(source):
+        return _require_method(load_plugin(source)[0], source)
     if source in BUILT_IN:
         return BUILT_IN[source]
     for point in metadata.entry_points(group=GROUP):
@@ -105,10 +103,10 @@ def made_by(source: str) -> str:
     Args:
         source: The method, as for `load_method`.
     """
-    file = source.rpartition(":")[0]
     makers = [f"{PACKAGE} {versions()[PACKAGE]}"]
-    if file:
-        makers.append(f"{Path(file).name} {hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]}")
+    if is_plugin(source):
+        file = load_plugin(source)[1]
+        makers.append(f"{file.name} {hashlib.sha256(file.read_bytes()).hexdigest()[:16]}")
     elif source not in BUILT_IN:
         points = metadata.entry_points(group=GROUP, name=source)
         makers += [f"{point.dist.name} {point.dist.version}" for point in points if point.dist is not None]
@@ -119,22 +117,6 @@ def method_names() -> tuple[str, ...]:
     """Names of the methods that come with cableway and of those that are installed."""
     others = (point.name for point in metadata.entry_points(group=GROUP))
     return tuple(dict.fromkeys([*BUILT_IN, *others]))
-
-
-def _from_file(file: Path, name: str) -> Any:
-    if not file.is_file():
-        raise InputError(f"{file}: no such file")
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    if spec is None or spec.loader is None:
-        raise InputError(f"{file}: a method's file must end in .py")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise InputError(f"{file}: failed to run: {type(error).__name__}: {error}") from None
-    if not hasattr(module, name):
-        raise InputError(f"{file}: has no {name!r}")
-    return getattr(module, name)
 
 
 def _require_method(value: Any, source: str) -> Method:

@@ -41,7 +41,7 @@ class Bench(EpisodeOptions):
     """quick, standard or full."""
 
     methods: str = "cableway"
-    """Names, separated by commas; FILE.py:NAME for a method of your own. An unknown name prints the list."""
+    """Names, separated by commas; FILE.py:NAME or package.module:NAME for your own. An unknown name prints the list."""
 
     episodes: str | None = None
     """Only these episodes, separated by commas."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cableway.workflow.events import OnEvent
     from cableway.workflow.run import Run
 
-CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + "}"
+CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + ",package.module:Class}"
 PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
 UNTRACKED = "the run ended before its plan was tracked"
 

@@ -10,6 +10,7 @@ import tyro
 
 from cableway.cli.planning import CONTROLLER_NAMES, PlanOptions
 from cableway.core.errors import InputError
+from cableway.core.plugins import is_plugin
 from cableway.workflow.registry import DEFAULT_CONTROLLER
 
 
@@ -21,7 +22,7 @@ class Run(PlanOptions):
     """Track this plan of the task, such as one of `plan --alternatives`, instead of planning."""
 
     controller: Annotated[str | None, tyro.conf.arg(metavar=CONTROLLER_NAMES)] = None
-    """The controller; by default rod-mpc, or neural-mpc if there is a --model."""
+    """The controller, or a class of your own, whose code is run; by default rod-mpc, neural-mpc with a --model."""
 
     model: str | None = None
     """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; by default, conv."""
@@ -29,8 +30,8 @@ class Run(PlanOptions):
     adapt: bool = False
     """Adapt the model of neural-mpc to the cable while it runs."""
 
-    plant: Path | None = None
-    """YAML file with the perturbations of the simulated plant: cable, grasp, noise, latency."""
+    plant: Annotated[str | None, tyro.conf.arg(metavar="{FILE.yaml,package.module:Class}")] = None
+    """Perturbations of the simulated plant: cable, grasp, noise, latency; or another plant, whose code is run."""
 
     deadline: float | None = None
     """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""
@@ -75,6 +76,7 @@ class Run(PlanOptions):
         from cableway.simulation.perturbations.reading import read_perturbation
 
         task = self.load()
+        own = self.plant if self.plant is not None and is_plugin(self.plant) else None
         return self.solve(
             task,
             video=not self.no_video,
@@ -82,7 +84,8 @@ class Run(PlanOptions):
             controller=self.controller or (DEFAULT_CONTROLLER if self.model is None else "neural-mpc"),
             model=self.model,
             adapt=self.adapt,
-            perturbation=Perturbation() if self.plant is None else read_perturbation(self.plant, task),
+            plant=own,
+            perturbation=read_perturbation(Path(self.plant), task) if self.plant and not own else Perturbation(),
             deadline=self.deadline,
             speed=self.speed,
             dry_run=self.dry_run,

@@ -5,7 +5,10 @@ Every message is one sentence that names the file or argument, the value found a
 
 from __future__ import annotations
 
+import importlib
+import traceback
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 
@@ -14,13 +17,20 @@ class CablewayError(Exception):
 
 
 def said(error: BaseException) -> str:
-    """Kind and message of an error, on one line and cut short.
+    """Kind and message of an error, on one line and cut short, and the line of code that it comes from.
 
     >>> said(ValueError("no such pose")), said(TimeoutError())
     ('ValueError: no such pose', 'TimeoutError')
     """
-    text = " ".join(str(error).split())[:300]
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+    message = " ".join(str(error).split())[:300]
+    text = f"{type(error).__name__}: {message}" if message else type(error).__name__
+    frames = [
+        frame for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith("<") and frame.filename != importlib.__file__
+    ]  # fmt: skip
+    if not frames or isinstance(error, SyntaxError):
+        return text
+    return f"{text} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
 
 
 class InputError(CablewayError):

@@ -68,6 +68,7 @@ def track(
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step;
             one of the latter lacks something; or the plant's first answers are no records of the task's cable.
         SimulationError: The plant could not even take its start.
+        ControlError: The controller could not begin.
         TrackingInterrupted: An interrupt from the keyboard; its `rollout` is what was tracked until then.
     """
     config, plant = config or TrackConfig(), AnsweringPlant(plant)

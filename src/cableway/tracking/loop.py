@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState
 from cableway.control.limits import last_filter
-from cableway.core.errors import SimulationError
+from cableway.core.errors import CablewayError, ControlError, SimulationError, said
 from cableway.estimation.delay import LONGEST_DELAY
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
@@ -124,6 +124,23 @@ def _still() -> np.ndarray:
     return np.zeros((2, SE2.dof))
 
 
+def _begun(controller: Controller[Any], task: Task, plan: Plan) -> ControllerState:
+    """The controller's state before the first step.
+
+    Raises:
+        ControlError: It cannot make one.
+    """
+    try:
+        state = controller.init(task, plan)
+    except CablewayError:
+        raise
+    except Exception as error:
+        raise ControlError(f"the controller cannot begin: {said(error)}") from error
+    if not isinstance(state, ControllerState):
+        raise ControlError(f"the controller cannot begin: init() must return a ControllerState, got {state!r:.80}")
+    return state
+
+
 class Loop:
     """A run: plant and controller, what was observed last, and the record."""
 
@@ -138,7 +155,7 @@ class Loop:
         self._way: list[np.ndarray] = []
         self._taken_back = False
         self.plan = plan
-        self.state: ControllerState = controller.init(plant.task, plan)
+        self.state = _begun(controller, plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step)
         self._gate, self._silence, self._attachment = MessageGate(), Silence(), Attachment(plant.control_step)
         self._slack = Slack(plant.task.cable.length)

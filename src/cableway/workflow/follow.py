@@ -10,6 +10,7 @@ from cableway.commands import Commands
 from cableway.control.base import Controller
 from cableway.core.compiled import mark_compiled
 from cableway.core.errors import ControlError, SimulationError, TrackingInterrupted
+from cableway.core.plugins import is_plugin, load_plugin
 from cableway.core.provenance import versions
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
@@ -18,7 +19,8 @@ from cableway.scene.task import Task
 from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
 from cableway.workflow.events import Listener, Note
 from cableway.workflow.find import search
-from cableway.workflow.registry import CONTROLLERS, controller_is_compiled, make_controller
+from cableway.workflow.own_plant import OwnPlant
+from cableway.workflow.registry import CONTROLLERS, controller_entry, controller_is_compiled, make_controller
 from cableway.workflow.run import Run, SolveOptions
 
 COMPILING = "Compiling the controller; this happens once, the next run finds it in your cache folder."
@@ -29,25 +31,32 @@ def prepare_controller(options: SolveOptions, listener: Listener) -> Controller[
 
     Raises:
         UnknownNameError: There is none of that name, or no such model; the message lists them.
-        InputError: A model is given for a controller that has none.
+        InputError: A model is given for a controller that has none, or one of the user's own is no controller.
     """
     if not isinstance(options.controller, str):
         return options.controller
     controller = make_controller(options.controller, options.model, options.adapt)
+    if is_plugin(options.controller):
+        listener.emit(Note(f"The controller {options.controller} runs {load_plugin(options.controller)[1]}."))
     if not controller_is_compiled(options.controller):
         listener.emit(Note(COMPILING))
     return controller
 
 
-def follow(run: Run, options: SolveOptions, controller: Controller[Any], listener: Listener) -> Run:
-    """Track the plan of a run and, where the goal of a task with a port is reached, insert the plug."""
+def follow(
+    run: Run, options: SolveOptions, controller: Controller[Any], own: OwnPlant | None, listener: Listener
+) -> Run:
+    """Track the plan of a run and, where the goal of a task with a port is reached, insert the plug.
+
+    The plant is `own`, or the simulated one where that is None.
+    """
     assert run.plan is not None
     task, perturbation, watchdog = run.task, options.perturbation, Watchdog(deadline=options.deadline)
     rollout = insertion = problem = None
     actual, notes = task, ()
     try:
         actual = perturbation.true_task(task)
-        plant = perturbation.build(task, options.seed)
+        plant = own or perturbation.build(task, options.seed)
         notes = plant.unmodelled
         rollout = track(
             plant, controller, run.plan, recovery=_recovery(options), watchdog=watchdog, progress=listener.progress,
@@ -59,7 +68,8 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
                 progress=lambda _, share: listener.progress("insertion", share),
             )  # fmt: skip
     except (SimulationError, ControlError) as error:
-        problem = (Outcome.PLANT_FAILED, f"tracking failed: {error}")
+        failed = Outcome.CONTROLLER_FAILED if isinstance(error, ControlError) else Outcome.PLANT_FAILED
+        problem = (failed, f"tracking failed: {error}")
     except TrackingInterrupted as stop:
         listener.interrupted = True
         rollout, insertion = (stop.rollout, None) if rollout is None else (rollout, stop.rollout)
@@ -69,9 +79,10 @@ def follow(run: Run, options: SolveOptions, controller: Controller[Any], listene
         problem = (Outcome.INTERRUPTED, "the run was interrupted")
     elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
-    if isinstance(options.controller, str) and CONTROLLERS[options.controller].model is None:
+    name = options.controller
+    if isinstance(name, str) and not is_plugin(name) and CONTROLLERS[name].model is None:
         mark_compiled("control")
-    made_by = _made_by(task, options)
+    made_by = _made_by(task, options, own)
     rollout, insertion = _with(rollout, made_by), _with(insertion, made_by)
     run = replace(run, rollout=rollout, insertion=insertion)
     try:
@@ -112,10 +123,11 @@ def _recovery(options: SolveOptions) -> Recovery | None:
     return Recovery(replan=replan)
 
 
-def _made_by(task: Task, options: SolveOptions) -> dict[str, Any]:
+def _made_by(task: Task, options: SolveOptions, own: OwnPlant | None) -> dict[str, Any]:
     """What the rollouts come from."""
-    made_by: dict[str, Any] = {"versions": versions(), "plant": options.perturbation.as_dict(task)}
-    if isinstance(options.controller, str) and (model := CONTROLLERS[options.controller].model) is not None:
+    plant = options.perturbation.as_dict(task) if own is None else own.as_dict()
+    made_by: dict[str, Any] = {"versions": versions(), "plant": plant}
+    if isinstance(options.controller, str) and (model := controller_entry(options.controller).model) is not None:
         made_by["model"] = options.model or model
     return made_by
 

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
-from cableway.core.errors import InputError, UnknownNameError
+from cableway.core.errors import InputError, UnknownNameError, said
 from cableway.core.extras import require
+from cableway.core.plugins import is_plugin, load_plugin
+from cableway.core.provenance import describe
 from cableway.planning.named import PLANNERS
 
 if TYPE_CHECKING:
@@ -108,15 +110,16 @@ def make_controller(name: str, model: str | None = None, adapt: bool = False) ->
     """The controller of a name.
 
     Args:
-        name: One of `CONTROLLERS`.
+        name: One of `CONTROLLERS`, or the "package.module:NAME" of a class or a function that makes one of nothing.
         model: Name or file of the deformation model, in place of the controller's own.
         adapt: Whether the model is adapted to the cable while it runs.
 
     Raises:
         UnknownNameError: There is no such controller or model; the message lists them.
-        InputError: A model is given for, or to be adapted by, a controller that has none.
+        InputError: A model is given for, or to be adapted by, a controller that has none, or what is named cannot be
+            loaded or is no controller.
     """
-    entry = _controller(name)
+    entry = controller_entry(name)
     if entry.model is not None:
         return resolve_name(entry.load)(model or entry.model, adapt)
     having = " and ".join(known for known, each in CONTROLLERS.items() if each.model is not None)
@@ -124,7 +127,27 @@ def make_controller(name: str, model: str | None = None, adapt: bool = False) ->
         raise InputError(f"--model applies to {having} only; {name} has no deformation model")
     if adapt:
         raise InputError(f"--adapt applies to {having} only; {name} has no learned model")
-    return resolve_name(entry.load)()
+    return _own_controller(name) if is_plugin(name) else resolve_name(entry.load)()
+
+
+def _own_controller(source: str) -> Controller[Any]:
+    """A controller of a user's own."""
+    from cableway.control.base import Controller
+    from cableway.scene.task import CONTROL_STEP
+
+    make, _ = load_plugin(source)
+    try:
+        made = make()
+        configuration = describe(made.config) if isinstance(made, Controller) else None
+    except Exception as error:
+        raise InputError(f"{source}: no controller can be made: {said(error)}") from None
+    if configuration is None or not isinstance(made, Controller):
+        raise InputError(
+            f"{source}: must make a cableway.control.base.Controller with a config, got {type(made).__name__}"
+        )
+    if made.control_step != CONTROL_STEP:
+        raise InputError(f"{source}: its control_step must be {CONTROL_STEP} s, got {made.control_step!r}")
+    return made
 
 
 def require_extras(*names: str) -> None:
@@ -145,7 +168,7 @@ def controller_is_compiled(name: str) -> bool:
     Raises:
         UnknownNameError: There is no such controller; the message lists them.
     """
-    compiled = _controller(name).compiled
+    compiled = controller_entry(name).compiled
     return not compiled or resolve_name(compiled)()
 
 
@@ -156,7 +179,14 @@ def control_is_compiled() -> bool:
     return is_compiled("control")
 
 
-def _controller(name: str) -> ControllerEntry:
+def controller_entry(name: str) -> ControllerEntry:
+    """The line of a controller; of one of a user's own, one without a model.
+
+    Raises:
+        UnknownNameError: There is none of that name; the message lists them.
+    """
+    if is_plugin(name):
+        return ControllerEntry("a user's own", name)
     if name not in CONTROLLERS:
         raise UnknownNameError("controller", name, CONTROLLERS)
     return CONTROLLERS[name]

@@ -16,8 +16,8 @@ from cableway.records import Attempt, Plan, Rollout
 from cableway.report import Report
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
-from cableway.tracking import Watchdog
-from cableway.workflow.registry import CONTROLLERS, DEFAULT_CONTROLLER, DEFAULT_PLANNER, Planner, make_planner
+from cableway.tracking import Plant, Watchdog
+from cableway.workflow.registry import DEFAULT_CONTROLLER, DEFAULT_PLANNER, Planner, controller_entry, make_planner
 
 TIME_LIMIT = 30.0
 """Time [s] after which a search for a plan ends."""
@@ -30,12 +30,14 @@ class SolveOptions(Checked):
     Attributes:
         planner: A name of `planning.named.PLANNERS`, a configuration of the default planner, a `Planner`, or any
             `function(task, seed)` that returns a plan or raises `PlanningError`.
-        controller: A name of `registry.CONTROLLERS`, or a controller.
+        controller: A name of `registry.CONTROLLERS`, the "package.module:NAME" of one of your own, or a controller.
         model: Name or file of the deformation model, for a controller named that has one.
         adapt: Whether that model is adapted to the cable while it runs.
         plan: Followed in place of one that is sought; a `Plan`, or the file of one. It must verify.
         alternatives: Number of plans wanted that go round the obstacles in different ways; the first is followed.
         perturbation: How the simulated plant differs from the task.
+        plant: What makes another plant of the task, in place of the simulated one: a function, a class, or the
+            "package.module:NAME" of either. A dry run leaves it alone.
         seed: Of everything random.
         time_limit: Time [s] after which each search for a plan ends: the first one, those of a rehearsal, and those
             of a recovery.
@@ -63,6 +65,7 @@ class SolveOptions(Checked):
     plan: Plan | Path | str | None = None
     alternatives: int = 1
     perturbation: Perturbation = field(default_factory=Perturbation)
+    plant: Callable[[Task], Plant] | str | None = None
     seed: int = 0
     time_limit: Positive[float] = TIME_LIMIT
     clock: Callable[[], float] | None = None
@@ -77,6 +80,8 @@ class SolveOptions(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         Watchdog(deadline=self.deadline)  # checks it
+        if self.plant is not None and self.perturbation != Perturbation():
+            raise InputError("a perturbation is of the simulated plant, and another one is given")
         if self.alternatives < 1:
             raise InputError(f"alternatives must be 1 or more, got {self.alternatives}")
         if not 0 < self.speed <= 1:
@@ -108,7 +113,7 @@ class SolveOptions(Checked):
         """Whether a cable that left its plan is replanned for."""
         if self.recover is not None:
             return self.recover
-        return not (isinstance(self.controller, str) and CONTROLLERS[self.controller].follows_blindly)
+        return not (isinstance(self.controller, str) and controller_entry(self.controller).follows_blindly)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,7 @@ from cableway.scene.task import Task
 from cableway.workflow.events import Finished, Listener, OnEvent, Planned
 from cableway.workflow.find import find
 from cableway.workflow.follow import follow, prepare_controller, stopped
+from cableway.workflow.own_plant import prepare_plant
 from cableway.workflow.run import Run, SolveOptions
 
 
@@ -28,10 +29,11 @@ def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | N
     options, listener = options or SolveOptions(), Listener(on_event)
     task = task.at_speed(options.speed)
     controller = prepare_controller(options, listener) if options.track else None
+    plant = prepare_plant(task, options, listener) if options.track else None
     run = find(task, options, listener)  # plan, rehearsal, plan of the insertion, verification
     listener.emit(Planned(run))
     if controller is not None and run.plan is not None:
-        run = stopped(run) if listener.cancelled else follow(run, options, controller, listener)
+        run = stopped(run) if listener.cancelled else follow(run, options, controller, plant, listener)
     listener.emit(Finished(run))
     if listener.interrupted:
         raise KeyboardInterrupt
