@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from cableway.workflow.rehearsal import RehearsalConfig, rehearsed_plan
     from cableway.workflow.run import Run, SolveOptions
     from cableway.workflow.solve import solve
+    from cableway.workflow.trajectory import Trajectory
 
 _HOME = {
     name: module
@@ -74,6 +75,7 @@ _HOME = {
         "workflow.rehearsal": ("RehearsalConfig", "rehearsed_plan"),
         "workflow.run": ("Run", "SolveOptions"),
         "workflow.solve": ("solve",),
+        "workflow.trajectory": ("Trajectory",),
     }.items()
     for name in names
 }

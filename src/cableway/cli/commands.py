@@ -8,6 +8,7 @@ from cableway.cli.bench import Bench
 from cableway.cli.check import Check
 from cableway.cli.collect import Collect
 from cableway.cli.evaluate import Evaluate
+from cableway.cli.export import Export
 from cableway.cli.models import Models
 from cableway.cli.options import Options
 from cableway.cli.plan import Plan
@@ -22,7 +23,7 @@ DESCRIPTION = """A cable's way through clutter: plan how two grippers lead a cab
 Exit status: 0 done and the task succeeded, 1 done but it did not, 2 the input was wrong, 130
 interrupted, 143 terminated."""
 
-Command = Tasks | Show | Plan | Run | Check | Collect | Train | Evaluate | Models | Bench | Reproduce
+Command = Tasks | Show | Plan | Run | Check | Export | Collect | Train | Evaluate | Models | Bench | Reproduce
 
 
 def parse(arguments: list[str]) -> Options:

@@ -17,17 +17,15 @@ class CablewayError(Exception):
 
 
 def said(error: BaseException) -> str:
-    """Kind and message of an error, on one line and cut short, and the line of code that it comes from.
+    """Kind and message of an error, on one line and cut short, and the last line of other code than ours that it passed.
 
     >>> said(ValueError("no such pose")), said(TimeoutError())
     ('ValueError: no such pose', 'TimeoutError')
     """
     message = " ".join(str(error).split())[:300]
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
-    frames = [
-        frame for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith("<") and frame.filename != importlib.__file__
-    ]  # fmt: skip
+    ours = (str(Path(__file__).parents[1]), importlib.__path__[0], "<")
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(ours)]
     if not frames or isinstance(error, SyntaxError):
         return text
     return f"{text} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"

@@ -1,0 +1,229 @@
+"""Gripper poses by time, for a robot: a plan or a rollout in a file that needs no cableway to be read."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import InputError
+from cableway.core.files import write_atomically
+from cableway.core.provenance import PACKAGE, versions
+from cableway.geometry.groups import SE2
+from cableway.motion.resampling import smoothed
+from cableway.records import Plan, Rollout, Verdict
+from cableway.scene.grippers import Grippers
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.verification import kind_of, require_verified, verify_record
+
+FORMAT = "cableway trajectory 1"
+SUFFIXES = (".csv", ".json")
+RATES = (1.0, 10_000.0)
+"""Least and greatest rate [Hz]."""
+
+UNEVEN = 1e-6
+"""Difference [s] of control steps from which on they are not equal."""
+
+CONVENTIONS = {
+    "frame": "the task's: the plane of the table, right-handed, x to the right, y up, origin in the lower left corner "
+    "of the workspace; theta counter-clockwise from +x, running on without jumps",
+    "units": {"time": "s", "x": "m", "y": "m", "theta": "rad"},
+    "tool_point": "where the cable's end is held; theta is the direction of the cable's tangent there, from the left "
+    "end to the right one",
+    "use": "open loop: nothing corrects the cable; not tried on hardware",
+}
+"""What the header of every file says."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """Gripper poses by time, from rest to rest.
+
+    Attributes:
+        times: (k,) [s], from 0.
+        poses: (k, 2, 3) gripper poses [m, m, rad], left then right, angles without jumps.
+        shapes: (k, n, 2) keypoints of the cable [m] at these times; None where they were not asked for.
+        header: What a reader has to know, as plain data: frame, units, limits, where it comes from.
+    """
+
+    times: Float[np.ndarray, "k"]
+    poses: Float[np.ndarray, "k 2 3"]
+    shapes: Float[np.ndarray, "k n 2"] | None
+    header: Mapping[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        record: Plan | Rollout,
+        task: Task,
+        *,
+        rate: float | None = None,
+        cable: bool = False,
+        unverified: bool = False,
+        source: str = "the record",
+    ) -> Trajectory:
+        """The trajectory of a plan, or of what the grippers did in a rollout.
+
+        Args:
+            record: The plan or rollout.
+            task: The task that it is of.
+            rate: Rows per second [Hz], on the curve of `motion.resampling.smoothed`, which keeps the limits that the
+                record's rows keep and takes two control steps more; the record's own rows where None.
+            cable: Whether the shapes of the cable are in it.
+            unverified: Whether a record that does not verify is taken, too.
+            source: What the record is called in errors and in the header.
+
+        Raises:
+            InputError: The record does not verify, or its curve does not; the rate is out of range; the rows of a
+                rollout are not at equal times, and a rate is asked for; or there is one row only.
+        """
+        if len(record.poses) < 2:
+            raise InputError(f"{source}: has one row, in which nothing moves")
+        verdict = verify_record(record, task) if unverified else require_verified(record, task, source)
+        shapes = record.shapes if isinstance(record, Plan) else record.keypoints
+        poses = record.poses.copy()
+        poses[..., 2] = np.unwrap(poses[..., 2], axis=0)
+        header = _header(record, task, source)
+        if rate is None:
+            times = CONTROL_STEP * np.arange(len(poses)) if isinstance(record, Plan) else record.times - record.times[0]
+            checked, how = "the rows", {"off_rows": {"distance": 0.0, "turn": 0.0}}
+        else:
+            times, at = _even_times(record, rate, source)
+            checked, how = _checked_curve(record, poses, task, source, unverified), {"rate": rate, **_curve(poses)}
+            poses, shapes = smoothed(poses, at), smoothed(shapes, at)
+        header |= {
+            "verified": checked if verdict.passed else f"no: {_first(verdict)}",
+            **how,
+            "duration": float(times[-1]),
+            "limits": limits_of(task.grippers),
+            "reached": greatest_rates(times, poses),
+        }
+        return cls(times=times, poses=poses, shapes=shapes if cable else None, header=header)
+
+    def write(self, path: Path | str) -> None:
+        """Write a file: CSV below a header of comments, or one JSON object.
+
+        Raises:
+            InputError: Its name ends in neither .csv nor .json.
+        """
+        path = Path(path)
+        if path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"{path}: the name of a trajectory's file must end in {' or '.join(SUFFIXES)}")
+        text = self.to_json() if path.suffix.lower() == ".json" else self.to_csv()
+        write_atomically(path, lambda file: file.write(text.encode()))
+
+    def to_csv(self) -> str:
+        """Lines `# name: value` with the values as JSON, then names of columns, then a line for each row."""
+        table = np.column_stack([self.times, self.poses.reshape(len(self.times), -1)])
+        names = ["time", *(f"{side}_{name}" for side in ("left", "right") for name in ("x", "y", "theta"))]
+        if self.shapes is not None:
+            table = np.column_stack([table, self.shapes.reshape(len(table), -1)])
+            names += [f"{axis}{k}" for k in range(self.shapes.shape[1]) for axis in "xy"]
+        text = io.StringIO()
+        text.writelines(f"# {name}: {json.dumps(value, allow_nan=False)}\n" for name, value in self.header.items())
+        csv.writer(text, lineterminator="\n").writerows([names, *table.tolist()])
+        return text.getvalue()
+
+    def to_json(self) -> str:
+        """One object: `header`, `time` (k), `left` and `right` (k, 3), and `cable` (k, n, 2) where that is there."""
+        left, right = self.poses[:, 0], self.poses[:, 1]
+        arrays = {"time": self.times, "left": left, "right": right}
+        if self.shapes is not None:
+            arrays["cable"] = self.shapes
+        content = {"header": dict(self.header), **{name: array.tolist() for name, array in arrays.items()}}
+        return json.dumps(content, allow_nan=False) + "\n"
+
+
+def limits_of(grippers: Grippers) -> dict[str, float | None]:
+    """Limits of a gripper's speed, acceleration and jerk [m, s] and of those of its angle [rad, s]; None for none."""
+    return {
+        "speed": grippers.max_step / CONTROL_STEP,
+        "turn_rate": grippers.max_turn / CONTROL_STEP,
+        "acceleration": grippers.max_acceleration,
+        "turn_acceleration": grippers.max_turn_acceleration,
+        "jerk": grippers.max_jerk,
+        "turn_jerk": grippers.max_turn_jerk,
+    }
+
+
+def greatest_rates(times: Float[np.ndarray, "k"], poses: Float[np.ndarray, "k 2 3"]) -> dict[str, float]:
+    """What `limits_of` limits, as the differences of the rows have it, from rest before them to rest after them."""
+    found: dict[str, float] = {}
+    spacing, rates = np.diff(times), SE2.minus(poses[1:], poses[:-1])
+    still = np.zeros((1, 2, SE2.dof))
+    for move, turn in (("speed", "turn_rate"), ("acceleration", "turn_acceleration"), ("jerk", "turn_jerk")):
+        rates = rates / spacing[:, None, None]
+        found[move] = float(np.linalg.norm(SE2.position(rates), axis=2).max(initial=0.0))
+        found[turn] = float(np.abs(rates[..., SE2.space :]).max(initial=0.0))
+        rates = np.diff(np.concatenate([still, rates, still]), axis=0)
+        spacing = np.concatenate([spacing[:1], (spacing[1:] + spacing[:-1]) / 2, spacing[-1:]])
+    return found
+
+
+def _header(record: Plan | Rollout, task: Task, source: str) -> dict[str, Any]:
+    """What does not depend on the rate."""
+    n = task.cable.keypoints
+    return {
+        "format": FORMAT,
+        "task": task.name,
+        "source": {"kind": kind_of(record), "file": source, "seed": record.metadata.get("seed")},
+        **CONVENTIONS,
+        "grippers": {"left": "holds keypoint 0", "right": f"holds keypoint {n - 1}"},
+        "control_step": CONTROL_STEP,
+        "versions": record.metadata.get("versions", {}),
+        "written_by": f"{PACKAGE} {versions()[PACKAGE]}",
+    }
+
+
+def _even_times(
+    record: Plan | Rollout, rate: float, source: str
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+    """Times [s] at a rate [Hz] until the end of the curve, and the places in the rows that belong to them."""
+    if not RATES[0] <= rate <= RATES[1]:
+        raise InputError(f"the rate must be from {RATES[0]:g} to {RATES[1]:g} Hz, got {rate!r}")
+    step, rows = CONTROL_STEP, len(record.poses)
+    if isinstance(record, Rollout):
+        steps = np.diff(record.times)
+        step = float(steps.mean())
+        if np.abs(steps - step).max() > UNEVEN:
+            raise InputError(f"{source}: its rows are {steps.min():.4g} to {steps.max():.4g} s apart, for a rate they "
+                             "must be at equal times; leave out the rate")  # fmt: skip
+    times = np.arange(int(np.ceil((rows + 1) * step * rate - 1e-9)) + 1) / rate
+    return times, np.minimum(times / step - 1, rows)
+
+
+def _curve(poses: Float[np.ndarray, "t 2 3"]) -> dict[str, Any]:
+    """What the header says of the curve."""
+    distance, turn = SE2.distance(smoothed(poses, np.arange(len(poses), dtype=float)), poses)
+    return {
+        "curve": "uniform cubic B-spline of the rows, from one control step before the first to one after the last: it "
+        "keeps what limits of speed, acceleration and jerk the rows keep",
+        "off_rows": {"distance": float(distance.max()), "turn": float(turn.max())},
+    }
+
+
+def _checked_curve(
+    record: Plan | Rollout, poses: Float[np.ndarray, "t 2 3"], task: Task, source: str, unverified: bool
+) -> str:
+    """What of a record was verified, its curve with it where it is a plan's.
+
+    Raises:
+        InputError: The curve does not verify, and has to.
+    """
+    if not isinstance(record, Plan) or unverified:
+        return "the rows"
+    at = np.arange(-1.0, len(poses) + 1)
+    curve = Plan(smoothed(record.shapes, at), smoothed(poses, at), metadata=record.metadata)
+    require_verified(curve, task, f"{source}, as a curve")
+    return "the rows, and the curve at each control step"
+
+
+def _first(verdict: Verdict) -> str:
+    return str(verdict.failures()[0])

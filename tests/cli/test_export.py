@@ -1,0 +1,60 @@
+"""Laws of `export`: a file that any program reads, or one sentence and none."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import Command
+
+from cableway.records import Plan, Rollout
+
+
+def test_a_plan_and_a_rollout_are_exported(cableway: Command, run_folder: Path):
+    plan = Plan.load(run_folder / "plan.npz")
+    done = cableway("export", run_folder / "plan.npz")
+    assert done.status == 0
+    assert "limit 0.133 m/s" in done.out
+    lines = Path("runs/export/moved-plan.csv").read_text().splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    assert [float(row["left_x"]) for row in rows] == plan.poses[:, 0, 0].tolist()
+    done = cableway("export", run_folder / "rollout.npz", "--out", "b.json", "--rate", 125, "--cable", "--json")
+    report, content = json.loads(done.out), json.loads(Path("b.json").read_text())
+    assert content["header"] == report["header"]
+    assert report["rows"] == len(content["time"]) == len(content["cable"])
+    assert content["header"]["source"]["kind"] == "rollout"
+    ends = Rollout.load(run_folder / "rollout.npz").poses[[0, -1], 1]
+    np.testing.assert_allclose(np.array(content["right"])[[0, -1]], ends, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("lone.npz",), "task.yaml: no such file; --task must say what lone.npz is of"),
+        (("lone.npz", "--task", "maze-1"), "lone.npz: not a verified plan of the task 'maze-1': cable clearance "),
+        (("lone.npz", "--task", "{task}", "--rate", "0"), "the rate must be from 1 to 10000 Hz, got 0.0"),
+        (("lone.npz", "--task", "{task}", "--out", "a.txt"), "a.txt: the name of a trajectory's file must end in .csv"),
+        (("none.npz", "--task", "{task}"), "none.npz: no such file"),
+        (("{task}", "--task", "{task}"), "moved.yaml: not an .npz archive"),
+    ],
+)
+def test_what_cannot_be_exported(
+    cableway: Command, run_folder: Path, moved_file: Path, arguments: tuple[str, ...], said: str
+):
+    Path("lone.npz").write_bytes((run_folder / "plan.npz").read_bytes())
+    done = cableway("export", *(each.format(task=moved_file) for each in arguments))
+    assert (done.status, done.out) == (2, "")
+    assert said in done.err
+    assert done.err.count("\n") == 1
+    assert [path.name for path in Path().iterdir()] == ["lone.npz"]
+
+
+def test_an_unverified_plan_is_exported_on_demand(cableway: Command, run_folder: Path):
+    done = cableway(
+        "export", run_folder / "plan.npz", "--task", "single-obstacle-2", "--unverified", "--out", "a.csv", "--quiet"
+    )
+    assert (done.status, done.out, done.err) == (0, "", "")
+    assert '# verified: "no: ' in Path("a.csv").read_text()
