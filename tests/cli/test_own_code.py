@@ -149,7 +149,7 @@ def test_a_plan_of_another_task_is_refused_with_the_first_check_that_fails(cable
     assert (done.status, done.out) == (2, "")
     assert done.err.startswith(f"cableway: {plan}: not a verified plan of the task 'single-obstacle-2': ")
     assert "(limit " in done.err
-    with pytest.raises(InputError, match="^the plan: not a verified plan of the task 'single-obstacle-2': "):
+    with pytest.raises(InputError, match=r"^the plan: not a verified plan of the task 'single-obstacle-2': "):
         cw.solve(cw.load_task("single-obstacle-2"), cw.SolveOptions(plan=Plan.load(plan)))
     assert not Path("runs").exists()
 
@@ -174,10 +174,8 @@ def test_a_plant_and_a_controller_of_ones_own(cableway: Command, moved_file: Pat
     assert found.metadata["controller"]["name"] == "Mine"
     assert any("lab.bench:Bench" in note for note in report()["notes"])
     assert cableway("check", moved_file, "o/rollout.npz").status == 0
-    options = cw.SolveOptions(
-        plan=run_folder / "plan.npz", plant="lab.bench:Bench", controller="lab.bench:Mine", seed=3
-    )
-    assert cw.solve(cw.load_task(moved_file), options).success
+    chosen = cw.SolveOptions(plan=run_folder / "plan.npz", plant="lab.bench:Bench", controller="lab.bench:Mine", seed=3)
+    assert cw.solve(cw.load_task(moved_file), chosen).success
 
 
 def test_a_dry_run_leaves_the_plant_alone(cableway: Command, moved_file: Path, run_folder: Path, lab: Path):
@@ -191,7 +189,7 @@ def test_a_dry_run_leaves_the_plant_alone(cableway: Command, moved_file: Path, r
     [
         ("--plant", "lab.bench:Half", "lab.bench:Half: not a plant, it has no step, measure, control_step"),
         ("--plant", "lab.bench:Slow", "its control_step must be 0.1 s, got 0.02"),
-        ("--plant", "lab.bench:Refuses", "OSError: no robot at this address (bench.py, line 49)"),
+        ("--plant", "lab.bench:Refuses", "OSError: no robot at this address (bench.py, line 47)"),
         ("--plant", "lab.bench:nothing", "no plant can be made of the task 'moved': TypeError: nothing() takes 0"),
         ("--plant", "lab.bench:Nope", "bench.py: has no 'Nope'; it has Bench, Lost, Flat, Half"),
         ("--plant", "lab.none:Bench", "lab.none:Bench: there is no module 'lab.none', neither in "),

@@ -41,11 +41,9 @@ def test_limits_are_kept_at_every_rate(ramped: tuple[Task, Plan], rate: float | 
     task, plan = ramped
     trajectory = Trajectory.of(plan, task, rate=rate)
     limits, reached = limits_of(task.grippers), trajectory.header["reached"]
-    for order, names in enumerate(
-        (("speed", "turn_rate"), ("acceleration", "turn_acceleration"), ("jerk", "turn_jerk"))
-    ):
-        found = differences(trajectory.times, trajectory.poses, order + 1)
-        for name, value in zip(names, found, strict=True):
+    for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
+        turn = "turn_rate" if order == 1 else f"turn_{name}"
+        for each, value in zip((name, turn), differences(trajectory.times, trajectory.poses, order), strict=True):
             assert reached[each] == pytest.approx(value, rel=1e-6)
             assert value <= limits[each] * (1 + 1e-6)
 
@@ -62,7 +60,7 @@ def test_the_curve_begins_and_ends_in_the_plan_and_is_as_near_to_its_rows_as_it_
     there = np.stack([np.interp(rows, trajectory.times, column) for column in trajectory.poses.reshape(-1, 6).T], 1)
     apart = np.linalg.norm((there.reshape(-1, 2, 3) - PLAN.poses)[..., :2], axis=-1).max()
     said = trajectory.header["off_rows"]["distance"]
-    assert said < 1e-3
+    assert said < 2e-3
     assert apart <= said + 0.125 * trajectory.header["reached"]["acceleration"] / rate**2
 
 
@@ -94,9 +92,8 @@ def test_csv_holds_it_all(tmp_path: Path):
     assert list(rows[0])[:8] == ["time", "left_x", "left_y", "left_theta", "right_x", "right_y", "right_theta", "x0"]
     assert [float(row["time"]) for row in rows] == trajectory.times.tolist()
     assert [float(row["right_theta"]) for row in rows] == trajectory.poses[:, 1, 2].tolist()
-    table = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
     assert trajectory.shapes is not None
-    np.testing.assert_array_equal(table["y12"], trajectory.shapes[:, 12, 1])
+    assert [float(row["y12"]) for row in rows] == trajectory.shapes[:, 12, 1].tolist()
 
 
 def test_json_holds_the_same(tmp_path: Path):
@@ -122,7 +119,7 @@ def test_the_header_says_what_a_robot_needs_to_know():
 def test_what_does_not_verify_is_exported_only_on_demand():
     far = replace(PLAN, shapes=PLAN.shapes[::3], poses=PLAN.poses[::3], stages=None)
     fast = replace(TASK, grippers=Grippers(max_step=0.001))
-    with pytest.raises(InputError, match=r"^x.npz: not a verified plan of the task 'moved': gripper step .* limit"):
+    with pytest.raises(InputError, match=r"^x.npz: not a verified plan of the task 'moved': gripper step .*limit"):
         Trajectory.of(far, fast, source="x.npz")
     assert Trajectory.of(far, fast, rate=20, unverified=True).header["verified"].startswith("no: gripper step")
 
