@@ -48,6 +48,16 @@ def test_limits_are_kept_at_every_rate(ramped: tuple[Task, Plan], rate: float | 
             assert value <= limits[each] * (1 + 1e-6)
 
 
+def test_a_given_plan_at_a_share_of_the_speed_keeps_ramps(ramped: tuple[Task, Plan]):
+    """As it is, and without rod coordinates."""
+    task, plan = ramped
+    for given in (plan, replace(plan, q=None)):
+        run = cw.solve(task, cw.SolveOptions(plan=given, speed=0.3, track=False))
+        assert run.success, run.report.failure
+        assert run.plan is not None
+        assert run.plan.steps > 2 * plan.steps
+
+
 @pytest.mark.parametrize("rate", [20.0, 130.0, 1000.0])
 def test_the_curve_begins_and_ends_in_the_plan_and_is_as_near_to_its_rows_as_it_says(rate: float):
     trajectory = Trajectory.of(PLAN, TASK, rate=rate, cable=True)
