@@ -13,7 +13,8 @@ class Plan(PlanOptions):
     """Plan a task: plan.npz, plan.png, report.json and the task itself."""
 
     alternatives: int = 1
-    """Plans wanted that go round the obstacles in different ways, best first: plan-2.npz, ... and alternatives.png."""
+    """Plans wanted that go round the obstacles in different ways, the default one among them, best first: plan-2.npz,
+    ... and alternatives.png."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

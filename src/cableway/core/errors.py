@@ -17,7 +17,7 @@ class CablewayError(Exception):
 
 
 def said(error: BaseException) -> str:
-    """Kind and message of an error, on one line and cut short, and the last line of other code than ours that it passed.
+    """Kind and message of an error, on one line and cut short, and the last line of code not ours that it passed.
 
     >>> said(ValueError("no such pose")), said(TimeoutError())
     ('ValueError: no such pose', 'TimeoutError')

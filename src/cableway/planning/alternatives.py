@@ -57,9 +57,8 @@ def find_alternatives(search: Search, count: int, default: Callable[[], Plan]) -
 
     try:
         _add_default(add, default)
-        for route in different_routes(task, config.pivot, search.seed, SEARCHES_EACH * count):
-            if len(found) == count:
-                break
+        routes = different_routes(task, config.pivot, search.seed, SEARCHES_EACH * count)
+        while len(found) < count and (route := next(routes, None)) is not None:
             if signature(task.scene, route) in found:
                 continue
             trajectories, names = search.trajectories(route=lambda route=route: route), config.initial_trajectories
