@@ -143,6 +143,9 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path):
     with pytest.raises(InputError, match="leave out the rate"):
         Trajectory.of(uneven, TASK, rate=100)
     assert np.diff(Trajectory.of(uneven, TASK).times).std() > 0
+    still = replace(rollout, times=np.zeros_like(rollout.times))
+    with pytest.raises(InputError, match="each later than the one before"):
+        Trajectory.of(still, TASK, unverified=True)
     with pytest.raises(InputError, match=r"a.txt: .* must end in .csv or .json"):
         Trajectory.of(PLAN, TASK).write(tmp_path / "a.txt")
     assert list(tmp_path.iterdir()) == []

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.core.files import write_atomically
-from cableway.core.provenance import PACKAGE, versions
+from cableway.core.provenance import PACKAGE, describe, versions
 from cableway.geometry.groups import SE2
 from cableway.motion.resampling import smoothed
 from cableway.records import Plan, Rollout, Verdict
@@ -82,20 +82,18 @@ class Trajectory:
 
         Raises:
             InputError: The record does not verify, or its curve does not; the rate is out of range; the rows of a
-                rollout are not at equal times, and a rate is asked for; or there is one row only.
+                rollout are not at equal times, and a rate is asked for; or there is one only.
         """
-        if len(record.poses) < 2:
-            raise InputError(f"{source}: has one row, in which nothing moves")
         verdict = verify_record(record, task) if unverified else require_verified(record, task, source)
         shapes = record.shapes if isinstance(record, Plan) else record.keypoints
         poses = record.poses.copy()
         poses[..., 2] = np.unwrap(poses[..., 2], axis=0)
         header = _header(record, task, source)
         if rate is None:
-            times = CONTROL_STEP * np.arange(len(poses)) if isinstance(record, Plan) else record.times - record.times[0]
+            times = _times(record, source)
             checked, how = "the rows", {"off_rows": {"distance": 0.0, "turn": 0.0}}
         else:
-            times, at = _even_times(record, rate, source)
+            times, at = _even_times(_times(record, source), rate, source)
             checked, how = _checked_curve(record, poses, task, source, unverified), {"rate": rate, **_curve(poses)}
             poses, shapes = smoothed(poses, at), smoothed(shapes, at)
         header |= {
@@ -173,30 +171,37 @@ def _header(record: Plan | Rollout, task: Task, source: str) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "task": task.name,
-        "source": {"kind": kind_of(record), "file": source, "seed": record.metadata.get("seed")},
+        "source": {"kind": kind_of(record), "file": source, "seed": describe(record.metadata.get("seed"))},
         **CONVENTIONS,
         "grippers": {"left": "holds keypoint 0", "right": f"holds keypoint {n - 1}"},
         "control_step": CONTROL_STEP,
-        "versions": record.metadata.get("versions", {}),
+        "versions": describe(record.metadata.get("versions", {})),
         "written_by": f"{PACKAGE} {versions()[PACKAGE]}",
     }
 
 
+def _times(record: Plan | Rollout, source: str) -> Float[np.ndarray, "t"]:
+    """When its rows are [s], from 0."""
+    if isinstance(record, Plan):
+        return CONTROL_STEP * np.arange(record.steps + 1)
+    if record.steps < 1 or (np.diff(record.times) <= 0).any():
+        raise InputError(f"{source}: needs two rows or more, each later than the one before")
+    return record.times - record.times[0]
+
+
 def _even_times(
-    record: Plan | Rollout, rate: float, source: str
+    rows: Float[np.ndarray, "t"], rate: float, source: str
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Times [s] at a rate [Hz] until the end of the curve, and the places in the rows that belong to them."""
     if not RATES[0] <= rate <= RATES[1]:
         raise InputError(f"the rate must be from {RATES[0]:g} to {RATES[1]:g} Hz, got {rate!r}")
-    step, rows = CONTROL_STEP, len(record.poses)
-    if isinstance(record, Rollout):
-        steps = np.diff(record.times)
-        step = float(steps.mean())
-        if np.abs(steps - step).max() > UNEVEN:
-            raise InputError(f"{source}: its rows are {steps.min():.4g} to {steps.max():.4g} s apart, for a rate they "
-                             "must be at equal times; leave out the rate")  # fmt: skip
-    times = np.arange(int(np.ceil((rows + 1) * step * rate - 1e-9)) + 1) / rate
-    return times, np.minimum(times / step - 1, rows)
+    steps = np.diff(rows)
+    step = float(steps.mean())
+    if np.abs(steps - step).max() > UNEVEN:
+        raise InputError(f"{source}: its rows are {steps.min():.4g} to {steps.max():.4g} s apart, for a rate they must "
+                         "be at equal times; leave out the rate")  # fmt: skip
+    times = np.arange(int(np.ceil((len(rows) + 1) * step * rate - 1e-9)) + 1) / rate
+    return times, np.minimum(times / step - 1, len(rows))
 
 
 def _curve(poses: Float[np.ndarray, "t 2 3"]) -> dict[str, Any]:

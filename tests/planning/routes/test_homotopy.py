@@ -91,7 +91,7 @@ def test_alternatives_are_true_different_and_ranked():
     assert costs == sorted(costs)
 
 
-@pytest.mark.parametrize("name", ["multi-obstacle-1", "single-obstacle-2", "clutter-7", "clutter-11", "maze-4"])
+@pytest.mark.parametrize("name", ["multi-obstacle-1", "clutter-7", "clutter-21", "maze-4"])
 def test_the_default_plan_is_among_the_alternatives(name: str):
     """So the first is never worse than the plan that is found where none are asked for."""
     kind, _, seed = name.partition("-")
