@@ -252,6 +252,7 @@ def test_alternatives(cableway: Command):
     assert cableway("plan", "multi-obstacle-1", "--alternatives", "3", "--out", "o").status == 0
     assert names(Path("o")) == {*PLANNED, "plan-2.npz", "plan-3.npz", "alternatives.png"}
     assert cableway("check", "multi-obstacle-1", "o/plan-3.npz").status == 0
+    assert any(note.startswith("Plans, best first, by travel of both grippers") for note in report(Path("o"))["notes"])
     assert cableway("plan", "multi-obstacle-1", "--out", "o").status == 0
     assert names(Path("o")) == PLANNED
     refused = cableway("plan", "maze-1", "--alternatives", "0")
