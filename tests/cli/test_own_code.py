@@ -187,7 +187,7 @@ def test_a_dry_run_leaves_the_plant_alone(cableway: Command, moved_file: Path, r
 @pytest.mark.parametrize(
     ("option", "name", "said"),
     [
-        ("--plant", "lab.bench:Half", "lab.bench:Half: not a plant, it has no step, measure, control_step"),
+        ("--plant", "lab.bench:Half", "lab.bench:Half: the plant, of type Half, lacks control_step, step(), measure()"),
         ("--plant", "lab.bench:Slow", "its control_step must be 0.1 s, got 0.02"),
         ("--plant", "lab.bench:Refuses", "OSError: no robot at this address (bench.py, line 47)"),
         ("--plant", "lab.bench:nothing", "no plant can be made of the task 'moved': TypeError: nothing() takes 0"),
@@ -217,9 +217,9 @@ def test_what_is_no_plant_or_controller(
             "--plant",
             "Lost",
             Outcome.PLANT_FAILED,
-            "step() failed: ConnectionError: the robot hung up (bench.py, line 22)",
+            "the plant's step raised ConnectionError: the robot hung up (bench.py, line 22)",
         ),
-        ("--plant", "Flat", Outcome.PLANT_FAILED, "step() must return keypoints of shape (13, 2), got shape (3, 2)"),
+        ("--plant", "Flat", Outcome.PLANT_FAILED, "the plant's step reported keypoints of shape (3, 2), not (13, 2)"),
         ("--controller", "Unready", Outcome.CONTROLLER_FAILED, "init() must return a ControllerState, got None"),
     ],
 )

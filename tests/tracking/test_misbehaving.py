@@ -171,7 +171,7 @@ def test_a_task_that_can_no_longer_be_read_ends_the_run() -> None:
 
     rollout = track(Hanging(TASK, START, ROD), OpenLoop(), PLAN)
     assert (rollout.outcome, rollout.steps) == (Outcome.PLANT_FAILED, LATER)
-    assert rollout.detail == "the plant's task raised OSError: no answer"
+    assert rollout.detail == "the plant's task raised OSError: no answer (test_misbehaving.py, line 166)"
 
 
 def test_an_interrupt_and_errors_of_the_package_keep_their_meaning() -> None:
