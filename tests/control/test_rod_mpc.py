@@ -501,3 +501,18 @@ def test_a_new_plan_in_another_turn_goes_on_from_the_estimate_of_a_curled_cable(
         estimate = controller.resume(known, TASK, replace(still, poses=turned)).estimate
         np.testing.assert_allclose(estimate.q, q + [0.0, 0.0, 2 * np.pi * turns, 0.0, 0.0, 0.0], atol=1e-9)
         assert predicted(estimate.q.copy(), turned[0], theta, keypoints, by_theta) < 1e-6
+
+
+def test_frames_taken_earlier_or_later_are_no_contact() -> None:
+    """The cable goes 8 mm a step; frames of up to three steps ago make it look held, in one direction or the other."""
+    plan = straight_plan(ROD, steps=60)
+    way = np.arange(61)[:, None, None] * [0.008, 0.0]
+    shapes, poses = plan.shapes[0] + way, plan.poses[0] + np.pad(way, ((0, 0), (0, 0), (0, 1)))
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        estimator = RodEstimator(ROD, EstimatorConfig(), 0.1)
+        estimate = estimator.start(ROD.continued(fit_keypoints(ROD, shapes[0])[0], poses[0]))
+        for row in range(3, 61):
+            taken = row - 1 - rng.integers(-1, 3)
+            estimate = estimator.update(estimate, shapes[taken], poses[row - 1], 0.008)
+            assert estimator.held_at(estimate) is None, row

@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked, NotNegative, Share
 from cableway.estimation import rod_kernels
+from cableway.estimation.delay import LONGEST_DELAY
 from cableway.records import Estimate
 from cableway.rod import material
 from cableway.rod.inverse import fit_keypoints
@@ -48,6 +49,15 @@ LEAST_SURPRISE = (0.004, 0.0045)
 
 STRAY = 2.0
 """The same, times this, up to which a single keypoint of a frame counts; one farther off is most likely a stray."""
+
+JITTER_KEPT = 0.9
+"""Share of the jitter so far that still counts one frame later."""
+
+NO_JITTER = 0.003
+"""Jitter [m] up to which there is none: noise of 2 mm on the keypoints makes as much of it once in a while."""
+
+STILL = 5e-4
+"""Way [m] of a keypoint from frame to frame up to which it does not say when a frame was taken."""
 
 FAR_OFF = 0.03
 """Distance [m] of a keypoint from where the latency tried would have it, beyond which it says no more about it."""
@@ -112,6 +122,9 @@ class RodEstimate:
         offset: (n, 2) [m] what the prediction is short of.
         surprise: (2, n, 2) innovation, of prediction and output offset, and residual, of the corrected prediction
             alone [m], low-passed and smoothed along the cable.
+        keypoints: (n, 2) last predicted [m].
+        late: By how many ways from frame to frame the last one was taken later than expected.
+        jitter: How far [m] that puts the cable from where the frame before would have it, of late.
         updates: Observations that it is made of.
     """
 
@@ -120,6 +133,9 @@ class RodEstimate:
     q: Float[np.ndarray, "d"]
     offset: Float[np.ndarray, "n 2"]
     surprise: Float[np.ndarray, "2 n 2"]
+    keypoints: Float[np.ndarray, "n 2"]
+    late: float = 0.0
+    jitter: float = 0.0
     updates: int = 0
 
     @property
@@ -177,7 +193,8 @@ class RodEstimator:
     def start(self, q: Float[np.ndarray, "d"]) -> RodEstimate:
         """Nothing known but the first shape q."""
         nothing = np.zeros((2, self.rod.keypoints, self.rod.group.space))
-        return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), nothing[0], nothing)
+        keypoints = self.rod.at_keypoints(self.rod.shapes(q[None])[0])[0]
+        return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), nothing[0], nothing, keypoints)
 
     def estimates(self, estimate: RodEstimate) -> dict[str, Estimate]:
         """The parameters by name."""
@@ -279,19 +296,27 @@ class RodEstimator:
         gain = max(self._trust * self._config.offset_gain, 1 / (1 + estimate.updates))
         offset = estimate.offset + gain * (rest - estimate.offset)
         newest = keypoints - np.stack([expected.keypoints + estimate.offset, corrected.keypoints])
+        way = expected.keypoints - estimate.keypoints
+        late = _lateness(keypoints - expected.keypoints, way)
+        differs = abs(late - estimate.late) * float(np.linalg.norm(way, axis=1).mean())
+        jitter = max(differs, JITTER_KEPT * estimate.jitter)
         far = np.linalg.norm(newest, axis=-1) / (STRAY * self._least_surprise[:, None])
         newest /= np.maximum(far, 1.0)[..., None]
         surprise = estimate.surprise + SURPRISE_GAIN * (_smoothed(newest) - estimate.surprise)
-        return RodEstimate(theta, covariance, corrected.q, offset, surprise, estimate.updates + 1)
+        updates = estimate.updates + 1
+        return RodEstimate(
+            theta, covariance, corrected.q, offset, surprise, corrected.keypoints, late, jitter, updates
+        )
 
     def held_at(self, estimate: RodEstimate) -> tuple[int, Float[np.ndarray, "2"]] | None:
         """Keypoint at which something that is not known holds the cable, and the direction in which; None for none.
 
         Where parameters can be corrected the residual is small, and where the output offset can follow the innovation
-        is: a contact makes both large.
+        is: a contact makes both large. So do frames that are taken now earlier and now later.
         """
         innovations, residuals = np.linalg.norm(estimate.surprise, axis=-1)
-        if self._trust < 1.0 or (np.array([innovations.max(), residuals.max()]) <= self._least_surprise).any():
+        least = self._least_surprise + max(estimate.jitter - NO_JITTER, 0.0)
+        if self._trust < 1.0 or (np.array([innovations.max(), residuals.max()]) <= least).any():
             return None
         worst = int(np.argmax(residuals))
         return worst, estimate.surprise[1, worst] / residuals[worst]
@@ -364,6 +389,15 @@ class RodEstimator:
         weighted = rows.T * weights
         covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
         return theta + prior * (covariance @ (weighted @ error)), covariance
+
+
+def _lateness(differences: Float[np.ndarray, "n 2"], way: Float[np.ndarray, "n 2"]) -> float:
+    """Of how many such ways what is seen is short, by the median of the keypoints that move; 0 where none does."""
+    moving = (np.linalg.norm(way, axis=1) > STILL) & np.isfinite(differences[:, 0])
+    if not moving.any():
+        return 0.0
+    shares = -np.sum(differences[moving] * way[moving], axis=1) / np.sum(way[moving] ** 2, axis=1)
+    return float(np.clip(np.median(shares), -LONGEST_DELAY, LONGEST_DELAY))
 
 
 def _smoothed(differences: Float[np.ndarray, "2 n 2"]) -> Float[np.ndarray, "2 n 2"]:
