@@ -77,7 +77,7 @@ class EstimatingState(FollowerState):
         # a nominal rod under the forces of another one may end turned by more than half a turn from it
         rod = estimator.rod if cable is None else cable.rod
         q = rod.continued(estimate.q, self.plan.plan.poses[0])
-        estimate = replace(estimate, q=q, surprise=np.zeros_like(estimate.surprise))
+        estimate = replace(estimate, q=q, surprise=estimate.surprise.forgotten())
         return replace(self, estimator=estimator, estimate=estimate)
 
     def contact(self) -> Contact | None:

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked, NotNegative, Share
 from cableway.estimation import rod_kernels
-from cableway.estimation.delay import LONGEST_DELAY
+from cableway.estimation.surprise import Surprise
 from cableway.records import Estimate
 from cableway.rod import material
 from cableway.rod.inverse import fit_keypoints
@@ -37,27 +37,6 @@ takes, for what is taken to be longer than it is will be pulled taut."""
 
 LONGEST = 1.1
 """In nominal lengths, what a cable may turn out to be."""
-
-SURPRISE_GAIN = 0.3
-"""Share of the newest frame in the low-passed innovation and residual; noise of 2 mm leaves less than 2 mm of them."""
-
-SURPRISE = (0.013, 0.015)
-"""Innovation and residual, in nominal lengths, that neither parameters nor noise explain: something holds the cable."""
-
-LEAST_SURPRISE = (0.004, 0.0045)
-"""The same [m] of a short cable."""
-
-STRAY = 2.0
-"""The same, times this, up to which a single keypoint of a frame counts; one farther off is most likely a stray."""
-
-JITTER_KEPT = 0.9
-"""Share of the jitter so far that still counts one frame later."""
-
-NO_JITTER = 0.003
-"""Jitter [m] up to which there is none: noise of 2 mm on the keypoints makes as much of it once in a while."""
-
-STILL = 5e-4
-"""Way [m] of a keypoint from frame to frame up to which it does not say when a frame was taken."""
 
 FAR_OFF = 0.03
 """Distance [m] of a keypoint from where the latency tried would have it, beyond which it says no more about it."""
@@ -120,11 +99,7 @@ class RodEstimate:
         covariance: (p, p) of theta, in units of its prior.
         q: (d,) shape last predicted.
         offset: (n, 2) [m] what the prediction is short of.
-        surprise: (2, n, 2) innovation, of prediction and output offset, and residual, of the corrected prediction
-            alone [m], low-passed and smoothed along the cable.
-        keypoints: (n, 2) last predicted [m].
-        late: By how many ways from frame to frame the last one was taken later than expected.
-        jitter: How far [m] that puts the cable from where the frame before would have it, of late.
+        surprise: What it leaves unexplained.
         updates: Observations that it is made of.
     """
 
@@ -132,10 +107,7 @@ class RodEstimate:
     covariance: Float[np.ndarray, "p p"]
     q: Float[np.ndarray, "d"]
     offset: Float[np.ndarray, "n 2"]
-    surprise: Float[np.ndarray, "2 n 2"]
-    keypoints: Float[np.ndarray, "n 2"]
-    late: float = 0.0
-    jitter: float = 0.0
+    surprise: Surprise
     updates: int = 0
 
     @property
@@ -183,7 +155,6 @@ class RodEstimator:
         self._prior, self._trust = config.prior(rod.length), trust
         self._kept = math.exp(-control_step / config.memory)
         self._lag = config.lag / control_step
-        self._least_surprise = np.maximum(LEAST_SURPRISE, np.multiply(SURPRISE, rod.length))
 
     @property
     def adapts(self) -> bool:
@@ -192,9 +163,9 @@ class RodEstimator:
 
     def start(self, q: Float[np.ndarray, "d"]) -> RodEstimate:
         """Nothing known but the first shape q."""
-        nothing = np.zeros((2, self.rod.keypoints, self.rod.group.space))
         keypoints = self.rod.at_keypoints(self.rod.shapes(q[None])[0])[0]
-        return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), nothing[0], nothing, keypoints)
+        surprise = Surprise.none(keypoints, self.rod.length)
+        return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros_like(keypoints), surprise)
 
     def estimates(self, estimate: RodEstimate) -> dict[str, Estimate]:
         """The parameters by name."""
@@ -295,31 +266,12 @@ class RodEstimator:
         rest = np.where(visible[:, None], keypoints - corrected.keypoints, estimate.offset)
         gain = max(self._trust * self._config.offset_gain, 1 / (1 + estimate.updates))
         offset = estimate.offset + gain * (rest - estimate.offset)
-        newest = keypoints - np.stack([expected.keypoints + estimate.offset, corrected.keypoints])
-        way = expected.keypoints - estimate.keypoints
-        late = _lateness(keypoints - expected.keypoints, way)
-        differs = abs(late - estimate.late) * float(np.linalg.norm(way, axis=1).mean())
-        jitter = max(differs, JITTER_KEPT * estimate.jitter)
-        far = np.linalg.norm(newest, axis=-1) / (STRAY * self._least_surprise[:, None])
-        newest /= np.maximum(far, 1.0)[..., None]
-        surprise = estimate.surprise + SURPRISE_GAIN * (_smoothed(newest) - estimate.surprise)
-        updates = estimate.updates + 1
-        return RodEstimate(
-            theta, covariance, corrected.q, offset, surprise, corrected.keypoints, late, jitter, updates
-        )
+        surprise = estimate.surprise.updated(keypoints, expected.keypoints, estimate.offset, corrected.keypoints)
+        return RodEstimate(theta, covariance, corrected.q, offset, surprise, estimate.updates + 1)
 
     def held_at(self, estimate: RodEstimate) -> tuple[int, Float[np.ndarray, "2"]] | None:
-        """Keypoint at which something that is not known holds the cable, and the direction in which; None for none.
-
-        Where parameters can be corrected the residual is small, and where the output offset can follow the innovation
-        is: a contact makes both large. So do frames that are taken now earlier and now later.
-        """
-        innovations, residuals = np.linalg.norm(estimate.surprise, axis=-1)
-        least = self._least_surprise + max(estimate.jitter - NO_JITTER, 0.0)
-        if self._trust < 1.0 or (np.array([innovations.max(), residuals.max()]) <= least).any():
-            return None
-        worst = int(np.argmax(residuals))
-        return worst, estimate.surprise[1, worst] / residuals[worst]
+        """See `Surprise.held_at`; None, too, where the cable swings, as that is not known from it."""
+        return None if self._trust < 1.0 else estimate.surprise.held_at()
 
     def _held(
         self, estimate: RodEstimate, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]
@@ -389,22 +341,3 @@ class RodEstimator:
         weighted = rows.T * weights
         covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
         return theta + prior * (covariance @ (weighted @ error)), covariance
-
-
-def _lateness(differences: Float[np.ndarray, "n 2"], way: Float[np.ndarray, "n 2"]) -> float:
-    """Of how many such ways what is seen is short, by the median of the keypoints that move; 0 where none does."""
-    moving = (np.linalg.norm(way, axis=1) > STILL) & np.isfinite(differences[:, 0])
-    if not moving.any():
-        return 0.0
-    shares = -np.sum(differences[moving] * way[moving], axis=1) / np.sum(way[moving] ** 2, axis=1)
-    return float(np.clip(np.median(shares), -LONGEST_DELAY, LONGEST_DELAY))
-
-
-def _smoothed(differences: Float[np.ndarray, "2 n 2"]) -> Float[np.ndarray, "2 n 2"]:
-    """Weighted means of neighbours along the cable, hidden ones left out; zero where all are hidden."""
-    visible = np.isfinite(differences[0, :, 0])
-    values = np.pad(np.where(visible[:, None], differences, 0.0), ((0, 0), (1, 1), (0, 0)))
-    weights = np.pad(visible.astype(float), 1)
-    total = values[:, :-2] / 4 + values[:, 1:-1] / 2 + values[:, 2:] / 4
-    weight = weights[:-2] / 4 + weights[1:-1] / 2 + weights[2:] / 4
-    return total / np.maximum(weight, 0.25)[:, None]
