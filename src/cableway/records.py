@@ -66,7 +66,6 @@ _STAGES = ("pivot", "passages", "path_set", "progress")
 INSERTION = "insertion"
 """Value of `metadata["part"]` of a plan and a rollout that insert a plug into its port."""
 
-
 THEN_FAILED = "; then the plant failed"
 """How the last status of a rollout ends whose next step failed."""
 
@@ -338,8 +337,7 @@ class Rollout(ArrayRecord):
     def __post_init__(self) -> None:
         check_shapes(self)
         _require(len(self.times) >= 1, "a rollout needs at least one row")
-        points = self.centreline.shape[1]
-        _require(points >= 2, f"a centreline needs at least 2 points, got {points}")
+        _require(self.centreline.shape[1] >= 2, f"a centreline needs 2 points, got {self.centreline.shape[1]}")
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         _require(self.status.dtype.kind not in "biufc", "status holds numbers, not short texts")
         _require_finite(self, "times", "keypoints", "poses", "centreline", "actions", "estimates", "deviations")

@@ -353,7 +353,7 @@ FORGED: list[tuple[Forgery, str]] = [
 UNREADABLE: list[tuple[Forgery, str]] = [
     (ages, "times holds 1e+299; numbers of a record are at most 1e+06"),
     (huge_clearance, "clearance holds 1000000000.0; numbers of a record are at most 1e+06"),
-    (one_point, "a centreline needs at least 2 points, got 1"),
+    (one_point, "a centreline needs 2 points, got 1"),
     (far_away, "centreline holds 1e+300; numbers of a record are at most 1e+06"),
     (longer_than_double, "keypoints holds 1e+4000; numbers of a record are at most 1e+06"),
     (outcome_list, "outcome must be one of success, settled"),
