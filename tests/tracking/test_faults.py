@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from quasi_static import QuasiStaticPlant, straight_plan, task_for
 
 from cableway.control.insertion import InsertionController
@@ -102,6 +103,16 @@ def test_a_gripper_stops_at_once_beside_one_that_stalls() -> None:
     late = math.ceil(perturbation.faults.stall[0] / CONTROL_STEP) + 1
     np.testing.assert_array_equal(rollout.actions[late], 0.0)
     assert rollout.least_clearance > 0.005
+
+
+@pytest.mark.parametrize(("seed", "kind", "width"), [(351, "corridor", 0.06), (330, "clutter", None)])
+def test_after_a_stall_the_plan_goes_on_where_it_waited(seed: int, kind: str, width: float | None) -> None:
+    """The reference of the first ran ahead and its cable touched, that of the second was pulled taut unseen."""
+    task = random_task(seed, kind, width=width)
+    done = solve(task, SolveOptions(perturbation=named_perturbation("fault-robot", task)))
+    assert done.success
+    assert done.rollout is not None
+    assert done.rollout.metadata["recovered"] == []
 
 
 def test_a_plug_is_not_inserted_before_enough_was_seen() -> None:

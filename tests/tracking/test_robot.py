@@ -235,6 +235,22 @@ def test_a_hold_comes_to_rest_however_late_the_encoders_are() -> None:
     np.testing.assert_allclose(right[0], right[1], atol=1e-12)
 
 
+def test_holds_between_which_the_gripper_followed_are_not_added_up() -> None:
+    """A stop for another reason ends the trial; then both follow, until one stalls again."""
+    robot, observed = FollowingError(PLAN.poses[0], 0.1), PLAN.poses[0].copy()
+    for _ in range(HOLDS + 2):
+        for step in range(60):
+            stalled = 20 <= step < 40
+            if robot.holding or robot.short or step == 39:
+                action = robot.stop(TASK.grippers, anew=step == 39)
+            else:
+                action = np.array([[0.0, 0.008, 0.0]] * 2)
+            robot.commanded(action)
+            observed = np.array([robot.target[0], observed[1] if stalled else robot.target[1]])
+            robot.measured(Observation(0.1 * step, PLAN.shapes[0], observed))
+    assert not robot.failed
+
+
 # ---------------------------------------------------------------- the last filter
 TOWARDS = np.subtract(*PLAN.poses[0, ::-1, :2]) / np.linalg.norm(np.subtract(*PLAN.poses[0, ::-1, :2]))
 

@@ -41,6 +41,11 @@ class AnsweringPlant:
             raise InputError(f"the plant's control_step must be finite and positive, got {self.control_step!r}")
         self._keypoints = self.task.cable.keypoints
 
+    @classmethod
+    def of(cls, plant: Plant) -> AnsweringPlant:
+        """The plant itself if it is one of these already; raises as the constructor does."""
+        return plant if isinstance(plant, AnsweringPlant) else cls(plant)
+
     @property
     def task(self) -> Task:
         """See `Plant.task`.

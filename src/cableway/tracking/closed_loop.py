@@ -71,7 +71,7 @@ def track(
         ControlError: The controller could not begin.
         TrackingInterrupted: An interrupt from the keyboard; its `rollout` is what was tracked until then.
     """
-    config, plant = config or TrackConfig(), AnsweringPlant(plant)
+    config, plant = config or TrackConfig(), AnsweringPlant.of(plant)
     require_interface(controller, "the controller", ("config", "control_step"), CONTROLLER)
     if not math.isclose(controller.control_step, plant.control_step, rel_tol=1e-6):
         raise InputError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -21,17 +21,12 @@ from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
 
-class _GoingOn:
+class _GoingOn(AnsweringPlant):
     """A plant whose start is where it is: its reset is one control step of standing still."""
 
-    def __init__(self, plant: Plant) -> None:
-        self._plant = AnsweringPlant(plant)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._plant, name)
-
     def reset(self) -> Observation:
-        return self._plant.step(np.zeros((2, SE2.dof)))
+        """See `Plant.reset`."""
+        return self.step(np.zeros((2, SE2.dof)))
 
 
 @renamed_keywords(push="plan")

@@ -184,7 +184,10 @@ class Loop:
 
     @property
     def waits(self) -> bool:
-        """Whether a gripper is late, or did not follow, so that the cable is not where the plan has it."""
+        """Whether the plan waits for a gripper: one is late, did not follow, or may stall unseen by a taut cable.
+
+        The cable is not where the plan has it then.
+        """
         robot = self._robot
         return robot.short or robot.holding or robot.on_trial or self._would_tear
 

@@ -198,6 +198,8 @@ class FollowingError:
             return
         self.poses = SE2.continued(observation.poses, self.poses)
         self._moved |= _elsewhere(self.poses, self._start)
+        if self._missed is None and not self.short and _elsewhere(self.poses, self._rest)[self._late]:
+            self._holds = 0
         if mistake := self._motion.mistake(self.poses):
             self.error, self.failed = mistake, True
         away, turned = SE2.distance(self.poses, self._commands.delayed)
