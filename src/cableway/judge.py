@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.outcome import SUCCESS_ERROR, Outcome, stacked_limit
 from cableway.records import Rollout, Verdict
 from cableway.scene.task import Task
@@ -73,13 +74,13 @@ def _run_failure(task: Task, rollout: Rollout, verdict: Verdict | None) -> tuple
         found.append((rollout.outcome, f"{rollout.outcome}: {rollout.detail}" if rollout.detail else rollout.outcome))
     error = rollout.shape_error(task.goal)
     if not error < (most := stacked_limit(SUCCESS_ERROR, len(task.goal))):
-        text = f"the final shape error is {_millimetres(error)}, not below {_millimetres(most)}"
+        text = f"the final shape error is {told_apart(error, most)}, not below {limit_text(most)}"
         found.append((Outcome.MISSED_GOAL, text))
     if (blind := _went_on_blindly(rollout)) is not None:
         found.append((Outcome.CONTROLLER_FAILED, blind))
     for what, clearance in (("cable", rollout.clearance), ("grippers", rollout.gripper_clearance)):
         if not clearance.min() > 0:
-            text = f"contact: the least clearance of the {what} is {_millimetres(float(clearance.min()))}"
+            text = f"contact: the least clearance of the {what} is {quantity(float(clearance.min()))}"
             found.append((Outcome.CONTACT, text))
     if not found and (verdict is None or not verdict.passed):
         found.append((Outcome.NOT_VERIFIED, f"the rollout does not verify: {verdict}"))
@@ -87,7 +88,3 @@ def _run_failure(task: Task, rollout: Rollout, verdict: Verdict | None) -> tuple
         return None
     touched = any(outcome is Outcome.CONTACT for outcome, _ in found)
     return Outcome.CONTACT if touched else found[0][0], "; ".join(text for _, text in found)
-
-
-def _millimetres(value: float) -> str:
-    return f"{1000 * value:.2f} mm"

@@ -9,7 +9,7 @@ keypoints.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -18,6 +18,8 @@ from jaxtyping import Float
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import ArrayRecord, check_shapes
 from cableway.outcome import Outcome
+from cableway.verdict import Check as Check
+from cableway.verdict import Verdict as Verdict
 
 
 # ------------------------------------------------------------------------------------------------ planning
@@ -122,60 +124,6 @@ class Plan(ArrayRecord):
             return replace(plan, stages=PaperStages(*(arrays[name] for name in _STAGES)))
         except InputError as error:
             raise FileFormatError(f"{source}: {error}") from None
-
-
-@dataclass(frozen=True)
-class Check:
-    """One requirement that was tested.
-
-    Attributes:
-        name: What was measured.
-        value: The worst value found.
-        unit: Of `value`, "" for a count.
-        limit: What it is compared with.
-        passed: Whether it holds.
-        where: Where and when it is worst, in words.
-    """
-
-    name: str
-    value: float
-    unit: str
-    limit: float
-    passed: bool
-    where: str = ""
-
-    def __str__(self) -> str:
-        found = f"{self.name} {self.value:.4g} {self.unit}".rstrip()
-        return f"{found} (limit {self.limit:.4g}){' ' + self.where if self.where else ''}"
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """All checks of a plan or a rollout."""
-
-    checks: tuple[Check, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether every check passed."""
-        return all(check.passed for check in self.checks)
-
-    def failures(self) -> tuple[Check, ...]:
-        """The checks that did not pass."""
-        return tuple(check for check in self.checks if not check.passed)
-
-    def __str__(self) -> str:
-        if self.passed:
-            return "all checks passed"
-        return "; ".join(map(str, self.failures()))
-
-    def as_dict(self) -> list[dict[str, Any]]:
-        """Plain data for JSON; a value that is not finite becomes null."""
-        rows = [asdict(check) for check in self.checks]
-        for row in rows:
-            if not np.isfinite(row["value"]):
-                row["value"] = None
-        return rows
 
 
 @dataclass(frozen=True)

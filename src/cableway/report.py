@@ -13,6 +13,7 @@ from jaxtyping import Float
 from cableway.commands import Commands
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
+from cableway.core.quantities import quantity
 from cableway.judge import judge as judge
 from cableway.metrics import METRICS
 from cableway.outcome import Outcome
@@ -136,7 +137,7 @@ class Report:
         """Names and values as text with units, in reading order."""
         rows = [("task", self.task), ("result", "success" if self.success else f"failed: {self.failure}")]
         rows += [
-            (metric.label, _millimetres(value))
+            (metric.label, quantity(value, metric.unit))
             for metric in METRICS.values()
             if metric.label and (value := metric.value(self)) is not None
         ]
@@ -204,10 +205,6 @@ def _found(estimates: Mapping[str, Estimate]) -> list[tuple[str, str]]:
             text = f"{found.value:.4g} ± {found.deviation:.2g} {found.unit}".rstrip()
             rows.append((f"estimated {name}", f"{text}, nominal {found.nominal:.4g}"))
     return rows or [("estimates", f"none of {len(estimates)} estimates differs by two standard deviations")]
-
-
-def _millimetres(value: float) -> str:
-    return f"{1000 * value:.2f} mm"
 
 
 @renamed_keywords(push="insertion_plan")

@@ -122,7 +122,7 @@ def test_a_cable_that_touches_itself_between_rows_is_found():
     assert self_clearance(lines[:1], 0.004).passed
     both = self_clearance(with_halves(lines), 0.004)
     assert not both.passed
-    assert both.where == "at row 0.5"
+    assert both.row == 0.5
 
 
 def test_a_corner_between_keypoints_is_judged(good):

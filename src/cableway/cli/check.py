@@ -69,14 +69,15 @@ def read_record(file: Path) -> Plan | Rollout:
 
 
 def _table(verdict: Verdict) -> Table:
+    from cableway.core.quantities import limit_text, quantity, told_apart
+
     table = columns("", "check", "value", "limit", "where")
     for check in verdict.checks:
-        scale, unit = (1000.0, "mm") if check.unit == "m" else (1.0, check.unit)
         table.add_row(
             "[green]pass[/green]" if check.passed else "[red]FAIL[/red]",
             Text(check.name),
-            f"{scale * check.value:.4g} {unit}".rstrip(),
-            f"{scale * check.limit:.4g} {unit}".rstrip(),
-            Text(check.where),
+            quantity(check.value, check.unit) if check.passed else told_apart(check.value, check.limit, check.unit),
+            limit_text(check.limit, check.unit),
+            Text(check.place),
         )
     return table

@@ -103,7 +103,7 @@ class CableSimulator:
         SimulationError: The cable overlaps an obstacle or a wall at the start, or has no stable shape there.
 
     Note:
-        Not modelled: what `unmodelled` lists. The chain is planar; the table acts on it by friction and drag.
+        The chain is planar; the table acts on it by friction and drag.
     """
 
     def __init__(self, task: Task, config: PlantConfig | None = None, cable: Cable | None = None) -> None:
@@ -135,12 +135,8 @@ class CableSimulator:
 
     @property
     def unmodelled(self) -> tuple[str, ...]:
-        """What the task holds that this plant leaves out, one sentence each, for reports."""
-        notes = [
-            "Gripper bodies do not collide; the clearance of their discs is measured.",
-            "The cable does not collide with itself.",
-            "Contact between cable and obstacles is frictionless.",
-        ]
+        """What this task holds that the plant leaves out, one sentence each, for reports; see also `docs/limits.md`."""
+        notes: list[str] = []
         if self.cable.friction > 0:
             notes.append("The cable lies flat on the table, ends included, for friction with it.")
         if self.task.plug is not None:

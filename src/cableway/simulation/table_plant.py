@@ -163,9 +163,8 @@ class TablePlant:
 
     @property
     def unmodelled(self) -> tuple[str, ...]:
-        """What the task holds that this plant leaves out, one sentence each, for reports."""
-        notes = ("Gripper bodies do not collide; the clearance of their discs is measured.",)
-        return notes if self.task.plug is None else (*notes, "The plug does not collide.")
+        """See `CableSimulator.unmodelled`."""
+        return () if self.task.plug is None else ("The plug does not collide.",)
 
     def reset(self) -> Observation:
         """Go back to the start; the same run after it gives the same result bit for bit."""

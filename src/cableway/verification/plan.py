@@ -64,7 +64,7 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
         *_poses("start", plan.poses[0], task.start_poses, limits),
         *_poses("goal", plan.poses[-1], task.goal_poses, limits),
     ]
-    return Verdict(tuple(checks))
+    return Verdict.of(checks, CONTROL_STEP * np.arange(len(plan.shapes)))
 
 
 def verify_insertion_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None) -> Verdict:
@@ -81,7 +81,7 @@ def verify_insertion_plan(plan: Plan, task: Task, limits: VerificationLimits | N
         *insertion_checks(plan.poses[:, 1], task),
         _end("goal before the insertion", plan.shapes[0], task.goal, limits),
     ]
-    return Verdict(tuple(checks))
+    return Verdict.of(checks, CONTROL_STEP * np.arange(len(plan.shapes)))
 
 
 def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
@@ -115,7 +115,7 @@ def at_most(name: str, values: Float[np.ndarray, "t"], unit: str, limit: float) 
     if len(values) == 0:
         return Check(name, float("nan"), unit, limit, False, "never reached")
     row = int(np.argmax(values))
-    return Check(name, float(values[row]), unit, limit, bool(values[row] <= limit + 1e-9), f"at row {row}")
+    return Check(name, float(values[row]), unit, limit, bool(values[row] <= limit + 1e-9), row=row)
 
 
 def at_least(name: str, values: Float[np.ndarray, "t"], unit: str, limit: Float[np.ndarray, "more"] | float) -> Check:
@@ -125,38 +125,40 @@ def at_least(name: str, values: Float[np.ndarray, "t"], unit: str, limit: Float[
     limits = np.broadcast_to(limit, max(len(values), np.size(limit)))[: len(values)]
     row = int(np.argmin(values - limits))
     value, least = float(values[row]), float(limits[row])
-    return Check(name, value, unit, least, value >= least - 1e-9, f"at row {row}")
+    return Check(name, value, unit, least, value >= least - 1e-9, row=row)
 
 
 def cable_clearance(lines: Float[np.ndarray, "t m 2"], task: Task, limit: Limit) -> Check:
     """Least clearance of the cable's surface over a motion, where it is least above its limit."""
-    return _clearance("cable clearance", lines, task, task.cable.radius, limit)
+    return _clearance("cable clearance", lines, task, task.cable.radius, limit, "the cable")
 
 
 def gripper_clearance(poses: Float[np.ndarray, "t 2 3"], task: Task, limit: Float[np.ndarray, "2 t"] | float) -> Check:
     """The same for both gripper discs."""
     limits = np.broadcast_to(limit, (2, len(poses)))
     checks = [
-        _clearance("gripper clearance", poses[:, k : k + 1, :2], task, task.grippers.radius, limits[k], f"{side}, ")
+        _clearance(
+            "gripper clearance", poses[:, k : k + 1, :2], task, task.grippers.radius, limits[k], f"the {side} gripper"
+        )
         for k, side in enumerate(("left", "right"))
     ]
     return min(checks, key=lambda check: check.value - check.limit)
 
 
 def _clearance(
-    name: str, lines: Float[np.ndarray, "t m 2"], task: Task, radius: float, limit: Limit, who: str = ""
+    name: str, lines: Float[np.ndarray, "t m 2"], task: Task, radius: float, limit: Limit, who: str
 ) -> Check:
     found = closest_approach(lines, task.scene, limit)
     value, least = found.distance - radius, found.wanted
-    where = f"{who}at row {found.row:.1f}, {task.scene.name_of(found.obstacle)}"
-    return Check(name, value, "m", least, value >= least - 1e-9, where)
+    where = f"{who} and {task.scene.name_of(found.obstacle)}"
+    return Check(name, value, "m", least, value >= least - 1e-9, where, found.row)
 
 
 def self_crossings(lines: Float[np.ndarray, "t m 2"]) -> Check:
     """No line in which the cable crosses itself; lines are as from `with_halves`."""
     crossed = ~shapely.is_simple(shapely.linestrings(lines))
-    where = f"first at row {int(np.argmax(crossed)) / 2:g}" if crossed.any() else ""
-    return Check("self-crossings", float(crossed.sum()), "", 0.0, not crossed.any(), where)
+    first = int(np.argmax(crossed)) / 2 if crossed.any() else None
+    return Check("self-crossings", float(crossed.sum()), "", 0.0, not crossed.any(), row=first)
 
 
 def self_clearance(lines: Float[np.ndarray, "t m 2"], radius: float) -> Check:
@@ -179,7 +181,7 @@ def self_clearance(lines: Float[np.ndarray, "t m 2"], radius: float) -> Check:
         apart = np.maximum(arcs[:, :-1] - here, here - arcs[:, 1:])
         gap = np.minimum(gap, np.where(apart >= np.pi * radius, distance, np.inf).min(1))
     found = at_least("self-clearance", gap - 2 * radius, "m", 0.0)
-    return replace(found, where=f"at row {int(np.argmin(gap)) / 2:g}")
+    return replace(found, where="two parts of the cable", row=int(np.argmin(gap)) / 2)
 
 
 def with_halves(lines: Float[np.ndarray, "t m 2"]) -> Float[np.ndarray, "2*t-1 m 2"]:
@@ -199,10 +201,11 @@ def _poses(name: str, poses: np.ndarray, wanted: np.ndarray | None, limits: Veri
     if wanted is None:
         return []
     gap, turn = pose_distance(poses, wanted)
-    return [
-        at_most(f"gripper distance to {name}", gap[None].max(1), "m", limits.pose),
-        at_most(f"gripper angle to {name}", turn[None].max(1), "rad", limits.pose_angle),
+    checks = [
+        at_most(f"gripper distance to {name}", gap, "m", limits.pose),
+        at_most(f"gripper angle to {name}", turn, "rad", limits.pose_angle),
     ]
+    return [replace(check, row=None) for check in checks]
 
 
 def _length(lines: np.ndarray, followed: Followed, task: Task, limits: VerificationLimits) -> Check:
@@ -214,7 +217,7 @@ def _length(lines: np.ndarray, followed: Followed, task: Task, limits: Verificat
     reached = len(followed.keypoints)
     if reached:
         wanted[:reached] = arc_lengths(curve_through(followed.keypoints, PIECES))
-    return at_most("length error", np.abs(arc_lengths(lines) / wanted - 1), "", limits.length)
+    return at_most("length error", np.abs(arc_lengths(lines) / wanted - 1), "1", limits.length)
 
 
 def arc_lengths(lines: Float[np.ndarray, "t m 2"]) -> Float[np.ndarray, "t"]:
@@ -269,15 +272,14 @@ def _following(
     reached, rows = len(followed.lines), len(clearance)
     lost = rows - reached
     kept = followed.stability[[0, -1]] if lost == 0 else np.full(2, limits.stability)
-    where = "" if followed.lost_at is None else f"from row {followed.lost_at}"
     checks = [
-        Check("rows the rod does not reach", float(lost), "", 0.0, lost == 0, where),
+        Check("rows the rod does not reach", float(lost), "", 0.0, lost == 0, row=followed.lost_at),
         at_most("rod deviation", followed.deviation, "m", limits.follow),
         at_least("rod stability", followed.stability, "", ends.stability(limits.stability, kept)),
     ]
     if reached > 1:
         clear = cable_clearance(followed.lines, task, np.maximum(0.0, clearance[:reached] - limits.follow))
-        checks.append(Check("rod clearance", clear.value, "m", clear.limit, clear.passed, clear.where))
+        checks.append(replace(clear, name="rod clearance"))
     return checks
 
 

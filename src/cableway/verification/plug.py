@@ -152,5 +152,5 @@ def _clearance(
     part = replace(whole, obstacles=tuple(whole.obstacles[i] for i in obstacles))
     found = closest_approach(lines, part, limit if ends is None else ends.clearance(limit, lines, part))
     places = [*obstacles, *range(len(whole.obstacles), len(whole.obstacles) + 4)]
-    where = f"at row {found.row:.1f}, {whole.name_of(places[found.obstacle])}"
-    return Check(name, found.distance, "m", found.wanted, found.wanted - 1e-9 <= found.distance > 0, where)
+    where = f"the plug and {whole.name_of(places[found.obstacle])}"
+    return Check(name, found.distance, "m", found.wanted, found.wanted - 1e-9 <= found.distance > 0, where, found.row)

@@ -112,7 +112,7 @@ def recording_checks(rollout: Rollout, task: Task, length: float | None) -> list
         _ending(rollout),
         *_clearances(rollout, task),
         plant,
-        at_most("length error", np.abs(measured / truth - 1), "", 0.02),
+        at_most("length error", np.abs(measured / truth - 1), "1", 0.02),
         *_grasps(rollout),
         *_times(rollout),
         *_gripper_motion(rollout, task),
@@ -150,7 +150,7 @@ def _clearances(rollout: Rollout, task: Task) -> list[Check]:
         row, what = int(np.argmin(recorded)), f"recorded {name} clearance"
         least = float(recorded[row])
         checks += [
-            Check(what, least, "m", 0.0, least > 0, f"at row {row}"),
+            Check(what, least, "m", 0.0, least > 0, row=row),
             at_most(f"{what} above that of its row", recorded - found, "m", CLEARANCE_ERROR + error),
         ]
     return checks
@@ -183,9 +183,9 @@ def _times(rollout: Rollout) -> list[Check]:
     stated = (_stated(rollout, "control_step"), _stated(rollout, "plant", "control_step"))
     possible = Bounds(0, LONGEST_CONTROL_STEP, open=True)
     wanted = min((step for step in stated if possible.hold(step, whole=False)), default=CONTROL_STEP)
-    where = f"first at row {int(np.argmax(irregular)) + 1}" if irregular.any() else ""
+    first = int(np.argmax(irregular)) + 1 if irregular.any() else None
     return [
-        Check("rows out of time", float(irregular.sum()), "", 0.0, not irregular.any(), where),
+        Check("rows out of time", float(irregular.sum()), "", 0.0, not irregular.any(), row=first),
         at_most("time between rows", steps, "s", (1 + ROW_JITTER) * wanted),
     ]
 
@@ -231,7 +231,7 @@ def _cable_motion(rollout: Rollout, length: float) -> list[Check]:
     round_about = (moves[:-1] + moves[1:] - np.linalg.norm(steps[:-1] + steps[1:], axis=2)).max(1) / 2
     checks = [
         at_most("cable step beyond the grippers'", beyond, "m", SNAP * length),
-        replace(at_most("cable step to the last row", beyond[-1:], "m", AT_REST), where=f"at row {rollout.steps}"),
+        replace(at_most("cable step to the last row", beyond[-1:], "m", AT_REST), row=rollout.steps),
     ]
     if rollout.steps > 1:
         astray = round_about - np.maximum(led[:-1], led[1:])
@@ -278,4 +278,4 @@ def _rod(rollout: Rollout, length: float) -> Check:
         if first >= len(shapes):
             break
     value, row = away or most
-    return Check("distance from the rod", value, "m", limit, value <= limit, f"at row {row}")
+    return Check("distance from the rod", value, "m", limit, value <= limit, row=row)

@@ -37,7 +37,7 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
         *physics,
         *plug_clearance(rollout.poses[:, 1], task, 0.0),
     ]
-    return Verdict(tuple(checks))
+    return Verdict.of(checks, rollout.times)
 
 
 def verify_insertion(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:
@@ -55,7 +55,7 @@ def verify_insertion(rollout: Rollout, task: Task, *, length: float | None = Non
         *plug_clearance(ends, task, 0.0, inserting=True),
         *insertion_checks(ends, task),
     ]
-    return Verdict(tuple(checks))
+    return Verdict.of(checks, rollout.times)
 
 
 def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:

@@ -14,6 +14,7 @@ import numpy as np
 from cableway.core.compiled import is_compiled
 from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningInterrupted
 from cableway.core.provenance import describe
+from cableway.core.quantities import quantity
 from cableway.motion.resampling import smoothed
 from cableway.motion.time_parametrization import gripper_effort
 from cableway.outcome import Outcome
@@ -128,7 +129,7 @@ def _given(given: Plan | Path | str, task: Task, options: SolveOptions, planner:
 
 def _ranked(task: Task, plans: Sequence[Plan], wanted: int) -> tuple[str, ...]:
     """By what alternatives are ranked, and how many there are, for the reader of the report."""
-    each = [f"{travel:.3f} m and {1000 * clearance:.1f} mm"
+    each = [f"{travel:.3f} m and {quantity(clearance)}"
             for travel, clearance in (travel_and_clearance(plan, task) for plan in plans)]  # fmt: skip
     ranked = (
         f"Plans, best first, by travel of both grippers + {CLEARANCE_WEIGHT:g} m² / least clearance: {'; '.join(each)}."
@@ -177,8 +178,8 @@ def _rehearsed(plan: Plan) -> tuple[str, ...]:
     record = plan.metadata.get("rehearsal")
     if record is None:
         return ()
-    deviation, clearance = (f"{1000 * record[name]:.1f} mm" for name in ("deviation", "clearance"))
-    went = f"largest deviation {deviation}, clearance {clearance}, final error {1000 * record['shape_error']:.1f} mm"
+    deviation, clearance = (quantity(record[name]) for name in ("deviation", "clearance"))
+    went = f"largest deviation {deviation}, clearance {clearance}, final error {quantity(record['shape_error'])}"
     if record["passed"]:
         return (f"Plan {record['plans']} of those rehearsed on the simulated cable: {went}.",)
     return (f"None of {record['plans']} plans passed rehearsal on the simulated cable; the best one: {went}.",)

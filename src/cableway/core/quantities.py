@@ -1,0 +1,56 @@
+"""Quantities as people read them: lengths in millimetres, angles in degrees, no more digits than they need."""
+
+from __future__ import annotations
+
+import math
+import re
+
+SHOWN = {"m": (" mm", 1000.0), "rad": (" degrees", math.degrees(1.0)), "1": ("%", 100.0)}
+"""Unit and factor to it by the SI unit, "1" for a share; others are shown as they are."""
+
+MOST_DECIMALS = 6
+"""Of a value that is told from its limit."""
+
+
+def quantity(value: float, unit: str = "m") -> str:
+    """A measured value in SI units, to a tenth of a millimetre or degree, finer only below one.
+
+    >>> quantity(0.004824), quantity(0.00033), quantity(-0.1357), quantity(0.21, "rad"), quantity(3.0, "")
+    ('4.8 mm', '0.33 mm', '-136 mm', '12.0 degrees', '3')
+    """
+    return _text(value, unit, 0)
+
+
+def limit_text(limit: float, unit: str = "m") -> str:
+    """A limit in SI units, without digits that say nothing.
+
+    >>> limit_text(0.002), limit_text(0.02, "1"), limit_text(20.0, "")
+    ('2 mm', '2%', '20')
+    """
+    name, factor = _shown(unit)
+    return f"{factor * limit:.4g}{name}"
+
+
+def told_apart(value: float, limit: float, unit: str = "m") -> str:
+    """A measured value as `quantity` has it, or with as many digits as tell it from a limit beside it.
+
+    >>> told_apart(0.004824, 0.002), told_apart(0.0020004, 0.002)
+    ('4.8 mm', '2.0004 mm')
+    """
+    beside = float(f"{_shown(unit)[1] * limit:.4g}")
+    texts = [_text(value, unit, more) for more in range(MOST_DECIMALS)]
+    return next((text for text in texts if float(re.split("[ %]", text)[0]) != beside), texts[0])
+
+
+def _shown(unit: str) -> tuple[str, float]:
+    return SHOWN.get(unit, (f" {unit}".rstrip(), 1.0))
+
+
+def _text(value: float, unit: str, more: int) -> str:
+    """The value with so many digits more than usual."""
+    name, factor = _shown(unit)
+    shown = factor * value
+    if unit not in SHOWN:
+        return f"{shown:.{3 + more}g}{name}"
+    decimals = 2 if abs(shown) < 1 else 1 if abs(shown) < 100 else 0
+    return f"{shown:.{decimals + more}f}{name}"
