@@ -235,10 +235,10 @@ def test_values_that_stand_for_many_others_are_not_written_out(tmp_path: Path):
     lines = ["a: &a [x, x, x, x, x, x, x, x]"]
     lines += [f"{b}: &{b} [{', '.join(['*' + a] * 8)}]" for a, b in zip("abcdefgh", "bcdefghi", strict=True)]
     path = tmp_path / "task.yaml"
-    path.write_text("\n".join([*lines, "start: *i", "cableway: 1", "goal: &r [*r]"]))
+    path.write_text("\n".join([*lines, "start: *i", "cableway: 1", "goal: []"]))
     assert complaint(path).startswith("task.yaml:1: a is not a known key")
     path.write_text("\n".join(["obstacles: &r [*r]", "cableway: 1", f"start: {row(0.2, 0.1)}", "goal: []"]))
-    assert len(complaint(path)) < 200
+    assert complaint(path) == "task.yaml: not valid YAML: nested deeper than 60 levels"
 
 
 # ------------------------------------------------------------------------------------------------ keys and types

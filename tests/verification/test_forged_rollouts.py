@@ -357,7 +357,7 @@ UNREADABLE: list[tuple[Forgery, str]] = [
     (far_away, "centreline holds 1e+300; numbers of a record are at most 1e+06"),
     (longer_than_double, "keypoints holds 1e+4000; numbers of a record are at most 1e+06"),
     (outcome_list, "outcome must be one of success, settled"),
-    (brackets, "metadata is not JSON"),
+    (brackets, "metadata: not JSON: nested too deeply"),
     (complex_numbers, "poses is not an array of numbers"),
     (numbered, "status holds numbers, not short texts"),
     (negative_length, "plant.cable.length must be positive and at most 1e+06 m, got -1"),

@@ -6,17 +6,19 @@ otherwise and errors by a little. Times are compared as multiples of a reference
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
+from dataclasses import make_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
 from cableway.benchmark.episode import Result
 from cableway.benchmark.suites import episode_name
-from cableway.core.errors import FileFormatError
+from cableway.core.configuration import from_mapping
+from cableway.core.errors import FileFormatError, InputError
 from cableway.core.provenance import versions
+from cableway.core.reading import read_json
 from cableway.metrics import METRICS
 
 LEAST_ERROR = 1e-4
@@ -27,6 +29,11 @@ COMPARED = {metric.field or metric.key: metric for metric in METRICS.values() if
 
 KEPT = ("digest", *COMPARED, "reference_time")
 """Figures of each episode in a baseline."""
+
+_TYPES = get_type_hints(Result)
+_ROW = make_dataclass("Row", [(name, _TYPES[name]) for name in KEPT])
+_BASELINE = make_dataclass("Baseline", [("versions", dict[str, str]), ("episodes", dict[str, _ROW])])
+"""What a baseline's file holds."""
 
 Pair = tuple[Result, dict[str, Any]]
 """A result and what the baseline has of the same episode."""
@@ -45,13 +52,10 @@ def read_baseline(path: Path) -> dict[str, Any]:
         FileFormatError: The file is missing or is no baseline.
     """
     try:
-        content = json.loads(path.read_text())
-        if not all(set(row) == set(KEPT) for row in content["episodes"].values()):
-            raise KeyError
-    except OSError as error:
-        raise FileFormatError(f"{path}: {error.strerror}") from None
-    except (AttributeError, KeyError, TypeError, ValueError):
-        raise FileFormatError(f"{path}: not a baseline.json of this version of the benchmark") from None
+        content = read_json(path)
+        from_mapping(_BASELINE, content, str(path))
+    except InputError as error:
+        raise FileFormatError(f"{error}; not a baseline.json of this version of the benchmark") from None
     return {**content, "episodes": {episode_name(key): row for key, row in content["episodes"].items()}}
 
 

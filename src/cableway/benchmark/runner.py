@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -10,9 +9,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 from cableway.benchmark.episode import Job, Result, Scored, died, run_job, warm_up
+from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.executors import Pending, open_executor
 from cableway.core.files import write_atomically, write_json
+from cableway.core.reading import read_json
 from cableway.outcome import Outcome
 
 EPISODES, FAILURES = "episodes", "failures"
@@ -42,9 +43,9 @@ def read_result(job: Job, folder: Path) -> Result | None:
     if not path.exists():
         return None
     try:
-        result = Result(**json.loads(path.read_text()))
-    except (TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: not a result of this version ({error}); remove it to run it again") from None
+        result = from_mapping(Result, read_json(path), str(path))
+    except InputError as error:
+        raise FileFormatError(f"{error}; remove the file to run the episode again") from None
     if result.digest != job.episode.digest:
         raise FileFormatError(f"{path}: result of a task with digest {result.digest}, not {job.episode.digest}")
     return result if result.made_by == job.made_by else None

@@ -54,7 +54,7 @@ def read_record(file: Path) -> Plan | Rollout:
         FileFormatError: It is neither a plan nor a rollout.
     """
     from cableway.core.errors import FileFormatError
-    from cableway.core.files import read_arrays
+    from cableway.core.reading import read_arrays
     from cableway.records import Plan, Rollout
 
     arrays = read_arrays(file)

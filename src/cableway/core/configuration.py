@@ -7,7 +7,7 @@ a number in the annotation is the least length of a list.
 from __future__ import annotations
 
 import difflib
-import math
+import sys
 import types
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
@@ -17,6 +17,9 @@ from cableway.core.checks import shown
 from cableway.core.errors import InputError, Place, place_text
 
 Config = TypeVar("Config")
+
+LARGEST_WHOLE = 2**63
+"""Whole numbers are below this, as those of arrays and random generators."""
 
 PLAIN = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 """How messages call the types of plain values."""
@@ -94,10 +97,12 @@ def faults(kind: Any, content: Any, place: Place = (), wanted: str = "") -> Iter
         if content not in get_args(kind):
             yield _must_be(wanted, content, place)
     elif kind is float and isinstance(content, (int, float)) and not isinstance(content, bool):
-        if isinstance(content, float) and not math.isfinite(content):
+        if not abs(content) <= sys.float_info.max:
             yield _must_be("a finite number", content, place)
     elif kind is not Any and type(content) is not kind:
         yield _must_be(wanted, content, place)
+    elif kind is int and not abs(content) < LARGEST_WHOLE:
+        yield _must_be("a whole number of at most 19 digits", content, place)
 
 
 def _unwrapped(kind: Any, wanted: str) -> tuple[Any, str, int, Tagged | None]:

@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, read without executing anything in them."""
+"""Files written whole or not at all, and records that save to them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import os
 import re
 import secrets
-import zipfile
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -14,6 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from cableway.core.errors import FileFormatError, InputError
+from cableway.core.reading import parse_json, read_arrays
 
 LARGEST = 1e6
 """No number in the file of a record is larger, in its unit, as in that of a task."""
@@ -55,28 +55,6 @@ def write_json(path: Path, content: Any) -> None:
     """Write indented JSON atomically; not-a-number is refused."""
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     write_atomically(path, lambda file: file.write(text.encode()))
-
-
-def read_arrays(path: Path | str) -> dict[str, np.ndarray]:
-    """All arrays of an `.npz` file, without executing anything in it.
-
-    Raises:
-        FileFormatError: The file is missing or is no archive of plain arrays.
-    """
-    try:
-        with open(path, "rb") as file:
-            if not zipfile.is_zipfile(file):
-                raise FileFormatError(f"{path}: not an .npz archive")
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except FileFormatError:
-        raise
-    except FileNotFoundError:
-        raise FileFormatError(f"{path}: no such file") from None
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except Exception as error:  # NumPy, zipfile, zlib and tokenize have a dozen kinds for damaged archives
-        raise FileFormatError(f"{path}: a damaged .npz archive ({' '.join(str(error).split())})") from None
 
 
 class ArrayRecord:
@@ -141,10 +119,7 @@ def _numbers(name: str, array: np.ndarray) -> np.ndarray:
 
 
 def _metadata(value: np.ndarray, source: str) -> dict[str, Any]:
-    try:
-        content = json.loads(str(value))
-    except (ValueError, RecursionError) as error:  # not JSON, a number of 5,000 digits, 10,000 brackets
-        raise FileFormatError(f"{source}: metadata is not JSON ({error})") from None
+    content = parse_json(str(value), f"{source}: metadata")
     if not isinstance(content, dict):
         raise FileFormatError(f"{source}: metadata is not a JSON object")
     return content

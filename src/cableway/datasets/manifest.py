@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -17,6 +16,7 @@ from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import write_json
 from cableway.core.provenance import describe
+from cableway.core.reading import read_json
 from cableway.scene.cable import Cable
 
 FORMAT = "cableway-transitions"
@@ -165,14 +165,12 @@ def read_manifest(folder: Path) -> Manifest:
         FileFormatError: There is none, or it is damaged or of another version.
     """
     path = folder / MANIFEST
-    if not path.is_file():
+    if not path.exists():
         raise FileFormatError(f"{folder}: not a data set; one is a folder with {MANIFEST}, made by cableway collect")
     try:
-        manifest = from_mapping(Manifest, json.loads(path.read_text()), f"{path}: manifest")
+        manifest = from_mapping(Manifest, read_json(path), f"{path}: manifest")
     except InputError as error:
         raise FileFormatError(str(error)) from None
-    except (OSError, ValueError) as error:
-        raise FileFormatError(f"{path}: not readable as JSON ({' '.join(str(error).split())})") from None
     known = COLUMNS.keys() | {CABLE + name for name in CABLE_UNITS}
     if not COLUMNS.keys() <= manifest.columns.keys() <= known:
         raise FileFormatError(

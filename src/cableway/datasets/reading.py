@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load
 
 from cableway.core.errors import FileFormatError, InputError
+from cableway.core.reading import parse_safetensors, read_bytes
 from cableway.datasets.manifest import CABLE, COLUMNS, Column, Manifest, Shard, read_manifest
 from cableway.records import Transitions
 
@@ -100,15 +99,12 @@ def read_shard(folder: Path, shard: Shard, columns: dict[str, Column]) -> dict[s
     """
     path = folder / shard.file
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read ({error.strerror}); {_REMEDY}") from None
+        content = read_bytes(path)
+    except FileFormatError as error:
+        raise FileFormatError(f"{error}; {_REMEDY}") from None
     if hashlib.sha256(content).hexdigest() != shard.sha256:
         raise FileFormatError(f"{path}: damaged: its SHA-256 differs from the manifest's; {_REMEDY}")
-    try:
-        arrays = load(content)
-    except (SafetensorError, ValueError) as error:
-        raise FileFormatError(f"{path}: not a safetensors file ({error})") from None
+    arrays = parse_safetensors(content, str(path))[0]
     found = {name: (str(array.dtype), array.shape) for name, array in arrays.items()}
     stated = {name: (column.dtype, (shard.transitions, *column.row_shape)) for name, column in columns.items()}
     if found != stated:

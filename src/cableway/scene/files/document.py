@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from cableway.core.errors import FileFormatError, Place, TaskError
+from cableway.core.reading import one_line, read_bytes, require_depth
 
 LARGEST_FILE = 500_000
 """Bytes; a task with 200 keypoints and 1000 obstacles has a fifth of it, and PyYAML reads about 20 kB/s."""
@@ -120,7 +121,7 @@ def read_document(path: Path) -> Document:
     Raises:
         FileFormatError: The file is missing, a folder, unreadable, not YAML, empty or no mapping.
     """
-    content = _read(path)
+    content = read_bytes(path, LARGEST_FILE)
     try:
         loader = Loader(content)
         try:
@@ -131,11 +132,11 @@ def read_document(path: Path) -> Document:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = "" if mark is None else f":{mark.line + 1}"
-        raise FileFormatError(f"{path}{line}: not valid YAML: {_one_line(error.problem or error.context)}") from None
+        raise FileFormatError(f"{path}{line}: not valid YAML: {one_line(error.problem or error.context)}") from None
     except RecursionError:
         raise FileFormatError(f"{path}: not valid YAML: nested too deeply") from None
     except yaml.YAMLError as error:
-        raise FileFormatError(f"{path}: not valid YAML: {_one_line(error)}") from None
+        raise FileFormatError(f"{path}: not valid YAML: {one_line(error)}") from None
     except (ValueError, TypeError, AttributeError, LookupError, OverflowError):
         # what PyYAML lets through where it cannot make the value that a tag asks for
         raise FileFormatError(f"{path}: not valid YAML: a value does not match its tag") from None
@@ -143,22 +144,5 @@ def read_document(path: Path) -> Document:
         raise FileFormatError(f"{path}: the file is empty, but must be a mapping of keys to values")
     if not (isinstance(root, yaml.MappingNode) and isinstance(data, dict)):
         raise FileFormatError(f"{path}: must be a mapping of keys to values, not a {type(data).__name__}")
+    require_depth(data, f"{path}: not valid YAML")
     return Document(path, data, root)
-
-
-def _read(path: Path) -> bytes:
-    try:
-        if path.is_dir():
-            raise FileFormatError(f"{path}: is a folder, not a file")
-        if not path.exists():
-            raise FileFormatError(f"{path}: no such file")
-        if not path.is_file() or path.stat().st_size > LARGEST_FILE:
-            raise FileFormatError(f"{path}: not a regular file of at most {LARGEST_FILE / 1e6:g} MB")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FileFormatError(f"{str(path)!r}: cannot be read: {_one_line(reason)}") from None
-
-
-def _one_line(text: Any) -> str:
-    return " ".join(str(text).split())

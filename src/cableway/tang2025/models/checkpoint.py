@@ -11,13 +11,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.core.files import write_atomically
 from cableway.core.provenance import describe
+from cableway.core.reading import parse_json, parse_safetensors, read_bytes
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.models.learned import LearnedModel
 from cableway.tang2025.models.networks import KINDS, config_of
@@ -153,7 +153,7 @@ def read_metadata(path: Path) -> dict[str, Any]:
     Raises:
         FileFormatError: The file is missing or damaged.
     """
-    return _read(path, with_arrays=False)[0]
+    return _read(path)[1]
 
 
 def read_tree(path: Path, like: Tree) -> Tree:
@@ -162,7 +162,7 @@ def read_tree(path: Path, like: Tree) -> Tree:
     Raises:
         FileFormatError: The file is missing, damaged, or its arrays are not those of `like`.
     """
-    arrays = _read(path, with_arrays=True)[1]
+    arrays = _read(path)[0]
     wanted = dict(_named_arrays(like))
     if arrays.keys() != wanted.keys():
         name = sorted(arrays.keys() ^ wanted.keys())[0]
@@ -180,17 +180,10 @@ def read_tree(path: Path, like: Tree) -> Tree:
     )
 
 
-def _read(path: Path, *, with_arrays: bool) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    if not Path(path).is_file():
-        raise FileFormatError(f"{path}: no such file")
-    try:
-        with safe_open(path, framework="np") as file:
-            metadata = json.loads((file.metadata() or {}).get(METADATA_KEY, "{}"))
-            names = file.keys() if with_arrays else []
-            arrays = {name: file.get_tensor(name) for name in names}
-    except (SafetensorError, OSError, ValueError, TypeError) as error:
-        raise FileFormatError(f"{path}: not a readable safetensors file ({error})") from None
-    return metadata if isinstance(metadata, dict) else {}, arrays
+def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    arrays, header = parse_safetensors(read_bytes(path), str(path))
+    metadata = parse_json(header.get(METADATA_KEY, "{}"), f"{path}: its metadata")
+    return arrays, metadata if isinstance(metadata, dict) else {}
 
 
 def _is_array(leaf: Any) -> bool:

@@ -7,12 +7,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from cableway.core.configuration import from_mapping
-from cableway.core.errors import FileFormatError, InputError, UnknownNameError
+from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.provenance import describe, versions
 from cableway.records import Transitions
+from cableway.scene.files.document import read_document
 from cableway.tang2025.models.dataset import fingerprint
 from cableway.tang2025.models.evaluation import baselines, evaluate
 from cableway.tang2025.models.learned import LearnedConfig, LearnedModel
@@ -62,9 +61,7 @@ def read_training_config(path: Path | str) -> Recipe:
         FileFormatError: The file is missing or not YAML.
         InputError: A section or key is missing or unknown, or a value is not allowed.
     """
-    content = _read_yaml(Path(path))
-    if not isinstance(content, Mapping):
-        raise InputError(f"{path}: must be a mapping with the sections {', '.join(SECTIONS)}")
+    content = read_document(Path(path)).data
     for key in content:
         if key not in SECTIONS:
             raise InputError(f"{path}: unknown section {key!r}; known: {', '.join(SECTIONS)}")
@@ -83,15 +80,6 @@ def read_training_config(path: Path | str) -> Recipe:
         model=from_mapping(config_of(str(kind)), fields, f"{path}: model"),
         training=from_mapping(TrainingConfig, content.get("training", {}), f"{path}: training"),
     )
-
-
-def _read_yaml(path: Path) -> Any:
-    try:
-        return yaml.safe_load(path.read_text())
-    except FileNotFoundError:
-        raise FileFormatError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise FileFormatError(f"{path}: not readable as YAML ({' '.join(str(error).split())})") from None
 
 
 def make_model(
