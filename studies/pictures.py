@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 import cableway as cw
-from cableway.core.errors import PlanningError
+from cableway.core.errors import PlanningError, TaskError
 from cableway.core.files import write_atomically
 from cableway.figures import scene, style
 from cableway.figures.plan import (
@@ -191,14 +191,24 @@ def _attempt(task: Task, config: cw.PlannerConfig | None = None) -> Figure:
     raise RuntimeError(f"{task.name} was to have no plan")
 
 
-def shown_task(name: str, page: str = "tutorial.md") -> Task:
-    """A task file that a page shows, by the name in its first line."""
-    text = (ROOT / "docs" / page).read_text()
+def shown_task(name: str, *change: str) -> Task:
+    """A task file that the tutorial shows, by the name in its first line; with one text in it changed to another."""
+    text = (ROOT / "docs" / "tutorial.md").read_text()
     (content,) = re.findall(rf"^```yaml\n(# {re.escape(name)}\n.*?)^```", text, re.MULTILINE | re.DOTALL)
+    content = content.replace(*change) if change else content
     with TemporaryDirectory() as folder:
         path = Path(folder) / name
         path.write_text(content)
         return cw.load_task(path)
+
+
+def overlap() -> Figure:
+    """What `cableway show` draws of a task that no cable can do."""
+    try:
+        shown_task("post.yaml", "center: [0.35, 0.35]", "center: [0.20, 0.17]")
+    except TaskError as error:
+        return scene.task_figure(error.draft, error.faults)
+    raise RuntimeError("the task was to be impossible")
 
 
 def alternatives() -> Figure:
@@ -230,6 +240,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "method-tracking": tracking,
     "method-failure": failure,
     "tutorial-task": lambda: scene.task_figure(shown_task("post.yaml")),
+    "tutorial-overlap": overlap,
     "tutorial-failure": lambda: _attempt(shown_task("narrow.yaml")),
 }
 

@@ -115,7 +115,7 @@ def test_values_are_kept_as_plain_floats():
 def test_shapely_and_the_kernels_agree_on_the_distance_of_a_curve(inside: list[Obstacle], curve: np.ndarray):
     """`overlap` goes through Shapely, `clearance` through compiled kernels; depths to its step of 0.1 mm."""
     scene = Scene((0.7, 0.7), tuple(inside))
-    depth, index = scene.overlap(curve, 0.004)
+    depth, index, _ = scene.overlap(curve, 0.004)
     clearance = scene.clearance(curve[None], 0.004)[0]
     assert -depth == pytest.approx(clearance, abs=3e-4 if depth > 0.004 else 1e-9)
     assert scene.name_of(index).startswith(("obstacles[", "the "))
@@ -125,7 +125,7 @@ def test_shapely_and_the_kernels_agree_on_the_distance_of_a_curve(inside: list[O
 @given(st.lists(obstacles, min_size=1, max_size=3), spots)
 def test_a_single_point_is_as_deep_as_its_signed_distance(inside: list[Obstacle], spot: tuple[float, float]):
     scene = Scene((0.7, 0.7), tuple(inside))
-    depth, _ = scene.overlap(np.array([spot]), 0.01)
+    depth, *_ = scene.overlap(np.array([spot]), 0.01)
     assert depth == pytest.approx(0.01 - float(scene.signed_distance(np.array(spot))), abs=1e-9)
 
 

@@ -48,26 +48,42 @@ def place_text(place: Place) -> str:
     return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in place).lstrip(".")
 
 
+Point = tuple[float, float]
+"""A place on the table [m]."""
+
+
 class TaskError(InputError):
     """A task that contradicts itself: wrong lengths, shapes in collision, grippers too far apart.
 
     Attributes:
         problem: What is wrong, said of the place: "must be positive, got -1".
         place: Where in the task; empty where no single value is to blame.
+        sentence: The message without the file.
+        at: Where on the table [m]; None where it is nowhere in particular.
+        draft: What could not be made, as it was to be, for its picture: a `scene.task.Draft` or a `scene.scene.Scene`,
+            unchecked; None where the values make none.
+        faults: All that is wrong with that, this error first.
     """
 
-    def __init__(self, problem: str, place: Place = (), source: str = "") -> None:
-        self.problem, self.place = problem, place
-        text = f"{place_text(place)} {problem}" if place else problem
-        super().__init__(f"{source}: {text}" if source else text)
+    def __init__(self, problem: str, place: Place = (), source: str = "", *, at: Point | None = None) -> None:
+        self.problem, self.place, self.at = problem, place, at
+        self.draft: Any = None
+        self.faults: tuple[TaskError, ...] = (self,)
+        self.sentence = f"{place_text(place)} {problem}" if place else problem
+        super().__init__(f"{source}: {self.sentence}" if source else self.sentence)
 
     def within(self, *outer: str | int) -> TaskError:
         """The same error seen from farther outside: `outer` goes before the place."""
-        return TaskError(self.problem, (*outer, *self.place))
+        return TaskError(self.problem, (*outer, *self.place), at=self.at)
 
     def found_in(self, source: str) -> TaskError:
         """The same error with the file, and the line if known, before the message."""
-        return TaskError(self.problem, self.place, source)
+        return TaskError(self.problem, self.place, source, at=self.at).of(self.draft, self.faults[1:])
+
+    def of(self, draft: Any, others: Iterable[TaskError] = ()) -> TaskError:
+        """This error with what it is about, and what else is wrong with that."""
+        self.draft, self.faults = draft, (self, *others)
+        return self
 
 
 class FileFormatError(InputError):

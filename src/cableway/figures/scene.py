@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import shapely
@@ -16,9 +16,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path
 
+from cableway.core.errors import TaskError
 from cableway.figures import style
+from cableway.figures.marks import LINE, draw_marks, sentence_lines, write_lines
 from cableway.geometry import polyline, se2
-from cableway.scene.task import SPLINE_PIECES, Task
+from cableway.scene.task import ENDS, SPLINE_PIECES, Draft, Task
 
 TASKS_SHOWN = 60
 """Most tasks in one picture."""
@@ -27,7 +29,7 @@ PANEL = 5.4
 """Longer side [inch] of a panel that shows a scene."""
 
 
-def draw_scene(ax: Axes, task: Task) -> None:
+def draw_scene(ax: Axes, task: Draft) -> None:
     """Workspace, obstacles and port, in metres at equal scale."""
     width, height = task.scene.size
     ax.set_aspect("equal")
@@ -46,7 +48,7 @@ def draw_scene(ax: Axes, task: Task) -> None:
         spine.set_visible(False)
 
 
-def _draw_port(ax: Axes, task: Task) -> None:
+def _draw_port(ax: Axes, task: Draft) -> None:
     assert task.port is not None
     width = task.plug.width if task.plug is not None else 2 * task.cable.radius
     half = 0.5 * width + 0.001
@@ -101,19 +103,28 @@ def _add_paths(ax: Axes, paths: Sequence[Path], **options: Any) -> PathCollectio
     return collection
 
 
-def plug_corners(task: Task, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 2"]:
+def plug_corners(task: Draft, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 2"]:
     """Corners [m] of the plug ahead of the right gripper at `pose`."""
     assert task.plug is not None
     return task.plug.body.placed(pose, task.plug.length)[:-1]
 
 
-def draw_end_shapes(ax: Axes, task: Task, letters: bool = True) -> None:
-    """Start and goal of the cable with their grippers (L, R) and the plug."""
-    ends: tuple[tuple[Literal["start", "goal"], str], ...] = (("start", style.START), ("goal", style.GOAL))
-    for end, color in ends:
-        shape = getattr(task, end)
-        draw_cable(ax, smooth(shape), task.cable.radius, color, zorder=6)
-        if task.plug is not None:
+def draw_end_shapes(ax: Axes, task: Draft, letters: bool = True) -> None:
+    """Start and goal of the cable with their grippers (L, R) and the plug, as far as they are known."""
+    for end, color in zip(ENDS, (style.START, style.GOAL), strict=True):
+        shape: np.ndarray | None = getattr(task, end)
+        poses: np.ndarray | None = getattr(task, f"{end}_poses")
+        if shape is not None and len(shape) > 1:
+            draw_cable(ax, smooth(shape), task.cable.radius, color, zorder=6)
+        elif poses is not None:
+            shape = poses[:, :2]
+            ax.plot(*shape.T, color=color, linewidth=1.6, linestyle=(0, (2, 2)), zorder=6)
+            for pose in poses:
+                ahead = pose[:2] + 2 * task.grippers.radius * se2.direction(pose[2])
+                ax.plot(*np.transpose([pose[:2], ahead]), color=color, linewidth=2.4, zorder=6)
+        else:
+            continue
+        if task.plug is not None and task.ends_somewhere(end):
             corners = plug_corners(task, task.plug_pose(end))
             ax.add_patch(Polygon(corners, facecolor=color, edgecolor="white", linewidth=0.6, alpha=0.65, zorder=6))
         draw_grippers(ax, shape[[0, -1]], task.grippers.radius)
@@ -123,8 +134,9 @@ def draw_end_shapes(ax: Axes, task: Task, letters: bool = True) -> None:
 
 def _draw_letters(ax: Axes, shape: np.ndarray, color: str, aside: bool) -> None:
     """L and R beyond the ends of the cable, or beside the right end where a plug lies ahead of it."""
-    for letter, end, inner in (("L", shape[0], shape[2]), ("R", shape[-1], shape[-3])):
-        outward = (end - inner) / np.linalg.norm(end - inner)
+    inner = min(2, len(shape) - 1)
+    for letter, end, within in (("L", shape[0], shape[inner]), ("R", shape[-1], shape[-1 - inner])):
+        outward = (end - within) / max(float(np.linalg.norm(end - within)), 1e-9)
         if aside and letter == "R":
             outward = np.array([-outward[1], outward[0]])
         ax.annotate(
@@ -143,26 +155,51 @@ def end_handles() -> list[Any]:
     ]
 
 
-def panel_size(task: Task) -> tuple[float, float]:
+def panel_size(task: Draft) -> tuple[float, float]:
     """Width and height [inch] of a panel for the task's workspace."""
-    width, height = task.scene.size
+    return _panel(*task.scene.size)
+
+
+def _panel(width: float, height: float) -> tuple[float, float]:
     return PANEL * width / max(width, height), PANEL * height / max(width, height)
 
 
-def task_figure(task: Task) -> Figure:
-    """The picture of a task: its scene, start and goal, with its name and description."""
-    (width, height), (across, up) = panel_size(task), task.scene.size
-    figure = style.new_figure(max(width, 4.5) + 1.0, height + 1.9)
+def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
+    """The picture of a task: its scene, start and goal, with its name and description; and what is wrong with it.
+
+    Each of `faults` is a sentence above the panel, with its number in a red ring at its place.
+    """
+    low, high = _view(task) if faults else (np.zeros(2), np.array(task.scene.size))
+    (width, height), (across, up) = _panel(*(high - low)), task.scene.size
+    wide = max(width, 4.5) + 1.0
+    lines = sentence_lines([fault.sentence for fault in faults], wide - 1.0)
+    tall = height + 1.9 + LINE * len(lines)
+    figure = style.new_figure(wide, tall)
     ax = style.add_axes(figure, 0.7, 1.4, max(width, 4.5), height)
     draw_scene(ax, task)
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
     draw_end_shapes(ax, task)
     style.title(ax, task.name)
     style.legend_below(ax, end_handles(), 4)
+    draw_marks(ax, [fault.at for fault in faults])
+    write_lines(figure, 0.7, lines)
     cable = task.cable
     facts = f"cable {cable.length:.3g} m long, {2000 * cable.radius:.3g} mm thick · workspace {across:g} m x {up:g} m"
     text = "\n".join([*textwrap.wrap(task.description, 88), facts])
-    figure.text(0.5, 0.12 / (height + 1.9), text, fontsize=8.5, color=style.MUTED, ha="center", va="bottom")
+    figure.text(0.5, 0.12 / tall, text, fontsize=8.5, color=style.MUTED, ha="center", va="bottom", parse_math=False)
     return figure
+
+
+def _view(task: Draft) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Corners [m] of what is shown of a task part of which is outside its workspace; at most as much again of that."""
+    size = np.array(task.scene.size)
+    ends = (task.start, task.goal, task.start_poses, task.goal_poses)
+    around = [end[:, :2] + side * task.grippers.radius for end in ends if end is not None for side in (-1, 1)]
+    around += [shapely.get_coordinates(solid) for solid in task.scene.solids]
+    points = np.vstack([np.zeros(2), size, *around])
+    low, high = np.maximum(points.min(axis=0), -size), np.minimum(points.max(axis=0), 2 * size)
+    return np.where(low < 0, low - 0.02 * size, low), np.where(high > size, high + 0.02 * size, high)
 
 
 def tasks_figure(tasks: Sequence[Task]) -> Figure:

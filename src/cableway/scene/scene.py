@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from jaxtyping import Float
 
-from cableway.core.errors import TaskError
+from cableway.core.errors import Point, TaskError
 from cableway.geometry import convex
 from cableway.scene import checks
 from cableway.scene.obstacles import Disc, Obstacle, describe, to_shapely
@@ -19,6 +20,20 @@ WALL_TOLERANCE = 1e-6
 
 DEPTH_STEP = 1e-4
 """Spacing [m] of the points at which the depth of an overlap is measured, for messages to 0.1 mm."""
+
+
+class Overlap(NamedTuple):
+    """How deep something is in an obstacle or wall.
+
+    Attributes:
+        depth: [m], positive for an overlap, else the negative clearance.
+        solid: Index of what it is in, or nearest to; see `Scene.name_of`.
+        at: Where [m]: the deepest point of its centre line, or where that is outside the nearest one of the obstacle.
+    """
+
+    depth: float
+    solid: int
+    at: Point
 
 
 @dataclass(frozen=True)
@@ -39,21 +54,29 @@ class Scene:
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", checks.pair(self.size, ("workspace", "size"), positive=True))
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
-        for index, obstacle in enumerate(self.obstacles):
-            self._require_inside(index, obstacle)
+        faults = [fault for index in range(len(self.obstacles)) if (fault := self._outside(index))]
+        if faults:
+            raise faults[0].of(self, faults[1:])
 
-    def _require_inside(self, index: int, obstacle: Obstacle) -> None:
+    def _outside(self, index: int) -> TaskError | None:
+        """What is wrong with an obstacle that reaches beyond a wall; None where it does not."""
+        obstacle = self.obstacles[index]
         low = obstacle.vertices.min(axis=0) - obstacle.rounding
         high = obstacle.vertices.max(axis=0) + obstacle.rounding
         beyond = float(max(-low.min(), (high - self.size).max()))
-        if beyond > WALL_TOLERANCE:
-            width, height = self.size
-            whole = bool((high <= 0).any() or (low >= self.size).any())
-            raise TaskError(
-                f"({describe(obstacle)}) {'lies wholly' if whole else 'reaches'} outside the workspace of "
-                f"{width:g} m x {height:g} m, by {1000 * beyond:.1f} mm",
-                ("obstacles", index),
-            )
+        if beyond <= WALL_TOLERANCE:
+            return None
+        width, height = self.size
+        whole = bool((high <= 0).any() or (low >= self.size).any())
+        extreme = np.where(high - self.size > -low, high, low)  # of each axis the side that reaches farther
+        middle = (low + high) / 2
+        x, y = np.where((extreme < 0) | (extreme > self.size), np.clip(extreme, 0, self.size), middle)
+        return TaskError(
+            f"({describe(obstacle)}) {'lies wholly' if whole else 'reaches'} outside the workspace of "
+            f"{width:g} m x {height:g} m, by {1000 * beyond:.1f} mm",
+            ("obstacles", index),
+            at=(float(x), float(y)),
+        )
 
     @cached_property
     def world(self) -> convex.ConvexWorld:
@@ -80,28 +103,41 @@ class Scene:
         """Signed distance [m] of the surface of cables, polylines grown by `radius`, to what is nearest."""
         return convex.polyline_distance(polylines, self.world)[0] - radius
 
-    def overlap(self, line: Float[np.ndarray, "m 2"], radius: float) -> tuple[float, int]:
-        """How deep [m] a cable (a polyline grown by `radius`) or a disc (one vertex) is in what, to 0.1 mm.
+    def overlap(self, line: Float[np.ndarray, "m 2"], radius: float) -> Overlap:
+        """The deepest overlap, to 0.1 mm, of a cable (a polyline grown by `radius`) or a disc (one vertex).
 
-        Positive for an overlap, else the negative clearance; the index is that of `name_of`. Uses Shapely, so that a
-        task can be read and shown before any kernel is compiled.
+        Uses Shapely, so that a task can be read and shown before any kernel is compiled.
         """
         curve = shapely.LineString(line) if len(line) > 1 else shapely.Point(line[0])
-        depths = [radius - _signed_distance(curve, obstacle) for obstacle in self.obstacles]
-        (x0, y0), (x1, y1) = line.min(axis=0), line.max(axis=0)
-        depths += [radius - gap for gap in (x0, y0, self.size[0] - x1, self.size[1] - y1)]
-        index = int(np.argmax(depths))
-        return float(depths[index]), index
+        found = [_closest(curve, obstacle) for obstacle in self.obstacles]
+        for axis, end in ((0, 0.0), (1, 0.0), (0, self.size[0]), (1, self.size[1])):
+            inward = line[:, axis] if end == 0.0 else end - line[:, axis]
+            vertex = int(np.argmin(inward))
+            at = line[vertex].copy()
+            at[axis] = end
+            found.append((float(inward[vertex]), at))
+        index = min(range(len(found)), key=lambda i: found[i][0])
+        distance, (x, y) = found[index]
+        return Overlap(radius - distance, index, (float(x), float(y)))
 
 
-def _signed_distance(curve: shapely.LineString | shapely.Point, obstacle: Obstacle) -> float:
+def _closest(curve: shapely.LineString | shapely.Point, obstacle: Obstacle) -> tuple[float, Float[np.ndarray, "2"]]:
+    """Signed distance [m] to an obstacle, and where."""
     if isinstance(obstacle, Disc):
-        return float(curve.distance(shapely.Point(obstacle.center))) - obstacle.radius
+        center = np.array(obstacle.center)
+        near = shapely.get_coordinates(shapely.shortest_line(curve, shapely.Point(center)))[0]
+        away = float(np.linalg.norm(near - center))
+        if away <= obstacle.radius:
+            return away - obstacle.radius, near
+        return away - obstacle.radius, center + obstacle.radius / away * (near - center)
     solid = to_shapely(obstacle)
     distance = float(curve.distance(solid))
     if distance > 0:
-        return distance
+        return distance, shapely.get_coordinates(shapely.shortest_line(curve, solid))[1]
     inside = curve.intersection(solid)
     inside = shapely.segmentize(inside, max(DEPTH_STEP, inside.length / 2000))
-    points = shapely.points(np.vstack([shapely.get_coordinates(inside), shapely.get_coordinates(curve)]))
-    return -float(np.where(shapely.intersects(points, solid), shapely.distance(points, solid.exterior), 0.0).max())
+    coordinates = np.vstack([shapely.get_coordinates(inside), shapely.get_coordinates(curve)])
+    points = shapely.points(coordinates)
+    depths = np.where(shapely.intersects(points, solid), shapely.distance(points, solid.exterior), 0.0)
+    deepest = int(np.argmax(depths))
+    return -float(depths[deepest]), coordinates[deepest]

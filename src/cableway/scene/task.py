@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Literal
@@ -40,13 +41,16 @@ LACK_WEIGHT = 100.0
 STABILITY_WEIGHT = 0.01
 """Of a lack of stability [m]."""
 
+End = Literal["start", "goal"]
+ENDS: tuple[End, End] = ("start", "goal")
+
 NAME = re.compile(r"\w[\w .+-]*")
 """A task's name; it becomes part of the names of folders."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """A start shape, a goal shape, the cable and the scene.
+class Draft:
+    """What a task says, whether or not a cable can do it; see `Task`.
 
     Attributes:
         name: For folders and reports: letters, digits, spaces and any of . _ + -
@@ -54,24 +58,22 @@ class Task:
         scene: Workspace and obstacles.
         cable: The cable.
         grippers: Footprint and limits.
-        start: (n, 2) keypoints [m], left gripper first, at equal arc length.
-        goal: (n, 2) keypoints [m].
+        start: (n, 2) keypoints [m], left gripper first, at equal arc length; None where nothing but poses is known.
+        goal: (n, 2) keypoints [m], or None.
         start_poses: (2, 3) gripper poses [m, m, rad] where the task states them; else the rod gives them.
         goal_poses: The same for the goal.
         plug: Optional plug at the cable's right end.
         port: Optional place the plug goes to; the goal is before it.
 
     Raises:
-        TaskError: A shape has the wrong number of keypoints or length, lies outside the workspace, touches an
-            obstacle, crosses itself or bends too sharply, stated gripper poses are not at its ends, the plug has no
-            room, or the goal is not before the port.
+        TaskError: A value is of the wrong form, or the port is without a plug.
     """
 
     name: str
     scene: Scene
     cable: Cable
-    start: Float[np.ndarray, "n 2"]
-    goal: Float[np.ndarray, "n 2"]
+    start: Float[np.ndarray, "n 2"] | None
+    goal: Float[np.ndarray, "n 2"] | None
     grippers: Grippers = field(default_factory=Grippers)
     start_poses: Float[np.ndarray, "2 3"] | None = None
     goal_poses: Float[np.ndarray, "2 3"] | None = None
@@ -86,29 +88,63 @@ class Task:
             )
         if self.port is not None and self.plug is None:
             raise TaskError("needs a plug", ("port",))
-        for end in ("start", "goal"):
-            object.__setattr__(self, end, checks.array(getattr(self, end), (end,), 2))
-            validity.check_shape(end, getattr(self, end), self.scene, self.cable, self.grippers)
-            if getattr(self, f"{end}_poses") is not None:
-                poses = checks.array(getattr(self, f"{end}_poses"), (f"{end}_poses",), 3)
-                object.__setattr__(self, f"{end}_poses", poses)
-                validity.check_poses(end, poses, getattr(self, end), self.cable)
-            if self.plug is not None:
-                validity.check_plug(end, self.plug_pose(end), self.plug, self.scene)
-        if self.port is not None:
-            assert self.plug is not None
-            validity.check_port(self.plug_pose("goal"), self.plug, self.port)
+        for end in ENDS:
+            for name, columns in ((end, 2), (f"{end}_poses", 3)):
+                if getattr(self, name) is not None:
+                    object.__setattr__(self, name, checks.array(getattr(self, name), (name,), columns))
+            poses = getattr(self, f"{end}_poses")
+            if poses is not None and len(poses) != 2:
+                raise TaskError(f"must be two poses (x, y, theta), got {len(poses)}", (f"{end}_poses",))
+
+    def plug_pose(self, end: End) -> Float[np.ndarray, "3"]:
+        """Rear of the plug [m, m, rad] at start or goal: where stated, else as the keypoints have it."""
+        poses = self.start_poses if end == "start" else self.goal_poses
+        return validity.end_pose(getattr(self, end), self.cable) if poses is None else poses[1]
+
+    def faults(self) -> Iterator[TaskError]:
+        """Why no cable can do it."""
+        for end in ENDS:
+            shape, poses = getattr(self, end), getattr(self, f"{end}_poses")
+            if shape is not None:
+                faults = list(validity.shape_faults(end, shape, self.scene, self.cable, self.grippers))
+                yield from faults
+                if poses is not None and not faults:
+                    yield from validity.pose_faults(end, poses, shape, self.cable)
+            if self.plug is not None and self.ends_somewhere(end):
+                yield from validity.plug_faults(end, self.plug_pose(end), self.plug, self.scene)
+        if self.port is not None and self.plug is not None and self.ends_somewhere("goal"):
+            yield from validity.port_faults(self.plug_pose("goal"), self.plug, self.port)
+
+    def ends_somewhere(self, end: End) -> bool:
+        """Whether `plug_pose` is known."""
+        shape = getattr(self, end)
+        return getattr(self, f"{end}_poses") is not None or (shape is not None and len(shape) == self.cable.keypoints)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Task(Draft):
+    """A start shape, a goal shape, the cable and the scene.
+
+    Raises:
+        TaskError: A shape has the wrong number of keypoints or length, lies outside the workspace, touches an
+            obstacle, crosses itself or bends too sharply, stated gripper poses are not at its ends, the plug has no
+            room, or the goal is not before the port. It has the draft and all its faults.
+    """
+
+    start: Float[np.ndarray, "n 2"]
+    goal: Float[np.ndarray, "n 2"]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        faults = list(self.faults())
+        if faults:
+            raise faults[0].of(self, faults[1:])
 
     def in_scene(self, scene: Scene) -> Task:
         """The same task in another scene, whatever start and goal now touch: for a run that is under way."""
         moved = copy.copy(self)
         object.__setattr__(moved, "scene", scene)
         return moved
-
-    def plug_pose(self, end: Literal["start", "goal"]) -> Float[np.ndarray, "3"]:
-        """Rear of the plug [m, m, rad] at start or goal: where stated, else as the keypoints have it."""
-        poses = self.start_poses if end == "start" else self.goal_poses
-        return validity.end_pose(getattr(self, end), self.cable) if poses is None else poses[1]
 
     def at_speed(self, share: float) -> Task:
         """The same task with a share of the grippers' limits, for first trials on a robot.

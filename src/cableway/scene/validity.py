@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import shapely
 from jaxtyping import Float
 
-from cableway.core.errors import TaskError
+from cableway.core.errors import Point, TaskError
 from cableway.geometry import polyline, se2
 from cableway.geometry.groups import SE2
 from cableway.rod.inverse import fit_keypoints
@@ -34,7 +36,6 @@ ROD_TOLERANCE = 0.01
 POSE_TOLERANCE = (1e-3, 0.35)
 """How far [m] a stated gripper pose may be from the shape's end, and how far [rad] from its direction there."""
 
-
 PLUG_SPACING = 0.002
 """Distance [m] of the points round a plug at which the depth of an overlap is measured."""
 
@@ -42,79 +43,74 @@ PORT_TOLERANCE = 5e-3
 """How far [m] the right end of the goal may be from where the plug is before the port."""
 
 
-def check_shape(end: str, shape: Float[np.ndarray, "n 2"], scene: Scene, cable: Cable, grippers: Grippers) -> None:
-    """Refuse keypoints [m] that the cable cannot have in the scene; `end` ("start" or "goal") names them.
+def shape_faults(
+    end: str, shape: Float[np.ndarray, "n 2"], scene: Scene, cable: Cable, grippers: Grippers
+) -> Iterator[TaskError]:
+    """Why the cable cannot have keypoints [m] in the scene; `end` ("start" or "goal") names them.
 
-    Raises:
-        TaskError: Wrong number of keypoints, outside the workspace, wrong length, not at equal arc length, crossing
-            itself, bent too sharply, overlapping an obstacle or wall, or grippers too close together.
+    Wrong number of keypoints, outside the workspace, wrong length, not at equal arc length, crossing or touching
+    itself, bent too sharply, overlapping an obstacle or wall, or grippers too close together.
     """
     if len(shape) != cable.keypoints:
-        raise TaskError(f"has {len(shape)} keypoints, not the {cable.keypoints} of cable.keypoints", (end,))
-    _check_inside(end, shape, scene)
+        yield TaskError(f"has {len(shape)} keypoints, not the {cable.keypoints} of cable.keypoints", (end,))
+        return
+    outside = list(_outside(end, shape, scene))
     curve = curve_through(shape, cable)
-    _check_lengths(end, curve, cable)
-    if polyline.crosses_itself(curve):
-        raise TaskError("crosses itself", (end,))
-    _check_apart(end, curve, cable)
-    _check_bends(end, shape, cable)
-    _check_free(end, curve, scene, cable.radius, grippers.radius)
+    yield from outside
+    yield from _wrong_length(end, curve, cable)
+    yield from _touching_itself(end, curve, cable)
+    yield from _bent_sharply(end, shape, cable)
+    if not outside:
+        yield from _overlaps(end, curve, scene, cable.radius, grippers.radius)
     gap = float(np.linalg.norm(shape[-1] - shape[0]))
     if gap < grippers.least_span:
         needed = "grippers.separation" if grippers.separation == grippers.least_span else "two of grippers.radius,"
-        raise TaskError(f"has its grippers {gap:.4f} m apart, less than {needed} {grippers.least_span:g} m", (end,))
+        yield TaskError(
+            f"has its grippers {gap:.4f} m apart, less than {needed} {grippers.least_span:g} m",
+            (end,),
+            at=_point((shape[0] + shape[-1]) / 2),
+        )
 
 
-def check_poses(end: str, poses: Float[np.ndarray, "2 3"], shape: Float[np.ndarray, "n 2"], cable: Cable) -> None:
-    """Refuse stated gripper poses [m, m, rad] that are not those of the shape.
-
-    Raises:
-        TaskError: There are not two, or one is away from its end of the cable.
-    """
-    place = (f"{end}_poses",)
-    if len(poses) != 2:
-        raise TaskError(f"must be two poses (x, y, theta), got {len(poses)}", place)
+def pose_faults(
+    end: str, poses: Float[np.ndarray, "2 3"], shape: Float[np.ndarray, "n 2"], cable: Cable
+) -> Iterator[TaskError]:
+    """Where stated gripper poses [m, m, rad] are not those of the shape."""
     curve = curve_through(shape, cable)
     steps = curve[[1, -1]] - curve[[0, -2]]
     ends = np.column_stack([curve[[0, -1]], np.arctan2(steps[:, 1], steps[:, 0])])
     away, turned = SE2.distance(poses, ends)
     for i, side in enumerate(("left", "right")):
         if away[i] > POSE_TOLERANCE[0] or turned[i] > POSE_TOLERANCE[1]:
-            raise TaskError(
+            yield TaskError(
                 f"do not fit the keypoints: the {side} pose is {_millimetres(away[i])} and "
                 f"{np.degrees(turned[i]):.0f} degrees off that end of the cable",
-                place,
+                (f"{end}_poses",),
+                at=_point(poses[i]),
             )
 
 
-def check_plug(end: str, pose: Float[np.ndarray, "3"], plug: Plug, scene: Scene) -> None:
-    """Refuse a right end `pose` [m, m, rad] ahead of which the plug has no room.
-
-    Raises:
-        TaskError: The plug overlaps an obstacle or a wall.
-    """
+def plug_faults(end: str, pose: Float[np.ndarray, "3"], plug: Plug, scene: Scene) -> Iterator[TaskError]:
+    """Where the plug ahead of a right end `pose` [m, m, rad] overlaps an obstacle or a wall."""
     line = plug.body.placed(pose, PLUG_SPACING)
-    depth, index = scene.overlap(line, 0.0)
+    depth, index, at = scene.overlap(line, 0.0)
     met = np.flatnonzero(shapely.intersects(shapely.Polygon(line), np.array(scene.solids, dtype=object)))
     if depth > 0 or len(met):
         index = index if depth > 0 else int(met[0])
-        raise TaskError(f"has its plug in {scene.name_of(index)} by {_millimetres(max(depth, 0.0))}", (end,))
+        yield TaskError(f"has its plug in {scene.name_of(index)} by {_millimetres(max(depth, 0.0))}", (end,), at=at)
 
 
-def check_port(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> None:
-    """Refuse a right end `pose` [m, m, rad] of the goal that does not bring the plug before the port.
-
-    Raises:
-        TaskError: The plug's tip is not `standoff` before the mouth, or not in line with it.
-    """
+def port_faults(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> Iterator[TaskError]:
+    """Whether a right end `pose` [m, m, rad] of the goal brings the plug `standoff` before the mouth and in line."""
     wanted = port.pose(plug, -port.standoff)
     away, turned = SE2.distance(pose, wanted)
     if away > PORT_TOLERANCE or turned > POSE_TOLERANCE[1]:
         x, y, angle = wanted
-        raise TaskError(
+        yield TaskError(
             f"must have its right end at ({x:.4f}, {y:.4f}), {angle:.3f} rad, where the plug is port.standoff before "
             f"the port; it is {_millimetres(float(away))} and {np.degrees(turned):.0f} degrees off",
             ("goal",),
+            at=_point(pose),
         )
 
 
@@ -134,70 +130,98 @@ def curve_through(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.nda
     return polyline.spline(shape, SPLINE_PIECES)
 
 
-def _check_inside(end: str, shape: Float[np.ndarray, "n 2"], scene: Scene) -> None:
+def _outside(end: str, shape: Float[np.ndarray, "n 2"], scene: Scene) -> Iterator[TaskError]:
     outside = (shape < 0).any(1) | (shape > scene.size).any(1)
     if outside.any():
         i = int(np.argmax(outside))
-        raise TaskError(
+        yield TaskError(
             f"at ({shape[i, 0]:g}, {shape[i, 1]:g}) lies outside the workspace of "
             f"{scene.size[0]:g} m x {scene.size[1]:g} m",
             (end, i),
+            at=_point(shape[i]),
         )
 
 
-def _check_lengths(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> None:
+def _wrong_length(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> Iterator[TaskError]:
     segments = cable.keypoints - 1
+    each = (len(curve) - 1) // segments
     arc = polyline.arc_length(curve)
     if not abs(arc[-1] / cable.length - 1) <= LENGTH_TOLERANCE:
-        raise TaskError(
-            f"is {arc[-1]:.4f} m long, more than {LENGTH_TOLERANCE:.0%} off cable.length {cable.length:g} m", (end,)
+        yield TaskError(
+            f"is {arc[-1]:.4f} m long, more than {LENGTH_TOLERANCE:.0%} off cable.length {cable.length:g} m",
+            (end,),
+            at=_point(curve[len(curve) // 2]),
         )
-    pieces, wanted = np.diff(arc[:: (len(curve) - 1) // segments]), cable.length / segments
+        return
+    pieces, wanted = np.diff(arc[::each]), cable.length / segments
     i = int(np.argmax(np.abs(pieces - wanted)))
     if abs(pieces[i] / wanted - 1) > SPACING_TOLERANCE:
-        raise TaskError(
+        yield TaskError(
             f"is not at equal arc length: keypoints {i} and {i + 1} are {pieces[i]:.4f} m apart along the cable, "
             f"not {wanted:.4f} m",
             (end,),
+            at=_point(curve[each * i + each // 2]),
         )
 
 
-def _check_apart(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> None:
+def _touching_itself(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> Iterator[TaskError]:
     """Parts of the cable at least half a turn of its own thickness from each other do not touch."""
+    if polyline.crosses_itself(curve):
+        yield TaskError("crosses itself", (end,), at=_crossing(curve))
+        return
     arc = polyline.arc_length(curve)
     apart = np.linalg.norm(curve[:, None] - curve, axis=2)
     apart[np.abs(arc[:, None] - arc) < np.pi * cable.radius] = np.inf
     if apart.min() < 2 * cable.radius:
-        x, y = curve[np.unravel_index(np.argmin(apart), apart.shape)[0]]
-        raise TaskError(
+        one, other = np.unravel_index(np.argmin(apart), apart.shape)
+        x, y = curve[one]
+        yield TaskError(
             f"touches itself near ({x:.3f}, {y:.3f}): its centre line comes within {_millimetres(float(apart.min()))} "
             f"of itself, less than twice cable.radius {1000 * cable.radius:g} mm",
             (end,),
+            at=_point((curve[one] + curve[other]) / 2),
         )
 
 
-def _check_bends(end: str, shape: Float[np.ndarray, "n 2"], cable: Cable) -> None:
+def _crossing(curve: Float[np.ndarray, "m 2"]) -> Point:
+    """Where a curve first crosses itself [m]."""
+    segments = np.asarray(shapely.linestrings(np.stack([curve[:-1], curve[1:]], axis=1)))
+    first, second = np.sort(shapely.STRtree(segments).query(segments, predicate="intersects"), axis=0)
+    k = np.lexsort((second, first))
+    k = k[second[k] > first[k] + 1][0]
+    return _point(shapely.get_coordinates(shapely.intersection(segments[first[k]], segments[second[k]]))[0])
+
+
+def _bent_sharply(end: str, shape: Float[np.ndarray, "n 2"], cable: Cable) -> Iterator[TaskError]:
     """The turn from chord to chord gives a mean curvature, which the greatest one exceeds."""
     steps = np.diff(shape, axis=0)
     turns = np.abs(se2.wrap_angle(np.diff(np.arctan2(steps[:, 1], steps[:, 0]))))
     i = int(np.argmax(turns))
     radius = cable.length / ((cable.keypoints - 1) * max(float(turns[i]), 1e-12))
     if radius < cable.min_bend_radius * (1 - LENGTH_TOLERANCE):
-        raise TaskError(
+        yield TaskError(
             f"bends to a radius of {1000 * radius:.1f} mm at keypoint {i + 1}, below "
             f"cable.min_bend_radius {1000 * cable.min_bend_radius:g} mm",
             (end,),
+            at=_point(shape[i + 1]),
         )
 
 
-def _check_free(end: str, curve: Float[np.ndarray, "m 2"], scene: Scene, radius: float, gripper: float) -> None:
-    depth, index = scene.overlap(curve, radius)
+def _overlaps(
+    end: str, curve: Float[np.ndarray, "m 2"], scene: Scene, radius: float, gripper: float
+) -> Iterator[TaskError]:
+    depth, index, at = scene.overlap(curve, radius)
     if depth > 0:
-        raise TaskError(f"overlaps {scene.name_of(index)} by {_millimetres(depth)}", (end,))
+        yield TaskError(f"overlaps {scene.name_of(index)} by {_millimetres(depth)}", (end,), at=at)
     for side, tip in (("left", curve[:1]), ("right", curve[-1:])):
-        depth, index = scene.overlap(tip, gripper)
+        depth, index, at = scene.overlap(tip, gripper)
         if depth > 0:
-            raise TaskError(f"has its {side} gripper in {scene.name_of(index)} by {_millimetres(depth)}", (end,))
+            problem = f"has its {side} gripper in {scene.name_of(index)} by {_millimetres(depth)}"
+            yield TaskError(problem, (end,), at=at)
+
+
+def _point(point: Float[np.ndarray, "..."]) -> Point:
+    return float(point[0]), float(point[1])
 
 
 def _millimetres(distance: float) -> str:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.rod.inverse import shape_between
@@ -22,7 +21,7 @@ from cableway.scene.files.schema import validate
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
 from cableway.scene.scene import Scene
-from cableway.scene.task import Task
+from cableway.scene.task import ENDS, Draft, Task
 
 SUFFIXES = (".yaml", ".yml")
 """Endings of task files."""
@@ -95,27 +94,41 @@ def _task_path(source: str | os.PathLike[str]) -> Path:
 def _task(content: Mapping[str, Any], path: Path) -> Task:
     """The task that a valid file means; places in errors are those of the file."""
     cable = _cable(content.get("cable", {}))
-    shapes: dict[str, Any] = {}
-    for end in ("start", "goal"):
-        shapes[end], shapes[f"{end}_poses"] = _shape(end, content[end], cable)
-    scene = Scene(
-        content.get("workspace", {}).get("size", Scene.size),
-        tuple(_obstacle(index, section) for index, section in enumerate(content.get("obstacles", []))),
-    )
     plug, port = content.get("plug"), content.get("port")
+    scene, wrong = _scene(content)
+    shapes: dict[str, Any] = {}
+    for end in ENDS:
+        shapes[end], shapes[f"{end}_poses"], faults = _shape(end, content[end], cable)
+        wrong += faults
+    values: dict[str, Any] = {
+        "name": content.get("name", _name_from(path)),
+        "description": content.get("description", ""),
+        "scene": scene,
+        "cable": cable,
+        "grippers": Grippers(**content.get("grippers", {})),
+        "plug": None if plug is None else Plug(**plug),
+        "port": None if port is None else Port(**port),
+        **shapes,
+    }
     try:
-        return Task(
-            name=content.get("name", _name_from(path)),
-            description=content.get("description", ""),
-            scene=scene,
-            cable=cable,
-            grippers=Grippers(**content.get("grippers", {})),
-            plug=None if plug is None else Plug(**plug),
-            port=None if port is None else Port(**port),
-            **shapes,
-        )
+        if not wrong:
+            return Task(**values)
+        draft = Draft(**values)
+        raise wrong[0].of(draft, (*wrong[1:], *draft.faults()))
     except TaskError as error:
-        raise _as_in_file(error, content) from None
+        first, *others = (_as_in_file(fault, content) for fault in error.faults)
+        raise first.of(error.draft, others) from None
+
+
+def _scene(content: Mapping[str, Any]) -> tuple[Scene, list[TaskError]]:
+    """The scene, and which of its obstacles are not inside it."""
+    obstacles = tuple(_obstacle(index, section) for index, section in enumerate(content.get("obstacles", [])))
+    try:
+        return Scene(content.get("workspace", {}).get("size", Scene.size), obstacles), []
+    except TaskError as error:
+        if error.draft is None:
+            raise
+        return error.draft, list(error.faults)
 
 
 def _name_from(path: Path) -> str:
@@ -139,34 +152,31 @@ def _obstacle(index: int, section: Mapping[str, Any]) -> Obstacle:
         raise error.within("obstacles", index) from None
 
 
-def _shape(end: str, section: Any, cable: Cable) -> tuple[Any, Any]:
-    """Keypoints and, where the file states them, gripper poses of one end."""
+def _shape(end: str, section: Any, cable: Cable) -> tuple[Any, Any, list[TaskError]]:
+    """Keypoints and, where the file states them, gripper poses of one end; no keypoints where the poses have none."""
     if not isinstance(section, Mapping):
-        return section, None
+        return section, None, []
     poses = checks.array(section["grippers"], (end, "grippers"), 3)
-    keypoints, bend = section.get("keypoints"), section.get("bend")
+    keypoints: Any = section.get("keypoints")
+    bend: Any = section.get("bend")
     if (keypoints is None) == (bend is None):
         raise TaskError("must have either bend or keypoints in addition to grippers", (end,))
     if keypoints is not None:
-        return keypoints, poses
-    gap = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
+        return keypoints, poses, []
+    left, right = poses[:, :2]
+    gap, (x, y) = float(np.linalg.norm(right - left)), (left + right) / 2
     if gap > cable.length * (1 + 1e-9):
-        raise TaskError(
-            f"are {gap:.4f} m apart, farther than the cable is long ({cable.length:g} m)", (end, "grippers")
-        )
-    return _bent(end, poses, bend, cable), poses
-
-
-def _bent(end: str, poses: Float[np.ndarray, "2 3"], bend: Any, cable: Cable) -> Float[np.ndarray, "n 2"]:
+        problem = f"are {gap:.4f} m apart, farther than the cable is long ({cable.length:g} m)"
+        return None, poses, [TaskError(problem, (end, "grippers"), at=(float(x), float(y)))]
     try:
         q = shape_between(cable.rod, poses, bend)
     except InputError:
-        raise TaskError(
+        problem = (
             f"asks for a bend to the {bend}, but no stable shape of the cable between these grippers lies on that "
-            "side: try the other side, other poses, or keypoints",
-            (end, "bend"),
-        ) from None
-    return cable.rod.at_keypoints(cable.rod.shapes(q[None])[0])[0]
+            "side: try the other side, other poses, or keypoints"
+        )
+        return None, poses, [TaskError(problem, (end, "bend"), at=(float(x), float(y)))]
+    return cable.rod.at_keypoints(cable.rod.shapes(q[None])[0])[0], poses, []
 
 
 def _as_in_file(error: TaskError, content: Mapping[str, Any]) -> TaskError:
@@ -175,10 +185,11 @@ def _as_in_file(error: TaskError, content: Mapping[str, Any]) -> TaskError:
         return error
     end, *rest = str(error.place[0]).removesuffix("_poses"), *error.place[1:]
     section = content[end]
-    if str(error.place[0]).endswith("_poses"):
-        return TaskError(error.problem, (end, "grippers", *rest))
-    if not (rest and isinstance(section, Mapping)):
-        return error
-    if section.get("keypoints") is not None:
-        return TaskError(error.problem, (end, "keypoints", *rest))
-    return TaskError(f"keypoint {rest[0]} {error.problem}", (end,))
+    problem, place = error.problem, (end, "grippers", *rest)
+    if not str(error.place[0]).endswith("_poses"):
+        if not (rest and isinstance(section, Mapping)) or str(rest[0]) in section:
+            return error
+        stated = section.get("keypoints") is not None
+        problem = problem if stated else f"keypoint {rest[0]} {problem}"
+        place = (end, "keypoints", *rest) if stated else (end,)
+    return TaskError(problem, place, at=error.at)
