@@ -80,9 +80,9 @@ def test_ranges_of_ones_own():
         ({"keypoints": (3, 9)}, "there is no range for 'keypoints'"),
         ({"friction": (0.5, 0.2)}, "ranges.friction must be two ascending numbers"),
         ({"friction": 0.5}, "ranges.friction must be two numbers"),
-        ({"friction": (0.1, np.nan)}, r"ranges.friction\[1\] must be finite"),
+        ({"friction": (0.1, np.nan)}, r"ranges.friction\[1\] must be not negative and finite"),
         ({"damping_time": (0.0, 0.2)}, r"ranges.damping_time\[0\] must be positive"),
-        ({"friction": (-0.2, -0.1)}, "cable.friction must be not negative"),
+        ({"friction": (-0.2, -0.1)}, r"ranges.friction\[0\] must be not negative"),
     ],
 )
 def test_ranges_that_cannot_be_drawn_from_are_refused(ranges, said):

@@ -19,7 +19,7 @@ boxes = st.builds(
     lambda center, size, angle: Box(center=center, size=size, angle=angle),
     spots,
     st.tuples(st.floats(0.01, 0.2), st.floats(0.01, 0.2)),
-    st.floats(-7, 7),
+    st.floats(-6.2, 6.2),
 )
 discs = st.builds(lambda center, radius: Disc(center=center, radius=radius), spots, st.floats(0.001, 0.2))
 polygons = st.builds(

@@ -242,7 +242,7 @@ def test_values_that_stand_for_many_others_are_not_written_out(tmp_path: Path):
 
 
 # ------------------------------------------------------------------------------------------------ keys and types
-TASK_KEYS = "cableway, name, description, workspace, cable, grippers, obstacles, start, goal, plug, port"
+TASK_KEYS = "cableway, units, angles, name, description, workspace, cable, grippers, obstacles, start, goal, plug, port"
 CABLE_KEYS = (
     "length, radius, keypoints, bending_stiffness, stiffness_profile, rest_curvature, yield_curvature, "
     "damping_time, linear_density, friction, drag, min_bend_radius, preset"
@@ -258,9 +258,9 @@ CABLE_KEYS = (
         (at("cable", "lenght", 1), "task.yaml:6: cable.lenght is not a known key; did you mean 'length'? known here: "
          + CABLE_KEYS),
         (at("workspace", "shape", 1), "task.yaml:5: workspace.shape is not a known key; known here: size"),
-        (at("grippers", "max_speed", 1), "task.yaml:8: grippers.max_speed is not a known key; did you mean 'max_step'? "
+        (at("grippers", "speed", 1), "task.yaml:8: grippers.speed is not a known key; did you mean 'max_speed'? "
          "known here: radius, max_step, max_turn, separation, max_acceleration, max_turn_acceleration, max_jerk, "
-         "max_turn_jerk"),
+         "max_turn_jerk, max_speed, max_turn_speed"),
         (at("obstacles", 0, "radius", 1), "task.yaml:14: obstacles[0].radius is not a known key; "
          "known here: type, center, size, angle"),
         (at("obstacles", 1, "vertexes", 1), "task.yaml:20: obstacles[1].vertexes is not a known key; "
@@ -335,7 +335,7 @@ def test_a_missing_key_is_told_what_it_must_be(tmp_path: Path, change: Any, said
         (at("obstacles", 0, "type", "cone"), "obstacles[0].type must be one of box, polygon, disc; got 'cone'"),
         (at("obstacles", 0, "type", [1]), "obstacles[0].type must be one of box, polygon, disc; got [1]"),
         (at("obstacles", 0, "size", [0.1]), "obstacles[0].size must be [width, height] in metres, got 1 values"),
-        (at("obstacles", 0, "size", 1, "a"), "obstacles[0].size[1] must be a number, got 'a'"),
+        (at("obstacles", 0, "size", 1, "a"), "obstacles[0].size[1] must be a length in metres, got 'a'"),
         (at("obstacles", 1, "vertices", 2, 0.1), "obstacles[1].vertices[2] must be two numbers [x, y], got 0.1"),
         (at("start", 5), "start must be a list of keypoints [x, y] in metres, or a mapping of grippers and bend, "
          "got 5"),
@@ -430,7 +430,7 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
         (at("start", UNEVEN), "start is not at equal arc length: keypoints 5 and 6 are 0.0450 m apart along the cable, "
          "not 0.0250 m"),
         (at("cable", "length", -0.3), "cable.length must be positive, got -0.3"),
-        (at("cable", "length", 1e300), "cable.length must be at most 1e+06, got 1e+300"),
+        (at("cable", "length", 1e300), "cable.length must be from 0.01 to 10 m, got 1e+300"),
         (at("cable", "radius", 0.1), "cable.radius is 0.1 m, too thick for a length of 0.3 m: at most a quarter of it"),
         (at("cable", "friction", -0.1), "cable.friction must be not negative, got -0.1"),
         (at("cable", "drag", -1), "cable.drag must be not negative, got -1.0"),

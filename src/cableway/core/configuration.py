@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import sys
 import types
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
@@ -103,6 +103,30 @@ def faults(kind: Any, content: Any, place: Place = (), wanted: str = "") -> Iter
         yield _must_be(wanted, content, place)
     elif kind is int and not abs(content) < LARGEST_WHOLE:
         yield _must_be("a whole number of at most 19 digits", content, place)
+
+
+def changed(kind: Any, content: Any, change: Callable[[float, tuple[Any, ...]], float]) -> Any:
+    """Plain data without faults with each number changed.
+
+    Args:
+        kind: Its type.
+        content: The data.
+        change: Gives the new number for one, and for the annotations of its type.
+    """
+    notes = getattr(kind, "__metadata__", ())
+    kind, _, _, tagged = _unwrapped(kind, "")
+    if get_origin(kind) in (Union, types.UnionType):
+        arms = (arm for arm in get_args(kind) if not any(faults(arm, content)))
+        return changed(Annotated[(next(arms), *notes)] if notes else next(arms), content, change)
+    if tagged is not None:
+        kind = tagged.kinds[content["type"]]
+    if is_dataclass(kind):
+        hints = get_type_hints(kind, include_extras=True)
+        return {key: changed(hints.get(key, Any), value, change) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        kinds = _entry_kinds(kind, len(content))
+        return [changed(entry, value, change) for entry, value in zip(kinds, content, strict=True)]
+    return change(content, notes) if kind is float else content
 
 
 def _unwrapped(kind: Any, wanted: str) -> tuple[Any, str, int, Tagged | None]:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from cableway.core.errors import InputError, TaskError
 from cableway.rod.planar import PlanarRod
 from cableway.scene import checks
+from cableway.scene.checks import Quantity
 from cableway.scene.files.presets import preset_names, preset_ranges
 
 KEYPOINTS = (3, 200)
@@ -23,8 +24,12 @@ MOST_VALUES = 200
 MOST_TURNS = 2.0
 """Full turns to which a cable at rest may be curled."""
 
-PROFILES = ("stiffness_profile", "rest_curvature")
-"""Fields that hold values along the length."""
+CURVATURE = Quantity("1/m")
+
+Curvature = Annotated[float, CURVATURE]
+
+PROFILES = {"stiffness_profile": Quantity("", 1e-3, 1e3), "rest_curvature": CURVATURE}
+"""Fields that hold values along the length, and what each value is."""
 
 DRAWN_VALUES = 3
 """Values along the length of a cable drawn at random: left end, middle, right end."""
@@ -76,27 +81,24 @@ class Cable:
         TaskError: A value is not finite or out of range.
     """
 
-    length: checks.Metres = 0.3
-    radius: checks.Metres = 0.004
+    length: Annotated[float, "a length in metres", Quantity("m", 0.01, 10.0)] = 0.3
+    radius: Annotated[float, "a length in metres", Quantity("m", 5e-5, 0.1)] = 0.004
     keypoints: Annotated[int, "a whole number"] = 13
-    bending_stiffness: Annotated[float, "a number in N m^2"] = 1e-3
+    bending_stiffness: Annotated[float, "a number in N m^2", Quantity("N m^2", 1e-8, 1e3)] = 1e-3
     stiffness_profile: Annotated[tuple[float, ...], "a list of factors", 1] = (1.0,)
-    rest_curvature: Annotated[tuple[float, ...], "a list of numbers in 1/m", 1] = (0.0,)
-    yield_curvature: Annotated[float, "a number in 1/m"] = 0.0
-    damping_time: Annotated[float, "a number in seconds"] = 0.1
-    linear_density: Annotated[float, "a number in kg/m"] = 0.03
-    friction: Annotated[float, "a Coulomb coefficient"] = 0.0
-    drag: Annotated[float, "a number in N s/m^2"] = 0.0
-    min_bend_radius: checks.Metres = 0.0
+    rest_curvature: Annotated[tuple[Curvature, ...], "a list of numbers in 1/m", 1] = (0.0,)
+    yield_curvature: Annotated[float, "a number in 1/m", Quantity("1/m", 0.0, 1e5)] = 0.0
+    damping_time: Annotated[float, "a number in seconds", Quantity("s", 1e-3, 1e2)] = 0.1
+    linear_density: Annotated[float, "a number in kg/m", Quantity("kg/m", 1e-5, 1e2)] = 0.03
+    friction: Annotated[float, "a Coulomb coefficient", Quantity("", 0.0, 10.0)] = 0.0
+    drag: Annotated[float, "a number in N s/m^2", Quantity("N s/m^2", 0.0, 1e3)] = 0.0
+    min_bend_radius: Annotated[float, "a length in metres", Quantity("m", 0.0, 10.0)] = 0.0
     preset: Annotated[str | None, "the name of a preset"] = None
 
     def __post_init__(self) -> None:
-        for name in ("length", "radius", "bending_stiffness", "damping_time", "linear_density"):
-            object.__setattr__(self, name, checks.real(getattr(self, name), ("cable", name), positive=True))
-        for name in ("yield_curvature", "friction", "drag", "min_bend_radius"):
-            object.__setattr__(self, name, checks.real(getattr(self, name), ("cable", name), minimum=0.0))
-        for name in PROFILES:
-            values = checks.reals(getattr(self, name), ("cable", name), MOST_VALUES, positive=name != "rest_curvature")
+        checks.check_quantities(self, "cable")
+        for name, quantity in PROFILES.items():
+            values = checks.profile(getattr(self, name), ("cable", name), MOST_VALUES, quantity)
             object.__setattr__(self, name, values)
         object.__setattr__(self, "keypoints", checks.integer(self.keypoints, ("cable", "keypoints"), *KEYPOINTS))
         if self.radius * 4 > self.length:
@@ -203,7 +205,8 @@ _DRAWABLE = tuple(field.name for field in fields(Cable) if field.name not in ("k
 def _drawn(name: str, limits: tuple[float, float], rng: np.random.Generator) -> float | tuple[float, ...]:
     if name not in _DRAWABLE:
         raise InputError(f"there is no range for {name!r}; known: {', '.join(_DRAWABLE)}")
-    low, high = checks.pair(limits, ("ranges", name), positive=name in LOGARITHMIC)
+    quantity = PROFILES.get(name) or checks.quantities(Cable)[name]
+    low, high = checks.pair(limits, ("ranges", name), quantity)
     if low > high:
         raise InputError(f"ranges.{name} must be two ascending numbers, got {limits!r}")
     count = DRAWN_VALUES if name in PROFILES else 1

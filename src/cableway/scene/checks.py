@@ -1,10 +1,16 @@
-"""Checks on the numbers of a task, with one wording for all of them."""
+"""The numbers of a task: what each measures, between which bounds it is meant, and one wording for all that is wrong.
+
+The bounds are wide: what lies outside them is no cable on a table but a number in another unit, and the message says
+which. They keep products of a few numbers, and what planner and simulator make of them, within what floats hold.
+"""
 
 from __future__ import annotations
 
 import math
 import operator
-from typing import Annotated, Any
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any, Literal, get_type_hints
 
 import numpy as np
 from jaxtyping import Float
@@ -12,34 +18,109 @@ from jaxtyping import Float
 from cableway.core.checks import shown as shown
 from cableway.core.errors import Place, TaskError
 
-Metres = Annotated[float, "a length in metres"]
-Radians = Annotated[float, "an angle in radians"]
-Point = Annotated[tuple[float, float], "[x, y] in metres"]
+LengthUnit = Literal["m", "cm", "mm"]
+AngleUnit = Literal["rad", "deg"]
+
+PER_UNIT = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "rad": 1.0, "deg": 180.0 / math.pi}
+"""How many of a unit make a metre or a radian."""
+
+SPELT = {"cm": "centimetres", "mm": "millimetres", "deg": "degrees"}
 
 LARGEST = 1e6
 """No number of a task is larger, in its unit; beyond it products of a few of them overflow."""
 
 
-def real(value: Any, place: Place, *, positive: bool = False, minimum: float = -LARGEST) -> float:
-    """`value` as a float.
+@dataclass(frozen=True)
+class Quantity:
+    """An annotation: what a number of a task measures, and between which bounds it is meant.
+
+    Attributes:
+        unit: As messages write it; "" for a factor.
+        least: Smallest value; above zero for what must be positive.
+        most: Largest value.
+    """
+
+    unit: str
+    least: float = -LARGEST
+    most: float = LARGEST
+
+    def __call__(self, value: Any, place: Place) -> float:
+        """`value` as a float within the bounds.
+
+        Raises:
+            TaskError: It is no number, not finite or out of bounds; the message asks for the unit it may be meant in.
+        """
+        try:
+            number = float(value + 0.0)  # adding refuses the texts that float() reads
+        except OverflowError:
+            number = math.inf
+        except (TypeError, ValueError):
+            raise TaskError(f"must be a number, got {shown(value)}", place) from None
+        if self.least <= number <= self.most:
+            return number
+        signs = "positive" if self.least > 0 else "not negative" if self.least == 0 else ""
+        if not math.isfinite(number):
+            raise TaskError(f"must be {signs + ' and ' if signs else ''}finite, got {number!r}", place)
+        if signs and (number < 0 or number == 0 < self.least):
+            raise TaskError(f"must be {signs}, got {number!r}", place)
+        bounds = f"from {self.least:g} to {self.most:g} {self.unit}".rstrip()
+        raise TaskError(f"must be {bounds}, got {number!r}{self._meant(number)}", place)
+
+    def _meant(self, number: float) -> str:
+        """The unit that a number out of bounds seems to be given in, and how a file says so."""
+        key, units = {"m": ("units", ("mm", "cm")), "rad": ("angles", ("deg",))}.get(self.unit, ("", ()))
+        found = [unit for unit in units if self.least <= number / PER_UNIT[unit] <= self.most]
+        names, keys = (" or ".join(each) for each in ((SPELT[u] for u in found), (f"`{key}: {u}`" for u in found)))
+        return f": if that is in {names}, say {keys}" if found else ""
+
+    def read(self, number: float, lengths: str, angles: str) -> float:
+        """A number of a file in units of its own, in metres and radians.
+
+        What is made of lengths, angles and times alone is converted; forces, masses and factors stay as they are.
+        """
+        numerator, _, denominator = self.unit.partition("/")
+        if numerator in ("m", "rad"):
+            return number / PER_UNIT[lengths if numerator == "m" else angles]
+        return number * PER_UNIT[lengths] if denominator == "m" and numerator == "1" else number
+
+
+WORKSPACE = Quantity("m", 0.01, 50.0)
+"""A side of the workspace."""
+
+COORDINATE = Quantity("m", -50.0, 50.0)
+EXTENT = Quantity("m", 1e-9, 50.0)
+"""Of an obstacle."""
+
+ANGLE = Quantity("rad", -6.3, 6.3)
+"""Of an obstacle, a port or a gripper: a full turn either way."""
+
+Coordinate = Annotated[float, COORDINATE]
+Radians = Annotated[float, "an angle in radians", ANGLE]
+Point = Annotated[tuple[Coordinate, Coordinate], "[x, y] in metres"]
+Extent = Annotated[float, "a length in metres", EXTENT]
+
+XY = (COORDINATE, COORDINATE)
+POSE = (COORDINATE, COORDINATE, ANGLE)
+
+
+@cache
+def quantities(kind: type) -> dict[str, Quantity]:
+    """The fields of a dataclass that are quantities."""
+    hints = get_type_hints(kind, include_extras=True)
+    noted = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+    return {name: note for name, notes in noted.items() for note in notes if isinstance(note, Quantity)}
+
+
+def check_quantities(record: Any, *outer: str) -> None:
+    """Make a float within its bounds of every field of a frozen record that is a quantity; None stays None.
 
     Raises:
-        TaskError: It is no number, not finite, too large, below `minimum`, or not positive where it must be.
+        TaskError: One is not; its place is below `outer`.
     """
-    try:
-        number = float(value + 0.0)  # adding refuses the texts that float() reads
-    except OverflowError:
-        number = math.inf
-    except (TypeError, ValueError):
-        raise TaskError(f"must be a number, got {shown(value)}", place) from None
-    wanted = "positive" if positive else "not negative" if minimum == 0.0 else ""
-    if not math.isfinite(number):
-        raise TaskError(f"must be {wanted + ' and ' if wanted else ''}finite, got {number!r}", place)
-    if number < minimum or (positive and number <= 0):
-        raise TaskError(f"must be {wanted or f'at least {minimum:g}'}, got {number!r}", place)
-    if number > LARGEST:
-        raise TaskError(f"must be at most {LARGEST:g}, got {number!r}", place)
-    return number
+    for name, quantity in quantities(type(record)).items():
+        value = getattr(record, name)
+        if value is not None:
+            object.__setattr__(record, name, quantity(value, (*outer, name)))
 
 
 def integer(value: Any, place: Place, minimum: int, maximum: int) -> int:
@@ -57,7 +138,7 @@ def integer(value: Any, place: Place, minimum: int, maximum: int) -> int:
     return number
 
 
-def pair(value: Any, place: Place, *, positive: bool = False) -> tuple[float, float]:
+def pair(value: Any, place: Place, quantity: Quantity) -> tuple[float, float]:
     """`value` as two floats.
 
     Raises:
@@ -67,10 +148,10 @@ def pair(value: Any, place: Place, *, positive: bool = False) -> tuple[float, fl
         first, second = value
     except (TypeError, ValueError):
         raise TaskError(f"must be two numbers, got {shown(value)}", place) from None
-    return real(first, (*place, 0), positive=positive), real(second, (*place, 1), positive=positive)
+    return quantity(first, (*place, 0)), quantity(second, (*place, 1))
 
 
-def reals(value: Any, place: Place, most: int, *, positive: bool = False) -> tuple[float, ...]:
+def profile(value: Any, place: Place, most: int, quantity: Quantity) -> tuple[float, ...]:
     """`value` as a tuple of 1 to `most` floats.
 
     Raises:
@@ -80,25 +161,26 @@ def reals(value: Any, place: Place, most: int, *, positive: bool = False) -> tup
         raise TaskError(f"must be a list of numbers, got {shown(value)}", place)
     if not 1 <= len(value) <= most:
         raise TaskError(f"must be a list of 1 to {most} numbers, got {len(value)}", place)
-    return tuple(real(entry, (*place, i), positive=positive) for i, entry in enumerate(value))
+    return tuple(quantity(entry, (*place, i)) for i, entry in enumerate(value))
 
 
-def array(value: Any, place: Place, columns: int) -> Float[np.ndarray, "rows columns"]:
-    """A copy of `value` as a C-contiguous array of finite floats with `columns` columns.
+def rows(value: Any, place: Place, columns: tuple[Quantity, ...]) -> Float[np.ndarray, "rows columns"]:
+    """A copy of `value` as a C-contiguous array of floats with these columns.
 
     Raises:
-        TaskError: It is no such array.
+        TaskError: It is no such array, or a number is not allowed in its column.
     """
+    count = len(columns)
     try:
-        rows = np.array(value, dtype=float, order="C")
+        array = np.array(value, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError):
-        raise TaskError(f"must be rows of {columns} numbers, got {shown(value)}", place) from None
-    if rows.size == 0:
-        rows = np.empty((0, columns))
-    if rows.ndim != 2 or rows.shape[1] != columns:
-        raise TaskError(f"must be rows of {columns} numbers, got an array of shape {rows.shape}", place)
-    wrong = np.argwhere(~(np.abs(rows) <= LARGEST))
-    if len(wrong):
-        row, column = (int(i) for i in wrong[0])
-        real(rows[row, column], (*place, row, column))
-    return rows
+        raise TaskError(f"must be rows of {count} numbers, got {shown(value)}", place) from None
+    if array.size == 0:
+        array = np.empty((0, count))
+    if array.ndim != 2 or array.shape[1] != count:
+        raise TaskError(f"must be rows of {count} numbers, got an array of shape {array.shape}", place)
+    within = [(quantity.least <= entries) & (entries <= quantity.most)
+              for quantity, entries in zip(columns, array.T, strict=True)]  # fmt: skip
+    for row, column in np.argwhere(~np.array(within).T):
+        columns[column](array[row, column], (*place, int(row), int(column)))
+    return array

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -11,6 +12,9 @@ from jaxtyping import Float
 from cableway.geometry import se2
 from cableway.scene import checks
 from cableway.scene.bodies import RIGHT, Body
+from cableway.scene.checks import Quantity
+
+PlugLength = Annotated[float, "a length in metres", Quantity("m", 1e-4, 1.0)]
 
 RAMPS = ("max_acceleration", "max_turn_acceleration", "max_jerk", "max_turn_jerk")
 """Limits of grippers that are not set by default."""
@@ -38,24 +42,17 @@ class Grippers:
         second and third differences of the rows, with the first and last row repeated before and after.
     """
 
-    radius: checks.Metres = 0.004
-    max_step: checks.Metres = 0.0133
-    max_turn: checks.Radians = 0.133
-    separation: checks.Metres = 0.0
-    max_acceleration: Annotated[float | None, "a number"] = None
-    max_turn_acceleration: Annotated[float | None, "a number"] = None
-    max_jerk: Annotated[float | None, "a number"] = None
-    max_turn_jerk: Annotated[float | None, "a number"] = None
+    radius: Annotated[float, "a length in metres", Quantity("m", 1e-4, 0.5)] = 0.004
+    max_step: Annotated[float, "a length in metres", Quantity("m", 1e-5, 1.0)] = 0.0133
+    max_turn: Annotated[float, "an angle in radians", Quantity("rad", 1e-4, math.pi)] = 0.133
+    separation: Annotated[float, "a length in metres", Quantity("m", 0.0, 10.0)] = 0.0
+    max_acceleration: Annotated[float | None, "a number", Quantity("m/s^2", 1e-3, 1e3)] = None
+    max_turn_acceleration: Annotated[float | None, "a number", Quantity("rad/s^2", 1e-2, 1e4)] = None
+    max_jerk: Annotated[float | None, "a number", Quantity("m/s^3", 1e-3, 1e5)] = None
+    max_turn_jerk: Annotated[float | None, "a number", Quantity("rad/s^3", 1e-2, 1e6)] = None
 
     def __post_init__(self) -> None:
-        for name in ("radius", "max_step", "max_turn"):
-            object.__setattr__(self, name, checks.real(getattr(self, name), ("grippers", name), positive=True))
-        separation = checks.real(self.separation, ("grippers", "separation"), minimum=0.0)
-        object.__setattr__(self, "separation", separation)
-        for name in RAMPS:
-            if getattr(self, name) is not None:
-                limit = checks.real(getattr(self, name), ("grippers", name), positive=True)
-                object.__setattr__(self, name, limit)
+        checks.check_quantities(self, "grippers")
 
     @property
     def has_ramps(self) -> bool:
@@ -80,12 +77,11 @@ class Plug:
         TaskError: A value is not positive and finite.
     """
 
-    length: checks.Metres
-    width: checks.Metres
+    length: PlugLength
+    width: PlugLength
 
     def __post_init__(self) -> None:
-        for name in ("length", "width"):
-            object.__setattr__(self, name, checks.real(getattr(self, name), ("plug", name), positive=True))
+        checks.check_quantities(self, "plug")
 
     @property
     def body(self) -> Body:
@@ -124,14 +120,12 @@ class Port:
 
     position: checks.Point
     angle: checks.Radians
-    standoff: checks.Metres
-    depth: checks.Metres
+    standoff: Annotated[float, "a length in metres", Quantity("m", 0.0, 1.0)]
+    depth: Annotated[float, "a length in metres", Quantity("m", 0.0, 1.0)]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", checks.pair(self.position, ("port", "position")))
-        object.__setattr__(self, "angle", checks.real(self.angle, ("port", "angle")))
-        for name in ("standoff", "depth"):
-            object.__setattr__(self, name, checks.real(getattr(self, name), ("port", name), minimum=0.0))
+        object.__setattr__(self, "position", checks.pair(self.position, ("port", "position"), checks.COORDINATE))
+        checks.check_quantities(self, "port")
 
     def pose(self, plug: Plug, depth: float) -> Float[np.ndarray, "3"]:
         """The rear of an aligned plug [m, m, rad] whose tip is `depth` [m] in; negative before the mouth."""

@@ -35,13 +35,13 @@ class Box:
     """
 
     center: checks.Point
-    size: Annotated[tuple[float, float], "[width, height] in metres"]
+    size: Annotated[tuple[checks.Extent, checks.Extent], "[width, height] in metres"]
     angle: checks.Radians = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "center", checks.pair(self.center, ("center",)))
-        object.__setattr__(self, "size", checks.pair(self.size, ("size",), positive=True))
-        object.__setattr__(self, "angle", checks.real(self.angle, ("angle",)))
+        object.__setattr__(self, "center", checks.pair(self.center, ("center",), checks.COORDINATE))
+        object.__setattr__(self, "size", checks.pair(self.size, ("size",), checks.EXTENT))
+        checks.check_quantities(self)
         _require_area(self.size[0] * self.size[1], "size")
 
     @property
@@ -68,7 +68,7 @@ class Polygon:
     vertices: Float[np.ndarray, "k 2"]
 
     def __post_init__(self) -> None:
-        vertices = checks.array(self.vertices, ("vertices",), 2)
+        vertices = checks.rows(self.vertices, ("vertices",), checks.XY)
         _check_convex(vertices)
         if _area(vertices) < 0:
             vertices = vertices[::-1].copy()
@@ -96,11 +96,11 @@ class Disc:
     """
 
     center: checks.Point
-    radius: checks.Metres
+    radius: checks.Extent
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "center", checks.pair(self.center, ("center",)))
-        object.__setattr__(self, "radius", checks.real(self.radius, ("radius",), positive=True))
+        object.__setattr__(self, "center", checks.pair(self.center, ("center",), checks.COORDINATE))
+        checks.check_quantities(self)
         _require_area(np.pi * self.radius**2, "radius")
 
     @property

@@ -52,7 +52,7 @@ class Scene:
     obstacles: tuple[Obstacle, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "size", checks.pair(self.size, ("workspace", "size"), positive=True))
+        object.__setattr__(self, "size", checks.pair(self.size, ("workspace", "size"), checks.WORKSPACE))
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         faults = [fault for index in range(len(self.obstacles)) if (fault := self._outside(index))]
         if faults:

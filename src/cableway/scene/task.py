@@ -89,9 +89,9 @@ class Draft:
         if self.port is not None and self.plug is None:
             raise TaskError("needs a plug", ("port",))
         for end in ENDS:
-            for name, columns in ((end, 2), (f"{end}_poses", 3)):
+            for name, columns in ((end, checks.XY), (f"{end}_poses", checks.POSE)):
                 if getattr(self, name) is not None:
-                    object.__setattr__(self, name, checks.array(getattr(self, name), (name,), columns))
+                    object.__setattr__(self, name, checks.rows(getattr(self, name), (name,), columns))
             poses = getattr(self, f"{end}_poses")
             if poses is not None and len(poses) != 2:
                 raise TaskError(f"must be two poses (x, y, theta), got {len(poses)}", (f"{end}_poses",))
@@ -175,7 +175,7 @@ class Task(Draft):
         Raises:
             TaskError: They are not finite, of another number than the task's, or deep in collision.
         """
-        points = checks.array(keypoints, ("start",), 2)
+        points = checks.rows(keypoints, ("start",), checks.XY)
         if points.shape != self.start.shape:
             raise TaskError(f"must have shape {self.start.shape}, got {points.shape}", ("start",))
         if cable is None:

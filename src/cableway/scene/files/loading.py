@@ -17,11 +17,11 @@ from cableway.scene import checks
 from cableway.scene.cable import Cable
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
-from cableway.scene.files.schema import validate
+from cableway.scene.files.schema import GrippersSection, validate
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
 from cableway.scene.scene import Scene
-from cableway.scene.task import ENDS, Draft, Task
+from cableway.scene.task import CONTROL_STEP, ENDS, Draft, Task
 
 SUFFIXES = (".yaml", ".yml")
 """Endings of task files."""
@@ -105,7 +105,7 @@ def _task(content: Mapping[str, Any], path: Path) -> Task:
         "description": content.get("description", ""),
         "scene": scene,
         "cable": cable,
-        "grippers": Grippers(**content.get("grippers", {})),
+        "grippers": _grippers(content.get("grippers", {})),
         "plug": None if plug is None else Plug(**plug),
         "port": None if port is None else Port(**port),
         **shapes,
@@ -145,6 +145,19 @@ def _cable(section: Mapping[str, Any]) -> Cable:
         raise TaskError(f"must be one of {', '.join(preset_names())}, got {name!r}", ("cable", "preset")) from None
 
 
+def _grippers(section: Mapping[str, Any]) -> Grippers:
+    """Grippers with a largest step and turn in place of the speeds that a file may give."""
+    given = dict(section)
+    for step, speed in (("max_step", "max_speed"), ("max_turn", "max_turn_speed")):
+        value, place = given.pop(speed, None), ("grippers", speed)
+        if value is None:
+            continue
+        if step in given:
+            raise TaskError(f"and grippers.{step} say the same twice: give one of them", place)
+        given[step] = CONTROL_STEP * checks.quantities(GrippersSection)[speed](value, place)
+    return Grippers(**given)
+
+
 def _obstacle(index: int, section: Mapping[str, Any]) -> Obstacle:
     try:
         return _OBSTACLES[section["type"]](**{key: value for key, value in section.items() if key != "type"})
@@ -156,7 +169,7 @@ def _shape(end: str, section: Any, cable: Cable) -> tuple[Any, Any, list[TaskErr
     """Keypoints and, where the file states them, gripper poses of one end; no keypoints where the poses have none."""
     if not isinstance(section, Mapping):
         return section, None, []
-    poses = checks.array(section["grippers"], (end, "grippers"), 3)
+    poses = checks.rows(section["grippers"], (end, "grippers"), checks.POSE)
     keypoints: Any = section.get("keypoints")
     bend: Any = section.get("bend")
     if (keypoints is None) == (bend is None):

@@ -6,13 +6,16 @@ neighbours). What messages say a value must be stands in the annotations.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from cableway.core.configuration import Tagged, faults
+from cableway.core.configuration import Tagged, changed, faults
 from cableway.core.errors import TaskError
+from cableway.scene import checks
 from cableway.scene.cable import Cable
+from cableway.scene.checks import AngleUnit, LengthUnit, Quantity
 from cableway.scene.files.document import Document
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc
@@ -21,15 +24,28 @@ from cableway.scene.scene import Scene
 FORMAT_VERSION = 1
 """The value of the key `cableway`."""
 
-Point = Annotated[tuple[float, float], "two numbers [x, y]"]
-Pose = Annotated[tuple[float, float, float], "three numbers [x, y, theta]"]
+Number = "a number"
+Coordinate, Angle = Annotated[float, Number, checks.COORDINATE], Annotated[float, Number, checks.ANGLE]
+Side = Annotated[float, Number, checks.WORKSPACE]
+Point = Annotated[tuple[Coordinate, Coordinate], "two numbers [x, y]"]
+Pose = Annotated[tuple[Coordinate, Coordinate, Angle], "three numbers [x, y, theta]"]
+Speed = Annotated[float | None, "a number", Quantity("m/s", 1e-4, 10.0)]
+TurnSpeed = Annotated[float | None, "a number", Quantity("rad/s", 1e-3, 10 * math.pi)]
 
 
 @dataclass(frozen=True)
 class WorkspaceSection:
     """The key `workspace`."""
 
-    size: Annotated[tuple[float, float], "[width, height] in metres"] = Scene.size
+    size: Annotated[tuple[Side, Side], "[width, height] in metres"] = Scene.size
+
+
+@dataclass(frozen=True, kw_only=True)
+class GrippersSection(Grippers):
+    """The key `grippers`: those of the record, and speeds in place of the largest step and turn."""
+
+    max_speed: Speed = None
+    max_turn_speed: TurnSpeed = None
 
 
 @dataclass(frozen=True)
@@ -61,11 +77,13 @@ class TaskFile:
     """All keys of a task file, in their order."""
 
     cableway: Annotated[int, f"the format version, {FORMAT_VERSION}"]
+    units: Annotated[LengthUnit, "m, cm or mm"] = field(default="m", kw_only=True)
+    angles: Annotated[AngleUnit, "rad or deg"] = field(default="rad", kw_only=True)
     name: Annotated[str, "a short text"] = field(default="", kw_only=True)
     description: Annotated[str, "a text"] = field(default="", kw_only=True)
     workspace: Annotated[WorkspaceSection, "a mapping"] = field(default_factory=WorkspaceSection, kw_only=True)
     cable: Annotated[Cable, "a mapping"] = field(default_factory=Cable, kw_only=True)
-    grippers: Annotated[Grippers, "a mapping"] = field(default_factory=Grippers, kw_only=True)
+    grippers: Annotated[GrippersSection, "a mapping"] = field(default_factory=GrippersSection, kw_only=True)
     obstacles: Annotated[list[AnyObstacle], "a list of obstacles"] = field(default_factory=list, kw_only=True)
     start: Shape
     goal: Shape
@@ -74,7 +92,7 @@ class TaskFile:
 
 
 def validate(document: Document) -> Mapping[str, Any]:
-    """The content of a task file with every key and type checked.
+    """The content of a task file with every key and type checked, in metres and radians whatever its units are.
 
     Raises:
         TaskError: The format version is another one, or a key is unknown, missing or of the wrong type; where there
@@ -89,4 +107,10 @@ def validate(document: Document) -> Mapping[str, Any]:
     first = min(found, key=lambda fault: (not fault.unknown, document.line(fault.place)), default=None)
     if first is not None:
         raise document.locate(TaskError(first.problem, first.place))
-    return document.data
+    lengths, angles = document.data.get("units", "m"), document.data.get("angles", "rad")
+
+    def read(number: float, notes: tuple[Any, ...]) -> float:
+        quantity = next((note for note in notes if isinstance(note, Quantity)), None)
+        return number if quantity is None else quantity.read(number, lengths, angles)
+
+    return changed(TaskFile, document.data, read)
