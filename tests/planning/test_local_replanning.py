@@ -13,7 +13,7 @@ from cableway.planning.config import PlannerConfig
 from cableway.planning.local_replanning import replan_locally
 from cableway.planning.planner import plan
 from cableway.planning.projection import ProjectionConfig
-from cableway.planning.rrt_connect import RRTConnectConfig
+from cableway.planning.rrt_connect import MARGINS, RRTConnectConfig
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 
@@ -38,10 +38,10 @@ def moves(task, q: np.ndarray) -> np.ndarray:
 def test_leaves_the_sequence_only_where_it_is_not_free():
     task = grazing()
     given = across(task)
-    blocked = np.flatnonzero(~FreeSpace.of(task, CONFIG.margins).are_free(given))
+    blocked = np.flatnonzero(~FreeSpace.of(task, MARGINS).are_free(given))
     assert len(blocked) > 5
     q, places = replan_locally(given, task, CONFIG)
-    assert FreeSpace.of(task, CONFIG.margins).are_free(q).all()
+    assert FreeSpace.of(task, MARGINS).are_free(q).all()
     assert (places[0], places[-1]) == (0, len(given) - 1)
     assert (np.diff(places) > 0).all()
     far = (places < blocked[0] - 10) | (places > blocked[-1] + 10)

@@ -17,6 +17,12 @@ from cableway.estimation.gripper_tracker import NOMINAL_GRASPS, GripperTracker
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
 
+BLIND_STEPS = 3
+"""Control steps in a row that go on without gripper poses before the grippers stop."""
+
+UNSEEN_STEPS = 10
+"""The same without any keypoint."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FollowerState(ControllerState):
@@ -63,10 +69,11 @@ class FollowerState(ControllerState):
             return replace(self, tracker=self.tracker.predicted())
         return replace(self, tracker=self.tracker.updated(observation, grasps, self.task.cable, hidden))
 
-    def must_stop(self, config: Any) -> bool:
-        """Whether poses or keypoints are missing for more than `config.blind_steps` or `config.unseen_steps`."""
+    @property
+    def must_stop(self) -> bool:
+        """Whether poses are missing for more than `BLIND_STEPS` or keypoints for more than `UNSEEN_STEPS`."""
         tracker = self.tracker
-        return tracker.steps_without_poses > config.blind_steps or tracker.steps_without_keypoints > config.unseen_steps
+        return tracker.steps_without_poses > BLIND_STEPS or tracker.steps_without_keypoints > UNSEEN_STEPS
 
     @property
     def tracking_status(self) -> Status:

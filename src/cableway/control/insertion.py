@@ -35,8 +35,6 @@ class InsertionConfig(Checked):
         gain: Share of the estimated misalignment that a step takes away; averages over about 1 / `gain` observations.
         max_span: Largest distance between the grippers, as a share of the cable's estimated length.
         frames: Frames with keypoints before which the plug is not inserted.
-        blind_steps: Control steps without gripper poses after which the grippers stop.
-        unseen_steps: The same without keypoints.
         estimator: Of the grasp, among other things.
 
     Raises:
@@ -47,8 +45,6 @@ class InsertionConfig(Checked):
     gain: Share = 0.15
     max_span: NotNegative[float] = 0.995
     frames: NotNegative[int] = 10
-    blind_steps: NotNegative[int] = 3
-    unseen_steps: NotNegative[int] = 10
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
 
@@ -76,7 +72,7 @@ class InsertionController(Controller[EstimatingState]):
     ) -> tuple[Float[np.ndarray, "2 3"], EstimatingState]:
         """See `Controller.step`."""
         state = state.observing(observation)
-        if state.must_stop(self.config):
+        if state.must_stop:
             return state.stopping()
         if state.index < state.plan.held_steps:
             state = state.updated()

@@ -48,8 +48,6 @@ class JacobianConfig(Checked):
         least_motion: Root of e [m]: gripper motions much smaller than that teach nothing.
         max_span: Distance between the grippers over the cable's length, never exceeded unless by the plan.
         hold: Time [s] at the plan's first row before it is followed.
-        blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
-        unseen_steps: Steps in a row that go on without any keypoint before the grippers stop.
 
     Raises:
         InputError: A value is out of range.
@@ -63,8 +61,6 @@ class JacobianConfig(Checked):
     least_motion: Positive[float] = 0.001
     max_span: NotNegative[float] = 0.995
     hold: NotNegative[float] = 1.5
-    blind_steps: NotNegative[int] = 3
-    unseen_steps: NotNegative[int] = 10
 
     @classmethod
     def broyden(cls) -> JacobianConfig:
@@ -116,7 +112,7 @@ class JacobianFeedback(Controller[JacobianState]):
     ) -> tuple[Float[np.ndarray, "2 3"], JacobianState]:
         """See `Controller.step`."""
         config, state = self.config, state.looking(observation)
-        if state.must_stop(config):
+        if state.must_stop:
             return state.stopping()
         max_span = float(span_limit(state.plan.poses(state.index, 1), state.task.cable.length, config.max_span)[0])
         forward = state.plan.actions(state.index, 1)[0]

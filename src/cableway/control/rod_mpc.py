@@ -87,8 +87,6 @@ class RodMPCConfig(Checked):
             cable farther, the plan's distance.
         max_span: The same, never exceeded; between the grippers never more than is sure, see `_span_limit`.
         hold: Time [s] at the plan's first row before it is followed, while the estimates settle.
-        blind_steps: Steps in a row that go on without gripper poses.
-        unseen_steps: Steps in a row that go on without keypoints.
         estimator: Settings of the estimation.
 
     Raises:
@@ -104,8 +102,6 @@ class RodMPCConfig(Checked):
     soft_span: Positive[float] = 0.985
     max_span: Positive[float] = 0.995
     hold: NotNegative[float] = 1.5
-    blind_steps: NotNegative[int] = 3
-    unseen_steps: NotNegative[int] = 10
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     @property
@@ -183,7 +179,7 @@ class RodMPC(Controller[RodMPCState]):
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""
         state = state.observing(observation)
-        if state.must_stop(self.config):
+        if state.must_stop:
             return state.stopping()
         before, state = state.estimate, state.updated()
         if state.estimate is before and not state.tracker.steps_without_keypoints:

@@ -156,16 +156,16 @@ class InitialTrajectories:
         return np.ascontiguousarray(rod.at_keypoints(rod.shapes(q)[0]))
 
     def _sampler(self, name: InitialName) -> rrt_connect.Sampler:
-        task, config = self.task, self.config.rrt_connect
+        task = self.task
         match name:
             case "corridor":
-                return rrt_connect.about_path(task, self.pivot, config)
+                return rrt_connect.about_path(task, self.pivot)
             case "tube":
                 ends = task.start_equilibrium, task.goal_equilibrium
                 q = fit_sequence(task.cable.rod, self._slide("head"), *ends, rrt_connect.TUBE_STEP)[0]
-                return rrt_connect.about_shapes(q, config)
+                return rrt_connect.about_shapes(q)
             case _:
-                return rrt_connect.anywhere(task, config)
+                return rrt_connect.anywhere(task)
 
 
 def straight(task: Task) -> Float[np.ndarray, "r n 2"]:

@@ -87,7 +87,7 @@ def replan_locally(
     """
     places = evenly_moved(task.cable.rod, q, config.step)
     q = rows_at(q, places)
-    free = FreeSpace.of(task, config.margins).are_free(q)
+    free = FreeSpace.of(task, rrt_connect.MARGINS).are_free(q)
     if free.all():
         raise PlanningError("there is nothing to replan")
     if not (free[0] and free[-1]):
@@ -121,7 +121,7 @@ def _way_round(
     for room in ROOM:
         begin = int(rows[rows <= max(at, first - room)][-1])
         end = int(rows[rows >= min(len(q) - 1, after + room - 1)][0])
-        sampler = rrt_connect.about_shapes(q[begin : end + 1], config)
+        sampler = rrt_connect.about_shapes(q[begin : end + 1])
         few = replace(config, samples=SAMPLES)
         try:
             return (

@@ -13,7 +13,7 @@ Note:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -39,6 +39,18 @@ SHORTCUTS = 100
 TUBE_STEP = 0.012
 """Largest move of a keypoint between the shapes that a tube is laid about [m]."""
 
+MARGINS = Margins()
+"""What shapes keep; less where start or goal keep less."""
+
+LOAD_SPREAD = (8.0, 8.0, 2.0)
+"""Least standard deviation of sampled loads (a_x, a_y, m); more where start or goal have more."""
+
+CORRIDOR = 0.05
+"""Standard deviation [m] of the cable's centre about a path."""
+
+TUBE = (0.03, 0.03, 0.4, 6.0, 6.0, 1.5)
+"""Standard deviations about the shapes of another trajectory [m, m, rad, -, -, -]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class RRTConnectConfig(Checked):
@@ -47,23 +59,15 @@ class RRTConnectConfig(Checked):
     Attributes:
         samples: Most samples, over both trees.
         step: Largest move of a point of the rod between two shapes that are checked [m].
-        margins: What shapes keep; less where start or goal keep less.
-        load_spread: Least standard deviation of sampled loads (a_x, a_y, m); more where start or goal have more.
-        corridor: Standard deviation [m] of the cable's centre about a path.
-        tube: Standard deviations about the shapes of another trajectory [m, m, rad, -, -, -].
     """
 
     samples: Annotated[int, Bounds(1, 10**7)] = 6000
     step: Annotated[float, Bounds(1e-4, 1)] = 0.006
-    margins: Margins = field(default_factory=Margins)
-    load_spread: tuple[float, float, float] = (8.0, 8.0, 2.0)
-    corridor: Annotated[float, Bounds(0, 1)] = 0.05
-    tube: tuple[float, float, float, float, float, float] = (0.03, 0.03, 0.4, 6.0, 6.0, 1.5)
 
 
-def anywhere(task: Task, config: RRTConnectConfig) -> Sampler:
+def anywhere(task: Task) -> Sampler:
     """Samples all over the workspace, at any angle."""
-    loads = _loads(task, config)
+    loads = _loads(task)
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
         place = rng.uniform(0, 1, (count, task.cable.rod.group.space)) * task.scene.size
@@ -72,22 +76,22 @@ def anywhere(task: Task, config: RRTConnectConfig) -> Sampler:
     return draw
 
 
-def about_path(task: Task, path: Float[np.ndarray, "P 2"], config: RRTConnectConfig) -> Sampler:
+def about_path(task: Task, path: Float[np.ndarray, "P 2"]) -> Sampler:
     """Samples whose centre lies about a path, at any angle."""
-    loads = _loads(task, config)
+    loads = _loads(task)
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
-        place = path[rng.integers(len(path), size=count)] + config.corridor * rng.normal(size=(count, path.shape[1]))
+        place = path[rng.integers(len(path), size=count)] + CORRIDOR * rng.normal(size=(count, path.shape[1]))
         return np.column_stack([place, _angles(task, rng, count), loads(rng, count)])
 
     return draw
 
 
-def about_shapes(q: Float[np.ndarray, "t d"], config: RRTConnectConfig) -> Sampler:
-    """Samples about the rows of another sequence, at distances from nothing to twice `config.tube`."""
+def about_shapes(q: Float[np.ndarray, "t d"]) -> Sampler:
+    """Samples about the rows of another sequence, at distances from nothing to twice `TUBE`."""
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
-        spread = rng.uniform(0, 2, (count, 1)) * np.array(config.tube)
+        spread = rng.uniform(0, 2, (count, 1)) * np.array(TUBE)
         return q[rng.integers(len(q), size=count)] + spread * rng.normal(size=(count, q.shape[1]))
 
     return draw
@@ -119,7 +123,7 @@ def rrt_connect_path(
         PlanningError: The samples are used up.
     """
     rng = np.random.default_rng(seed)
-    rod, space = task.cable.rod, FreeSpace.of(task, config.margins).arrays
+    rod, space = task.cable.rod, FreeSpace.of(task, MARGINS).arrays
     start, goal = task_ends(task) if ends is None else ends
     rows = config.samples + 4
     trees, shapes = np.empty((2, rows, rod.dof)), np.empty((2, rows, 2 * rrt_connect_kernels.FEATURES))
@@ -144,11 +148,11 @@ def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:
     return task.start_equilibrium[task.cable.rod.group.space] + rng.uniform(-np.pi, np.pi, count)
 
 
-def _loads(task: Task, config: RRTConnectConfig) -> Sampler:
-    """Loads about those of start and goal, spread at least by `load_spread`."""
+def _loads(task: Task) -> Sampler:
+    """Loads about those of start and goal, spread at least by `LOAD_SPREAD`."""
     loads = task.cable.rod.loads
     ends = np.array([task.start_equilibrium[loads], task.goal_equilibrium[loads]])
-    spread = np.maximum(config.load_spread, np.abs(ends).max(0))
+    spread = np.maximum(LOAD_SPREAD, np.abs(ends).max(0))
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
         middle = ends[rng.integers(2, size=count)] * rng.uniform(0, 1, (count, 1))

@@ -60,6 +60,12 @@ BANDS = 3
 BEND_SCALE = 0.01
 """Of the excess of the sine of the turn at a hinge."""
 
+CLEARANCE_SCALE = 0.001
+"""Of what is missing of the margin [m]."""
+
+LOAD_SCALE = 10.0
+"""Of a load, in its unit (`HeldRod.units`)."""
+
 STAGE = Rule(first=1e-3, shrink=4.0, least=1e-9, grow=6.0, restart=0.0, most=1e9)
 """How the damping follows in each stage."""
 
@@ -70,9 +76,7 @@ class TrajectoryOptimizationConfig:
 
     Attributes:
         margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
-        clearance_scale: [m].
         room: Clearance of all of these that is asked for where the way is wide [m].
-        load_scale: Of a load, in its unit (`HeldRod.units`).
         stability_wanted: Margin mu under which a shape is pushed back.
         span_wanted: Distance between the grippers over L above which the cable is given slack.
         separation_margin: Distance between the grippers beyond the least one that the task allows [m].
@@ -82,9 +86,7 @@ class TrajectoryOptimizationConfig:
     """
 
     margin: float = 0.010
-    clearance_scale: float = 0.001
     room: float = 0.025
-    load_scale: float = 10.0
     stability_wanted: float = 34.0
     span_wanted: float = 0.97
     separation_margin: float = 0.002
@@ -165,7 +167,7 @@ class _Problem:
         self.loads = tuple(np.diagonal(loads, k).copy() for k in range(BANDS))
         self.load_units = self.rod.units[self.rod.loads]
         self.sharpest = config.bend_share * sharpest_turn_of(task)
-        self.clearance_scale = np.sqrt(weight) / config.clearance_scale
+        self.clearance_scale = np.sqrt(weight) / CLEARANCE_SCALE
         self.room = max(config.margin, config.room)
 
     def cost(self, q: Float[np.ndarray, "t d"]) -> float:
@@ -174,7 +176,7 @@ class _Problem:
         keypoints = self.rod.at_keypoints(stations).reshape(len(q), -1)
         loads = q[:, self.rod.loads] / self.load_units
         total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
-        total += 0.5 * np.sum(loads**2) / self.config.load_scale**2
+        total += 0.5 * np.sum(loads**2) / LOAD_SCALE**2
         residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), self._stability(q))
         total += sum(0.5 * np.sum(value**2) for value, _ in residuals) + 0.5 * np.sum(self._bends(stations) ** 2)
         return float(total)
@@ -193,13 +195,13 @@ class _Problem:
         cost = _band_form(self.smooth, keypoints)
 
         loads = q[:, self.rod.loads] / self.load_units
-        pull = _band_product(self.loads, loads) + loads / self.config.load_scale**2
+        pull = _band_product(self.loads, loads) + loads / LOAD_SCALE**2
         gradient[:, self.rod.loads] += pull / self.load_units
         places = np.arange(self.rod.dof)[self.rod.loads]
         for k in range(BANDS):
-            diagonal = self.loads[k] + (1 / self.config.load_scale**2 if k == 0 else 0.0)
+            diagonal = self.loads[k] + (1 / LOAD_SCALE**2 if k == 0 else 0.0)
             blocks[k][:, places, places] += diagonal[:, None] / self.load_units**2
-        cost += _band_form(self.loads, loads) + 0.5 * np.sum(loads**2) / self.config.load_scale**2
+        cost += _band_form(self.loads, loads) + 0.5 * np.sum(loads**2) / LOAD_SCALE**2
 
         short, slope = self._clearance(stations)
         lack, dlack = self._stability(q)

@@ -152,8 +152,7 @@ def test_another_number_of_keypoints_is_refused(adapted):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"memory": 0}, "memory must be whole and positive"),
-        ({"window": 11}, "window must be at most the block, 10, got 11"),
+        ({"windows": 0}, "windows must be whole and positive"),
         ({"improvement": 1.0}, "improvement must be from 0 to below 1"),
     ],
 )

@@ -39,8 +39,6 @@ class MPCConfig(Checked):
         max_span: Distance between the grippers over the cable's length that is never exceeded, unless by the plan.
         adapt_every: Control steps between two adaptations of the model; 0 for none.
         hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
-        blind_steps: Steps in a row that go on without gripper poses before the grippers stop.
-        unseen_steps: Steps in a row that go on without keypoints before the grippers stop.
         estimator: Of the rod's parameters, for the latency, contacts and new plans, not for the model; as `nominal`
             there is none of it (paper).
     """
@@ -63,8 +61,6 @@ class MPCConfig(Checked):
     max_span: Positive[float] = 0.995
     adapt_every: NotNegative[int] = 0
     hold: NotNegative[float] = 1.5
-    blind_steps: NotNegative[int] = 3
-    unseen_steps: NotNegative[int] = 10
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     @classmethod

@@ -150,7 +150,7 @@ class NeuralMPC(Controller[MPCState]):
         """See `Controller.step`."""
         estimates = state.estimator.adapts
         state = state.observing(observation) if estimates else state.looking(observation)
-        if state.must_stop(self.config):
+        if state.must_stop:
             return self._sent(state, np.zeros_like(state.actions[0]), Status.STOPPED)
         state = state.updated() if estimates else state
         try:

@@ -49,6 +49,21 @@ at all."""
 HOLD_EVERY = 2
 """One block in so many is held back."""
 
+MEMORY = 200
+"""Transitions remembered, the last ones."""
+
+BLOCK = 10
+"""Successive transitions in a block; held-back blocks are predicted over their whole length."""
+
+WINDOW = 5
+"""Steps of the rollouts that a rod is fitted to; the last layer of a network is fitted to single steps."""
+
+LEAST_HELD = 3
+"""Fewest held-back blocks that a change is judged by."""
+
+LEAST_MOTION = 2e-3
+"""Travel of the grippers [m] in a window below which it says nothing."""
+
 SPOILT = 10.0
 """Error of a window in that of the median window, both after a change, from which on it was measured wrong."""
 
@@ -58,33 +73,21 @@ class AdaptationConfig(Checked):
     """How a model is adapted; the defaults are those for a rod, `for_network()` has the other ones.
 
     Attributes:
-        memory: Transitions remembered, the last ones.
-        block: Successive transitions in a block; held-back blocks are predicted over their whole length.
-        window: Steps of the rollouts that a rod is fitted to; the last layer of a network is fitted to single steps.
         windows: Most windows in a fit, and most that are replayed.
         held_windows: Most held-back blocks.
-        least_held: Fewest of them that a change is judged by.
         enough: Error on held-back blocks, in lengths of the cable, below which nothing is changed: what a hundred
             transitions of one or two motions show of smaller errors often holds for these motions only.
         improvement: Share of the error on held-back blocks that a change must take away. One that explains only part
             of it, say by stiffness in place of friction, often predicts other motions worse.
-        least_motion: Travel of the grippers [m] in a window below which it says nothing.
     """
 
-    memory: Positive[int] = 200
-    block: Positive[int] = 10
-    window: Positive[int] = 5
     windows: Positive[int] = 48
     held_windows: Positive[int] = 8
-    least_held: Positive[int] = 3
     enough: NotNegative[float] = 0.01
     improvement: NotNegative[float] = 0.92
-    least_motion: NotNegative[float] = 2e-3
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.window > self.block:
-            raise InputError(f"adaptation.window must be at most the block, {self.block}, got {self.window!r}")
         if not 0 <= self.improvement < 1:
             raise InputError(f"adaptation.improvement must be from 0 to below 1, got {self.improvement!r}")
 
@@ -143,7 +146,7 @@ def compile_adaptation(state: AdaptationState, keypoints: int) -> None:
     if state.replay is not None:
         batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
     fit(state.model, batch, state.first, iterations=1)
-    jax.block_until_ready(_errors(state.model, _nothing(config.held_windows, config.block, keypoints)))
+    jax.block_until_ready(_errors(state.model, _nothing(config.held_windows, BLOCK, keypoints)))
 
 
 def _nothing(count: int, steps: int, keypoints: int) -> Windows:
@@ -154,7 +157,7 @@ def _nothing(count: int, steps: int, keypoints: int) -> Windows:
 
 def _horizon(state: AdaptationState) -> int:
     """Steps of the windows that the model is fitted to."""
-    return 1 if state.model.rod is None else state.config.window
+    return 1 if state.model.rod is None else WINDOW
 
 
 def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
@@ -171,17 +174,17 @@ def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
         InputError: They have another number of keypoints than those before.
     """
     config = state.config
-    recent = _remembered(state.recent, transitions, config.memory)
+    recent = _remembered(state.recent, transitions)
     state = replace(state, recent=recent)
-    training, held = _blocks(recent, config)
+    training, held = _blocks(recent)
     horizon = _horizon(state)
-    windows = _informative(recent, _inside(training, config.block, horizon), horizon, config)
-    judges = _informative(recent, held, config.block, config)
-    if not len(windows) or len(judges) < config.least_held:
+    windows = _informative(recent, _inside(training, horizon), horizon)
+    judges = _informative(recent, held, BLOCK)
+    if not len(windows) or len(judges) < LEAST_HELD:
         return state
     # rows repeat, so that compiled code always sees the same shapes
     chosen = judges[-config.held_windows :]
-    test = dataset.windows(recent, np.resize(chosen, config.held_windows), config.block)
+    test = dataset.windows(recent, np.resize(chosen, config.held_windows), BLOCK)
     before = np.asarray(_errors(state.model, test), float)[: len(chosen)]
     limit = OUTLIER * np.median(before)
     if np.minimum(before, limit).mean() < config.enough * _length(recent):
@@ -213,37 +216,35 @@ def _length(data: Transitions) -> float:
     return float(np.median(np.linalg.norm(np.diff(data.keypoints, axis=1), axis=2).sum(axis=1)))
 
 
-def _remembered(recent: Transitions | None, new: Transitions, memory: int) -> Transitions:
+def _remembered(recent: Transitions | None, new: Transitions) -> Transitions:
     if recent is None:
-        return dataset.select(new, np.arange(len(new))[-memory:])
+        return dataset.select(new, np.arange(len(new))[-MEMORY:])
     if recent.keypoints.shape[1] != new.keypoints.shape[1]:
         raise InputError(
             f"transitions to adapt to have {new.keypoints.shape[1]} keypoints, those before {recent.keypoints.shape[1]}"
         )
-    return dataset.select(dataset.appended([recent, new]), np.arange(len(recent) + len(new))[-memory:])
+    return dataset.select(dataset.appended([recent, new]), np.arange(len(recent) + len(new))[-MEMORY:])
 
 
-def _blocks(data: Transitions, config: AdaptationConfig) -> tuple[Int[np.ndarray, "b"], Int[np.ndarray, "h"]]:
+def _blocks(data: Transitions) -> tuple[Int[np.ndarray, "b"], Int[np.ndarray, "h"]]:
     """First rows of the blocks to learn from, and of those held back; blocks do not overlap."""
     gap = np.abs(data.poses[1:] - data.poses[:-1] - data.actions[:-1]).max(axis=(1, 2)) > 1e-6
     runs = np.concatenate([[0], np.cumsum(gap | (np.diff(data.episode) != 0))])
-    starts = dataset.window_starts(runs, config.block, config.block)
+    starts = dataset.window_starts(runs, BLOCK, BLOCK)
     held = np.arange(len(starts)) % HOLD_EVERY == HOLD_EVERY - 1
     return starts[~held], starts[held]
 
 
-def _inside(starts: Int[np.ndarray, "b"], block: int, horizon: int) -> Int[np.ndarray, "k"]:
+def _inside(starts: Int[np.ndarray, "b"], horizon: int) -> Int[np.ndarray, "k"]:
     """Rows at which windows begin that lie within blocks."""
-    return (starts[:, None] + np.arange(block - horizon + 1)).ravel()
+    return (starts[:, None] + np.arange(BLOCK - horizon + 1)).ravel()
 
 
-def _informative(
-    data: Transitions, starts: Int[np.ndarray, "k"], horizon: int, config: AdaptationConfig
-) -> Int[np.ndarray, "j"]:
+def _informative(data: Transitions, starts: Int[np.ndarray, "k"], horizon: int) -> Int[np.ndarray, "j"]:
     """Those windows in which the grippers move."""
     travel = np.abs(data.actions[starts[:, None] + np.arange(horizon), :, :2]).sum(axis=(1, 2, 3))
     turn = np.abs(data.actions[starts[:, None] + np.arange(horizon), :, 2]).sum(axis=(1, 2))
-    return starts[travel + 0.1 * _length(data) * turn > config.least_motion * horizon / config.window]
+    return starts[travel + 0.1 * _length(data) * turn > LEAST_MOTION * horizon / WINDOW]
 
 
 def _spread(rows: Int[np.ndarray, "k"], most: int) -> Int[np.ndarray, "j"]:
