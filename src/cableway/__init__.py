@@ -10,20 +10,38 @@ from typing import TYPE_CHECKING, Any
 from cableway.core.deprecation import MODULES, keep_moved_modules, renamed
 
 if TYPE_CHECKING:
+    __version__: str
     from cableway.control.insertion import InsertionConfig, InsertionController
     from cableway.control.jacobian import JacobianConfig, JacobianFeedback
     from cableway.control.open_loop import OpenLoop
     from cableway.control.rod_mpc import RodMPC, RodMPCConfig
+    from cableway.core.errors import (
+        CablewayError,
+        Cancelled,
+        ControlError,
+        FileFormatError,
+        InputError,
+        MissingExtraError,
+        PlanningError,
+        PlanningInterrupted,
+        SimulationError,
+        StorageError,
+        TaskError,
+        TrackingInterrupted,
+        UnknownNameError,
+    )
     from cableway.datasets.reading import load_transitions, shuffled_batches
+    from cableway.figures.draw import draw
     from cableway.outcome import Outcome
     from cableway.planning.config import PlannerConfig
     from cableway.planning.insertion import plan_insertion
     from cableway.planning.planner import plan
     from cableway.planning.routes.passages import find_passages
     from cableway.records import Plan, Rollout, Transitions
-    from cableway.report import summarize
+    from cableway.report import Report, summarize
     from cableway.scene.cable import Cable
-    from cableway.scene.files.loading import load_task
+    from cableway.scene.files.loading import load_task, task_names
+    from cableway.scene.files.saving import save_task
     from cableway.scene.obstacles import Box, Disc, Polygon
     from cableway.scene.scene import Scene
     from cableway.scene.task import Grippers, Task
@@ -36,6 +54,7 @@ if TYPE_CHECKING:
     from cableway.tang2025.models.checkpoint import load_model
     from cableway.tasks.generation import random_task, random_task_with_witness
     from cableway.tracking import RealTimePlant, Recovery, Watchdog, insert_plug, track, track_in_real_time
+    from cableway.verdict import Verdict
     from cableway.verification import verify_insertion, verify_insertion_plan, verify_plan, verify_rollout
     from cableway.workflow.rehearsal import RehearsalConfig, rehearsed_plan
     from cableway.workflow.run import Run, SolveOptions
@@ -49,16 +68,33 @@ _HOME = {
         "control.jacobian": ("JacobianConfig", "JacobianFeedback"),
         "control.open_loop": ("OpenLoop",),
         "control.rod_mpc": ("RodMPC", "RodMPCConfig"),
+        "core.errors": (
+            "CablewayError",
+            "Cancelled",
+            "ControlError",
+            "FileFormatError",
+            "InputError",
+            "MissingExtraError",
+            "PlanningError",
+            "PlanningInterrupted",
+            "SimulationError",
+            "StorageError",
+            "TaskError",
+            "TrackingInterrupted",
+            "UnknownNameError",
+        ),
         "datasets.reading": ("load_transitions", "shuffled_batches"),
+        "figures.draw": ("draw",),
         "outcome": ("Outcome",),
         "planning.config": ("PlannerConfig",),
         "planning.insertion": ("plan_insertion",),
         "planning.planner": ("plan",),
         "planning.routes.passages": ("find_passages",),
         "records": ("Plan", "Rollout", "Transitions"),
-        "report": ("summarize",),
+        "report": ("Report", "summarize"),
         "scene.cable": ("Cable",),
-        "scene.files.loading": ("load_task",),
+        "scene.files.loading": ("load_task", "task_names"),
+        "scene.files.saving": ("save_task",),
         "scene.obstacles": ("Box", "Disc", "Polygon"),
         "scene.scene": ("Scene",),
         "scene.task": ("Grippers", "Task"),
@@ -71,6 +107,7 @@ _HOME = {
         "tang2025.models.checkpoint": ("load_model",),
         "tasks.generation": ("random_task", "random_task_with_witness"),
         "tracking": ("RealTimePlant", "Recovery", "Watchdog", "insert_plug", "track", "track_in_real_time"),
+        "verdict": ("Verdict",),
         "verification": ("verify_insertion", "verify_insertion_plan", "verify_plan", "verify_rollout"),
         "workflow.rehearsal": ("RehearsalConfig", "rehearsed_plan"),
         "workflow.run": ("Run", "SolveOptions"),
@@ -87,6 +124,8 @@ keep_moved_modules()
 
 
 def _attribute(name: str) -> Any:
+    if name == "__version__":
+        return import_module("cableway.core.provenance").versions()["cableway"]
     if name in MODULES:
         return sys.modules[f"cableway.{name}"]
     if name not in _HOME:
@@ -108,4 +147,4 @@ __getattr__ = renamed(
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME})
+    return sorted({*globals(), *_HOME, "__version__"})

@@ -9,14 +9,17 @@ keypoints.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.brief import Brief
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import ArrayRecord, check_shapes
+from cableway.core.quantities import quantity
 from cableway.outcome import Outcome
 from cableway.verdict import Check as Check
 from cableway.verdict import Verdict as Verdict
@@ -41,8 +44,8 @@ class Passage:
         return float(np.linalg.norm(self.ends[1] - self.ends[0]))
 
 
-@dataclass(frozen=True)
-class PaperStages:
+@dataclass(frozen=True, repr=False)
+class PaperStages(Brief):
     """What the planning chain of Tang et al. (`cableway.tang2025`) made on the way to a plan.
 
     Attributes:
@@ -72,8 +75,8 @@ THEN_FAILED = "; then the plant failed"
 """How the last status of a rollout ends whose next step failed."""
 
 
-@dataclass(frozen=True)
-class Plan(ArrayRecord):
+@dataclass(frozen=True, repr=False)
+class Plan(Brief, ArrayRecord):
     """A verified sequence of shapes with the gripper poses that make them; one row per control step.
 
     In a file the arrays of `stages` lie beside the others.
@@ -108,6 +111,10 @@ class Plan(ArrayRecord):
         """T, the number of control steps."""
         return len(self.shapes) - 1
 
+    def _facts(self) -> Iterator[str]:
+        yield f"{self.steps} steps"
+        yield from super()._facts()
+
     def to_arrays(self) -> dict[str, Any]:
         """See `ArrayRecord.to_arrays`."""
         arrays = super().to_arrays()
@@ -126,8 +133,8 @@ class Plan(ArrayRecord):
             raise FileFormatError(f"{source}: {error}") from None
 
 
-@dataclass(frozen=True)
-class Attempt:
+@dataclass(frozen=True, repr=False)
+class Attempt(Brief):
     """A plan that did not verify, for pictures and reports only.
 
     Attributes:
@@ -146,8 +153,8 @@ class Attempt:
 
 
 # ------------------------------------------------------------------------------------------------ models
-@dataclass(frozen=True)
-class Transitions:
+@dataclass(frozen=True, repr=False)
+class Transitions(Brief):
     """Simulated or recorded transitions of one control step each; see `cableway.datasets` for those on disk.
 
     Attributes:
@@ -181,8 +188,8 @@ class Transitions:
 
 
 # ------------------------------------------------------------------------------------------------ control
-@dataclass(frozen=True)
-class Observation:
+@dataclass(frozen=True, repr=False)
+class Observation(Brief):
     """What a controller sees at one control step.
 
     Attributes:
@@ -200,8 +207,8 @@ class Observation:
     confidence: Float[np.ndarray, "n"] | None = None
 
 
-@dataclass(frozen=True)
-class Measurement:
+@dataclass(frozen=True, repr=False)
+class Measurement(Brief):
     """What a plant that knows the truth reports after one control step; for the record, not for controllers.
 
     Attributes:
@@ -243,8 +250,8 @@ class Estimate:
         return abs(self.value - self.nominal) > 2 * self.deviation
 
 
-@dataclass(frozen=True)
-class Rollout(ArrayRecord):
+@dataclass(frozen=True, repr=False)
+class Rollout(Brief, ArrayRecord):
     """What happened: row 0 is the start, row k the state after k control steps.
 
     Attributes:
@@ -299,6 +306,13 @@ class Rollout(ArrayRecord):
     def steps(self) -> int:
         """K, the number of control steps."""
         return len(self.times) - 1
+
+    def _facts(self) -> Iterator[str]:
+        yield f"{self.outcome}: {self.detail}" if self.detail else str(self.outcome)
+        yield f"{self.steps} steps in {self.times[-1] - self.times[0]:.1f} s"
+        yield f"keypoints {self.keypoints.shape}"
+        yield f"centreline {self.centreline.shape}"
+        yield f"least clearance {quantity(self.least_clearance)}"
 
     @property
     def deviations_from_reference(self) -> Float[np.ndarray, "k"]:

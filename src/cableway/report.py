@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.commands import Commands
+from cableway.core.brief import Brief
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
 from cableway.core.quantities import quantity
@@ -20,6 +21,7 @@ from cableway.outcome import Outcome
 from cableway.records import Attempt, Estimate, Plan, Rollout, Verdict
 from cableway.rod.inverse import nearest_shape
 from cableway.scene.cable import Cable
+from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
 from cableway.verification import (
     Inserted,
@@ -48,8 +50,8 @@ class ControlTime:
 
 
 @renamed_attributes(push_verdict="insertion_plan_verdict", shape_error_floor="least_achievable_error")
-@dataclass(frozen=True, kw_only=True)
-class Report:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Report(Brief):
     """The figures of one task; None where there is none, as after planning only.
 
     Attributes:
@@ -119,6 +121,12 @@ class Report:
     def success(self) -> bool:
         """Whether the task succeeded; see `judge`."""
         return self.outcome is Outcome.SUCCESS
+
+    def _facts(self) -> Iterator[str]:
+        yield repr(self.task)
+        yield "success" if self.success else f"{self.outcome}: {self.failure}"
+        if self.shape_error is not None:
+            yield f"shape error {quantity(self.shape_error)}"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON, without the figures that there are none for; no number in it is not finite."""
@@ -209,7 +217,7 @@ def _found(estimates: Mapping[str, Estimate]) -> list[tuple[str, str]]:
 
 @renamed_keywords(push="insertion_plan")
 def summarize(
-    task: Task,
+    task: TaskSource,
     plan: Plan | None,
     rollout: Rollout | None = None,
     *,
@@ -228,7 +236,7 @@ def summarize(
     """Judge and measure what became of a task.
 
     Args:
-        task: The task.
+        task: The task, or its name or file.
         plan: Its plan, or None where planning failed.
         rollout: What happened when the plan was tracked, if it was.
         insertion_plan: The plan of the insertion into the task's port.
@@ -243,6 +251,7 @@ def summarize(
         actual: The task as the plant has it, where start or obstacles differ; the rollout is judged by it.
         problem: What stopped planning or tracking, where something did, and a sentence on it.
     """
+    task = as_task(task)
     actual = actual or task
     plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
     length = None if cable is None or cable == task.cable else cable.length

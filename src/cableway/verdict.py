@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.brief import Brief
 from cableway.core.quantities import limit_text, quantity, told_apart
 
 FINDINGS = {
@@ -119,8 +120,8 @@ class Check:
         return f"{self.where} are {value} apart"
 
 
-@dataclass(frozen=True)
-class Verdict:
+@dataclass(frozen=True, repr=False)
+class Verdict(Brief):
     """All checks of a plan or a rollout."""
 
     checks: tuple[Check, ...]
@@ -144,6 +145,11 @@ class Verdict:
     def failures(self) -> tuple[Check, ...]:
         """The checks that did not pass."""
         return tuple(check for check in self.checks if not check.passed)
+
+    def _facts(self) -> Iterator[str]:
+        failures = self.failures()
+        yield f"{len(self.checks) - len(failures)} of {len(self.checks)} checks passed"
+        yield from map(str, failures[:1])
 
     def __str__(self) -> str:
         return "; ".join(map(str, self.failures())) or "all checks passed"

@@ -9,6 +9,7 @@ from importlib import metadata
 from typing import Any
 
 from cableway.control.base import Controller
+from cableway.core.checks import require_call
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.plugins import is_plugin, load_plugin
 from cableway.core.provenance import PACKAGE, versions
@@ -54,6 +55,11 @@ class Method:
     def __post_init__(self) -> None:
         if not self.name or not all(letter.isalnum() or letter in "-_." for letter in self.name):
             raise InputError(f"a method's name may contain only letters, digits, '-', '_' and '.', got {self.name!r}")
+
+        if not isinstance(self.controller, str):
+            require_call(self.controller, f"the controller of the method {self.name!r}", 0)
+        if not isinstance(self.planner, str):
+            require_call(self.planner, f"the planner of the method {self.name!r}", 2)
 
     def make_controller(self) -> Controller[Any]:
         """The controller.

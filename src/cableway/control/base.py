@@ -17,6 +17,7 @@ from typing import Any, Generic, Self, TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.checks import require_interface
 from cableway.records import Estimate, Observation, Plan
 from cableway.scene.cable import EstimatedCable
 from cableway.scene.task import CONTROL_STEP, Task
@@ -142,3 +143,16 @@ class Controller(ABC, Generic[S]):
             task: With the scene as it is known now, and otherwise the same.
         """
         return state
+
+
+METHODS = {"init": 2, "step": 2, "resume": 3, "in_scene": 2}
+"""Methods of a controller that a run calls, and how many arguments each takes."""
+
+
+def require_controller(value: Any) -> None:
+    """Check that an object has all that a run asks of a controller.
+
+    Raises:
+        InputError: It is a class instead, something is missing, or a method takes other arguments.
+    """
+    require_interface(value, "the controller", ("config", "control_step"), METHODS)

@@ -117,6 +117,36 @@ def _declared(checked: type) -> list[tuple[str, Bounds | Choice, Any, bool]]:
     return found
 
 
+def require_type(value: Any, kind: type, what: str) -> None:
+    """Check that a value is of a type.
+
+    Raises:
+        InputError: It is not; the message begins with `what` and names both types.
+    """
+    if not isinstance(value, kind):
+        got = f"the class {value.__name__} itself" if isinstance(value, type) else shown(value)
+        raise InputError(f"{what} must be a {kind.__module__.partition('.')[0]}.{kind.__name__}, got {got}")
+
+
+def require_call(function: Any, what: str, count: int, beside: str = "") -> None:
+    """Check that something can be called with so many arguments.
+
+    Raises:
+        InputError: It cannot; the message begins with `what` and has its signature.
+    """
+    if not callable(function):
+        raise InputError(f"{what} must be callable, got {shown(function)}")
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # compiled code may have none
+        return
+    try:
+        signature.bind(*range(count))
+    except TypeError:
+        wanted = f"{count} argument{'s'[: count != 1]} {beside}".rstrip()
+        raise InputError(f"{what}{signature} must take {wanted}") from None
+
+
 def require_interface(value: Any, what: str, attributes: Iterable[str], methods: Mapping[str, int]) -> None:
     """Check that an object has attributes, and methods that can be called with so many arguments.
 
@@ -137,16 +167,7 @@ def require_interface(value: Any, what: str, attributes: Iterable[str], methods:
     if lacking:
         raise InputError(f"{what}, of type {kind}, lacks {', '.join(lacking)}")
     for name, count in methods.items():
-        try:
-            signature = inspect.signature(getattr(value, name))
-        except ValueError:  # compiled code may have none
-            continue
-        try:
-            signature.bind(*range(count))
-        except TypeError:
-            raise InputError(
-                f"{kind}.{name}{signature} must take {count} argument{'s'[: count != 1]} besides self"
-            ) from None
+        require_call(getattr(value, name), f"{kind}.{name}", count, "besides self")
 
 
 def _has(value: Any, name: str) -> bool:

@@ -19,6 +19,7 @@ from cableway.core.provenance import versions
 from cableway.geometry.groups import SE2
 from cableway.records import INSERTION, Attempt, Plan
 from cableway.rod.continuation import lead
+from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
 from cableway.verification import VerificationLimits, verify_insertion_plan
 from cableway.verification.plug import require_port
@@ -33,7 +34,7 @@ SHARES = {1.0: "goes along", 0.0: "stands still"}
 """Shares of the right gripper's travel that the left one makes, in the order they are tried."""
 
 
-def plan_insertion(task: Task, limits: VerificationLimits | None = None) -> Plan:
+def plan_insertion(task: TaskSource, limits: VerificationLimits | None = None) -> Plan:
     """The verified plan of an insertion; `metadata["part"]` is "insertion".
 
     Args:
@@ -44,6 +45,7 @@ def plan_insertion(task: Task, limits: VerificationLimits | None = None) -> Plan
         InputError: The task has no port.
         PlanningError: Neither way verifies; `attempt` holds the last one.
     """
+    task = as_task(task)
     require_port(task)
     reasons, attempt = [], None
     for share, name in SHARES.items():

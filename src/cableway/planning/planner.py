@@ -19,12 +19,12 @@ from cableway.planning.initial_trajectories import PIVOTED, Progress
 from cableway.planning.projection import end_equilibria
 from cableway.planning.routes.homotopy import requested_route, unmet_request
 from cableway.records import Passage, Plan
-from cableway.scene.task import Task
+from cableway.scene.files.loading import TaskSource, as_task
 
 
 @overload
 def plan(
-    task: Task,
+    task: TaskSource,
     *,
     seed: int = ...,
     config: PlannerConfig | None = ...,
@@ -39,7 +39,7 @@ def plan(
 
 @overload
 def plan(
-    task: Task,
+    task: TaskSource,
     *,
     seed: int = ...,
     config: PlannerConfig | None = ...,
@@ -52,7 +52,7 @@ def plan(
 # Threads of the linear algebra library wait for each other at every column of a banded factor: 20 times slower.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def plan(
-    task: Task,
+    task: TaskSource,
     *,
     seed: int = 0,
     config: PlannerConfig | None = None,
@@ -66,7 +66,7 @@ def plan(
     """Find a verified sequence of shapes and gripper poses from start to goal.
 
     Args:
-        task: The task.
+        task: The task, or its name or file.
         seed: For the initial trajectories that draw random numbers.
         config: What to use in each stage; `PlannerConfig.paper()` for the paper's choices.
         progress: Called with the name of a stage and the share of it that is done.
@@ -85,6 +85,7 @@ def plan(
             `PlanningInterrupted` once there is an attempt, and ends a search for alternatives with those found.
         InputError: `alternatives` is not positive, or comes with a requested way.
     """
+    task = as_task(task)
     search = Search(task, config or PlannerConfig(), seed, progress, expired)
     if search.config.projection.kind != "none":
         end_equilibria(task, search.config.projection)

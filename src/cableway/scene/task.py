@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares
 
+from cableway.core.brief import Brief
 from cableway.core.errors import InputError, TaskError
 from cableway.rod.inverse import fit_keypoints, stable_near
 from cableway.rod.planar import PlanarRod
@@ -48,8 +50,8 @@ NAME = re.compile(r"\w[\w .+-]*")
 """A task's name; it becomes part of the names of folders."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Draft:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Draft(Brief):
     """What a task says, whether or not a cable can do it; see `Task`.
 
     Attributes:
@@ -121,7 +123,7 @@ class Draft:
         return getattr(self, f"{end}_poses") is not None or (shape is not None and len(shape) == self.cable.keypoints)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Task(Draft):
     """A start shape, a goal shape, the cable and the scene.
 
@@ -139,6 +141,19 @@ class Task(Draft):
         faults = list(self.faults())
         if faults:
             raise faults[0].of(self, faults[1:])
+
+    def _facts(self) -> Iterator[str]:
+        width, height = self.scene.size
+        obstacles = len(self.scene.obstacles)
+        yield repr(self.name)
+        yield f"cable {self.cable.length:g} m"
+        yield f"{obstacles} obstacle{'s'[: obstacles != 1]} in {width:g} m x {height:g} m"
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the task to a YAML file; see `save_task`."""
+        from cableway.scene.files.saving import save_task  # which reads and writes this class
+
+        save_task(self, path)
 
     def in_scene(self, scene: Scene) -> Task:
         """The same task in another scene, whatever start and goal now touch: for a run that is under way."""

@@ -15,6 +15,7 @@ from cableway.core.errors import InputError, SimulationError
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
+from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.chain import Chain, chain_coordinates
 
@@ -92,7 +93,7 @@ class CableSimulator:
     A step that fails leaves the plant as it was before that step.
 
     Args:
-        task: Scene, start and grippers; its cable unless `cable` is given.
+        task: Scene, start and grippers, or their name or file; its cable unless `cable` is given.
         config: Time step and bounds.
         cable: The plant's true cable where it differs from the task's. It starts with the grippers where the task's
             cable has them, at the stable shape nearest to the start; one that does not bend as a uniform elastic rod
@@ -106,8 +107,8 @@ class CableSimulator:
         The chain is planar; the table acts on it by friction and drag.
     """
 
-    def __init__(self, task: Task, config: PlantConfig | None = None, cable: Cable | None = None) -> None:
-        self.task = task
+    def __init__(self, task: TaskSource, config: PlantConfig | None = None, cable: Cable | None = None) -> None:
+        self.task = task = as_task(task)
         self.config = config or PlantConfig()
         self.cable = cable or task.cable
         self._chain = Chain(self.cable, task.scene, self.config.time_step)

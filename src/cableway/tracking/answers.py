@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -33,6 +34,8 @@ class AnsweringPlant:
     """
 
     def __init__(self, plant: Plant) -> None:
+        if isinstance(plant, Task | str | os.PathLike):
+            raise InputError(f"the plant must be what is led, such as cableway.CableSimulator(task), got {plant!r}")
         require_interface(plant, "the plant", ("task", "control_step"), {"reset": 0, "step": 1, "measure": 0})
         self._plant, self._moved = plant, False
         self._stations: int | None = None

@@ -8,8 +8,8 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from cableway.control.base import Controller
-from cableway.core.checks import require_interface
+from cableway.control.base import Controller, require_controller
+from cableway.core.checks import require_type
 from cableway.core.errors import Cancelled, InputError, SimulationError, TrackingInterrupted
 from cableway.core.provenance import describe
 from cableway.outcome import Outcome
@@ -24,10 +24,6 @@ from cableway.tracking.watchdog import Watchdog
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
-
-
-CONTROLLER = {"init": 2, "step": 2, "resume": 3, "in_scene": 2}
-"""Methods of a controller that a run calls, and how many arguments each takes."""
 
 
 # Threads of the linear algebra library cost more than they save on matrices of this size, most on a busy machine.
@@ -71,8 +67,9 @@ def track(
         ControlError: The controller could not begin.
         TrackingInterrupted: An interrupt from the keyboard; its `rollout` is what was tracked until then.
     """
+    require_type(plan, Plan, "the plan")
     config, plant = config or TrackConfig(), AnsweringPlant.of(plant)
-    require_interface(controller, "the controller", ("config", "control_step"), CONTROLLER)
+    require_controller(controller)
     if not math.isclose(controller.control_step, plant.control_step, rel_tol=1e-6):
         raise InputError(
             f"the controller steps every {controller.control_step:.4g} s, "

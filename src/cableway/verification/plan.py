@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.records import Check, Plan, Verdict
+from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.ends import Ends
 from cableway.verification.follower import Followed, follow
@@ -49,13 +50,13 @@ class VerificationLimits:
     stability: float = 20.0
 
 
-def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None) -> Verdict:
+def verify_plan(plan: Plan, task: TaskSource, limits: VerificationLimits | None = None) -> Verdict:
     """Judge a plan afresh, from its shapes and poses alone.
 
     Raises:
         InputError: The plan has another number of keypoints than the task.
     """
-    limits = limits or VerificationLimits()
+    limits, task = limits or VerificationLimits(), as_task(task)
     checks = [
         *_motion(plan, task, limits),
         *plug_clearance(plan.poses[:, 1], task, limits.clearance, Ends.of(plan, task)),
@@ -67,13 +68,13 @@ def verify_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None
     return Verdict.of(checks, CONTROL_STEP * np.arange(len(plan.shapes)))
 
 
-def verify_insertion_plan(plan: Plan, task: Task, limits: VerificationLimits | None = None) -> Verdict:
+def verify_insertion_plan(plan: Plan, task: TaskSource, limits: VerificationLimits | None = None) -> Verdict:
     """Judge a plan that inserts the plug from the task's goal into the port.
 
     Raises:
         InputError: The plan has another number of keypoints than the task, or the task has no port.
     """
-    limits = limits or VerificationLimits()
+    limits, task = limits or VerificationLimits(), as_task(task)
     require_port(task)
     checks = [
         *_motion(plan, task, limits),

@@ -7,13 +7,14 @@ import numpy as np
 from cableway.core.errors import InputError
 from cableway.outcome import START_ERROR, SUCCESS_ERROR, stacked_limit
 from cableway.records import Check, Rollout, Verdict
+from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
 from cableway.verification.plan import cable_clearance, gripper_clearance
 from cableway.verification.plug import insertion_checks, plug_clearance, require_port
 from cableway.verification.recording import recording_checks
 
 
-def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:
+def verify_rollout(rollout: Rollout, task: TaskSource, *, length: float | None = None) -> Verdict:
     """Judge a rollout afresh.
 
     Args:
@@ -25,6 +26,7 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
     Raises:
         InputError: The rollout has another number of keypoints than the task.
     """
+    task = as_task(task)
     physics = _physics(rollout, task, length)
     error = rollout.shape_error(task.goal)
     compared = slice(None) if length is None else [0, -1]
@@ -40,12 +42,13 @@ def verify_rollout(rollout: Rollout, task: Task, *, length: float | None = None)
     return Verdict.of(checks, rollout.times)
 
 
-def verify_insertion(rollout: Rollout, task: Task, *, length: float | None = None) -> Verdict:
+def verify_insertion(rollout: Rollout, task: TaskSource, *, length: float | None = None) -> Verdict:
     """Judge afresh a rollout of the insertion into the task's port; arguments as for `verify_rollout`.
 
     Raises:
         InputError: The rollout has another number of keypoints than the task, or the task has no port.
     """
+    task = as_task(task)
     require_port(task)
     physics, ends = _physics(rollout, task, length), rollout.poses[:, 1]
     before, most = float(np.linalg.norm(rollout.keypoints[0] - task.goal)), stacked_limit(SUCCESS_ERROR, len(task.goal))

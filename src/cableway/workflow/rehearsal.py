@@ -21,6 +21,7 @@ from cableway.control.rod_mpc import RodMPC
 from cableway.core.checks import Checked, Positive
 from cableway.core.errors import PlanningError, SimulationError
 from cableway.records import Plan
+from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Plant, track
@@ -96,7 +97,7 @@ def rehearse(task: Task, plan: Plan, plant: Plant, controller: Controller[Any]) 
 
 
 def rehearsed_plan(
-    task: Task,
+    task: TaskSource,
     find: Callable[[int], Plan],
     *,
     seed: int = 0,
@@ -120,7 +121,7 @@ def rehearsed_plan(
     Raises:
         PlanningError: There is no plan with the first seed.
     """
-    plan = find(seed)
+    plan, task = find(seed), as_task(task)
     if not needs_rehearsal(task):
         return plan
     try:

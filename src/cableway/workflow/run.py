@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cableway.control.base import Controller
-from cableway.core.checks import Checked, Positive
+from cableway.control.base import Controller, require_controller
+from cableway.core.brief import Brief
+from cableway.core.checks import Checked, Positive, require_call
 from cableway.core.errors import InputError
 from cableway.planning.config import PlannerConfig
 from cableway.planning.planner import plan as find_plan
@@ -55,7 +56,7 @@ class SolveOptions(Checked):
         deadline: Wall time [s] after which a control step counts as missed, as on a robot; never where None.
 
     Raises:
-        InputError: A number is out of range.
+        InputError: A number is out of range, or planner, controller or plant cannot be called as they will be.
     """
 
     planner: str | PlannerConfig | Planner | Callable[[Task, int], Plan] = DEFAULT_PLANNER
@@ -80,6 +81,12 @@ class SolveOptions(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         Watchdog(deadline=self.deadline)  # checks it
+        if not isinstance(self.planner, str | PlannerConfig | Planner):
+            require_call(self.planner, "the planner", 2)
+        if self.plant is not None and not isinstance(self.plant, str):
+            require_call(self.plant, "the plant", 1)
+        if not isinstance(self.controller, str):
+            require_controller(self.controller)
         if self.plant is not None and self.perturbation != Perturbation():
             raise InputError("a perturbation is of the simulated plant, and another one is given")
         if self.alternatives < 1:
@@ -116,8 +123,8 @@ class SolveOptions(Checked):
         return not (isinstance(self.controller, str) and controller_entry(self.controller).follows_blindly)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Run:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Run(Brief):
     """A task with what became of it; None for what it did not come to.
 
     Attributes:
@@ -141,6 +148,13 @@ class Run:
     insertion_plan: Plan | None = None
     insertion: Rollout | None = None
     timings: Mapping[str, float] = field(default_factory=dict)
+
+    def _facts(self) -> Iterator[str]:
+        yield from self.report._facts()
+        if self.plan is not None:
+            yield f"plan of {self.plan.steps} steps"
+        if self.rollout is not None:
+            yield f"rollout of {self.rollout.steps} steps"
 
     @property
     def success(self) -> bool:

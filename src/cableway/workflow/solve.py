@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cableway.scene.task import Task
+from cableway.core.checks import require_type
+from cableway.scene.files.loading import TaskSource, as_task
 from cableway.workflow.events import Finished, Listener, OnEvent, Planned
 from cableway.workflow.find import find
 from cableway.workflow.follow import follow, prepare_controller, stopped
@@ -10,11 +11,11 @@ from cableway.workflow.own_plant import prepare_plant
 from cableway.workflow.run import Run, SolveOptions
 
 
-def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | None = None) -> Run:
+def solve(task: TaskSource, options: SolveOptions | None = None, on_event: OnEvent | None = None) -> Run:
     """Solve a task: plan, rehearse, track and recover, insert, verify, report.
 
     Args:
-        task: The task.
+        task: The task, or its name or file.
         options: How; the defaults where None.
         on_event: Called with progress and partial results, see `cableway.workflow.events`; it may stop the run.
 
@@ -26,8 +27,9 @@ def solve(task: Task, options: SolveOptions | None = None, on_event: OnEvent | N
         InputError: The options name something that is not known, or do not fit the task, as a plan of another one.
         KeyboardInterrupt: The run was interrupted from the keyboard; `Finished` has come with what there is.
     """
-    options, listener = options or SolveOptions(), Listener(on_event)
-    task = task.at_speed(options.speed)
+    options, listener = SolveOptions() if options is None else options, Listener(on_event)
+    require_type(options, SolveOptions, "options")
+    task = as_task(task).at_speed(options.speed)
     controller = prepare_controller(options, listener) if options.track else None
     plant = prepare_plant(task, options, listener) if options.track else None
     run = find(task, options, listener)  # plan, rehearsal, plan of the insertion, verification

@@ -19,6 +19,7 @@ from cableway.core.provenance import PACKAGE, describe, versions
 from cableway.geometry.groups import SE2
 from cableway.motion.resampling import smoothed
 from cableway.records import Plan, Rollout, Verdict
+from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification import kind_of, require_verified, verify_record
@@ -62,7 +63,7 @@ class Trajectory:
     def of(
         cls,
         record: Plan | Rollout,
-        task: Task,
+        task: TaskSource,
         *,
         rate: float | None = None,
         cable: bool = False,
@@ -84,6 +85,7 @@ class Trajectory:
             InputError: The record does not verify, or its curve does not; the rate is out of range; the rows of a
                 rollout are not at equal times, and a rate is asked for; or there is one only.
         """
+        task = as_task(task)
         verdict = verify_record(record, task) if unverified else require_verified(record, task, source)
         shapes = record.shapes if isinstance(record, Plan) else record.keypoints
         poses = record.poses.copy()

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cableway.core.checks import shown
 from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.rod.inverse import shape_between
 from cableway.scene import checks
@@ -25,6 +26,9 @@ from cableway.scene.task import CONTROL_STEP, ENDS, Draft, Task
 
 SUFFIXES = (".yaml", ".yml")
 """Endings of task files."""
+
+TaskSource = Task | str | os.PathLike[str]
+"""A task, its name in the catalogue, or the path of its YAML file."""
 
 _OBSTACLES = {"box": Box, "polygon": Polygon, "disc": Disc}
 
@@ -41,12 +45,27 @@ def load_task(source: str | os.PathLike[str]) -> Task:
         FileFormatError: The file is missing, a folder, unreadable, not YAML, empty or no mapping.
         TaskError: The file says something that no task can be; the message has file, line and place.
     """
+    if not isinstance(source, str | os.PathLike):
+        raise InputError(f"a task is loaded by its name or from a path, got {shown(source)}")
     document = read_document(_task_path(source))
     content = validate(document)
     try:
         return _task(content, document.path)
     except TaskError as error:
         raise document.locate(error) from None
+
+
+def as_task(task: TaskSource) -> Task:
+    """A task that is given as such, or by what `load_task` reads.
+
+    Raises:
+        InputError: It is neither, or there is no such task.
+    """
+    if isinstance(task, Task):
+        return task
+    if isinstance(task, str | os.PathLike):
+        return load_task(task)
+    raise InputError(f"a task must be a Task, a name of the catalogue or the path of a YAML file, got {shown(task)}")
 
 
 def task_names() -> tuple[str, ...]:
