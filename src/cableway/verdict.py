@@ -33,6 +33,7 @@ FINDINGS = {
     "gripper turn jerk": "a gripper turns with a jerk of {value}",
     "rows the rod does not reach": "the cable could not take {value} of the planned shapes, first that at {when}",
     "rod deviation": "the cable would stray {value} from the planned shape",
+    "error of the rod coordinates": "the plan's rod coordinates are {value} from its shapes",
     "rod stability": "the cable is about to snap, with a stability margin of {value}",
     "curvature": "the cable bends with a curvature of {value}",
     "distance to start": "the motion begins {value} from the task's start",

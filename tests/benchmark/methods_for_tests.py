@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 
 from cableway.benchmark.methods import Method
@@ -19,12 +20,22 @@ def dying(task, seed):
     os._exit(3)
 
 
+def quitting(task, seed):
+    sys.exit(0)
+
+
 def raising(task, seed):
     raise ValueError("broken inside")
 
 
 def telling(task, seed):
     raise PlanningError("there is no plan: the gap is too narrow", outcome="infeasible")
+
+
+class Claims(OpenLoop):
+    def init(self, task, plan):
+        object.__setattr__(task, "goal", task.start)
+        return super().init(task, plan)
 
 
 class Breaks(OpenLoop):
@@ -50,6 +61,8 @@ class Dawdles(OpenLoop):
 SOUND = Method(name="sound", description="works", controller=OpenLoop, recovers=False)
 HANGS = Method(name="hangs", description="never returns", controller=OpenLoop, planner=hanging)
 DIES = Method(name="dies", description="ends its process", controller=OpenLoop, planner=dying)
+QUITS = Method(name="quits", description="calls sys.exit", controller=OpenLoop, planner=quitting)
+CLAIMS = Method(name="claims", description="takes the start for the goal", controller=Claims, recovers=False)
 RAISES = Method(name="raises", description="raises", controller=OpenLoop, planner=raising)
 TELLS = Method(name="tells", description="always says that there is no plan", controller=OpenLoop, planner=telling)
 NO_METHOD = hanging

@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of a sound method and of those that fail in every way, side by side."""
     folder = tmp_path_factory.mktemp("bench")
     warm_up()  # compiles once, for both workers
-    names = ("hangs", "sound", "dies", "raises", "tells")
+    names = ("hangs", "sound", "dies", "quits", "claims", "raises", "tells")
     run_jobs([job(name) for name in names], folder, workers=2, time_limit=12.0)
     return folder
 
@@ -47,6 +47,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("hangs", "timed out", "not finished within 12 s"),
         ("dies", "crashed", "ProcessExpired"),
+        ("quits", "crashed", "the process was to be ended by SystemExit: 0 (methods_for_tests.py, line"),
+        ("claims", "crashed", "the method claims overwrote the task"),
         ("raises", "crashed", "ValueError: broken inside"),
         ("tells", "infeasible", "the gap is too narrow"),
     ],

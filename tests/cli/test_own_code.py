@@ -41,6 +41,11 @@ class Lost(Bench):
         return super().step(action)
 
 
+class Leaves(Bench):
+    def step(self, action):
+        raise SystemExit(0)
+
+
 class Flat(Bench):
     def step(self, action):
         return Observation(0.1, np.zeros((3, 2)), np.zeros((2, 3)))
@@ -189,9 +194,9 @@ def test_a_dry_run_leaves_the_plant_alone(cableway: Command, moved_file: Path, r
     [
         ("--plant", "lab.bench:Half", "lab.bench:Half: the plant, of type Half, lacks control_step, step(), measure()"),
         ("--plant", "lab.bench:Slow", "its control_step must be 0.1 s, got 0.02"),
-        ("--plant", "lab.bench:Refuses", "OSError: no robot at this address (bench.py, line 47)"),
+        ("--plant", "lab.bench:Refuses", "OSError: no robot at this address (bench.py, line 52)"),
         ("--plant", "lab.bench:nothing", "no plant can be made of the task 'moved': TypeError: nothing() takes 0"),
-        ("--plant", "lab.bench:Nope", "bench.py: has no 'Nope'; it has Bench, Lost, Flat, Half"),
+        ("--plant", "lab.bench:Nope", "bench.py: has no 'Nope'; it has Bench, Lost, Leaves, Flat"),
         ("--plant", "lab.none:Bench", "lab.none:Bench: there is no module 'lab.none', neither in "),
         ("--plant", "lab.broken:Bench", "No module named 'nothing_of_this_name' (broken.py, line 1)"),
         ("--plant", "lab.leaves:Bench", "the module failed to run: SystemExit: 0 (leaves.py, line 2)"),
@@ -219,6 +224,7 @@ def test_what_is_no_plant_or_controller(
             Outcome.PLANT_FAILED,
             "the plant's step raised ConnectionError: the robot hung up (bench.py, line 22)",
         ),
+        ("--plant", "Leaves", Outcome.PLANT_FAILED, "the plant's step raised SystemExit: 0 (bench.py, line 28)"),
         ("--plant", "Flat", Outcome.PLANT_FAILED, "the plant's step reported keypoints of shape (3, 2), not (13, 2)"),
         ("--controller", "Unready", Outcome.CONTROLLER_FAILED, "init() must return a ControllerState, got None"),
     ],

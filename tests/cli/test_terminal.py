@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cableway.cli.options import Options
-from cableway.cli.terminal import Terminal
+from cableway.cli.terminal import Terminal, pairs
 from cableway.workflow.find import StageTimer
 
 
@@ -52,3 +52,14 @@ def test_quiet_is_quiet_and_json_is_json(capsys: pytest.CaptureFixture[str]):
         shown = capsys.readouterr()
         assert shown.out == ("" if options.quiet else '{\n "a": 1\n}\n')
         assert (shown.err == "") == options.quiet
+
+
+def test_texts_from_files_cannot_command_the_terminal(capsys: pytest.CaptureFixture[str]):
+    """A name with escapes in it is shown with the escapes as text, whether in a table or in a note."""
+    hostile = "\x1b[31mred \u202eright"
+    terminal = Terminal(Options())
+    terminal.note(hostile)
+    terminal.result({}, pairs([("name", hostile)]))
+    printed = capsys.readouterr()
+    assert r"\x1b[31mred \u202eright" in printed.out
+    assert r"\x1b[31mred \u202eright" in printed.err

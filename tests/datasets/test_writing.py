@@ -73,7 +73,7 @@ def test_another_data_set_is_not_mixed_with(whole, change, said):
 def test_two_writers_do_not_share_a_folder(tmp_path):
     with (
         open_writer(tmp_path, ORIGIN),
-        pytest.raises(InputError, match="another process is collecting into this folder"),
+        pytest.raises(InputError, match="another process is writing to this folder"),
         open_writer(tmp_path, ORIGIN),
     ):
         pass
@@ -95,8 +95,8 @@ def test_a_write_that_fails_leaves_what_is_complete(tmp_path):
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         assert writer.shard(6) is None
     assert str(caught.value) == (
-        f"{tmp_path}: File too large after 2 complete shards, which are kept; "
-        "once there is space, the same command continues from there"
+        f"{tmp_path / 'shard-000003.safetensors'}: cannot be written: File too large, after 2 complete shards, "
+        "which are kept; once there is space, the same command continues from there"
     )
     assert contents(tmp_path) == before
     assert all(read_shard(tmp_path, shard, ORIGIN.columns) for shard in read_manifest(tmp_path).shards)

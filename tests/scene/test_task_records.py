@@ -273,3 +273,10 @@ def test_a_start_that_would_snap_is_resumed_from_the_nearest_shape_that_does_not
     resumed = task().resumed_from(seen)
     assert rod.stability(resumed.start_equilibrium[None])[0][0] > RESUMED_STABILITY - 1
     assert np.linalg.norm(resumed.start - seen, axis=1).max() < 0.015
+
+
+@pytest.mark.parametrize("name", ["start", "goal"])
+def test_a_task_cannot_be_overwritten_in_place(name: str):
+    """Whoever is given a task to solve cannot move its goal to where the cable is."""
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(task(), name)[:] = 0.0

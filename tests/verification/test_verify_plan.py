@@ -61,6 +61,22 @@ def plan_line(task: Task) -> np.ndarray:
     return problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.MOVED_ARC, 30)
 
 
+@pytest.mark.parametrize("rows", [slice(10, None), slice(10, 11), slice(None, None, 2)])
+def test_angles_that_jump_by_a_turn_are_a_step_that_no_gripper_makes(good, rows: slice):
+    task, plan = good
+    poses = plan.poses.copy()
+    poses[rows, 1, 2] += 2 * np.pi
+    assert failed(replace(plan, poses=poses), task) == {"gripper turn"}
+
+
+def test_rod_coordinates_are_those_of_the_shapes(good):
+    task, plan = good
+    q = problems.line_in_q(task.cable.rod, problems.LOW_ARC, problems.MOVED_ARC, 30)[:1].repeat(
+        len(plan.shapes), axis=0
+    )
+    assert failed(replace(plan, q=q), task) == {"error of the rod coordinates"}
+
+
 def test_a_line_of_equilibria_passes(good):
     """In free space a straight line in q is a true plan."""
     task, plan = good

@@ -14,6 +14,7 @@ from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
 from cableway.benchmark.suites import Episode
 from cableway.commands import stopping_time
 from cableway.control.base import Controller
+from cableway.core.errors import InputError
 from cableway.outcome import Outcome
 from cableway.planning.compilation import EXAMPLE
 from cableway.planning.planner import plan as find_plan
@@ -186,6 +187,8 @@ def _score(job: Job) -> Scored:
         clock=time.process_time,  # as others may work on this machine
     )
     run = solve(task, options)
+    if task != episode.load():
+        raise InputError(f"the method {job.method} overwrote the task")
     if episode.suite == BLOCKED:
         return Scored(_certified(job, run))
     result = _measured(job, run, perturbation)

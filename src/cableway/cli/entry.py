@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from cableway.cli.interrupts import INTERRUPTS
-from cableway.core.errors import CablewayError, InputError
+from cableway.core.errors import FULL, CablewayError, InputError, printable, said
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses: succeeded; done, but the task did not succeed; the input was wrong; ctrl-c (a SIGTERM: 143)."""
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if INTERRUPTS.came:
             sentence, status = "interrupted" if INTERRUPTS.came == signal.SIGINT else "terminated", INTERRUPTS.status
     if sentence:
-        print(f"cableway: {sentence}", file=sys.stderr)
+        print(printable(f"cableway: {sentence}"), file=sys.stderr)
     return status
 
 
@@ -50,9 +50,13 @@ def _run(arguments: list[str]) -> tuple[str, int]:
             return "", DONE
         from cableway.cli.commands import parse  # here, so that an interrupt during imports is quiet too
 
-        return "", parse(arguments).execute()
+        try:
+            command = parse(arguments)
+        except SystemExit as stop:  # help, or what cannot be read
+            return "", stop.code if isinstance(stop.code, int) else DONE
+        return "", command.execute()
     except SystemExit as stop:
-        return "", stop.code if isinstance(stop.code, int) else DONE
+        return f"the command was ended by {said(stop)}, in code that is not cableway's", FAILED
     except BrokenPipeError:
         from cableway.cli.terminal import leave_pipe
 
@@ -63,6 +67,11 @@ def _run(arguments: list[str]) -> tuple[str, int]:
     except CablewayError as error:
         return str(error), FAILED
     except OSError as error:
-        if error.filename is None:
+        if error.filename is None and error.errno not in FULL:
             raise
-        return f"{error.filename}: {error.strerror}", WRONG_INPUT
+        if error.filename is None:
+            from cableway.cli.terminal import leave_pipe
+
+            leave_pipe()
+        sentence = f"{error.filename or 'standard output'}: {error.strerror}"
+        return sentence, FAILED if error.errno in FULL else WRONG_INPUT

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal, columns
+from cableway.core.errors import FileFormatError
 
 HORIZONS = (1, 10, 30)
 """Steps ahead at which errors are listed."""
@@ -26,21 +27,28 @@ class Models(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.datasets.manifest import MANIFEST
         from cableway.tang2025.models.checkpoint import model_names, read_card
 
-        local = sorted(Path("runs").rglob("*.safetensors"))
-        sources: list[str | Path] = [*model_names(), *self.files, *(path for path in local if path not in self.files)]
+        terminal, sources = Terminal(self), [*model_names(), *self.files]
         rows = [_row(str(source), read_card(source)) for source in sources]
+        for path in sorted(Path("runs").rglob("*.safetensors")):
+            if path in sources or (path.parent / MANIFEST).exists():  # named already, or a shard of a data set
+                continue
+            try:
+                rows.append(_row(str(path), read_card(path)))
+            except FileFormatError as error:
+                terminal.note(f"Left out: {error}.")
         names = [f"{steps} steps" for steps in HORIZONS]
         caption = "Mean stacked error of open-loop prediction on held-out episodes."
         table = columns("model", "kind", "parameters", "transitions", *names, caption=caption)
         for row in rows:
             errors = [_text(row["mean_error_mm"][f"{steps}"]) for steps in HORIZONS]
             facts = (row["kind"], str(row["parameters"]), str(row["transitions"]))
-            table.add_row(Text(row["model"]), *facts, *errors)
+            table.add_row(*map(Text, (row["model"], *facts)), *errors)
         report = {"models": rows}
         self.keep("models", report)
-        Terminal(self).result(report, table)
+        terminal.result(report, table)
         return 0
 
 

@@ -59,12 +59,13 @@ class PlanOptions(TaskOptions):
 
     def solve(self, task: Task, *, video: bool = False, **options: Any) -> int:
         """Solve the task, leave its files in the folder, show the report and return the exit status."""
+        from cableway.core.files import only_writer
         from cableway.workflow.run import SolveOptions
         from cableway.workflow.solve import solve
 
         terminal, folder = Terminal(self), self.folder(task.name)
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=self.time_limit, **options)
-        with terminal.progress() as progress:
+        with only_writer(folder), terminal.progress() as progress:
             run = solve(task, chosen, _shown(terminal, progress, folder, tracked=chosen.track))
             INTERRUPTS.release()
             if video and run.rollout is not None:

@@ -58,11 +58,12 @@ class Tasks(Options):
         return 0
 
     def _random(self, kind: str) -> int:
+        from cableway.core.files import only_writer
         from cableway.scene.files.saving import save_task
         from cableway.tasks.generation import random_task
 
         terminal, folder, tasks, rows = Terminal(self), self.folder(kind), [], []
-        with terminal.progress() as progress:
+        with only_writer(folder), terminal.progress() as progress:
             for k in range(self.count):
                 task = random_task((self.seed or 0) + k, kind, width=self.width)
                 path = folder / f"{task.name}.yaml"

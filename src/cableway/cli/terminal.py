@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cableway.cli.options import Options
+from cableway.core.errors import printable
 
 OnProgress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done."""
@@ -29,7 +30,7 @@ class Terminal:
 
     def note(self, sentence: str) -> None:
         """A sentence on the side."""
-        self._errors.print(sentence, style="dim", markup=False, soft_wrap=True)
+        self._errors.print(printable(sentence), style="dim", markup=False, soft_wrap=True)
 
     @contextmanager
     def progress(self) -> Iterator[OnProgress]:
@@ -79,9 +80,17 @@ class Terminal:
             leave_pipe()
 
 
+class _Rows(Table):
+    """A table in which texts from files cannot pose as commands to the terminal."""
+
+    def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
+        """See `Table.add_row`."""
+        super().add_row(*(Text(printable(each.plain)) if isinstance(each, Text) else each for each in cells), **options)
+
+
 def pairs(rows: list[tuple[str, str]]) -> Table:
     """A table of names and values."""
-    table = Table.grid(padding=(0, 2))
+    table = _Rows.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
     for name, value in rows:
@@ -91,7 +100,7 @@ def pairs(rows: list[tuple[str, str]]) -> Table:
 
 def columns(*names: str, caption: str | None = None) -> Table:
     """An empty table with a header; the first column is never broken into lines."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="bold", caption=caption, caption_justify="left")
+    table = _Rows(box=None, padding=(0, 2, 0, 0), header_style="bold", caption=caption, caption_justify="left")
     for index, name in enumerate(names):
         table.add_column(name, overflow="fold", no_wrap=index == 0)
     return table

@@ -39,6 +39,7 @@ class Train(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.core.files import only_writer
         from cableway.datasets.reading import load_transitions
         from cableway.tang2025.models.card import write_card
         from cableway.tang2025.models.checkpoint import save_model
@@ -53,8 +54,7 @@ class Train(Options):
         state = path.with_name(f"{path.name}.state")
         if not enable_compilation_cache():
             terminal.note("The training step is compiled before it starts; the next run finds it in your cache folder.")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with terminal.progress() as progress:
+        with only_writer(path.parent), terminal.progress() as progress:
             model, card = make_model(
                 recipe, data, start=start, state_file=state,
                 progress=lambda words, share: progress(f"train: {words}", share),

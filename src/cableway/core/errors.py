@@ -5,15 +5,30 @@ Every message is one sentence that names the file or argument, the value found a
 
 from __future__ import annotations
 
+import errno
 import importlib
 import traceback
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
+from unicodedata import category
 
 
 class CablewayError(Exception):
     """Base of every error that cableway raises on purpose."""
+
+
+def printable(text: str) -> str:
+    """A text without what would move a terminal's cursor or colour it: control characters as their escapes.
+
+    >>> printable("red " + chr(27) + "[31m")
+    'red \\x1b[31m'
+    """
+    return "".join(letter if letter in "\n\t" or category(letter)[0] != "C" else repr(letter)[1:-1] for letter in text)
+
+
+RAISED = (Exception, SystemExit)
+"""What code of a user's own may raise: an error, or `sys.exit`, which would end the command as if it had succeeded."""
 
 
 def said(error: BaseException) -> str:
@@ -99,6 +114,10 @@ class UnknownNameError(InputError):
 
 class MissingExtraError(InputError, ImportError):
     """Packages that only an extra installs are missing; the message says how to install them (exit status 2)."""
+
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Numbers of the errors of a disk that is full or fails."""
 
 
 class StorageError(CablewayError):

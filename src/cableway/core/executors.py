@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import Any, Protocol, TypeVar
 
-from cableway.core.errors import InputError, SimulationError, UnknownNameError
+from cableway.core.errors import InputError, SimulationError, UnknownNameError, said
 from cableway.core.extras import require
 
 PATIENCE = 4.0
@@ -141,6 +141,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
     if count == 1:
         yield Executor(_Later, 1)
         return
+    before = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin_worker)
 
     def submit(function: Callable[..., Any], arguments: tuple[Any, ...], _: float | None) -> Any:
@@ -154,6 +155,10 @@ def _local(workers: int | None) -> Iterator[Executor]:
             "a worker process died: out of memory, killed, or unable to import the main module "
             "(which needs `if __name__ == '__main__'`)"
         ) from None
+    except BaseException:
+        for worker in set(multiprocessing.active_children()) - before:
+            worker.terminate()  # or it finishes what it is at, for which nobody waits any more
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -184,9 +189,19 @@ def _within(function: Callable[..., Any], arguments: tuple[Any, ...], limit: flo
     """A call in a process that ends by SIGPROF after so much processor time [s]."""
     signal.setitimer(signal.ITIMER_PROF, limit or 0.0)
     try:
-        return function(*arguments)
+        return _failing(function, arguments)
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+def _failing(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """A call whose `sys.exit` or `KeyboardInterrupt` is an error, which does not end the main process as well."""
+    try:
+        return function(*arguments)
+    except Exception:
+        raise
+    except BaseException as error:
+        raise RuntimeError(f"the process was to be ended by {said(error)}") from None
 
 
 @contextmanager
@@ -244,10 +259,10 @@ def _ray(workers: int | None) -> Iterator[Executor]:
 def _call(function: Callable[..., Any], arguments: tuple[Any, ...], time_limit: float | None) -> Any:
     """What hangs ends itself on a cluster, as nobody outside can reach it."""
     if time_limit is None:
-        return function(*arguments)
+        return _failing(function, arguments)
     faulthandler.dump_traceback_later(time_limit, exit=True)
     try:
-        return function(*arguments)
+        return _failing(function, arguments)
     finally:
         faulthandler.cancel_dump_traceback_later()
 

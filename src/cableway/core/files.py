@@ -6,13 +6,15 @@ import json
 import os
 import re
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from cableway.core.errors import FileFormatError, InputError
+from cableway.core.errors import FULL, FileFormatError, InputError, StorageError
 from cableway.core.reading import parse_json, read_arrays
 
 LARGEST = 1e6
@@ -27,6 +29,9 @@ def write_atomically(path: Path, write: Any) -> None:
     Args:
         path: Where the content goes; its folder is made if missing.
         write: Called with a binary file object.
+
+    Raises:
+        StorageError: There is no room for it, or the file system failed.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -38,9 +43,40 @@ def write_atomically(path: Path, write: Any) -> None:
             os.fsync(file.fileno())
         os.replace(temporary, path)
         _sync_folder(path.parent)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        if error.errno not in FULL:
+            raise
+        raise StorageError(f"{path}: cannot be written: {error.strerror}") from None
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def only_writer(folder: Path) -> Iterator[None]:
+    """Hold a folder for this process; the system lets go of it when the process ends, however it ends.
+
+    It is made if missing, and removed again where nothing was written to it.
+
+    Raises:
+        InputError: Another process writes to it.
+    """
+    import fcntl
+
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        raise InputError(f"{folder}: another process is writing to this folder") from None
+    finally:
+        os.close(handle)
+        with suppress(OSError):  # something is in it
+            for each in made:
+                each.rmdir()
 
 
 def _sync_folder(folder: Path) -> None:

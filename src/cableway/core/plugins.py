@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from cableway.core.errors import InputError, said
+from cableway.core.errors import RAISED, InputError, said
 
 
 def is_plugin(source: str) -> bool:
@@ -48,7 +48,7 @@ def _from_file(file: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
+    except RAISED as error:
         raise InputError(f"{file}: failed to run: {said(error)}") from None
     return module
 
@@ -62,7 +62,7 @@ def _imported(name: str, source: str) -> ModuleType:
     importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
-    except (Exception, SystemExit) as error:
+    except RAISED as error:
         if isinstance(error, ModuleNotFoundError) and f"{name}.".startswith(f"{error.name}."):
             where = f"neither in {here} nor in the environment"
             raise InputError(f"{source}: there is no module {error.name!r}, {where}") from None

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ import numpy as np
 from safetensors.numpy import save
 
 from cableway.core.errors import FileFormatError, InputError, StorageError
-from cableway.core.files import write_atomically
+from cableway.core.files import only_writer, write_atomically
 from cableway.datasets.manifest import FORMAT, MANIFEST, VERSION, Column, Manifest, Shard, read_manifest, write_manifest
 from cableway.datasets.reading import read_shard
 
@@ -51,8 +49,7 @@ def open_writer(folder: Path, origin: Origin) -> Iterator[DatasetWriter]:
         InputError: The folder holds a data set of another origin, or another process is writing to it.
         FileFormatError: Its manifest is damaged.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    with _locked(folder):
+    with only_writer(folder):
         kept = _sound_shards(folder, origin) if (folder / MANIFEST).exists() else []
         for leftover in [*folder.glob(".shard-*"), *folder.glob(f".{MANIFEST}.*")]:
             leftover.unlink()
@@ -129,26 +126,11 @@ class DatasetWriter:
     def _storing(self) -> Iterator[None]:
         try:
             yield
-        except OSError as error:
+        except StorageError as error:
             raise StorageError(
-                f"{self._folder}: {error.strerror or error} after {len(self._shards)} complete shards, which are kept; "
+                f"{error}, after {len(self._shards)} complete shards, which are kept; "
                 "once there is space, the same command continues from there"
             ) from None
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder for this process; the system lets go of it when the process ends, however it ends."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise InputError(f"{folder}: another process is collecting into this folder") from None
-    try:
-        yield
-    finally:
-        os.close(handle)
 
 
 def _sound_shards(folder: Path, origin: Origin) -> list[Shard]:

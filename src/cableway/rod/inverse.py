@@ -43,6 +43,7 @@ def fit_keypoints(
     Returns:
         q (6,) and ||keypoints(q) - keypoints|| [m].
     """
+    keypoints = keypoints.copy()  # those of a task are read-only, for which Numba would compile once more
     guesses = [rod.guesses(keypoints[None])[0], *([] if guess is None else [guess])]
     if rod.modes:
         uniform = fit_keypoints(replace(rod, modes=()), keypoints)[0]

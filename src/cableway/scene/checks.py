@@ -165,7 +165,7 @@ def profile(value: Any, place: Place, most: int, quantity: Quantity) -> tuple[fl
 
 
 def rows(value: Any, place: Place, columns: tuple[Quantity, ...]) -> Float[np.ndarray, "rows columns"]:
-    """A copy of `value` as a C-contiguous array of floats with these columns.
+    """A read-only copy of `value` as a C-contiguous array of floats with these columns.
 
     Raises:
         TaskError: It is no such array, or a number is not allowed in its column.
@@ -183,4 +183,5 @@ def rows(value: Any, place: Place, columns: tuple[Quantity, ...]) -> Float[np.nd
               for quantity, entries in zip(columns, array.T, strict=True)]  # fmt: skip
     for row, column in np.argwhere(~np.array(within).T):
         columns[column](array[row, column], (*place, int(row), int(column)))
+    array.setflags(write=False)
     return array

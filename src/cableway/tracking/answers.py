@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import require_interface
-from cableway.core.errors import CablewayError, Cancelled, InputError, SimulationError, said
+from cableway.core.errors import RAISED, CablewayError, Cancelled, InputError, SimulationError, said
 from cableway.geometry.groups import SE2
 from cableway.records import Measurement, Observation
 from cableway.scene.task import Task
@@ -162,7 +162,7 @@ def _asked(ask: Callable[[], T], name: str, kept: type[Exception] = SimulationEr
         return ask()
     except (kept, Cancelled):
         raise
-    except Exception as error:
+    except RAISED as error:
         raise SimulationError(f"the plant's {name} raised {said(error)}") from error
 
 

@@ -107,6 +107,7 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         *_gripper_motion(plan.poses, task),
         *_gripper_ramps(plan.poses, task),
         *_following(followed, ends, clearance, task, limits),
+        *_rod_coordinates(plan, task, limits),
         *_optional(plan, followed, task),
     ]
 
@@ -241,7 +242,8 @@ def _separation(poses: np.ndarray, task: Task) -> Check:
 
 
 def _gripper_motion(poses: np.ndarray, task: Task) -> list[Check]:
-    move, turn = pose_distance(poses[:-1], poses[1:])
+    """Angles run on from row to row: one that jumps by a turn is a step that no gripper makes."""
+    move, turn = pose_distance(poses[:-1], poses[1:])[0], np.abs(np.diff(poses[:, :, 2], axis=0))
     return [
         at_most("gripper step", move.max(1), "m", task.grippers.max_step),
         at_most("gripper turn", turn.max(1), "rad", task.grippers.max_turn),
@@ -282,6 +284,15 @@ def _following(
         clear = cable_clearance(followed.lines, task, np.maximum(0.0, clearance[:reached] - limits.follow))
         checks.append(replace(clear, name="rod clearance"))
     return checks
+
+
+def _rod_coordinates(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
+    """Where a plan has rod coordinates they are those of its shapes; the goal need not be a shape of the rod."""
+    if plan.q is None:
+        return []
+    rod = task.cable.rod
+    gap = np.linalg.norm(rod.at_keypoints(rod.shapes(plan.q)[0]) - plan.shapes, axis=2).max(1)
+    return [at_most("error of the rod coordinates", gap[:-1], "m", limits.follow)]
 
 
 def _optional(plan: Plan, followed: Followed, task: Task) -> list[Check]:

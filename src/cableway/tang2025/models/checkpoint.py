@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,6 +19,7 @@ from cableway.core.files import write_atomically
 from cableway.core.provenance import describe
 from cableway.core.reading import parse_json, parse_safetensors, read_bytes
 from cableway.tang2025.models.base import DeformationModel
+from cableway.tang2025.models.evaluation import HorizonError
 from cableway.tang2025.models.learned import LearnedModel
 from cableway.tang2025.models.networks import KINDS, config_of
 
@@ -40,6 +41,31 @@ METADATA_KEY = "cableway"
 """The one key of a file's metadata; with several, their order and so the file's bytes would be random."""
 
 Tree = TypeVar("Tree")
+
+
+@dataclass(frozen=True)
+class CardData:
+    """What the card of a model says of its data."""
+
+    sha256: str = ""
+    transitions: int = 0
+    training_transitions: int = 0
+    held_out_transitions: int = 0
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Card:
+    """What the card of a model holds, of which another tool may leave things out."""
+
+    kind: str = ""
+    parameters: int = 0
+    data: CardData = CardData()
+    model: dict[str, Any] = field(default_factory=dict)
+    training: dict[str, Any] = field(default_factory=dict)
+    history: list[dict[str, float]] = field(default_factory=list)
+    errors: dict[str, list[HorizonError]] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
 
 
 def model_names() -> tuple[str, ...]:
@@ -124,6 +150,11 @@ def read_card(name_or_path: str | Path) -> dict[str, Any]:
     card = _read_model_metadata(path).get("card")
     if not isinstance(card, dict):
         raise FileFormatError(f"{path}: it holds no model card")
+    known = {entry.name for entry in fields(Card)}
+    try:
+        from_mapping(Card, {name: part for name, part in card.items() if name in known}, "its card")
+    except InputError as error:
+        raise FileFormatError(f"{path}: {error}") from None
     return card
 
 

@@ -21,6 +21,8 @@ from cableway.tang2025.models.viscoelastic import RodParameters
 SMALLEST_SPREAD = 1e-6
 """Standard deviation below which an input counts as constant and is not divided by it."""
 
+LARGEST_SIZE = 1024
+"""Of anything that is counted in a network; one with more would take minutes to compile."""
 
 KEYPOINTS = 13
 """Number of keypoints that a network sees unless its configuration says otherwise."""
@@ -45,14 +47,16 @@ class LearnedConfig(abc.ABC):
     def network(self, key: PRNGKeyArray) -> Network:
         """The network."""
 
-    def check_keypoints(self) -> None:
-        """Fewer than three show no bend.
+    def check_sizes(self, **sizes: int) -> None:
+        """Check sizes of a network, and how many keypoints it sees: fewer than three show no bend.
 
         Raises:
-            InputError: The network sees so few.
+            InputError: One is out of range.
         """
-        if self.keypoints < 3:
-            raise InputError(f"{self.kind} keypoints must be at least 3, got {self.keypoints!r}")
+        for name, value in {**sizes, "keypoints": self.keypoints}.items():
+            least = 3 if name == "keypoints" else 1
+            if not least <= value <= LARGEST_SIZE:
+                raise InputError(f"{self.kind} {name} must be from {least} to {LARGEST_SIZE}, got {value!r}")
 
     def rod(self) -> RodParameters | None:
         """The nominal rod, where the framing asks for one."""

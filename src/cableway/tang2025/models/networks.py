@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from cableway.core.checks import Checked, Positive
-from cableway.core.errors import InputError, UnknownNameError
+from cableway.core.errors import UnknownNameError
 from cableway.scene.task import CONTROL_STEP
 from cableway.tang2025.models.frames import Framing, Inputs
 from cableway.tang2025.models.layers import GRIPPERS, TOKEN, Dense, LayerNorm, tokens
@@ -45,10 +45,7 @@ class ConvConfig(LearnedConfig):
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
-        for name in ("width", "blocks"):
-            if getattr(self, name) < 1:
-                raise InputError(f"conv {name} must be at least 1, got {getattr(self, name)!r}")
-        self.check_keypoints()
+        self.check_sizes(width=self.width, blocks=self.blocks)
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
@@ -126,10 +123,7 @@ class RecurrentConfig(LearnedConfig):
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
-        for name in ("width", "layers"):
-            if getattr(self, name) < 1:
-                raise InputError(f"bilstm {name} must be at least 1, got {getattr(self, name)!r}")
-        self.check_keypoints()
+        self.check_sizes(width=self.width, layers=self.layers)
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
@@ -200,9 +194,7 @@ class MLPConfig(LearnedConfig):
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
-        if any(width < 1 for width in self.hidden):
-            raise InputError(f"mlp hidden widths must be at least 1, got {self.hidden!r}")
-        self.check_keypoints()
+        self.check_sizes(layers=len(self.hidden) + 1, **{f"hidden[{i}]": width for i, width in enumerate(self.hidden)})
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""

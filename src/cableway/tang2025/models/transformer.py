@@ -49,12 +49,10 @@ class TransformerConfig(LearnedConfig):
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
-        for name in ("width", "heads", "encoder_blocks", "decoder_blocks", "expansion"):
-            if getattr(self, name) < 1:
-                raise InputError(f"transformer {name} must be at least 1, got {getattr(self, name)!r}")
+        counted = ("width", "heads", "encoder_blocks", "decoder_blocks", "expansion")
+        self.check_sizes(**{name: getattr(self, name) for name in counted})
         if self.width % self.heads:
             raise InputError(f"transformer width must be a multiple of its {self.heads} heads, got {self.width!r}")
-        self.check_keypoints()
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
