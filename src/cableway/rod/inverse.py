@@ -127,6 +127,15 @@ def equilibria_at(
     return q[found]
 
 
+def nearest_equilibrium(
+    rod: PlanarRod, poses: Float[np.ndarray, "2 3"], keypoints: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "6"] | None:
+    """Of `equilibria_at`, the one whose keypoints are nearest (stacked) to those given; None where there is none."""
+    found = equilibria_at(rod, poses)
+    away = np.linalg.norm(rod.at_keypoints(rod.shapes(found)[0]) - keypoints, axis=(1, 2))
+    return found[int(np.argmin(away))] if len(found) else None
+
+
 def stable_near(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
     """q, or where it is unstable, the stable equilibrium between the same grippers whose keypoints are nearest to its.
 
@@ -134,12 +143,9 @@ def stable_near(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, 
     """
     if rod.stability(q[None])[0][0] > 0:
         return q
-    found = equilibria_at(rod, rod.end_poses(q[None])[0])
-    if not len(found):
-        return q
-    wanted = rod.at_keypoints(rod.shapes(q[None])[0])
-    away = np.linalg.norm(rod.at_keypoints(rod.shapes(found)[0]) - wanted, axis=(1, 2))
-    return rod.written_near(found[int(np.argmin(away))], q)
+    stations, poses = rod.shapes(q[None])
+    found = nearest_equilibrium(rod, poses[0], rod.at_keypoints(stations)[0])
+    return q if found is None else rod.written_near(found, q)
 
 
 def shape_between(rod: PlanarRod, poses: Float[np.ndarray, "2 3"], bend: Bend) -> Float[np.ndarray, "6"]:

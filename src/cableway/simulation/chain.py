@@ -24,6 +24,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene
 from cableway.simulation.links import link_lengths, middle_link
 from cableway.simulation.model import build_model
+from cableway.simulation.surroundings import gripper_bodies
 
 SETTLED = 1e-6
 """Motion [m] of the centreline in `SETTLING_BLOCK` below which a cable counts as at rest."""
@@ -66,7 +67,7 @@ class Chain:
         poses = self.rod.shapes(q[None])[1][0]
         self.restore(self._initial)
         self._batch.bind("qpos")[0] = chain_coordinates(self.rod, q)
-        self._batch.bind("mocap_pos")[0], self._batch.bind("mocap_quat")[0] = _gripper_bodies(poses)
+        self._batch.bind("mocap_pos")[0], self._batch.bind("mocap_quat")[0] = gripper_bodies(poses)
         if self._settles:
             self._settle(poses)
         return poses
@@ -92,7 +93,7 @@ class Chain:
         Raises:
             SimulationError: MuJoCo gave up, or a state is not finite or out of bounds.
         """
-        positions, quaternions = _gripper_bodies(poses)
+        positions, quaternions = gripper_bodies(poses)
         inputs = np.concatenate([positions.reshape(len(poses), 6), quaternions.reshape(len(poses), 8)], axis=1)
         self._batch.warning[:] = 0
         with collected_warnings() as messages:
@@ -170,17 +171,6 @@ def chain_coordinates(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> Float[np.nda
     middle = middle_link(rod)
     angle = angles[0] + bends[:middle].sum()
     return np.concatenate([stations[0, 2 * middle - 1], [angle], bends[middle:], -bends[:middle][::-1]])
-
-
-def _gripper_bodies(
-    poses: Float[np.ndarray, "... 2 3"],
-) -> tuple[Float[np.ndarray, "... 2 3"], Float[np.ndarray, "... 2 4"]]:
-    """Positions and quaternions of planar poses."""
-    positions = np.array(poses, dtype=float)
-    half = positions[..., 2] / 2
-    zero = np.zeros_like(half)
-    positions[..., 2] = 0.0
-    return positions, np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
 
 
 @contextmanager

@@ -26,9 +26,9 @@ import mujoco
 import numpy as np
 
 from cableway.scene.cable import PROFILES, Cable
-from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
 from cableway.scene.scene import Scene
 from cableway.simulation.links import link_extents, link_lengths, middle_link
+from cableway.simulation.surroundings import add_gripper, add_scene
 from cableway.simulation.table import add_friction, viscosity
 
 HALF_HEIGHT = 0.1
@@ -76,9 +76,8 @@ def chain_spec(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.Mj
     if scene is None:
         _drop_capsules(spec)
     else:
-        for index, obstacle in enumerate(scene.obstacles):
-            _add_obstacle(spec, f"obstacle {index}", obstacle)
-        _add_walls(spec, scene)
+        heights, disc = (-HALF_HEIGHT, HALF_HEIGHT), mujoco.mjtGeom.mjGEOM_SPHERE
+        add_scene(spec, scene, heights, disc, contype=0, conaffinity=1, condim=1)
     return spec
 
 
@@ -156,57 +155,5 @@ def _drop_capsules(spec: mujoco.MjSpec) -> None:
 def _add_grippers(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
     last, extent = cable.rod.hinges, float(link_lengths(cable.rod)[-1])
     for name, link, along in (("left", 0, -extent), ("right", last, extent)):
-        spec.worldbody.add_body(name=f"{name} gripper", mocap=True)
-        weld = spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_WELD,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1=f"link {link}",
-            name2=f"{name} gripper",
-            solref=[GRASP_TIME_CONSTANT * time_step, 1.0],
-            solimp=[*GRASP_IMPEDANCE, *_IMPEDANCE_CURVE],
-        )
-        # anchor in the gripper, then position and quaternion of the gripper in the link, torque scale
-        weld.data = [0.0, 0.0, 0.0, along, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-
-
-def _add_obstacle(spec: mujoco.MjSpec, name: str, obstacle: Obstacle) -> None:
-    common = {"name": name, "contype": 0, "conaffinity": 1, "condim": 1}
-    match obstacle:
-        case Disc():
-            kind, where = mujoco.mjtGeom.mjGEOM_SPHERE, {"pos": [*obstacle.center, 0.0]}
-            spec.worldbody.add_geom(type=kind, size=[obstacle.radius, 0.0, 0.0], **where, **common)
-        case Box():
-            half = obstacle.angle / 2
-            spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_BOX,
-                pos=[*obstacle.center, 0.0],
-                quat=[np.cos(half), 0.0, 0.0, np.sin(half)],
-                size=[obstacle.size[0] / 2, obstacle.size[1] / 2, HALF_HEIGHT],
-                **common,
-            )
-        case Polygon():
-            levels = [np.column_stack([obstacle.vertices, np.full(len(obstacle.vertices), z)]) for z in (-1.0, 1.0)]
-            corners = np.vstack(levels) * [1.0, 1.0, HALF_HEIGHT]
-            spec.add_mesh(name=name, uservert=corners.ravel().tolist())
-            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **common)
-
-
-def _add_walls(spec: mujoco.MjSpec, scene: Scene) -> None:
-    width, height = scene.size
-    walls = (
-        ("left wall", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
-        ("bottom wall", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]),
-        ("right wall", [width, height, 0.0], [-1.0, 0.0, 0.0]),
-        ("top wall", [width, height, 0.0], [0.0, -1.0, 0.0]),
-    )
-    for name, point, inward in walls:
-        spec.worldbody.add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_PLANE,
-            pos=point,
-            zaxis=inward,
-            size=[1.0, 1.0, 1.0],
-            contype=0,
-            conaffinity=1,
-            condim=1,
-        )
+        stiff = {"solref": [GRASP_TIME_CONSTANT * time_step, 1.0], "solimp": [*GRASP_IMPEDANCE, *_IMPEDANCE_CURVE]}
+        add_gripper(spec, name, f"link {link}", along, **stiff)

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from cableway.core.checks import Checked, Positive
 from cableway.core.errors import InputError, SimulationError
 from cableway.records import Measurement, Observation
-from cableway.rod.inverse import equilibria_at
+from cableway.rod.inverse import nearest_equilibrium
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Task
@@ -312,9 +312,17 @@ def start_equilibrium(task: Task, cable: Cable) -> Float[np.ndarray, "6"]:
     q = task.start_equilibrium
     if cable.rod == task.cable.rod:
         return q
-    stations, poses = task.cable.rod.shapes(q[None])
-    found = equilibria_at(cable.rod, poses[0])
-    if not len(found):
+    return nearest_start(cable, task, task.cable.rod.end_poses(q[None])[0])
+
+
+def nearest_start(cable: Cable, task: Task, ends: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "6"]:
+    """The equilibrium q of `cable` with its ends at `ends` that is nearest to the start of `task`.
+
+    Raises:
+        InputError: The cable is shorter than the distance of the grippers.
+        SimulationError: The cable has no stable shape there.
+    """
+    found = nearest_equilibrium(cable.rod, ends, task.start)
+    if found is None:
         raise SimulationError("the plant's cable has no stable shape between the grippers at the task's start")
-    distance = np.linalg.norm(cable.rod.shapes(found)[0] - stations, axis=-1).max(axis=1)
-    return found[int(np.argmin(distance))]
+    return found

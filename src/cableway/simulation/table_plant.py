@@ -26,16 +26,16 @@ from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked
 from cableway.core.errors import InputError, SimulationError
+from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
 from cableway.records import Measurement, Observation
-from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
-from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.chain import collected_warnings
 from cableway.simulation.perturbations.grasp import GraspConfig
-from cableway.simulation.plant import PlantConfig, checked_action
+from cableway.simulation.plant import PlantConfig, checked_action, nearest_start
+from cableway.simulation.surroundings import add_gripper, add_plane, add_scene, turned
 
 CABLE, SURROUNDINGS = 1, 2
 """Bits of MuJoCo's collision masks."""
@@ -149,8 +149,8 @@ class TablePlant:
         self.cable, self.grasp, self.config = cable or task.cable, grasp or GraspConfig(), config or TableConfig()
         self.model = build_model(self.cable, task.scene, self.config)
         self._data = mujoco.MjData(self.model)
-        names = [self.model.geom(index).name for index in range(self.model.ngeom)]
-        self._is_scene = np.array([name.startswith("scene") for name in names])
+        self._is_scene = self.model.geom_contype == SURROUNDINGS
+        self._is_scene[self.model.geom("table").id] = False
         self._tip = self.cable.length / (2 * (self.config.segments - 1))
         self._steps, self._clearances = 0, (math.inf, math.inf)
         self._start(task)
@@ -214,13 +214,10 @@ class TablePlant:
 
     def _start(self, task: Task) -> None:
         """Lay the cable into the stable shape of its length nearest to the task's start, and let it come to rest."""
-        shape, poses = (rows[0] for rows in task.cable.rod.shapes(task.start_equilibrium[None]))
+        poses = task.cable.rod.end_poses(task.start_equilibrium[None])[0]
         self._commanded, self._reached = poses.copy(), poses.copy()
-        found = equilibria_at(self.cable.rod, SE2.compose(poses, self.grasp.offsets(0.0)))
-        if not len(found):
-            raise SimulationError("the plant's cable has no stable shape between the grippers at the task's start")
-        lines = self.cable.rod.shapes(found)[0]
-        self._lay(lines[int(np.argmin(np.linalg.norm(lines - shape, axis=-1).max(axis=1)))])
+        start = nearest_start(self.cable, task, SE2.compose(poses, self.grasp.offsets(0.0)))
+        self._lay(self.cable.rod.shapes(start[None])[0][0])
         for _ in range(round(LONGEST_SETTLING / self.control_step)):
             before = self._line()
             self._clearances = self._lead(poses)
@@ -233,12 +230,10 @@ class TablePlant:
 
     def _lay(self, line: Float[np.ndarray, "v 2"]) -> None:
         """Lay the chain along a planar curve of its length."""
-        along = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-        places = along[-1] * _joints(self.config)
-        points = np.column_stack([np.interp(places, along, column) for column in line.T])
+        points = polyline.point_at(line, float(polyline.length(line)) * _joints(self.config))
         angles = np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1]))
         self._data.qpos[:3] = [*points[0], self.cable.radius]
-        self._data.qpos[3:] = _turned(np.r_[angles[:1], np.diff(angles)]).ravel()
+        self._data.qpos[3:] = turned(np.r_[angles[:1], np.diff(angles)]).ravel()
 
     def _lead(self, target: Float[np.ndarray, "2 3"]) -> tuple[float, float]:
         """Move the grippers' targets at constant speed in one control step; the least clearances on the way."""
@@ -253,7 +248,7 @@ class TablePlant:
                 self._reached = wanted + late * (self._reached - wanted)
                 ends = SE2.compose(self._reached, offsets)
                 data.mocap_pos[:] = np.column_stack([ends[:, :2], np.full(2, self.cable.radius)])  # above the table
-                data.mocap_quat[:] = _turned(ends[:, 2])
+                data.mocap_quat[:] = turned(ends[:, 2])
                 mujoco.mj_step(self.model, data)
                 deepest = min(deepest, self._contact())
                 if substep % EVERY == 0:
@@ -302,21 +297,13 @@ def build_model(cable: Cable, scene: Scene, config: TableConfig) -> mujoco.MjMod
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     # the approximate diagonal makes the grasps of a long chain soft
     option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
-    _add_plane(spec, "table", [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], config.friction)
+    add_plane(spec, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], name="table", **_surface(config.friction))
     _add_chain(spec, cable, config)
-    for index, obstacle in enumerate(scene.obstacles):
-        _add_obstacle(spec, f"scene {index}", obstacle, config)
-    corner = [*scene.size, 0.0]
-    for name, point, inward in (
-        ("scene left", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
-        ("scene bottom", [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]),
-        ("scene right", corner, [-1.0, 0.0, 0.0]),
-        ("scene top", corner, [0.0, -1.0, 0.0]),
-    ):
-        _add_plane(spec, name, point, inward, config.obstacle_friction)
+    heights, disc = (0.0, config.obstacle_height), mujoco.mjtGeom.mjGEOM_CYLINDER
+    add_scene(spec, scene, heights, disc, **_surface(config.obstacle_friction))
     model = spec.compile()
     bends = cable.length / (config.segments - 1) * cable.along("rest_curvature", _joints(config)[1:-1])
-    model.qpos_spring[7:] = _turned(bends).ravel()
+    model.qpos_spring[7:] = turned(bends).ravel()
     return model
 
 
@@ -328,11 +315,6 @@ def _joints(config: TableConfig) -> Float[np.ndarray, "v"]:
 
 def _surface(friction: float) -> dict[str, object]:
     return {"contype": SURROUNDINGS, "conaffinity": CABLE, "condim": 3, "friction": [friction, *ROLLING], **CONTACT}
-
-
-def _add_plane(spec: mujoco.MjSpec, name: str, point: list[float], normal: list[float], friction: float) -> None:
-    kind, size = mujoco.mjtGeom.mjGEOM_PLANE, [1.0, 1.0, 1.0]
-    spec.worldbody.add_geom(name=name, type=kind, pos=point, zaxis=normal, size=size, **_surface(friction))
 
 
 def _add_chain(spec: mujoco.MjSpec, cable: Cable, config: TableConfig) -> None:
@@ -363,31 +345,4 @@ def _add_chain(spec: mujoco.MjSpec, cable: Cable, config: TableConfig) -> None:
             pair = spec.add_pair(geomname1="table", geomname2=name, condim=3, **CONTACT)
             pair.friction = [config.friction, config.across * config.friction, *ROLLING, ROLLING[-1]]
     for name, link, along in (("left", 0, 0.0), ("right", count - 1, before)):
-        spec.worldbody.add_body(name=f"{name} gripper", mocap=True)
-        hold, body_type = mujoco.mjtEq.mjEQ_WELD, mujoco.mjtObj.mjOBJ_BODY
-        names = {"name1": f"segment {link}", "name2": f"{name} gripper"}
-        weld = spec.add_equality(type=hold, objtype=body_type, **names, **HOLD)
-        # anchor in the gripper, then position and quaternion of the gripper in the segment, torque scale
-        weld.data = [0.0, 0.0, 0.0, along, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-
-
-def _add_obstacle(spec: mujoco.MjSpec, name: str, obstacle: Obstacle, config: TableConfig) -> None:
-    half, common = config.obstacle_height / 2, {"name": name, **_surface(config.obstacle_friction)}
-    match obstacle:
-        case Disc():
-            size, kind = [obstacle.radius, half, 0.0], mujoco.mjtGeom.mjGEOM_CYLINDER
-            spec.worldbody.add_geom(type=kind, pos=[*obstacle.center, half], size=size, **common)
-        case Box():
-            size, kind = [obstacle.size[0] / 2, obstacle.size[1] / 2, half], mujoco.mjtGeom.mjGEOM_BOX
-            quat = _turned(np.array(obstacle.angle)).tolist()
-            spec.worldbody.add_geom(type=kind, pos=[*obstacle.center, half], quat=quat, size=size, **common)
-        case _:
-            corners = [[*vertex, level] for level in (0.0, 2 * half) for vertex in obstacle.vertices]
-            spec.add_mesh(name=name, uservert=np.ravel(corners).tolist())
-            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, **common)
-
-
-def _turned(angles: Float[np.ndarray, "..."]) -> Float[np.ndarray, "... 4"]:
-    """Quaternions of turns about the vertical."""
-    half, zero = angles / 2, np.zeros_like(angles)
-    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+        add_gripper(spec, name, f"segment {link}", along, **HOLD)

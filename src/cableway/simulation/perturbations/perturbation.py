@@ -11,7 +11,7 @@ from jaxtyping import Float
 from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import InputError, SimulationError
 from cableway.core.provenance import describe
-from cableway.rod.inverse import equilibria_at
+from cableway.rod.inverse import nearest_equilibrium
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Disc, Obstacle, Polygon
 from cableway.scene.task import Task
@@ -154,8 +154,7 @@ def _start_between(task: Task, offsets: Float[np.ndarray, "2 3"]) -> Float[np.nd
     """Keypoints [m] of the stable shape between the displaced grippers that is nearest to the task's start."""
     rod = task.cable.rod
     poses = rod.shapes(task.start_equilibrium[None])[1][0] + offsets
-    found = equilibria_at(rod, poses)
-    if not len(found):
+    found = nearest_equilibrium(rod, poses, task.start)
+    if found is None:
         raise SimulationError("the cable has no stable shape between the displaced grippers")
-    shapes = rod.at_keypoints(rod.shapes(found)[0])
-    return shapes[int(np.argmin(np.linalg.norm(shapes - task.start, axis=(1, 2))))]
+    return rod.at_keypoints(rod.shapes(found[None])[0])[0]

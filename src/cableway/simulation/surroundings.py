@@ -1,0 +1,84 @@
+"""What both plants' MuJoCo models have in common: obstacles, walls, grippers, and turns about the vertical."""
+
+# MuJoCo's bindings are compiled and carry no type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from cableway.geometry.convex import WALLS
+from cableway.scene.obstacles import Box, Disc, Obstacle
+from cableway.scene.scene import Scene
+
+
+def add_scene(
+    spec: mujoco.MjSpec, scene: Scene, heights: tuple[float, float], disc: mujoco.mjtGeom, **surface: Any
+) -> None:
+    """Obstacles from the one height [m] to the other, and walls, which are half spaces.
+
+    Args:
+        spec: The model.
+        scene: Obstacles and workspace.
+        heights: Of the lower and the upper face.
+        disc: A disc is a sphere about the middle height or a cylinder.
+        surface: How all of these meet the cable.
+    """
+    for index, obstacle in enumerate(scene.obstacles):
+        _add_obstacle(spec, obstacle, heights, disc, name=f"obstacle {index}", **surface)
+    corner = [*scene.size, 0.0]
+    inward = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0])
+    for name, point, normal in zip(WALLS, ([0.0] * 3, [0.0] * 3, corner, corner), inward, strict=True):
+        add_plane(spec, point, normal, name=name, **surface)
+
+
+def add_plane(spec: mujoco.MjSpec, point: list[float], normal: list[float], **surface: Any) -> None:
+    """A half space."""
+    kind, size = mujoco.mjtGeom.mjGEOM_PLANE, [1.0, 1.0, 1.0]
+    spec.worldbody.add_geom(type=kind, pos=point, zaxis=normal, size=size, **surface)
+
+
+def _add_obstacle(
+    spec: mujoco.MjSpec, obstacle: Obstacle, heights: tuple[float, float], disc: mujoco.mjtGeom, **surface: Any
+) -> None:
+    middle, half = (heights[0] + heights[1]) / 2, (heights[1] - heights[0]) / 2
+    match obstacle:
+        case Disc():
+            size = [obstacle.radius, half, 0.0]
+            spec.worldbody.add_geom(type=disc, pos=[*obstacle.center, middle], size=size, **surface)
+        case Box():
+            size, quat = [obstacle.size[0] / 2, obstacle.size[1] / 2, half], turned(np.array(obstacle.angle)).tolist()
+            kind, at = mujoco.mjtGeom.mjGEOM_BOX, [*obstacle.center, middle]
+            spec.worldbody.add_geom(type=kind, pos=at, quat=quat, size=size, **surface)
+        case _:
+            corners = [[*vertex, height] for height in heights for vertex in obstacle.vertices]
+            spec.add_mesh(name=surface["name"], uservert=np.ravel(corners).tolist())
+            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=surface["name"], **surface)
+
+
+def add_gripper(spec: mujoco.MjSpec, name: str, body: str, along: float, **weld: Any) -> None:
+    """A body without dynamics, welded to a point so far [m] along another body."""
+    spec.worldbody.add_body(name=f"{name} gripper", mocap=True)
+    kind, bodies = mujoco.mjtEq.mjEQ_WELD, mujoco.mjtObj.mjOBJ_BODY
+    held = spec.add_equality(type=kind, objtype=bodies, name1=body, name2=f"{name} gripper", **weld)
+    # anchor in the gripper, then position and quaternion of the gripper in the body, torque scale
+    held.data = [0.0, 0.0, 0.0, along, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+def gripper_bodies(
+    poses: Float[np.ndarray, "... 2 3"], height: float = 0.0
+) -> tuple[Float[np.ndarray, "... 2 3"], Float[np.ndarray, "... 2 4"]]:
+    """Positions [m] and quaternions of the grippers' bodies."""
+    positions = np.array(poses, dtype=float)
+    positions[..., 2] = height
+    return positions, turned(poses[..., 2])
+
+
+def turned(angles: Float[np.ndarray, "..."]) -> Float[np.ndarray, "... 4"]:
+    """Quaternions of turns about the vertical."""
+    half, zero = angles / 2, np.zeros_like(angles)
+    return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
