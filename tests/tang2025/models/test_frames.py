@@ -88,5 +88,5 @@ def test_the_correction_leaves_the_ends_alone():
 
 @pytest.mark.wrong_types
 def test_an_unknown_frame_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="one of cable, world, got 'left'"):
+    with pytest.raises(InputError, match="unknown frame 'left'; known: cable, world"):
         Framing(frame="left")  # pyright: ignore[reportArgumentType]

@@ -84,13 +84,13 @@ def test_every_kind_has_a_test_and_knows_its_name():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ConvConfig(blocks=0), "conv blocks must be at least 1, got 0"),
-        (lambda: RecurrentConfig(width=0), "bilstm width must be at least 1, got 0"),
-        (lambda: MLPConfig(hidden=(4, 0)), "mlp hidden widths must be at least 1"),
-        (lambda: MLPConfig(keypoints=2), "mlp keypoints must be at least 3, got 2"),
-        (lambda: ConvConfig(keypoints=2), "conv keypoints must be at least 3, got 2"),
-        (lambda: RecurrentConfig(keypoints=2), "bilstm keypoints must be at least 3, got 2"),
-        (lambda: TransformerConfig(keypoints=2), "transformer keypoints must be at least 3, got 2"),
+        (lambda: ConvConfig(blocks=0), "conv.blocks must be from 1 to 1024, got 0"),
+        (lambda: RecurrentConfig(width=0), "recurrent.width must be from 1 to 1024, got 0"),
+        (lambda: MLPConfig(hidden=(4, 0)), "mlp.hidden must be fewer than 1024 widths, each from 1 to 1024"),
+        (lambda: MLPConfig(keypoints=2), "mlp.keypoints must be from 3 to 1024, got 2"),
+        (lambda: ConvConfig(keypoints=2), "conv.keypoints must be from 3 to 1024, got 2"),
+        (lambda: RecurrentConfig(keypoints=2), "recurrent.keypoints must be from 3 to 1024, got 2"),
+        (lambda: TransformerConfig(keypoints=2), "transformer.keypoints must be from 3 to 1024, got 2"),
         (lambda: RodConfig(damping_time=0.0), "rod.damping_time must be finite and positive, got 0.0"),
     ],
 )

@@ -124,7 +124,10 @@ def test_the_paper_s_configuration_is_plain_and_wide():
 
 @pytest.mark.parametrize(
     ("fields", "message"),
-    [({"width": 30}, "multiple of its 4 heads, got 30"), ({"encoder_blocks": 0}, "encoder_blocks must be at least 1")],
+    [
+        ({"width": 30}, "multiple of its 4 heads, got 30"),
+        ({"encoder_blocks": 0}, "encoder_blocks must be from 1 to 1024"),
+    ],
 )
 def test_impossible_sizes_are_refused(fields, message):
     with pytest.raises(InputError, match=message):

@@ -19,14 +19,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, NamedTuple, get_args
+from typing import Annotated, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 
-from cableway.core.errors import InputError
+from cableway.core.checks import Checked, Choice
 
 FrameName = Literal["cable", "world"]
 
@@ -35,7 +35,7 @@ TINY = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Framing:
+class Framing(Checked):
     """What surrounds the network of a learned model.
 
     Attributes:
@@ -47,15 +47,11 @@ class Framing:
         angles: Give the network the angles of the grippers and how they turn; the paper's ablation leaves them out.
     """
 
-    frame: FrameName = "cable"
+    frame: Annotated[FrameName, Choice("frame")] = "cable"
     blend: bool = True
     hard_ends: bool = True
     rod: bool = False
     angles: bool = True
-
-    def __post_init__(self) -> None:
-        if self.frame not in get_args(FrameName):
-            raise InputError(f"frame must be one of {', '.join(get_args(FrameName))}, got {self.frame!r}")
 
     @classmethod
     def plain(cls) -> Framing:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from cableway.core.errors import InputError
+from cableway.core.checks import Bounds, Checked
 from cableway.records import Transitions
 from cableway.tang2025.models import frames
 from cableway.tang2025.models.base import DeformationModel
@@ -21,11 +21,15 @@ from cableway.tang2025.models.viscoelastic import RodParameters
 SMALLEST_SPREAD = 1e-6
 """Standard deviation below which an input counts as constant and is not divided by it."""
 
+KEYPOINTS = 13
+"""Number of keypoints that a network sees unless its configuration says otherwise."""
+
 LARGEST_SIZE = 1024
 """Of anything that is counted in a network; one with more would take minutes to compile."""
 
-KEYPOINTS = 13
-"""Number of keypoints that a network sees unless its configuration says otherwise."""
+Size = Annotated[int, Bounds(1, LARGEST_SIZE)]
+Keypoints = Annotated[int, Bounds(3, LARGEST_SIZE)]
+"""Fewer than three show no bend."""
 
 
 class Network(eqx.Module):
@@ -36,7 +40,7 @@ class Network(eqx.Module):
         """Normalised correction of each keypoint from normalised inputs."""
 
 
-class LearnedConfig(abc.ABC):
+class LearnedConfig(Checked, abc.ABC):
     """A learned model's configuration: it makes the network, with random weights."""
 
     kind: ClassVar[str]
@@ -46,17 +50,6 @@ class LearnedConfig(abc.ABC):
     @abc.abstractmethod
     def network(self, key: PRNGKeyArray) -> Network:
         """The network."""
-
-    def check_sizes(self, **sizes: int) -> None:
-        """Check sizes of a network, and how many keypoints it sees: fewer than three show no bend.
-
-        Raises:
-            InputError: One is out of range.
-        """
-        for name, value in {**sizes, "keypoints": self.keypoints}.items():
-            least = 3 if name == "keypoints" else 1
-            if not least <= value <= LARGEST_SIZE:
-                raise InputError(f"{self.kind} {name} must be from {least} to {LARGEST_SIZE}, got {value!r}")
 
     def rod(self) -> RodParameters | None:
         """The nominal rod, where the framing asks for one."""

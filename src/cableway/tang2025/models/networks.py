@@ -17,12 +17,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from cableway.core.checks import Checked, Positive
-from cableway.core.errors import UnknownNameError
+from cableway.core.checks import Positive
+from cableway.core.errors import InputError, UnknownNameError
 from cableway.scene.task import CONTROL_STEP
 from cableway.tang2025.models.frames import Framing, Inputs
 from cableway.tang2025.models.layers import GRIPPERS, TOKEN, Dense, LayerNorm, tokens
-from cableway.tang2025.models.learned import KEYPOINTS, LearnedConfig, Network
+from cableway.tang2025.models.learned import KEYPOINTS, LARGEST_SIZE, Keypoints, LearnedConfig, Network, Size
 from cableway.tang2025.models.transformer import TransformerConfig
 from cableway.tang2025.models.viscoelastic import RodParameters
 
@@ -39,13 +39,10 @@ class ConvConfig(LearnedConfig):
     """
 
     kind: ClassVar[str] = "conv"
-    width: int = 48
-    blocks: int = 2
-    keypoints: int = KEYPOINTS
+    width: Size = 48
+    blocks: Size = 2
+    keypoints: Keypoints = KEYPOINTS
     framing: Framing = field(default_factory=Framing)
-
-    def __post_init__(self) -> None:
-        self.check_sizes(width=self.width, blocks=self.blocks)
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
@@ -117,13 +114,10 @@ class RecurrentConfig(LearnedConfig):
     """
 
     kind: ClassVar[str] = "bilstm"
-    width: int = 28
-    layers: int = 2
-    keypoints: int = KEYPOINTS
+    width: Size = 28
+    layers: Size = 2
+    keypoints: Keypoints = KEYPOINTS
     framing: Framing = field(default_factory=Framing)
-
-    def __post_init__(self) -> None:
-        self.check_sizes(width=self.width, layers=self.layers)
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
@@ -190,11 +184,13 @@ class MLPConfig(LearnedConfig):
 
     kind: ClassVar[str] = "mlp"
     hidden: tuple[int, ...] = (128, 128)
-    keypoints: int = KEYPOINTS
+    keypoints: Keypoints = KEYPOINTS
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
-        self.check_sizes(layers=len(self.hidden) + 1, **{f"hidden[{i}]": width for i, width in enumerate(self.hidden)})
+        super().__post_init__()
+        if not all(1 <= width <= LARGEST_SIZE for width in (len(self.hidden) + 1, *self.hidden)):
+            raise InputError(f"mlp.hidden must be fewer than {LARGEST_SIZE} widths, each from 1 to {LARGEST_SIZE}")
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
@@ -223,7 +219,7 @@ class Perceptron(Network):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RodConfig(Checked, LearnedConfig):
+class RodConfig(LearnedConfig):
     """The visco-elastic rod alone: physics, and seven parameters to learn; takes any number of keypoints.
 
     Attributes:

@@ -108,7 +108,7 @@ class TrainingConfig(Checked):
     mirror: bool = True
     swap: bool = True
     validation_fraction: float = 0.1
-    patience: int | None = None
+    patience: Positive[int] | None = None
     devices: Annotated[int, Bounds(1)] = 1
     seed: int = 0
 
@@ -119,8 +119,6 @@ class TrainingConfig(Checked):
                 raise InputError(f"training.{name} must be between 0 and 1, got {getattr(self, name)!r}")
         if not 0 <= self.rollout_epochs <= self.epochs:
             raise InputError(f"training.rollout_epochs must be from 0 to {self.epochs}, got {self.rollout_epochs!r}")
-        if self.patience is not None and self.patience < 1:
-            raise InputError(f"training.patience must be at least 1, got {self.patience!r}")
         if self.batch_size % self.devices:
             raise InputError(
                 f"training.batch_size must be a multiple of {self.devices} devices, got {self.batch_size!r}"

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from cableway.core.errors import InputError
 from cableway.tang2025.models.frames import Framing, Inputs
 from cableway.tang2025.models.layers import PLACED, Attention, Dense, FeedForward, LayerNorm, placed
-from cableway.tang2025.models.learned import KEYPOINTS, LearnedConfig, Network
+from cableway.tang2025.models.learned import KEYPOINTS, Keypoints, LearnedConfig, Network, Size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,19 +40,18 @@ class TransformerConfig(LearnedConfig):
     """
 
     kind: ClassVar[str] = "transformer"
-    width: int = 32
-    heads: int = 4
-    encoder_blocks: int = 2
-    decoder_blocks: int = 1
-    expansion: int = 2
-    keypoints: int = KEYPOINTS
+    width: Size = 32
+    heads: Size = 4
+    encoder_blocks: Size = 2
+    decoder_blocks: Size = 1
+    expansion: Size = 2
+    keypoints: Keypoints = KEYPOINTS
     framing: Framing = field(default_factory=Framing)
 
     def __post_init__(self) -> None:
-        counted = ("width", "heads", "encoder_blocks", "decoder_blocks", "expansion")
-        self.check_sizes(**{name: getattr(self, name) for name in counted})
+        super().__post_init__()
         if self.width % self.heads:
-            raise InputError(f"transformer width must be a multiple of its {self.heads} heads, got {self.width!r}")
+            raise InputError(f"transformer.width must be a multiple of its {self.heads} heads, got {self.width!r}")
 
     def network(self, key: PRNGKeyArray) -> Network:
         """See `LearnedConfig`."""
