@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from cableway.cli.episodes import EpisodeOptions
+from cableway.cli.options import Maybe
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 
@@ -34,23 +35,26 @@ class Bench(EpisodeOptions):
     """
 
     suites: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SUITES")]
-    """Names, separated by commas, or all: paper, clutter, dense, corridors, mazes, plants, sensing, table,
+    """Names, separated by commas, or all: paper, clutter, dense, corridors, mazes, plants, sensing, table, faults,
     unconstrained, lab-constrained, lab-unconstrained, lab-drawn, blocked."""
 
-    size: str = "quick"
-    """quick, standard or full."""
+    size: Annotated[str, tyro.conf.arg(metavar="{quick,standard,full}")] = "quick"
+    """How many episodes of each suite."""
 
     methods: str = "cableway"
-    """Names, separated by commas; FILE.py:NAME or package.module:NAME for your own. An unknown name prints the list."""
+    """Names, separated by commas: cableway, unrehearsed, rod-jacobian, broyden, open-loop, tdm-mpc, cdm-mpc, bdm-mpc,
+    paper-tracking, paper, straight-plan, slide-plan, rrt-connect-plan, paper-refined-plan, paper-plan;
+    FILE.py:NAME or package.module:NAME for your own, whose code is run."""
 
-    episodes: str | None = None
-    """Only these episodes, separated by commas."""
+    episodes: Maybe[str] = None
+    """Only these episodes, separated by commas; by default, all."""
 
-    deadline: float | None = None
+    deadline: Maybe[float] = None
     """Wall time [s] after which a control step counts as missed, and the grippers coast to rest; by default, none."""
 
-    against: Path | None = None
-    """The baseline.json of an earlier run; the exit status is 1 if this run is significantly worse."""
+    against: Maybe[Path] = None
+    """The baseline.json of an earlier run; the exit status is 1 if this run is significantly worse.
+    By default, nothing is compared."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.text import Text
 
-from cableway.cli.options import TaskOptions
+from cableway.cli.options import Maybe, TaskOptions
 from cableway.cli.terminal import Terminal, columns
 
 if TYPE_CHECKING:
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class Check(TaskOptions):
     """Check a plan.npz or rollout.npz independently of the code that made it."""
+
+    out: Maybe[Path] = None
+    """Folder for report.json; by default, none is written."""
 
     file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
     """A plan.npz or rollout.npz; its arrays show which."""

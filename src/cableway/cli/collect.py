@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from cableway.cli.options import Options
+import tyro
+
+from cableway.cli.options import Maybe, Options
 from cableway.cli.terminal import Terminal, pairs
 
 if TYPE_CHECKING:
@@ -17,16 +19,16 @@ if TYPE_CHECKING:
 class Collect(Options):
     """Collect transitions of a simulated cable in random motion; continues an interrupted collection."""
 
-    config: Path | None = None
+    config: Maybe[Path] = None
     """YAML file whose section `collection` says what to collect; by default, that of the shipped model."""
 
-    transitions: int | None = None
-    """Number of transitions; overrides the configuration."""
+    transitions: Maybe[int] = None
+    """Number of transitions; by default, as the configuration says."""
 
-    workers: int | None = None
+    workers: Maybe[int] = None
     """Simulations that run in parallel; by default, one per core. The data do not depend on it."""
 
-    executor: str = "local"
+    executor: Annotated[str, tyro.conf.arg(metavar="{local,ray}")] = "local"
     """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster at RAY_ADDRESS."""
 
     def execute(self) -> int:

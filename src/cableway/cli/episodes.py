@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from cableway.cli.options import Options
+import tyro
+
+from cableway.cli.options import Maybe, Options
 from cableway.cli.terminal import OnProgress
-from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
     from cableway.benchmark.episode import Job, Result
@@ -20,19 +21,17 @@ if TYPE_CHECKING:
 class EpisodeOptions(Options):
     """Options of the commands that run episodes."""
 
-    workers: int | None = None
+    seed: tyro.conf.Suppress[None] = None
+    """Each episode of a suite has its own."""
+
+    workers: Maybe[int] = None
     """Episodes that run in parallel; by default, one per core."""
 
-    executor: str = "local"
+    executor: Annotated[str, tyro.conf.arg(metavar="{local,ray}")] = "local"
     """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster at RAY_ADDRESS."""
 
     time_limit: float = 300.0
     """Seconds of processor time after which an episode is stopped and counts as a failure."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.seed is not None:
-            raise InputError("--seed does not apply to episodes: each episode of a suite has its own seed")
 
     def results(self, jobs: Sequence[Job], folder: Path, progress: OnProgress) -> Results:
         """The results of jobs by suite and method; those that the folder does not have yet are run."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.text import Text
 
-from cableway.cli.options import REPORT, Options
+from cableway.cli.options import REPORT, Options, option
 from cableway.cli.terminal import Terminal, columns
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ BASELINES = ("linear",)
 class Evaluate(Options):
     """Open-loop error of models on data sets against the horizon; models that differ in their seed are one."""
 
-    models: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Shipped models by name, or files; by default, all shipped models."""
+    models: Annotated[tyro.conf.Positional[tuple[str, ...]], option(metavar="[MODEL ...]")] = ()
+    """Shipped models (bilstm, conv, hybrid, linear, mlp, rod, transformer), or files; by default, all shipped ones."""
 
     data: tuple[Path, ...] = (Path("runs/collect"),)
     """Data sets from `cableway collect` that the models were not trained on."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cableway.cli.check import read_record
-from cableway.cli.options import Options
+from cableway.cli.options import Flag, Maybe, Options
 from cableway.cli.outputs import TASK
 from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
@@ -26,19 +26,19 @@ class Export(Options):
     file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
     """A plan.npz or rollout.npz."""
 
-    out: Path | None = None
+    out: Maybe[Path] = None
     """A file ending in .csv or .json; by default, runs/export/<task>-<name of FILE>.csv."""
 
-    task: str | None = None
+    task: Maybe[str] = None
     """The task that it is of; by default, the task.yaml beside it."""
 
-    rate: float | None = None
+    rate: Maybe[float] = None
     """Rows per second on a smooth curve that keeps the limits of the rows; by default, its rows as they are."""
 
-    cable: bool = False
+    cable: Flag = False
     """The keypoints of the cable, too."""
 
-    unverified: bool = False
+    unverified: Flag = False
     """Export it even if it does not verify; the header says so."""
 
     def execute(self) -> int:

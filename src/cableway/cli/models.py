@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tyro
 from rich.text import Text
 
-from cableway.cli.options import Options
+from cableway.cli.options import Maybe, Options, option
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import FileFormatError
 
@@ -22,7 +22,10 @@ HORIZONS = (1, 10, 30)
 class Models(Options):
     """List the shipped models, those below runs/, and those named, with their held-out errors."""
 
-    files: tyro.conf.Positional[tuple[Path, ...]] = ()
+    out: Maybe[Path] = None
+    """Folder for report.json; by default, none is written."""
+
+    files: Annotated[tyro.conf.Positional[tuple[Path, ...]], option(metavar="[FILE ...]")] = ()
     """Other model files."""
 
     def execute(self) -> int:

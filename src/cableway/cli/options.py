@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import tyro
 
@@ -20,20 +20,30 @@ LARGEST_SEED = 2**31 - 1
 """What the narrowest random generator in use takes: OMPL's and JAX's keys are 32 bits."""
 
 
+def option(**given: Any) -> object:
+    """`tyro.conf.arg` for an option whose help says in words what happens without it."""
+    return tyro.conf.arg(help_behavior_hint="", **given)
+
+
+T = TypeVar("T")
+Maybe = Annotated[T | None, option()]
+Flag = Annotated[bool, option()]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Options that every command has."""
 
-    out: Path | None = None
+    out: Maybe[Path] = None
     """Folder for the results; by default, runs/<task or command>."""
 
-    seed: int | None = None
+    seed: Maybe[int] = None
     """Seed of all random numbers; by default, that of the configuration, or 0."""
 
-    quiet: bool = False
+    quiet: Flag = False
     """Print nothing but errors."""
 
-    json: bool = False
+    json: Flag = False
     """Print the report alone, as JSON, on stdout."""
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ import tyro
 
 from cableway.cli import outputs
 from cableway.cli.interrupts import INTERRUPTS
-from cableway.cli.options import TaskOptions
+from cableway.cli.options import TaskOptions, option
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
 from cableway.planning.named import PLANNERS
@@ -34,7 +34,7 @@ class PlanOptions(TaskOptions):
     planner: Annotated[str, tyro.conf.arg(metavar=PLANNER_NAMES)] = DEFAULT_PLANNER
     """The planner; paper is the one of Tang et al., the others are baselines for comparison."""
 
-    pivot: Annotated[str | None, tyro.conf.arg(metavar="{grid,rrt_star}")] = None
+    pivot: Annotated[str | None, option(metavar="{grid,rrt_star}")] = None
     """How the pivot path is found; by default, as the planner does."""
 
     time_limit: float = 30.0

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
 
 from cableway.cli.episodes import EpisodeOptions
 from cableway.cli.terminal import OnProgress, Terminal, pairs
@@ -30,7 +32,7 @@ class Reproduce(EpisodeOptions):
     Each episode's result is saved at once; the same command continues an interrupted run.
     """
 
-    size: str = "quick"
+    size: Annotated[str, tyro.conf.arg(metavar="{quick,full}")] = "quick"
     """quick: a quarter of an hour on two cores; full: as many trials as the paper, and more."""
 
     def execute(self) -> int:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
+from cableway.cli.options import Flag, Maybe, option
 from cableway.cli.planning import CONTROLLER_NAMES, PlanOptions
 from cableway.core.errors import InputError
 from cableway.core.plugins import is_plugin
@@ -18,44 +17,46 @@ from cableway.workflow.registry import DEFAULT_CONTROLLER
 class Run(PlanOptions):
     """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
 
-    plan_file: Annotated[Path | None, tyro.conf.arg(name="from", metavar="PLAN.npz")] = None
-    """Track this plan of the task, such as one of `plan --alternatives`, instead of planning."""
+    plan_file: Annotated[Path | None, option(name="from", metavar="PLAN.npz")] = None
+    """Track this plan of the task, such as one of `plan --alternatives`, instead of seeking one, as by default."""
 
-    controller: Annotated[str | None, tyro.conf.arg(metavar=CONTROLLER_NAMES)] = None
+    controller: Annotated[str | None, option(metavar=CONTROLLER_NAMES)] = None
     """The controller, or a class of your own, whose code is run; by default rod-mpc, neural-mpc with a --model."""
 
-    model: str | None = None
-    """Deformation model of neural-mpc: a shipped model's name, or a .safetensors file; by default, conv."""
+    model: Maybe[str] = None
+    """Deformation model of neural-mpc: bilstm, conv, hybrid, linear, mlp, rod, transformer, or a .safetensors file;
+    by default, conv."""
 
-    adapt: bool = False
+    adapt: Flag = False
     """Adapt the model of neural-mpc to the cable while it runs."""
 
-    plant: Annotated[str | None, tyro.conf.arg(metavar="{FILE.yaml,package.module:Class}")] = None
-    """Perturbations of the simulated plant: cable, grasp, noise, latency; or another plant, whose code is run."""
+    plant: Annotated[str | None, option(metavar="{FILE.yaml,package.module:Class}")] = None
+    """Perturbations of the simulated plant (cable, grasp, noise, latency), or another plant, whose code is run.
+    By default, the task's cable without noise."""
 
-    deadline: float | None = None
+    deadline: Maybe[float] = None
     """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""
 
     speed: float = 1.0
     """Share of the grippers' limits, above 0 and at most 1, for first trials on a robot."""
 
-    dry_run: bool = False
+    dry_run: Flag = False
     """Plan, verify and rehearse on the simulated cable, and say what would be sent to the grippers; nothing moves."""
 
-    no_rehearsal: bool = False
+    no_rehearsal: Flag = False
     """Take the first plan, even for a cable with friction or one that is not uniform."""
 
-    no_video: bool = False
+    no_video: Flag = False
     """Do not make a video."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.plan_file is None:
             return
-        for option in ("planner", "pivot", "time_limit", "no_rehearsal"):
-            if getattr(self, option) != getattr(type(self), option):
-                name = option.replace("_", "-")
-                raise InputError(f"--{name} says how a plan is found, and --from {self.plan_file} gives one")
+        for name in ("planner", "pivot", "time_limit", "no_rehearsal"):
+            if getattr(self, name) != getattr(type(self), name):
+                option_text = name.replace("_", "-")
+                raise InputError(f"--{option_text} says how a plan is found, and --from {self.plan_file} gives one")
 
     def folder(self, name: str) -> Path:
         """The folder for results; never the one of the plan that is followed, whose plans would be replaced.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
 from rich.text import Text
 
-from cableway.cli.options import LARGEST_SEED, Options
+from cableway.cli.options import LARGEST_SEED, Flag, Maybe, Options, option
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 
@@ -23,16 +23,20 @@ PICTURE = "tasks.png"
 class Tasks(Options):
     """List the tasks of the catalogue; or, with --random, write random tasks to YAML files and draw them."""
 
-    random: Annotated[str | None, tyro.conf.arg(metavar="KIND")] = None
-    """Write random tasks of this kind, such as clutter or maze; an unknown kind prints the list."""
+    out: Maybe[Path] = None
+    """Folder for random tasks, by default runs/<kind>; and for the catalogue as report.json, by default not written."""
+
+    random: Annotated[str | None, option(metavar="KIND")] = None
+    """Write random tasks of this kind, blocked, clutter, corridor, dense, maze, open-far, open-near, s-shaped,
+    serpentine, sizes, slot, straight or table. By default, the catalogue is listed."""
 
     count: int = 1
     """Number of random tasks, with seeds from --seed on."""
 
-    width: float | None = None
-    """Width of their passages [m], for kinds that have passages."""
+    width: Maybe[float] = None
+    """Width of their passages [m], for kinds that have passages; by default, that of the kind."""
 
-    picture: bool = False
+    picture: Flag = False
     """Also draw the random tasks, in one picture."""
 
     def __post_init__(self) -> None:

@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
 from cableway.cli.models import HORIZONS, error_at
-from cableway.cli.options import Options
+from cableway.cli.options import Maybe, Options, option
 from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
 
@@ -25,17 +23,17 @@ class Train(Options):
     data: tuple[Path, ...] = (Path("runs/collect"),)
     """Data sets from `cableway collect`; several are mixed."""
 
-    config: Path | None = None
-    """YAML file whose sections `model` and `training` say what to train."""
+    config: Maybe[Path] = None
+    """YAML file whose sections `model` and `training` say what to train; by default, those of --model."""
 
     model: str = "transformer"
-    """Shipped model whose configuration to use if there is no `--config`; `cableway models` lists them."""
+    """Shipped model to train anew where there is no `--config`: bilstm, conv, hybrid, linear, mlp, rod, transformer."""
 
-    start: Annotated[str | None, tyro.conf.arg(name="from")] = None
-    """A shipped model or a model file to start from instead of random weights; the kind stays the same."""
+    start: Annotated[str | None, option(name="from")] = None
+    """A shipped model or a model file to start from; the kind stays the same. By default, weights are random."""
 
-    devices: int | None = None
-    """Number of JAX devices that share each batch; overrides the configuration."""
+    devices: Maybe[int] = None
+    """Number of JAX devices that share each batch; by default, as the configuration says."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
