@@ -95,6 +95,9 @@ def test_evaluate_compares_models_with_those_that_learn_nothing(cableway: Comman
     errors = report["data"][str(made / "data")]["errors_mm"]
     assert all(curve["horizons"] == [1, 2, 3, 4, 5] for curve in errors.values())
     assert errors["rigid blend"]["mean"] < errors["persistence"]["mean"]
+    model = str(made / "small.safetensors")
+    assert report["data"][str(made / "data")]["trained_on_it"] == [model], "the errors of what was learned by heart"
+    assert f"{model}: trained on {made / 'data'};" in done.err.replace("\n", "")
     assert {path.name for path in Path("runs/evaluate").iterdir()} == {"report.json", "errors.png"}
     assert json.loads(Path("runs/evaluate/report.json").read_text()) == report
 

@@ -24,6 +24,7 @@ from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.workflow import find
 from cableway.workflow.events import CANCEL, Event, Finished, Planned, Progress
+from cableway.workflow.find import _other_cable
 from cableway.workflow.registry import CONTROLLERS, make_planner
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
@@ -214,3 +215,16 @@ def test_compilation_does_not_count_against_the_time_limit(monkeypatch: pytest.M
     monkeypatch.setattr(find, "compile_kernels", lambda: now.__setitem__(0, 3600.0))
     assert solve(TASK, SolveOptions(track=False)).report.success
     assert now == [3600.0]
+
+
+def test_a_model_of_another_cable_is_named_before_anything_moves():
+    """By what differs; a run on the cable it was trained on says nothing, nor does a controller without a model."""
+    task = cw.load_task("maze-1")
+    same = replace(task, cable=replace(task.cable, length=0.3))
+    other = replace(same, cable=replace(same.cable, bending_stiffness=0.005))
+    learned = {"controller": "neural-mpc", "model": "conv"}
+    said = "; ".join(_other_cable(other, SolveOptions(**learned)))
+    assert said.startswith("The model conv is of another cable than the task's, to which --adapt ")
+    assert said.endswith(": bending stiffness 0.001 N m² instead of 0.005.")
+    assert "--adapt" not in "; ".join(_other_cable(other, SolveOptions(adapt=True, **learned)))
+    assert _other_cable(same, SolveOptions(**learned)) == _other_cable(other, SolveOptions()) == []

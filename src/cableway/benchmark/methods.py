@@ -11,7 +11,7 @@ from typing import Any
 from cableway.control.base import Controller
 from cableway.core.checks import require_call
 from cableway.core.errors import InputError, UnknownNameError
-from cableway.core.plugins import is_plugin, load_plugin
+from cableway.core.plugins import is_plugin, load_plugin, require_name
 from cableway.core.provenance import PACKAGE, versions
 from cableway.planning.named import PLANNERS
 from cableway.records import Plan
@@ -88,10 +88,11 @@ def load_method(source: str) -> Method:
 
     Raises:
         UnknownNameError: No such method; the message lists them.
-        InputError: The file or the plug-in cannot be loaded, or what it names is no method.
+        InputError: The file or the plug-in cannot be loaded, has no such name, or what it names is no method.
     """
+    require_name(source)
     if is_plugin(source):
-        return _require_method(load_plugin(source)[0], source)
+        return _require_method(load_plugin(source, Method)[0], source)
     if source in BUILT_IN:
         return BUILT_IN[source]
     for point in metadata.entry_points(group=GROUP):

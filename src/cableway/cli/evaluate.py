@@ -52,7 +52,10 @@ class Evaluate(Options):
 
         terminal, folder = Terminal(self), self.folder("evaluate")
         sets = {str(path): load_transitions(path) for path in self.data}
-        models = self._models()
+        models, digests = self._models(), {name: fingerprint(data) for name, data in sets.items()}
+        trained_on = self._trained_on(digests)
+        for name, learned in trained_on.items():
+            terminal.note(f"{', '.join(learned)}: trained on {name}; errors on it say little about other motions.")
         enable_compilation_cache()
         results: dict[str, dict[str, Curve]] = {}
         with terminal.progress() as progress:
@@ -67,7 +70,8 @@ class Evaluate(Options):
             "models": {name: len(trained) for name, trained in models.items()},
             "data": {
                 name: {
-                    "sha256": fingerprint(data),
+                    "sha256": digests[name],
+                    "trained_on_it": trained_on.get(name, []),
                     "transitions": len(data),
                     "errors_mm": {model: asdict(curve) for model, curve in results[name].items()},
                 }
@@ -81,6 +85,14 @@ class Evaluate(Options):
             _draw(folder / ("errors.png" if len(results) == 1 else f"errors-{place}.png"), curves)
         terminal.result(report, _table(results))
         return 0
+
+    def _trained_on(self, digests: Mapping[str, str]) -> dict[str, list[str]]:
+        """Which of the models were trained on a data set, for each on which some were."""
+        from cableway.tang2025.models.checkpoint import model_names, read_card
+
+        trained = {name: read_card(name).get("data", {}).get("sha256") for name in self.models or model_names()}
+        learned = {name: [m for m, made_of in trained.items() if made_of == digest] for name, digest in digests.items()}
+        return {name: models for name, models in learned.items() if models}
 
     def _models(self) -> dict[str, list[DeformationModel]]:
         """Models by name, those that learn nothing last; trainings with other seeds under one name."""

@@ -21,11 +21,23 @@ def is_plugin(source: str) -> bool:
     return source.rpartition(":")[1] == ":" and source.rpartition(":")[2].isidentifier()
 
 
-def load_plugin(source: str) -> tuple[Any, Path]:
+def require_name(source: str) -> None:
+    """Refuse a text that names a file of code and nothing in it.
+
+    Raises:
+        InputError: It does.
+    """
+    file = source.removesuffix(":")
+    if file.endswith(".py"):
+        raise InputError(f"{source}: which of the names in it is meant must follow the file, as in {file}:NAME")
+
+
+def load_plugin(source: str, kind: type | None = None) -> tuple[Any, Path]:
     """What a text names, and the file that it is in.
 
     Args:
         source: "package.module:NAME", imported from the current directory or the environment, or "FILE.py:NAME".
+        kind: What is wanted, for the message on a name that is not there; classes and functions where None.
 
     Raises:
         InputError: There is no such file, module or name, or its code fails.
@@ -34,9 +46,14 @@ def load_plugin(source: str) -> tuple[Any, Path]:
     module = _from_file(Path(place)) if place.endswith(".py") else _imported(place, source)
     file = Path(module.__file__ or place).resolve()
     if not hasattr(module, name):
-        own = [each for each, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__]
-        raise InputError(f"{file}: has no {name!r}; it has {', '.join(own) or 'neither classes nor functions'}")
+        own = [each for each, value in vars(module).items() if _is_meant(value, kind, module)]
+        nothing = "neither classes nor functions" if kind is None else f"no {kind.__name__}"
+        raise InputError(f"{file}: has no {name!r}; it has {', '.join(own) or nothing}")
     return getattr(module, name), file
+
+
+def _is_meant(value: Any, kind: type | None, module: ModuleType) -> bool:
+    return getattr(value, "__module__", "") == module.__name__ if kind is None else isinstance(value, kind)
 
 
 def _from_file(file: Path) -> ModuleType:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from cableway.scene.cable import FRICTION_RULES, QUASI_STATIC
 from cableway.scene.task import Task
 from cableway.verification import kind_of, require_verified
 from cableway.workflow.events import Listener, Note, Planned, Progress
-from cableway.workflow.registry import Planner
+from cableway.workflow.registry import Planner, controller_entry
 from cableway.workflow.rehearsal import rehearsed_plan
 from cableway.workflow.run import Run, SolveOptions
 
@@ -229,6 +230,31 @@ def _warnings(task: Task, options: SolveOptions, listener: Listener) -> tuple[st
             f"Friction may hold the cable: mu rho g L^3 / EI is {number:.0f}, and from {FRICTION_RULES:g} on it strays "
             "by some 10 cm on its way, more the limper and heavier it is."
         )
+    found += _other_cable(task, options)
     for warning in found:
         listener.emit(Note(warning))
     return tuple(found)
+
+
+LEARNED = ("length", "bending_stiffness", "damping_time", "linear_density", "friction")
+"""Fields of a cable by which its motion differs, and the model of it."""
+
+
+def _other_cable(task: Task, options: SolveOptions) -> list[str]:
+    """A sentence where the controller's model was trained on another cable than the task's."""
+    if not (options.track and isinstance(options.controller, str)):
+        return []
+    entry = controller_entry(options.controller)
+    if not entry.cable:
+        return []
+    name, units = options.model or entry.model, dict(zip(LEARNED, ("m", "N m²", "s", "kg/m", ""), strict=True))
+    learned: Mapping[str, Any] = resolve_name(entry.cable)(name)
+    differing = [
+        f"{field.replace('_', ' ')} {learned[field]:g} {units[field]}".rstrip() + f" instead of {own:g}"
+        for field in LEARNED
+        if field in learned and not math.isclose(own := getattr(task.cable, field), learned[field], rel_tol=0.01)
+    ]
+    if not differing:
+        return []
+    helps = "" if options.adapt else ", to which --adapt (SolveOptions.adapt) brings it closer while it runs"
+    return [f"The model {name} is of another cable than the task's{helps}: {'; '.join(differing)}."]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from cableway.core.errors import RAISED, InputError, UnknownNameError, said
 from cableway.core.extras import require
-from cableway.core.plugins import is_plugin, load_plugin
+from cableway.core.plugins import is_plugin, load_plugin, require_name
 from cableway.core.provenance import describe
 from cableway.planning.named import PLANNERS
 
@@ -52,6 +52,8 @@ class ControllerEntry:
         compiled: "module:function" that says whether its compiled code is in the user's cache; "" where nothing is
             compiled.
         follows_blindly: Whether it ignores the observations, so that a recovery would not help.
+        cable: "module:function" that returns the cable that a model, by name or file, was trained on; "" where there is
+            no model.
         extra: Of cableway that it needs, see `cableway.core.extras`; "" for none.
     """
 
@@ -60,22 +62,30 @@ class ControllerEntry:
     model: str | None = None
     compiled: str = ""
     follows_blindly: bool = False
+    cable: str = ""
     extra: str = ""
 
 
 _NUMBA = "cableway.workflow.registry:control_is_compiled"
 _JAX = "cableway.tang2025.models.compilation:enable_compilation_cache"
+_CABLE = "cableway.tang2025.models.checkpoint:cable_of"
 
 CONTROLLERS = {
     "rod-mpc": ControllerEntry("adaptive MPC on the rod; ours", "cableway.control.rod_mpc:RodMPC", compiled=_NUMBA),
     "neural-mpc": ControllerEntry(
-        "our MPC on a learned model", "cableway.tang2025.control.named:neural_mpc", "conv", _JAX, extra="tang2025"
+        "our MPC on a learned model",
+        "cableway.tang2025.control.named:neural_mpc",
+        "conv",
+        _JAX,
+        cable=_CABLE,
+        extra="tang2025",
     ),
     "neural-mpc-paper": ControllerEntry(
         "the paper's MPC on a learned model",
         "cableway.tang2025.control.named:neural_mpc_paper",
         "transformer",
         _JAX,
+        cable=_CABLE,
         extra="tang2025",
     ),
     "rod-jacobian": ControllerEntry(
@@ -185,6 +195,7 @@ def controller_entry(name: str) -> ControllerEntry:
     Raises:
         UnknownNameError: There is none of that name; the message lists them.
     """
+    require_name(name)
     if is_plugin(name):
         return ControllerEntry("a user's own", name)
     if name not in CONTROLLERS:

@@ -62,7 +62,7 @@ def test_each_mistake_in_a_recipe_has_its_sentence(recipe, old, new, message):
 
 def test_an_unknown_kind_is_refused_with_the_known_ones(recipe):
     recipe.write_text(GOOD.replace("kind: transformer", "kind: oracle"))
-    with pytest.raises(UnknownNameError, match="known: bilstm, conv"):
+    with pytest.raises(InputError, match=r"recipe.yaml: model.kind must be one of bilstm, conv, .*, got 'oracle'$"):
         read_training_config(recipe)
 
 

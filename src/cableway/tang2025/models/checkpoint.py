@@ -158,6 +158,19 @@ def read_card(name_or_path: str | Path) -> dict[str, Any]:
     return card
 
 
+def cable_of(name_or_path: str | Path) -> dict[str, float]:
+    """Numbers of the cable that a model was trained on, by the fields of `Cable`; without those that varied.
+
+    Raises:
+        UnknownNameError: No shipped model has this name.
+        FileFormatError: The file is missing, damaged, no model, or of another version.
+    """
+    config = read_card(name_or_path).get("data", {}).get("metadata", {}).get("config", {})
+    varied = config.get("ranges") or {}
+    cable = config.get("cable") or {}
+    return {name: value for name, value in cable.items() if isinstance(value, float) and name not in varied}
+
+
 def _read_model_metadata(path: Path) -> dict[str, Any]:
     metadata = read_metadata(path)
     if metadata.get("format") != FORMAT:

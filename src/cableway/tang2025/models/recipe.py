@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from cableway.core.checks import shown
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.provenance import describe, versions
@@ -15,7 +16,7 @@ from cableway.scene.files.document import read_document
 from cableway.tang2025.models.dataset import fingerprint
 from cableway.tang2025.models.evaluation import baselines, evaluate
 from cableway.tang2025.models.learned import LearnedConfig, LearnedModel
-from cableway.tang2025.models.networks import config_of
+from cableway.tang2025.models.networks import KINDS
 from cableway.tang2025.models.training import Progress, TrainingConfig, train
 
 CONFIGS = Path(__file__).parent / "configs"
@@ -74,10 +75,12 @@ def read_training_config(path: Path | str) -> Recipe:
         if not isinstance(section, Mapping):
             raise InputError(f"{path}: {name} must be a mapping of keys to values, got {section!r}")
     kind = model.get("kind", "transformer")
+    if str(kind) not in KINDS:
+        raise InputError(f"{path}: model.kind must be one of {', '.join(sorted(KINDS))}, got {shown(kind)}")
     fields = {key: value for key, value in model.items() if key != "kind"}
     return Recipe(
         collection=dict(collection),
-        model=from_mapping(config_of(str(kind)), fields, f"{path}: model"),
+        model=from_mapping(KINDS[str(kind)], fields, f"{path}: model"),
         training=from_mapping(TrainingConfig, content.get("training", {}), f"{path}: training"),
     )
 
