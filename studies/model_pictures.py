@@ -96,7 +96,7 @@ def training_figure(folder: Path, name: str = "T, plain") -> Figure:
     """Validation error of the plain transformer after each epoch, for trainings of more and more epochs."""
     figure = style.new_figure(WIDTH + 2.6, HEIGHT + 1.0)
     ax = style.add_axes(figure, 0.75, 0.6, WIDTH, HEIGHT)
-    style.curve_axes(ax, "epoch", "validation error, one step [mm]")
+    style.curve_axes(ax, "epoch", "validation error, one step [mm]", whole=True)
     paths = {5: model_path(folder, name, 0)} | {
         epochs: model_path(folder, f"{name}-{epochs}", 0) for epochs, wanted in LONGER.items() if name in wanted
     }

@@ -52,7 +52,7 @@ EXAMPLE = "multi-obstacle-1"
 PIXELS, DOTS_PER_INCH = 1500, 125
 """Most pixels across a picture, and in an inch of it."""
 
-WEIGHTS = ((0.0, "#8a6d3b"), (0.01, style.LEFT), (0.1, style.PATHS), (1.0, style.PIVOT))
+WEIGHTS = ((0.0, style.INK), (0.01, style.LEFT), (0.1, style.RIGHT), (1.0, style.PIVOT))
 """Clearance weights k_c [m] of the pivot paths shown, with their colours."""
 
 MARGIN, BETWEEN, BAR, CURVES = 0.7, 1.0, 0.8, 4.2
@@ -172,8 +172,7 @@ def tracking() -> Figure:
     style.curve_axes(right, "", "deviation [mm]")
     right.set_ylim(0)
     right.legend(fontsize=8.5, frameon=False, labelcolor=style.INK)
-    draw_clearance(below, led.times, led.clearance, led.gripper_clearance)
-    style.title(below, "clearance with rod-mpc")
+    draw_clearance(below, "clearance with rod-mpc", led.times, led.clearance, led.gripper_clearance)
     return figure
 
 

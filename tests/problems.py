@@ -49,6 +49,16 @@ def sealed() -> Task:
     return task_between(LOW_ARC, HIGH_ARC, (Box(center=(0.35, 0.36), size=(0.7, 0.03)),), name="sealed")
 
 
+def slit(gap: float) -> Task:
+    """A wall across the table with one gap [m], left of its middle."""
+    left, right = 0.3 - gap / 2, 0.3 + gap / 2
+    walls = (
+        Box(center=(left / 2, 0.36), size=(left, 0.03)),
+        Box(center=((right + 0.7) / 2, 0.36), size=(0.7 - right, 0.03)),
+    )
+    return task_between(LOW_ARC, HIGH_ARC, walls, name="slit")
+
+
 SOLVABLE = {"free": free, "beside-disc": beside_disc, "doorway": doorway}
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.brief import Brief
-from cableway.core.errors import FileFormatError, InputError
+from cableway.core.errors import FileFormatError, InputError, Point
 from cableway.core.files import ArrayRecord, check_shapes
 from cableway.core.quantities import quantity
 from cableway.outcome import Outcome
@@ -143,6 +143,7 @@ class Attempt(Brief):
         poses: (T+1, 2, 3) gripper poses of the shapes, or None.
         verdict: What failed, if it came that far.
         stages: What the paper's planner made on the way, or None.
+        at: Where on the table [m] the reason is to be found, or None.
     """
 
     reason: str
@@ -150,6 +151,7 @@ class Attempt(Brief):
     poses: Float[np.ndarray, "T+1 2 3"] | None = None
     verdict: Verdict | None = None
     stages: PaperStages | None = None
+    at: Point | None = None
 
 
 # ------------------------------------------------------------------------------------------------ models

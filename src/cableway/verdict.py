@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.brief import Brief
+from cableway.core.errors import Point
 from cableway.core.quantities import limit_text, quantity, told_apart
 
 FINDINGS = {
@@ -83,6 +84,7 @@ class Check:
         row: Row of the motion in which it is worst, or where it fails first, a fraction between rows; None where it is
             of no row.
         time: The same [s].
+        at: Where on the table that is [m]; None where it is at no place in particular.
     """
 
     name: str
@@ -93,6 +95,7 @@ class Check:
     where: str = ""
     row: float | None = None
     time: float | None = None
+    at: Point | None = None
 
     @property
     def when(self) -> str:

@@ -11,6 +11,7 @@ from typing import cast
 
 import matplotlib.image
 import numpy as np
+import problems
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
@@ -18,14 +19,18 @@ from matplotlib.figure import Figure
 from problems import beside_disc
 from recorded import moved_aside, moved_plan, perfect_rollout
 
+from cableway.core.errors import PlanningError
 from cableway.figures import style
 from cableway.figures.learning import learning_figure
 from cableway.figures.plan import attempt_figure, plan_figure, spread_rows
 from cableway.figures.rollout import rollout_figure, stacked_errors
 from cableway.figures.scene import cable_path, draw_cable, smooth, task_figure
+from cableway.planning.planner import plan
 from cableway.records import Attempt, PaperStages
+from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
+from cableway.verification import verify_plan, verify_rollout
 
 PLANNED, PLAN = moved_plan()
 STAGES = cast(PaperStages, PLAN.stages)
@@ -48,6 +53,34 @@ def colour_at(figure: Figure, ax: Axes, x: float, y: float) -> np.ndarray:
 
 def is_colour(found: np.ndarray, wanted: str) -> bool:
     return bool(np.abs(found - to_rgb(wanted)).max() < 0.02)
+
+
+BLINDNESS = {
+    "none": np.eye(3),
+    "protanopia": np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]]),
+    "deuteranopia": np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]]),
+    "tritanopia": np.array([[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]]),
+}
+"""On linear RGB (Machado, Oliveira and Fernandes 2009, full severity)."""
+
+
+def lab(colour: str, seen: np.ndarray) -> np.ndarray:
+    """CIE L*a*b* of a colour as somebody sees it; a distance of 2 is just noticed."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.clip(seen @ np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4), 0, 1)
+    xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ linear
+    x, y, z = np.where((t := xyz / [0.9505, 1, 1.089]) > 0.008856, np.cbrt(t), 7.787 * t + 16 / 116)
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+@pytest.mark.parametrize("seen", BLINDNESS.values(), ids=BLINDNESS.keys())
+@pytest.mark.parametrize(
+    "together", [style.SERIES, (style.START, style.GOAL, style.INK), (style.LEFT, style.RIGHT, style.PIVOT)]
+)
+def test_colours_that_stand_together_are_told_apart_by_the_colour_blind(together: tuple[str, ...], seen: np.ndarray):
+    seen_as = [lab(colour, seen) for colour in together]
+    apart = [np.linalg.norm(a - b) for k, a in enumerate(seen_as) for b in seen_as[:k]]
+    assert min(apart) > 15
 
 
 def not_blank(figure: Figure) -> bool:
@@ -133,6 +166,52 @@ def test_a_failed_attempt_is_drawn_as_far_as_it_got(task: Task, reached: str):
     titles = [ax.get_title(loc="left") for ax in figure.axes]
     assert ("the closest attempt" in titles) == (reached == "shapes")
     assert (f"{task.name}: no initial trajectory" in titles) == (reached == "nothing")
+
+
+def rings(ax: Axes) -> np.ndarray:
+    """Places of the rings [m]; each is drawn twice, with a white edge and with a red one."""
+    return np.array([(*line.get_xdata(), *line.get_ydata()) for line in ax.lines if line.get_gid() == "mark"])[1::2]
+
+
+def test_a_gap_that_is_too_narrow_is_marked():
+    """The ring is in the gap, at the place that the reason names."""
+    task = problems.slit(0.011)
+    with pytest.raises(PlanningError) as caught:
+        plan(task)
+    attempt = caught.value.attempt
+    (at,) = rings(attempt_figure(task, attempt).axes[0])
+    assert tuple(at) == attempt.at
+    assert f"at ({at[0]:.3f}, {at[1]:.3f})" in attempt.reason
+    assert 0 < task.scene.signed_distance(at) < 0.007
+
+
+def test_what_does_not_verify_is_marked_where_it_is(task: Task):
+    """A plan through an obstacle is marked at the overlap, in the row where that is deepest, and the row is red."""
+    moved = replace(PLANNED, scene=Scene(obstacles=(Disc(center=tuple(PLAN.shapes[6, 6]), radius=0.01),)))
+    verdict = verify_plan(PLAN, moved)
+    worst = next(check for check in verdict.failures() if check.name == "cable clearance")
+    assert worst.at is not None
+    assert moved.scene.signed_distance(np.array(worst.at)) < 0.001, "in the obstacle, or on it"
+    attempt = Attempt(str(verdict), PLAN.shapes, PLAN.poses, verdict)
+    ax = attempt_figure(moved, attempt).axes[1]
+    assert np.linalg.norm(rings(ax) - worst.at, axis=1).min() < 0.001
+    red = [line.get_xydata() for line in ax.lines if line.get_color() == style.BAD and line.get_gid() != "mark"]
+    assert worst.row is not None
+    assert any(np.allclose(line, smooth(PLAN.shapes[round(worst.row)])) for line in red)
+
+
+def test_a_contact_in_a_rollout_is_marked_where_it_was():
+    rollout = perfect_rollout(PLANNED, PLAN)
+    moved = replace(PLANNED, scene=Scene(obstacles=(Disc(center=tuple(PLAN.shapes[6, 6]), radius=0.01),)))
+    touched = replace(rollout, clearance=moved.scene.clearance(rollout.centreline, moved.cable.radius))
+    verdict = verify_rollout(touched, moved)
+    figure = rollout_figure(moved, touched, failure="contact", verdict=verdict)
+    away = np.linalg.norm(rings(figure.axes[0]) - PLAN.shapes[6, 6], axis=1)
+    assert away.min() <= 0.011
+    said = [text.get_text() for text in figure.texts]
+    assert said[0] == "Failed: contact"
+    assert any("the cable and obstacles[0]" in text for text in said)
+    assert not len(rings(rollout_figure(moved, touched).axes[0]))
 
 
 def test_the_picture_of_a_rollout_shows_errors_and_clearance():

@@ -13,6 +13,7 @@ from recorded import moved_plan, perfect_rollout
 
 from cableway.core.errors import CablewayError
 from cableway.figures import video
+from cableway.figures.moving import captions
 from cableway.figures.video import playback, write_video
 from cableway.records import Rollout
 
@@ -63,6 +64,61 @@ def test_it_is_h264_that_every_player_shows_and_shows_every_row(film: tuple[Path
     assert all(frame.std() > 10 for frame in frames)
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
     assert np.abs(frames[-2].astype(int) - frames[-1]).max() < 60, "the last row stands still"
+
+
+def test_the_insertion_is_shown_to_its_end(tmp_path: Path):
+    """The rows of the insertion follow those of the tracking, and the last frames show its last row."""
+    insertion = replace(
+        ROLLOUT, **{name: getattr(ROLLOUT, name)[::-1] for name in ("keypoints", "poses", "centreline")}
+    )
+    write_video(tmp_path / "both.mp4", TASK, ROLLOUT, insertion)
+    _, frames = decode(tmp_path / "both.mp4")
+    assert len(frames) == len(ROLLOUT.times) + insertion.steps + video.FINAL_PAUSE * 10
+    first, last = _cable_pixels(frames[0]), _cable_pixels(frames[-1])
+    assert (first & last).sum() > 0.8 * first.sum(), "it ends where it began"
+    assert (_cable_pixels(frames[ROLLOUT.steps]) & first).sum() < 0.5 * first.sum()
+    whole = video.joined(ROLLOUT, insertion)
+    assert whole.times[-1] == pytest.approx(ROLLOUT.times[-1] + insertion.times[-1])
+    assert (np.diff(whole.times) > 0).all()
+
+
+def _cable_pixels(frame: np.ndarray) -> np.ndarray:
+    """Where the scene of a frame, inside its walls, is as dark as the cable."""
+    return frame[80:630, 90:640].max(axis=2) < 80
+
+
+def test_nothing_of_the_curves_is_seen_ahead_of_the_cursor():
+    """What is to come is masked from bottom to top on both axes, from where the cursor stands."""
+    stage = video._Stage(TASK, ROLLOUT, None)
+    stage.title(1)
+    for row in (0, 5, ROLLOUT.steps):
+        stage.frame(row)
+        now = ROLLOUT.times[row]
+        assert len(stage._cursors) == 2
+        for mask, cursor in stage._cursors:
+            assert mask.get_x() == pytest.approx(now)
+            assert mask.get_x() + mask.get_width() == pytest.approx(ROLLOUT.times[-1])
+            assert (mask.get_y(), mask.get_height()) == (0, 1), "of the axes' height"
+            assert np.allclose(cursor.get_xdata(), now)
+            assert np.allclose(cursor.get_ydata(), (0, 1))
+
+
+def test_each_row_says_what_is_going_on():
+    """Before the reference moves it is a hold, after its end settling; other statuses are said as they are."""
+    rows = np.concatenate([[0] * 4, np.arange(len(ROLLOUT.times)), [ROLLOUT.steps] * 3])
+    names = ("keypoints", "observed", "poses", "centreline", "reference", "clearance", "gripper_clearance")
+    held = replace(
+        ROLLOUT,
+        times=0.1 * np.arange(len(rows)),
+        **{name: getattr(ROLLOUT, name)[rows] for name in names},
+        **{name: np.zeros((len(rows) - 1, *getattr(ROLLOUT, name).shape[1:])) for name in ("actions", "solve_time")},
+        status=np.array(["tracking"] * (len(rows) - 2) + ["unseen: stopped"]),
+    )
+    said = captions(held)
+    assert len(said) == len(rows)
+    assert said[:5] == ["hold"] * 5
+    assert set(said[5:-3]) == {"tracking"}
+    assert said[-3:] == ["settling", "settling", "unseen: stopped"]
 
 
 def test_it_tells_how_far_it_is(film: tuple[Path, list[float]]):

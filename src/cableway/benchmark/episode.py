@@ -303,5 +303,12 @@ def _picture(run: Run, perturbation: Perturbation) -> bytes:
     from cableway.figures.style import figure_png
 
     if run.rollout is not None:
-        return figure_png(rollout_figure(perturbation.true_task(run.task), run.rollout))
+        return figure_png(
+            rollout_figure(
+                perturbation.true_task(run.task),
+                run.rollout,
+                failure=run.report.failure,
+                verdict=run.report.rollout_verdict,
+            )
+        )
     return figure_png(attempt_figure(run.task, run.attempt or Attempt(run.report.failure or "")))

@@ -71,7 +71,7 @@ class PlanOptions(TaskOptions):
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video
 
-                write_video(folder / outputs.VIDEO, task, run.rollout, progress=progress)
+                write_video(folder / outputs.VIDEO, task, run.rollout, run.insertion, progress=progress)
         outputs.announce(terminal, folder, run.report)
         terminal.result(run.report.as_dict(), pairs(run.report.rows()))
         return 0 if run.success else 1
@@ -140,7 +140,10 @@ def _write_rollouts(folder: Path, run: Run) -> None:
         insertion.save(folder / outputs.INSERTION)
     outputs.write_report(folder, run.report)
     if rollout is not None:
-        _draw(folder / outputs.ROLLOUT_PICTURE, lambda: rollout_figure(run.task, rollout))
+        _draw(
+            folder / outputs.ROLLOUT_PICTURE,
+            lambda: rollout_figure(run.task, rollout, failure=run.report.failure, verdict=run.report.rollout_verdict),
+        )
     if insertion is not None:
         _draw(folder / outputs.INSERTION_PICTURE, lambda: insertion_figure(run.task, insertion))
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from cableway.figures.style import INK, MUTED, curve_axes, new_figure, title
+from cableway.figures.style import INK, MUTED, curve_axes, new_figure, series, title
 
 Share = tuple[float, float, float]
 """A share with the ends of its interval."""
@@ -49,14 +48,13 @@ def error_figure(errors: Mapping[str, Mapping[str, Sequence[float]]], bounds: Se
     rows = -(-len(errors) // columns)
     figure = new_figure(3.6 * columns, 2.9 * rows + 0.5)
     axes = np.atleast_1d(figure.subplots(rows, columns, sharey=True, squeeze=False)).ravel()
-    colors = colormaps["tab10" if len(methods) <= 10 else "tab20"]
     for ax, (suite, found) in zip(axes, errors.items(), strict=False):
         title(ax, suite)
         for name, values in found.items():
             ordered = 1000 * np.sort(np.asarray(values, float))
             shares = 100 * np.arange(1, len(ordered) + 1) / len(ordered)
             kept = np.isfinite(ordered)
-            ax.step(ordered[kept], shares[kept], where="post", color=colors(methods.index(name)), label=name)
+            ax.step(ordered[kept], shares[kept], where="post", label=name, **series(methods.index(name)))
         for bound in bounds:
             ax.axvline(1000 * bound, color=MUTED, linewidth=0.8, linestyle=":")
         ax.set_xscale("log")
@@ -64,7 +62,7 @@ def error_figure(errors: Mapping[str, Mapping[str, Sequence[float]]], bounds: Se
         curve_axes(ax, "stacked error [mm]", "episodes below it [%]")
     for ax in axes[len(errors) :]:
         ax.set_visible(False)
-    handles = [axes[0].plot([], [], color=colors(place), label=name)[0] for place, name in enumerate(methods)]
+    handles = [axes[0].plot([], [], label=name, **series(place))[0] for place, name in enumerate(methods)]
     figure.tight_layout(rect=(0, 0.5 / (2.9 * rows + 0.5), 1, 1))
     figure.legend(handles=handles, loc="lower center", ncols=min(5, len(methods)), fontsize=8, frameon=False)
     return figure

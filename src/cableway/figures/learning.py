@@ -12,11 +12,6 @@ from cableway.figures import style
 WIDTH, HEIGHT = 5.0, 3.4
 """Size [inch] of a panel."""
 
-COLORS = ("#2063b0", "#e0562b", "#12876f", "#b8860b", "#7b6fb0", "#b4557f", "#3f8fd2", "#868f9b", "#1d2733")
-
-DASHES = ("-", (0, (4, 2)), (0, (1, 1.5)))
-"""After the last colour the first one comes again, dashed."""
-
 
 def learning_figure(losses: Sequence[float], errors: Sequence[float]) -> Figure:
     """Loss, and validation error [mm], after each epoch."""
@@ -24,7 +19,7 @@ def learning_figure(losses: Sequence[float], errors: Sequence[float]) -> Figure:
     epochs = range(1, len(losses) + 1)
     for place, (values, name) in enumerate(((losses, "loss"), (errors, "validation error, one step [mm]"))):
         ax = style.add_axes(figure, 0.75 + place * (WIDTH + 0.7), 0.6, WIDTH, HEIGHT)
-        style.curve_axes(ax, "epoch", name)
+        style.curve_axes(ax, "epoch", name, whole=True)
         ax.plot(epochs, values, color=style.START, linewidth=1.6, marker="o", markersize=3)
         style.log_axis(ax.yaxis)
     return figure
@@ -42,15 +37,15 @@ def horizon_figure(
     """
     figure = style.new_figure(WIDTH + 3.6, HEIGHT + 1.5)
     ax = style.add_axes(figure, 0.75, 0.6, WIDTH, HEIGHT + 0.6)
-    style.curve_axes(ax, "prediction horizon [steps]", "stacked error [mm]")
+    style.curve_axes(ax, "prediction horizon [steps]", "stacked error [mm]", whole=True)
     handles: list[tuple[float, Line2D]] = []
     for place, (name, values) in enumerate(curves.items()):
-        color, dash = COLORS[place % len(COLORS)], DASHES[place // len(COLORS) % len(DASHES)]
-        ax.plot(horizons[: len(values)], values, color=color, linestyle=dash, linewidth=1.6)
+        look = style.series(place)
+        ax.plot(horizons[: len(values)], values, linewidth=1.6, **look)
         if name in bands:
             low, high = bands[name]
-            ax.fill_between(horizons[: len(low)], low, high, color=color, alpha=0.12, linewidth=0)
-        handles.append((values[-1], Line2D([], [], color=color, linestyle=dash, label=name)))
+            ax.fill_between(horizons[: len(low)], low, high, color=look["color"], alpha=0.12, linewidth=0)
+        handles.append((values[-1], Line2D([], [], label=name, **look)))
     style.log_axis(ax.yaxis)
     ordered = [handle for _, handle in sorted(handles, key=lambda pair: -pair[0])]
     ax.legend(handles=ordered, loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, fontsize=8.5)

@@ -1,16 +1,19 @@
-"""Marks on a picture: a red ring about each place where something is wrong, with its number, and the sentences."""
+"""What is wrong, in a picture: a red ring about each place, with its number, and the sentences above."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cableway.core.errors import Point
 from cableway.figures import style
+from cableway.verdict import Verdict
 
 RING = 11.0
 """Radius of a ring in points: seen at any scale."""
@@ -18,15 +21,44 @@ RING = 11.0
 SENTENCES = 6
 """Most sentences written out."""
 
-LINE, CHARACTERS = 0.19, 14.5
+LINE, CHARACTERS = 0.19, 12.0
 """Height [inch] of a line of them, and characters to the inch."""
 
 
-def draw_marks(ax: Axes, places: Sequence[Point | None]) -> None:
-    """A ring about each place [m], with its number from 1 where there are several places; None has no ring.
+class Mark(NamedTuple):
+    """Something that is wrong.
+
+    Attributes:
+        sentence: What.
+        at: Where [m], or None.
+        line: (m, 2) the cable then [m], or None.
+    """
+
+    sentence: str
+    at: Point | None = None
+    line: Float[np.ndarray, "m 2"] | None = None
+
+
+def marks_of(verdict: Verdict | None, lines: Float[np.ndarray, "t m 2"]) -> list[Mark]:
+    """What did not pass of a motion with these rows [m]: at its place, else at the middle of the cable in its row."""
+    marks = []
+    for check in verdict.failures() if verdict else ():
+        line = None if check.row is None else lines[min(round(check.row), len(lines) - 1)]
+        middle = None if line is None else (float(line[len(line) // 2, 0]), float(line[len(line) // 2, 1]))
+        marks.append(Mark(str(check), check.at or middle, line))
+    return marks
+
+
+def draw_marks(ax: Axes, marks: Sequence[Mark]) -> None:
+    """A ring about each place, with its number from 1 where there are several marks, and the cables of the marks.
 
     Places whose rings would overlap share one, and one beyond the axes is marked at their edge.
     """
+    for mark in marks[:SENTENCES]:
+        if mark.line is not None:
+            for color, width in (("white", 3.0), (style.BAD, 1.4)):
+                ax.plot(*mark.line.T, color=color, linewidth=width, zorder=10)
+    places = [mark.at for mark in marks[:SENTENCES]]
     low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
     dots = RING * ax.get_figure(root=True).dpi / 72  # pyright: ignore[reportOptionalMemberAccess]
     rings: list[tuple[np.ndarray, list[int]]] = []
@@ -57,11 +89,17 @@ def draw_marks(ax: Axes, places: Sequence[Point | None]) -> None:
             )  # fmt: skip
 
 
-def sentence_lines(sentences: Sequence[str], width: float) -> list[str]:
-    """Sentences, numbered where there are several, broken into lines for a figure of that width [inch]."""
+def sentence_lines(sentences: Sequence[str], width: float, opening: str = "") -> list[str]:
+    """Sentences, numbered where there are several, broken into lines for a figure of that width [inch].
+
+    Args:
+        sentences: What is wrong.
+        width: Room for a line [inch].
+        opening: Words before a single sentence.
+    """
     across = max(20, int(CHARACTERS * width))
     if len(sentences) == 1:
-        return textwrap.wrap(sentences[0], across)
+        return textwrap.wrap(opening + sentences[0], across)
     shown = [f"{number}  {text}" for number, text in enumerate(sentences[:SENTENCES], start=1)]
     if len(sentences) > len(shown):
         shown.append(f"... and {len(sentences) - len(shown)} more")

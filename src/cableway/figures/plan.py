@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from cableway.figures import scene, style
+from cableway.figures.marks import LINE, Mark, draw_marks, marks_of, sentence_lines, write_lines
 from cableway.records import Attempt, PaperStages, Plan
 from cableway.scene.task import CONTROL_STEP, Task
 
@@ -23,6 +23,9 @@ SHAPES_SHOWN = 24
 
 LEFT, BETWEEN, BELOW, ABOVE, BAR, COLUMN = 0.65, 0.7, 1.0, 0.45, 1.1, 3.5
 """Inches left of the first panel, between panels, below, above, for the colour bar, and of the column of curves."""
+
+LEGEND = 0.17
+"""Height [inch] of a legend of one row above a panel."""
 
 
 def plan_figure(task: Task, plan: Plan) -> Figure:
@@ -35,27 +38,38 @@ def plan_figure(task: Task, plan: Plan) -> Figure:
     draw_shapes(shapes, task, plan.shapes)
     style.title(shapes, f"the plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s")
     left = LEFT + 2 * width + BETWEEN + BAR + 0.25
-    half = (height + BELOW - 1.6) / 2
-    above = style.add_axes(figure, left, height + BELOW - half, COLUMN, half)
-    below = style.add_axes(figure, left, 0.6, COLUMN, half)
-    _draw_profiles(above, below, task, plan)
+    _draw_profiles(*curve_panels(figure, left, COLUMN, BELOW + height), task, plan)
     return figure
 
 
+def curve_panels(figure: Figure, left: float, width: float, top: float) -> tuple[Axes, Axes]:
+    """Two panels for curves over time, one above the other, each with room for its legend; all in inches."""
+    half = (top - 0.6 - 0.95 - LEGEND) / 2
+    above = style.add_axes(figure, left, top - LEGEND - half, width, half)
+    return above, style.add_axes(figure, left, 0.6, width, half)
+
+
 def attempt_figure(task: Task, attempt: Attempt) -> Figure:
-    """How far planning got before it failed, and why it did."""
+    """How far planning got before it failed, and why it did: the place of the reason, or what did not verify."""
     width, height = scene.panel_size(task)
     panels = 1 if attempt.shapes is None else 2
     wide = LEFT + panels * width + (panels - 1) * (BETWEEN + BAR) + 0.4
-    reason = textwrap.wrap(f"No plan: {attempt.reason}", int(11 * wide))
-    tall = BELOW + height + ABOVE + 0.2 + 0.2 * len(reason)
-    figure = style.new_figure(wide, tall)
-    _draw_stages(style.add_axes(figure, LEFT, BELOW, width, height), task, attempt.stages, attempt.shapes)
+    marks = [] if attempt.shapes is None else marks_of(attempt.verdict, scene.smooth(attempt.shapes))
+    if attempt.at is not None or not marks:
+        marks = [Mark(attempt.reason, attempt.at)]
+    lines = ["No plan. What is wrong with the closest attempt:"] if len(marks) > 1 else []
+    lines += sentence_lines([mark.sentence for mark in marks], wide - LEFT, "" if lines else "No plan: ")
+    figure = style.new_figure(wide, BELOW + height + ABOVE + 0.2 + LINE * len(lines))
+    above = style.add_axes(figure, LEFT, BELOW, width, height)
+    _draw_stages(above, task, attempt.stages, attempt.shapes)
     if attempt.shapes is not None:
         reached = style.add_axes(figure, LEFT + width + BETWEEN, BELOW, width, height)
         draw_shapes(reached, task, attempt.shapes)
         style.title(reached, "the closest attempt")
-    figure.text(LEFT / wide, 1 - 0.14 / tall, "\n".join(reason), fontsize=10, color=style.BAD, va="top")
+        draw_marks(reached, marks)
+    if attempt.at is not None:
+        draw_marks(above, marks)
+    write_lines(figure, LEFT, lines)
     return figure
 
 
@@ -72,16 +86,31 @@ def alternatives_figure(task: Task, motions: Sequence[Float[np.ndarray, "k n 2"]
 
 
 def _draw_stages(ax: Axes, task: Task, stages: PaperStages | None, shapes: Float[np.ndarray, "t n 2"] | None) -> None:
-    """The stages of the paper's planner; where there are none, the paths that the keypoints take."""
+    """The stages of the paper's planner; where there are none, the paths of the grippers and of the cable's middle."""
     if stages is not None:
         draw_routes(ax, task, stages.pivot, stages.path_set, stages.passages)
         style.title(ax, f"{task.name}: pivot path and path set")
     elif shapes is not None:
-        draw_routes(ax, task, paths=shapes.swapaxes(0, 1))
-        style.title(ax, f"{task.name}: paths of the keypoints")
+        _draw_paths(ax, task, shapes)
+        style.title(ax, f"{task.name}: from start to goal")
     else:
         draw_routes(ax, task)
         style.title(ax, f"{task.name}: no initial trajectory")
+
+
+def _draw_paths(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"]) -> None:
+    """The paths of both grippers and of the cable's middle, whatever the cable does between them."""
+    scene.draw_scene(ax, task)
+    paths = (
+        (0, style.LEFT, "left gripper"),
+        (shapes.shape[1] // 2, style.PIVOT, "middle"),
+        (-1, style.RIGHT, "right gripper"),
+    )
+    handles = scene.end_handles()
+    for point, color, name in paths:
+        handles += ax.plot(*shapes[:, point].T, color=color, linewidth=1.7, zorder=5, label=f"path of the {name}")
+    scene.draw_end_shapes(ax, task)
+    style.legend_below(ax, handles, 4)
 
 
 def draw_routes(
@@ -152,23 +181,25 @@ def _draw_profiles(above: Axes, below: Axes, task: Task, plan: Plan) -> None:
     times = CONTROL_STEP * np.arange(len(plan.shapes))
     cable = task.scene.clearance(scene.smooth(plan.shapes), task.cable.radius)
     grippers = task.scene.signed_distance(plan.poses[:, :, :2]).min(axis=1) - task.grippers.radius
-    style.title(above, "clearance")
-    draw_clearance(above, times, cable, grippers)
+    draw_clearance(above, "clearance", times, cable, grippers)
     step = np.diff(plan.poses, axis=0)
     move = 100 * np.linalg.norm(step[:, :, :2], axis=2) / task.grippers.max_step
     turn = 100 * np.abs(step[:, :, 2]) / task.grippers.max_turn
-    style.title(below, "gripper motion")
     for i, (name, color) in enumerate((("left", style.LEFT), ("right", style.RIGHT))):
         below.plot(times[1:], move[:, i], color=color, linewidth=1.5, label=f"{name}, move")
         below.plot(times[1:], turn[:, i], color=color, linewidth=1.1, linestyle=":", label=f"{name}, turn")
     below.axhline(100, color=style.BAD, linewidth=1.0, linestyle="--")
-    below.set_ylim(0, 1.35 * max(100.0, move.max(), turn.max()))
+    below.set_ylim(0, 1.05 * max(100.0, move.max(), turn.max()))
     style.curve_axes(below, "time [s]", "share of the limit [%]")
-    below.legend(ncols=2, fontsize=8, frameon=False, loc="upper center", labelcolor=style.INK)
+    style.title(below, "gripper motion", legend=4)
 
 
 def draw_clearance(
-    ax: Axes, times: Float[np.ndarray, "k"], cable: Float[np.ndarray, "k"], grippers: Float[np.ndarray, "k"]
+    ax: Axes,
+    title: str,
+    times: Float[np.ndarray, "k"],
+    cable: Float[np.ndarray, "k"],
+    grippers: Float[np.ndarray, "k"],
 ) -> None:
     """Clearance [m] of the cable's surface and of the gripper discs over time [s], in millimetres."""
     curves = ((grippers, style.RIGHT, 1.3, "grippers"), (cable, style.INK, 1.7, "cable"))
@@ -176,6 +207,6 @@ def draw_clearance(
         ax.plot(times, 1000 * curve, color=color, linewidth=width, label=f"{name}, least {1000 * curve.min():.1f} mm")
     ax.axhline(0, color=style.BAD, linewidth=1.0, linestyle="--")
     low, high = min(0.0, cable.min(), grippers.min()), max(cable.max(), grippers.max(), 0.01)
-    ax.set_ylim(1000 * (low - 0.05 * (high - low)), 1000 * (high + 0.35 * (high - low)))
+    ax.set_ylim(1000 * (low - 0.05 * (high - low)), 1000 * (high + 0.05 * (high - low)))
     style.curve_axes(ax, "time [s]", "clearance [mm]")
-    ax.legend(fontsize=8, frameon=False, loc="upper center", labelcolor=style.INK)
+    style.title(ax, title, legend=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,20 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from cableway.figures import scene, style
-from cableway.figures.plan import ABOVE, BAR, BELOW, LEFT, add_time_bar, draw_clearance, spread_rows
+from cableway.figures.marks import LINE, draw_marks, marks_of, sentence_lines, write_lines
+from cableway.figures.plan import (
+    ABOVE,
+    BAR,
+    BELOW,
+    LEFT,
+    LEGEND,
+    add_time_bar,
+    curve_panels,
+    draw_clearance,
+    spread_rows,
+)
 from cableway.outcome import SUCCESS_ERROR
-from cableway.records import Estimate, Rollout
+from cableway.records import Estimate, Rollout, Verdict
 from cableway.scene.task import Task
 
 SHAPES_SHOWN = 12
@@ -24,29 +36,38 @@ SHAPES_SHOWN = 12
 COLUMN = 4.6
 """Width [inch] of the column of curves."""
 
-HEADROOM = 0.2
-"""Share of the panel above the curves, for the legend."""
 
+def rollout_figure(
+    task: Task, rollout: Rollout, *, failure: str | None = None, verdict: Verdict | None = None
+) -> Figure:
+    """Shapes with their reference; errors, clearance and the estimates that moved over time; and what went wrong.
 
-def rollout_figure(task: Task, rollout: Rollout) -> Figure:
-    """Shapes with their reference on the left; errors, clearance and estimates, if any, over time on the right."""
+    Args:
+        task: The task.
+        rollout: What happened.
+        failure: Why it is no success, in a sentence; None where it is one.
+        verdict: Checks of the rollout; places and shapes of those that did not pass are marked.
+    """
     width, height = scene.panel_size(task)
-    columns = 1 if rollout.estimates is None else 2
-    figure = style.new_figure(LEFT + width + BAR + 0.3 + columns * COLUMN + 0.25, BELOW + height + ABOVE)
+    moved = [name for name, estimate in rollout.estimated().items() if estimate.differs]
+    wide = LEFT + width + BAR + 0.3 + (2 if moved else 1) * COLUMN + 0.25
+    marks = marks_of(verdict, rollout.centreline)
+    lines = [] if failure is None else sentence_lines([failure], wide - LEFT, "Failed: ")
+    lines += sentence_lines([mark.sentence for mark in marks], wide - LEFT) if marks else []
+    figure = style.new_figure(wide, BELOW + height + ABOVE + (0.2 + LINE * len(lines) if lines else 0.0))
     ax = style.add_axes(figure, LEFT, BELOW, width, height)
     draw_tracking(ax, task, rollout)
     style.title(ax, f"{task.name}: tracking, {rollout.steps} steps")
-    left, half = LEFT + width + BAR + 0.3, (height + BELOW - 1.6) / 2
-    above = style.add_axes(figure, left, height + BELOW - half, COLUMN, half)
-    below = style.add_axes(figure, left, 0.6, COLUMN, half)
+    draw_marks(ax, marks)
+    write_lines(figure, LEFT, lines)
+    left = LEFT + width + BAR + 0.3
+    above, below = curve_panels(figure, left, COLUMN, BELOW + height)
     draw_errors(above, rollout.times, *stacked_errors(task, rollout))
-    style.title(above, "stacked shape error")
-    style.title(below, "clearance, simulated")
-    draw_clearance(below, rollout.times, rollout.clearance, rollout.gripper_clearance)
-    if rollout.estimates is not None:
-        found = style.add_axes(figure, left + COLUMN + 0.7, 0.6, COLUMN - 0.7, height + BELOW - 0.6)
-        draw_estimates(found, rollout)
-        style.title(found, "estimates of the cable")
+    draw_clearance(below, "clearance", rollout.times, rollout.clearance, rollout.gripper_clearance)
+    if moved:
+        rows = -(-len(moved) // 2)
+        found = style.add_axes(figure, left + COLUMN + 0.7, 0.6, COLUMN - 0.7, BELOW + height - 0.6 - rows * LEGEND)
+        draw_estimates(found, rollout, moved)
     return figure
 
 
@@ -62,7 +83,7 @@ def draw_tracking(ax: Axes, task: Task, rollout: Rollout) -> None:
     add_time_bar(ax, float(rollout.times[-1]))
     handles: list[Any] = [
         Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"),
-        Line2D([], [], color="#9aa3ad", linewidth=1.2, linestyle=(0, (3, 2)), label="reference"),
+        Line2D([], [], color=style.OBSTACLE_EDGE, linewidth=1.2, linestyle=(0, (3, 2)), label="reference"),
         Line2D([], [], color=style.INK, linewidth=0.9, label="gripper paths"),
         Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"),
     ]
@@ -86,55 +107,47 @@ def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> None:
 def draw_errors(
     ax: Axes,
     times: Float[np.ndarray, "k"],
-    to_goal: Float[np.ndarray, "k"],
+    to_goal: Float[np.ndarray, "g"],
     to_reference: Float[np.ndarray, "k"],
 ) -> None:
-    """Stacked errors [m] over time [s] on a logarithmic scale in millimetres, with the line of success."""
+    """Stacked errors [m] over time [s] on a logarithmic scale in millimetres, with the line of success.
+
+    `to_goal` may end before the others do, as where an insertion leads the cable away from its goal.
+    """
     least = 1e-4
     curves = ((to_reference, style.LEFT, 1.3, "to the reference"), (to_goal, style.INK, 1.7, "to the goal"))
     for curve, color, width, name in curves:
         label = f"{name}, final {1000 * curve[-1]:.2f} mm"
-        ax.plot(times, 1000 * np.maximum(curve, least), color=color, linewidth=width, label=label)
+        ax.plot(times[: len(curve)], 1000 * np.maximum(curve, least), color=color, linewidth=width, label=label)
     ax.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=1.0, linestyle="--")
     ax.annotate(
         f"success below {100 * SUCCESS_ERROR:g} cm", (0, 1000 * SUCCESS_ERROR), xycoords=("axes fraction", "data"),
         xytext=(4, 3), textcoords="offset points", fontsize=8, color=style.BAD,
     )  # fmt: skip
     ax.set_yscale("log")
-    ax.set_ylim(1000 * least, 1000 * max(10.0, 10 * to_goal.max()))
+    ax.set_ylim(1000 * least, 2000 * max(to_goal.max(), to_reference.max(), SUCCESS_ERROR))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())
     style.curve_axes(ax, "time [s]", "error [mm]")
-    ax.legend(fontsize=8, frameon=False, loc="upper right", labelcolor=style.INK)
+    style.title(ax, "stacked shape error", legend=2)
 
 
-def draw_estimates(ax: Axes, rollout: Rollout) -> None:
-    """Each estimate's distance from its nominal value, in prior standard deviations: all fit one axis.
+def draw_estimates(ax: Axes, rollout: Rollout, names: Sequence[str]) -> None:
+    """Some estimates' distances from their nominal values, in prior standard deviations: all fit one axis.
 
-    The band about a curve is one standard deviation either way, drawn for those that turned out to differ; the legend
-    has the last values, those that differ in bold. A parameter that is not estimated has no curve.
+    The band about a curve is one standard deviation either way; the legend has the last values.
     """
     assert rollout.estimates is not None
     assert rollout.deviations is not None
     found = rollout.estimated()
-    moving = [(column, name) for column, name in enumerate(found) if found[name].prior > 0]
-    for number, (column, name) in enumerate(moving):
-        estimate, color = found[name], style.SERIES[number % len(style.SERIES)]
-        dashes = "-" if number < len(style.SERIES) else (0, (3, 1.5))
+    for number, name in enumerate(names):
+        estimate, look, column = found[name], style.series(number), list(found).index(name)
         away = (rollout.estimates[:, column] - estimate.nominal) / estimate.prior
-        ax.plot(
-            rollout.times[1:], away, color=color, linestyle=dashes, linewidth=1.9 if estimate.differs else 0.9,
-            label=last_value(name, estimate),
-        )  # fmt: skip
-        if estimate.differs:
-            width = rollout.deviations[:, column] / estimate.prior
-            ax.fill_between(rollout.times[1:], away - width, away + width, color=color, alpha=0.15, linewidth=0)
+        width = rollout.deviations[:, column] / estimate.prior
+        ax.plot(rollout.times[1:], away, linewidth=1.6, label=last_value(name, estimate), **look)
+        ax.fill_between(rollout.times[1:], away - width, away + width, color=look["color"], alpha=0.15, linewidth=0)
     style.curve_axes(ax, "time [s]", "distance from the prior [standard deviations]")
-    low, high = ax.get_ylim()
-    ax.set_ylim(low, high + HEADROOM / (1 - HEADROOM) * (high - low))
-    legend = ax.legend(fontsize=6.8, frameon=False, loc="upper left", ncols=2, labelcolor=style.INK, columnspacing=1.0)
-    for text, (_, name) in zip(legend.get_texts(), moving, strict=True):
-        text.set_fontweight("bold" if found[name].differs else "normal")
+    style.title(ax, "estimates that moved", legend=2)
 
 
 def last_value(name: str, estimate: Estimate) -> str:

@@ -18,8 +18,9 @@ from matplotlib.path import Path
 
 from cableway.core.errors import TaskError
 from cableway.figures import style
-from cableway.figures.marks import LINE, draw_marks, sentence_lines, write_lines
+from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.geometry import polyline, se2
+from cableway.scene.scene import Scene
 from cableway.scene.task import ENDS, SPLINE_PIECES, Draft, Task
 
 TASKS_SHOWN = 60
@@ -35,8 +36,7 @@ def draw_scene(ax: Axes, task: Draft) -> None:
     ax.set_aspect("equal")
     ax.set_xlim(0, width)
     ax.set_ylim(0, height)
-    solids = [polygon_path(solid) for solid in task.scene.solids]
-    _add_paths(ax, solids, facecolors=style.OBSTACLE, edgecolors=style.OBSTACLE_EDGE, linewidths=0.9, zorder=2)
+    draw_solids(ax, task.scene)
     walls = Rectangle((0, 0), width, height, fill=False, edgecolor=style.INK, linewidth=2.4, zorder=8, clip_on=False)
     ax.add_patch(walls)
     if task.port is not None:
@@ -46,6 +46,12 @@ def draw_scene(ax: Axes, task: Draft) -> None:
     ax.tick_params(colors=style.MUTED, labelsize=8.5, length=3)
     for spine in ax.spines.values():
         spine.set_visible(False)
+
+
+def draw_solids(ax: Axes, scene: Scene) -> PathCollection:
+    """The obstacles."""
+    solids = [polygon_path(solid) for solid in scene.solids]
+    return _add_paths(ax, solids, facecolors=style.OBSTACLE, edgecolors=style.OBSTACLE_EDGE, linewidths=0.9, zorder=2)
 
 
 def _draw_port(ax: Axes, task: Draft) -> None:
@@ -182,7 +188,7 @@ def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
     draw_end_shapes(ax, task)
     style.title(ax, task.name)
     style.legend_below(ax, end_handles(), 4)
-    draw_marks(ax, [fault.at for fault in faults])
+    draw_marks(ax, [Mark(fault.sentence, fault.at) for fault in faults])
     write_lines(figure, 0.7, lines)
     cable = task.cable
     facts = f"cable {cable.length:.3g} m long, {2000 * cable.radius:.3g} mm thick · workspace {across:g} m x {up:g} m"

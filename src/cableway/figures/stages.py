@@ -6,12 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from cableway.figures.plan import draw_routes, draw_shapes
 from cableway.figures.scene import draw_cable, draw_end_shapes, draw_scene, panel_size
-from cableway.figures.style import TIME, add_axes, curve_axes, legend_below, new_figure, title
+from cableway.figures.style import SERIES, TIME, add_axes, curve_axes, legend_below, new_figure, series, title
 from cableway.records import PaperStages, Rollout
 from cableway.scene.task import Task
 
@@ -42,9 +41,9 @@ def stages_figure(
     )
     title(first, "pivot path")
     draw_scene(first, task)
-    colors, handles = colormaps["viridis"], []
+    handles = []
     for place, (label, path) in enumerate(pivots.items()):
-        handles += first.plot(*path.T, color=colors(place / max(1, len(pivots))), linewidth=2, label=label)
+        handles += first.plot(*path.T, linewidth=2, label=label, **series(place + 1))
     draw_end_shapes(first, task)
     legend_below(first, handles, 3)
     title(second, "passages and path set")
@@ -54,7 +53,7 @@ def stages_figure(
     title(last, "progress σ of the keypoints")
     for place, curve in enumerate(stages.progress.T):
         last.plot(curve, color=TIME(place / (stages.progress.shape[1] - 1)), linewidth=1.3)
-    curve_axes(last, "step", "share of the path; first keypoint blue, last one orange")
+    curve_axes(last, "step", "share of the path; first keypoint blue, last one red", whole=True)
     return figure
 
 
@@ -72,12 +71,12 @@ def followers_figure(task: Task, rollouts: Mapping[str, Rollout]) -> Figure:
     draw_scene(scene, task)
     title(scene, "start, halfway, end")
     title(errors, "stacked shape error")
-    colors, handles = colormaps["tab10"], []
+    handles = []
     for place, (name, rollout) in enumerate(rollouts.items()):
         for row in (0, rollout.steps // 2, -1):
-            draw_cable(scene, rollout.centreline[row], task.cable.radius / 2, colors(place), alpha=0.8)
+            draw_cable(scene, rollout.centreline[row], task.cable.radius / 2, SERIES[place % len(SERIES)], alpha=0.8)
         error = 1000 * np.linalg.norm(rollout.keypoints - task.goal, axis=(1, 2))
-        handles += errors.plot(rollout.times, error, color=colors(place), label=name)
+        handles += errors.plot(rollout.times, error, label=name, **series(place))
     draw_end_shapes(scene, task)
     legend_below(scene, handles, 4)
     errors.set_yscale("log")

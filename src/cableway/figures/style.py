@@ -12,7 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cableway.core.files import write_atomically
 
@@ -21,19 +21,29 @@ MUTED = "#6b7683"
 GRID = "#e6e9ed"
 OBSTACLE = "#c5cad1"
 OBSTACLE_EDGE = "#868f9b"
-START = "#2063b0"
-GOAL = "#e0562b"
-PIVOT = "#12876f"
-PASSAGE = "#b8860b"
-PATHS = "#7b6fb0"
-LEFT = "#3f8fd2"
-RIGHT = "#b4557f"
 BAD = "#c1272d"
 
-SERIES = (INK, START, LEFT, GOAL, PASSAGE, PIVOT)
-"""For curves that only their colour distinguishes."""
+BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9", "#cc79a7"
+"""The palette of Okabe and Ito, whose colours those who see red and green alike tell apart, too."""
 
-TIME = LinearSegmentedColormap.from_list("cableway-time", [START, "#7d5fb2", "#c2558a", GOAL])
+START, GOAL = BLUE, VERMILION
+PIVOT, PASSAGE, PATHS = GREEN, ORANGE, OBSTACLE_EDGE
+LEFT, RIGHT = SKY, PURPLE
+REFERENCE = ORANGE
+
+SERIES = (INK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE)
+DASHES = ("-", (0, (4, 2)), (0, (1, 1.5)))
+
+
+def series(number: int) -> dict[str, Any]:
+    """Colour and dashes of a curve: after the last colour the first one comes again, dashed."""
+    return {
+        "color": SERIES[number % len(SERIES)],
+        "linestyle": DASHES[number // len(SERIES) % len(DASHES)],
+    }
+
+
+TIME = LinearSegmentedColormap.from_list("cableway-time", [START, "#6f5fae", "#b8558c", GOAL])
 """From the colour of the start to the colour of the goal."""
 
 DOTS_PER_INCH = 150
@@ -64,9 +74,21 @@ def figure_png(figure: Figure, dots_per_inch: float = 100) -> bytes:
     return file.getvalue()
 
 
-def title(ax: Axes, text: str) -> None:
-    """A panel's title, left-aligned."""
-    ax.set_title(text, loc="left", fontsize=11, fontweight="bold", color=INK, pad=8)
+def title(ax: Axes, text: str, legend: int = 0) -> None:
+    """A panel's title, left-aligned; where `legend` is not 0, with a legend of so many columns below it.
+
+    The legend stands above the panel, so that it covers no curve.
+    """
+    rows = 0
+    if legend:
+        handles, _ = ax.get_legend_handles_labels()
+        rows = -(-len(handles) // legend)
+        ax.legend(
+            loc="lower left", bbox_to_anchor=(0, 1), ncols=legend, frameon=False, fontsize=8, handlelength=1.5,
+            columnspacing=1.2, handletextpad=0.5, labelcolor=INK, borderaxespad=0.2, borderpad=0.2, labelspacing=0.3,
+        )  # fmt: skip
+    pad = 8 + 12 * rows
+    ax.set_title(text, loc="left", fontsize=11, fontweight="bold", color=INK, pad=pad, parse_math=False)
 
 
 def legend_below(ax: Axes, handles: Sequence[Any], columns: int) -> None:
@@ -91,8 +113,10 @@ def log_axis(axis: Axis) -> None:
     axis.set_minor_formatter(FuncFormatter(text))
 
 
-def curve_axes(ax: Axes, x: str, y: str) -> None:
-    """Quiet axes for a curve over time: labels with units, a light grid, no box."""
+def curve_axes(ax: Axes, x: str, y: str, *, whole: bool = False) -> None:
+    """Quiet axes for a curve over time: labels with units, a light grid, no box; `whole` where x counts something."""
+    if ax.get_xscale() == "linear":
+        ax.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 5, 10], integer=whole))
     ax.set_xlabel(x, fontsize=9, color=MUTED)
     ax.set_ylabel(y, fontsize=9, color=MUTED)
     ax.grid(True, color=GRID, linewidth=0.8)

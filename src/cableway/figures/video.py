@@ -1,4 +1,4 @@
-"""The video of a rollout: the cable on its way, with errors and clearance running alongside."""
+"""The video of a run: the cable on its way and into the port, with errors and clearance running alongside."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -13,16 +14,14 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.path import Path as Outline
 
 from cableway.core.errors import CablewayError
 from cableway.core.files import write_atomically
 from cableway.figures import scene, style
+from cableway.figures.moving import MovingScene, captions, moving_handles
 from cableway.figures.plan import draw_clearance
 from cableway.figures.rollout import draw_errors, stacked_errors
-from cableway.records import Rollout
+from cableway.records import INSERTION, Rollout
 from cableway.scene.task import Task
 
 SIZE = (1280, 720)
@@ -40,19 +39,22 @@ FINAL_PAUSE = 1.5
 FASTEST = 20
 """Most frames a second; a faster run leaves rows out."""
 
-BELOW_LEGEND = 0.8
-"""Share of the curves' height that their legend leaves free; drawing a legend in every frame would be slow."""
-
 
 def write_video(
-    path: Path, task: Task, rollout: Rollout, *, progress: Callable[[str, float], None] | None = None
+    path: Path,
+    task: Task,
+    rollout: Rollout,
+    insertion: Rollout | None = None,
+    *,
+    progress: Callable[[str, float], None] | None = None,
 ) -> None:
-    """Write the video of a rollout (MP4, H.264), in real time unless that is longer than `LONGEST`.
+    """Write the video of a run (MP4, H.264), in real time unless that is longer than `LONGEST`.
 
     Args:
         path: Where to; written atomically.
         task: The task of the rollout.
         rollout: What happened.
+        insertion: And then, where a plug was inserted.
         progress: Called with "video" and the share done.
 
     Raises:
@@ -60,11 +62,13 @@ def write_video(
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows, rate, speed = playback(rollout)
+    stage = _Stage(task, rollout, insertion)
+    rows, rate, speed = playback(stage.run)
+    stage.title(speed)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
         film = Path(folder) / "film.mp4"
         try:
-            _encode(film, rate, _frames(task, rollout, rows, rate, speed, progress))
+            _encode(film, rate, _frames(stage, rows, rate, progress))
         except (OSError, RuntimeError) as error:
             raise CablewayError(f"{path}: the video could not be encoded ({error})") from error
         with film.open("rb") as source:
@@ -79,6 +83,22 @@ def playback(rollout: Rollout) -> tuple[range, float, int]:
         speed *= 2
     stride = max(1, int(np.ceil(speed / (FASTEST * step) - 1e-9)))
     return range(0, len(rollout.times), stride), speed / (stride * step), speed
+
+
+def joined(rollout: Rollout, insertion: Rollout | None) -> Rollout:
+    """A rollout and the insertion after it, which begins where the rollout ends, as one without estimates."""
+    if insertion is None:
+        return rollout
+    parts = {
+        name: np.concatenate([getattr(rollout, name), getattr(insertion, name)[1:]])
+        for name in ("keypoints", "observed", "poses", "centreline", "reference", "clearance", "gripper_clearance")
+    }
+    steps = {
+        name: np.concatenate([getattr(rollout, name), getattr(insertion, name)])
+        for name in ("actions", "solve_time", "status")
+    }
+    times = np.concatenate([rollout.times, rollout.times[-1] + insertion.times[1:] - insertion.times[0]])
+    return replace(rollout, times=times, estimates=None, deviations=None, **parts, **steps)
 
 
 def _encode(path: Path, rate: float, frames: Iterator[np.ndarray]) -> None:
@@ -111,16 +131,10 @@ def _encode(path: Path, rate: float, frames: Iterator[np.ndarray]) -> None:
 
 
 def _frames(
-    task: Task,
-    rollout: Rollout,
-    rows: range,
-    rate: float,
-    speed: int,
-    progress: Callable[[str, float], None] | None,
+    stage: _Stage, rows: range, rate: float, progress: Callable[[str, float], None] | None
 ) -> Iterator[np.ndarray]:
     """Frames (height, width, 4) of 8-bit colours; only what moves is drawn afresh."""
-    stage = _Stage(task, rollout, speed)
-    shown = [*rows, *[rollout.steps] * (round(FINAL_PAUSE * rate))]
+    shown = [*rows, *[stage.run.steps] * (round(FINAL_PAUSE * rate))]
     for count, row in enumerate(shown):
         yield stage.frame(row)
         if progress is not None:
@@ -130,14 +144,21 @@ def _frames(
 class _Stage:
     """The figure of a frame: a still background, and the artists that change from row to row."""
 
-    def __init__(self, task: Task, rollout: Rollout, speed: int) -> None:
-        self._task, self._rollout = task, rollout
+    def __init__(self, task: Task, rollout: Rollout, insertion: Rollout | None) -> None:
+        self._task, self._rollout, self._insertion = task, rollout, insertion
+        self.run = joined(rollout, insertion)
+        self._captions = captions(rollout)
+        if insertion is not None:
+            self._captions += [INSERTION] * insertion.steps
         self._figure = style.new_figure(SIZE[0] / INCH, SIZE[1] / INCH)
         self._figure.set_dpi(INCH)
         self._moving: list[tuple[Axes, Artist]] = []
         self._build_scene()
         self._build_curves()
-        label = f"{task.name}" + (f"   ({speed} x real time)" if speed > 1 else "")
+
+    def title(self, speed: int) -> None:
+        """Write the title, and keep all that stands still."""
+        label = f"{self._task.name}" + (f"   ({speed} x real time)" if speed > 1 else "")
         self._figure.text(0.045, 0.945, label, fontsize=13, fontweight="bold", color=style.INK)
         self._canvas = FigureCanvasAgg(self._figure)
         self._canvas.draw()
@@ -148,69 +169,48 @@ class _Stage:
         self._moving.append((ax, artist))
 
     def _build_scene(self) -> None:
-        task, rollout = self._task, self._rollout
-        width, height = scene.panel_size(task)
+        width, height = scene.panel_size(self._task)
         grow = 5.9 / scene.PANEL
         ax = style.add_axes(self._figure, 0.6, 0.78 + (5.9 - grow * height) / 2, grow * width, grow * height)
-        scene.draw_scene(ax, task)
-        radius = task.cable.radius
-        scene.draw_cable(ax, scene.smooth(task.start), radius, style.START, alpha=0.22)
-        scene.draw_cable(ax, scene.smooth(task.goal), radius, style.GOAL, alpha=0.45)
-        self._trails = [ax.plot([], [], color=style.MUTED, linewidth=0.9, zorder=3)[0] for _ in (0, 1)]
-        self._cable = scene.draw_cable(ax, rollout.centreline[0], radius, style.INK, zorder=5)
-        self._reference = ax.plot([], [], color="#ffb454", linewidth=1.2, linestyle=(0, (3, 2)), zorder=6)[0]
-        self._grippers = scene.draw_grippers(ax, rollout.poses[0, :, :2], task.grippers.radius, linewidths=1.1)
-        self._plug = ax.fill([0, 0, 0], [0, 0, 0], color=style.MUTED, zorder=4)[0] if task.plug is not None else None
+        self._scene = MovingScene(ax, self._task, self.run)
         self._clock = ax.text(
             0.985, 1.02, "", transform=ax.transAxes, ha="right", fontsize=12, color=style.INK, family="DejaVu Sans Mono"
         )
-        moving = [*self._trails, self._cable, self._reference, self._plug, self._grippers, self._clock]
-        for artist in moving:
-            if artist is not None:
-                self._add(ax, artist)
-        handles = [
-            Patch(facecolor=style.INK, label="cable"),
-            Line2D([], [], color="#ffb454", linewidth=1.6, linestyle=(0, (3, 2)), label="reference"),
-            Patch(facecolor=style.GOAL, alpha=0.45, label="goal"),
-            Patch(facecolor=style.START, alpha=0.22, label="start"),
-        ]
-        style.legend_below(ax, handles, 4)
+        for artist in (*self._scene.moving, self._clock):
+            self._add(ax, artist)
+        style.legend_below(ax, moving_handles(), 4)
 
     def _build_curves(self) -> None:
-        left, wide, tall = 7.5, 5.0, 2.45
-        rollout = self._rollout
+        left, wide, tall = 7.5, 5.0, 2.3
+        run, tracked = self.run, len(self._rollout.times)
         above = style.add_axes(self._figure, left, 4.2, wide, tall)
-        draw_errors(above, rollout.times, *stacked_errors(self._task, rollout))
-        style.title(above, "stacked shape error")
+        to_goal, to_reference = stacked_errors(self._task, run)
+        draw_errors(above, run.times, to_goal[:tracked], to_reference)
         below = style.add_axes(self._figure, left, 0.78, wide, tall)
-        draw_clearance(below, rollout.times, rollout.clearance, rollout.gripper_clearance)
-        style.title(below, "clearance")
+        draw_clearance(below, "clearance", run.times, run.clearance, run.gripper_clearance)
         self._cursors = []
         for ax in (above, below):
-            for line in ax.lines[:2]:
-                line.set_alpha(0.9)
-            future = ax.axvspan(0, 1, ymax=BELOW_LEGEND, color="white", alpha=0.75, linewidth=0, zorder=3)
-            cursor = ax.axvline(0, ymax=BELOW_LEGEND, color=style.GOAL, linewidth=1.2, zorder=4)
-            ax.set_xlim(0, max(float(rollout.times[-1]), 1e-3))
+            ax.set_xlim(0, max(float(run.times[-1]), 1e-3))
+            if self._insertion is not None:
+                ax.axvline(self._rollout.times[-1], color=style.MUTED, linewidth=1.0, linestyle=":")
+                ax.annotate(
+                    f" {INSERTION}", (self._rollout.times[-1], 1), xycoords=("data", "axes fraction"), ha="left",
+                    va="top", fontsize=8, color=style.MUTED,
+                )  # fmt: skip
+            future = ax.axvspan(0, 1, color="white", alpha=0.75, linewidth=0, zorder=3)
+            cursor = ax.axvline(0, color=style.GOAL, linewidth=1.2, zorder=4)
             self._cursors.append((future, cursor))
             self._add(ax, future)
             self._add(ax, cursor)
 
     def frame(self, row: int) -> np.ndarray:
         """The picture of one row."""
-        rollout, task = self._rollout, self._task
-        now = float(rollout.times[row])
-        self._cable.set_path(scene.cable_path(rollout.centreline[row], task.cable.radius))
-        self._reference.set_data(*scene.smooth(rollout.reference[row]).T)
-        self._grippers.set_paths([Outline.circle((x, y), task.grippers.radius) for x, y in rollout.poses[row, :, :2]])
-        for side, trail in enumerate(self._trails):
-            trail.set_data(*rollout.poses[: row + 1, side, :2].T)
-        if self._plug is not None:
-            self._plug.set_xy(scene.plug_corners(task, rollout.poses[row, 1]))
-        self._clock.set_text(f"{now:5.1f} s")
+        now, end = float(self.run.times[row]), float(self.run.times[-1])
+        self._scene.show(row)
+        self._clock.set_text(f"{self._captions[row]}   {now:5.1f} s")
         for future, cursor in self._cursors:
             future.set_x(now)
-            future.set_width(max(float(rollout.times[-1]) - now, 0.0))
+            future.set_width(max(end - now, 0.0))
             cursor.set_xdata([now, now])
         self._canvas.restore_region(self._still)
         for ax, artist in self._moving:

@@ -102,7 +102,8 @@ class Search:
         blockage = find_blockage(self.task, self.config.limits.clearance)
         if blockage is None:
             return None
-        attempt = Attempt(str(blockage)) if self.best is None else replace(self.best, reason=str(blockage))
+        x, y = blockage.place
+        attempt = replace(self.best or Attempt(""), reason=str(blockage), at=(float(x), float(y)))
         return PlanningError(f"there is no plan: {blockage}", attempt, Outcome.INFEASIBLE)
 
     def nothing(self, tried: str) -> PlanningError:

@@ -153,7 +153,10 @@ def _clearance(
     found = closest_approach(lines, task.scene, limit)
     value, least = found.distance - radius, found.wanted
     where = f"{who} and {task.scene.name_of(found.obstacle)}"
-    return Check(name, value, "m", least, value >= least - 1e-9, where, found.row)
+    first, second = lines[int(found.row)], lines[min(int(found.row) + 1, len(lines) - 1)]
+    passed, line = value >= least - 1e-9, first + found.row % 1 * (second - first)
+    at = None if passed else task.scene.overlap(line, radius).at
+    return Check(name, value, "m", least, passed, where, found.row, at=at)
 
 
 def self_crossings(lines: Float[np.ndarray, "t m 2"]) -> Check:

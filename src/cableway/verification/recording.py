@@ -143,14 +143,16 @@ def _clearances(rollout: Rollout, task: Task) -> list[Check]:
     scene = replace(task.scene, obstacles=()) if _stated(rollout, "plant", "obstacles") else task.scene
     discs = np.min([distances(rollout.poses[:, k : k + 1, :2], scene)[0] for k in range(2)], axis=0)
     checks = []
-    for name, recorded, found, error in (
-        ("cable", rollout.clearance, distances(rollout.centreline, scene)[0] - task.cable.radius, 0.0),
-        ("gripper", rollout.gripper_clearance, discs - task.grippers.radius, GRASP_OFFSET),
+    lines, poses = rollout.centreline[:, None], rollout.poses[:, :, None, :2]
+    for name, recorded, found, error, bodies in (
+        ("cable", rollout.clearance, distances(rollout.centreline, scene)[0] - task.cable.radius, 0.0, lines),
+        ("gripper", rollout.gripper_clearance, discs - task.grippers.radius, GRASP_OFFSET, poses),
     ):
         row, what = int(np.argmin(recorded)), f"recorded {name} clearance"
         least = float(recorded[row])
+        at = None if least > 0 else max(task.scene.overlap(line, 0.0) for line in bodies[row]).at
         checks += [
-            Check(what, least, "m", 0.0, least > 0, row=row),
+            Check(what, least, "m", 0.0, least > 0, row=row, at=at),
             at_most(f"{what} above that of its row", recorded - found, "m", CLEARANCE_ERROR + error),
         ]
     return checks

@@ -9,17 +9,6 @@ import problems
 import pytest
 
 from cableway.planning.routes.infeasibility import _widest_way, find_blockage
-from cableway.scene.obstacles import Box
-
-
-def wall_with_gap(gap: float):
-    """A wall across the table with one gap, left of its middle."""
-    left, right = 0.3 - gap / 2, 0.3 + gap / 2
-    boxes = (
-        Box(center=(left / 2, 0.36), size=(left, 0.03)),
-        Box(center=((right + 0.7) / 2, 0.36), size=(0.7 - right, 0.03)),
-    )
-    return problems.task_between(problems.LOW_ARC, problems.HIGH_ARC, boxes, name="gap")
 
 
 @pytest.mark.parametrize("name", problems.SOLVABLE)
@@ -30,7 +19,7 @@ def test_nothing_is_said_where_there_is_a_plan(name):
 @pytest.mark.parametrize(("gap", "blocked"), [(0.0025, True), (0.004, True), (0.012, False), (0.05, False)])
 def test_a_gap_too_narrow_for_a_gripper_is_found_with_its_width_and_place(gap, blocked):
     """Grippers are 8 mm wide here; gaps within the grid's precision of that are not judged."""
-    found = find_blockage(wall_with_gap(gap))
+    found = find_blockage(problems.slit(gap))
     assert (found is not None) == blocked
     if found is not None:
         assert found.thick == pytest.approx(0.008)
@@ -41,7 +30,7 @@ def test_a_gap_too_narrow_for_a_gripper_is_found_with_its_width_and_place(gap, b
 
 def test_clearance_counts():
     """A gap that the grippers fit through, though not with the clearance that a plan keeps."""
-    task = wall_with_gap(0.011)
+    task = problems.slit(0.011)
     assert find_blockage(task) is None
     found = find_blockage(task, 0.004)
     assert "16 mm wide from start to goal (8 mm and 4 mm of clearance on either side)" in str(found)
@@ -55,7 +44,7 @@ def test_the_place_in_a_closed_wall_is_in_the_wall():
 
 
 def test_a_cable_thicker_than_its_grippers_is_named():
-    task = wall_with_gap(0.014)
+    task = problems.slit(0.014)
     cable = dataclasses.replace(task.cable, radius=0.010)
     found = find_blockage(dataclasses.replace(task, cable=cable))
     assert found is not None

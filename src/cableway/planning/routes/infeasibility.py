@@ -148,7 +148,11 @@ def _narrowest(grid: _Grid, body: _Body, clearance: float) -> tuple[float, tuple
     if _joined(free, start, goal):
         return None
     path = _widest_way(distance, *(int(np.ravel_multi_index(end, distance.shape)) for end in (start, goal)))
-    at = path[1:-1][np.argmin(distance.ravel()[path[1:-1]])]
+    along = distance.ravel()[path[1:-1]]
+    first = int(np.argmin(along))
+    wider = np.flatnonzero(along[first:] > along[first] + 1e-9)
+    length = int(wider[0]) if len(wider) and along[first] > 0 else 1  # of a gap that is as narrow for some way
+    at = path[1 + first + (length - 1) // 2]
     i, j = np.unravel_index(at, distance.shape)
     return float(distance[i, j]), (int(i), int(j))
 
