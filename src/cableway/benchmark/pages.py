@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from cableway.benchmark.episode import Job, Result
 from cableway.benchmark.runner import picture_path
 from cableway.benchmark.summary import Results
 from cableway.benchmark.tables import sentence, suite_tables
+from cableway.core.templates import render
 from cableway.metrics import METRICS
 
 
@@ -40,6 +39,7 @@ def report_page(
     ]
     return render(
         "report.html.jinja",
+        "cableway.benchmark",
         suites=suites,
         failures=[
             _failure(result, jobs[result.suite, result.method, result.episode], folder, about["size"])
@@ -53,17 +53,6 @@ def report_page(
         pictures=pictures,
         **{key: about[key] for key in ("versions", "machine", "size")},
     )
-
-
-def render(template: str, package: str = "cableway.benchmark", **values: Any) -> str:
-    """A template of `package` filled in; it may include the templates of this one."""
-    packages = dict.fromkeys(("cableway.benchmark", package))
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name, "") for name in packages]),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return environment.get_template(template).render(**values)
 
 
 def repeat_command(job: Job, size: str) -> str:

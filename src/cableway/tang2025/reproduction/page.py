@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from cableway.benchmark.episode import Result
-from cableway.benchmark.pages import render
 from cableway.benchmark.tables import Table, number
+from cableway.core.templates import render
 from cableway.tang2025.reproduction.paper import Spread
 
 LABORATORY = "2 mm of noise on the keypoints, 0.1 s of latency, one frame in ten lost"
@@ -60,7 +60,8 @@ def reproduction_page(sections: Sequence[Section], about: Mapping[str, Any]) -> 
         sections: In order.
         about: "versions", "machine", "size" and "configuration".
     """
-    return render("reproduction.html.jinja", "cableway.tang2025.reproduction", sections=sections, **about)
+    packages = ("cableway.benchmark", "cableway.tang2025.reproduction")
+    return render("reproduction.html.jinja", *packages, sections=sections, **about)
 
 
 def reproduction_text(sections: Sequence[Section], about: Mapping[str, Any]) -> str:
