@@ -13,7 +13,7 @@ import itertools
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -148,13 +148,13 @@ def _columns(episodes: list[Episode], first: int, most: int, drawn: tuple[str, .
 
 
 # ------------------------------------------------------------------------------------------------ in the workers
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class _Job:
     """A collection as workers get it: with the scene, since they may not have the task's file."""
 
-    config: CollectionConfig
-    scene: Scene | None
-    origin: Origin
+    config: CollectionConfig = field(compare=False)
+    scene: Scene | None = field(compare=False)
+    origin: Origin = field(compare=False)
     identity: str
 
     @classmethod
@@ -164,12 +164,6 @@ class _Job:
         columns = columns_for(config.cable_at(np.random.default_rng(config.seed)), config.drawn)
         origin = Origin(config.seed, resolved, versions(), columns)
         return cls(config, scene, origin, hashlib.sha256(json.dumps(resolved).encode()).hexdigest())
-
-    def __hash__(self) -> int:
-        return hash(self.identity)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Job) and other.identity == self.identity
 
 
 def _chunks(first: int, count: int) -> Iterator[tuple[int, int]]:

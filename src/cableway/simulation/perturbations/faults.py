@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked, Choice, Share
 from cableway.core.errors import InputError
+from cableway.geometry import se2
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.task import Task
@@ -181,7 +182,7 @@ class FaultyPlant(Layer[SensedPlant]):
     def _angles(self, poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"]:
         turned = np.array(poses)
         if self.config.wrapped:
-            turned[:, 2] = math.pi - (math.pi - turned[:, 2]) % (2 * math.pi)
+            turned[:, 2] = se2.wrap_angle(turned[:, 2])
         turned[:, 2] += 2 * math.pi * np.array(self.config.turns)
         return turned
 
@@ -200,8 +201,7 @@ class FaultyPlant(Layer[SensedPlant]):
             frame[: config.hidden_ends] = frame[-config.hidden_ends :] = np.nan
         if any(config.bias):
             dx, dy, turn = config.bias
-            rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-            frame = size / 2 + (frame - size / 2) @ rotation.T + [dx, dy]
+            frame = size / 2 + (frame - size / 2) @ se2.rotation(turn).T + [dx, dy]
         return frame
 
 

@@ -10,25 +10,22 @@ from cableway.tang2025.models.checkpoint import load_model
 from cableway.tang2025.models.compilation import enable_compilation_cache
 
 
-def neural_mpc(model: str, adapt: bool) -> NeuralMPC:
+def neural_mpc(model: str, adapt: bool, config: MPCConfig | None = None) -> NeuralMPC:
     """Our MPC on a learned model.
 
     Args:
         model: Name of a shipped model, or a .safetensors file.
         adapt: Whether it is adapted to the cable while it runs.
+        config: Cost and limits.
 
     Raises:
         UnknownNameError: There is no such model; the message lists them.
         FileFormatError: The file is no model.
     """
-    return _on(model, adapt, MPCConfig())
+    enable_compilation_cache()
+    return NeuralMPC(load_model(model), replace(config or MPCConfig(), adapt_every=ADAPT_EVERY if adapt else 0))
 
 
 def neural_mpc_paper(model: str, adapt: bool) -> NeuralMPC:
     """The same with the paper's cost and limits."""
-    return _on(model, adapt, MPCConfig.paper())
-
-
-def _on(model: str, adapt: bool, config: MPCConfig) -> NeuralMPC:
-    enable_compilation_cache()
-    return NeuralMPC(load_model(model), replace(config, adapt_every=ADAPT_EVERY if adapt else 0))
+    return neural_mpc(model, adapt, MPCConfig.paper())

@@ -13,7 +13,6 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError, PlanningError
 from cableway.geometry import convex
-from cableway.geometry.convex import World
 from cableway.planning.config import PivotConfig
 from cableway.planning.routes import band
 from cableway.planning.routes.pivot_grid import subdivide
@@ -79,14 +78,14 @@ def _solve(
         bounds.setHigh(axis, float(scene.size[axis]))
     space.setBounds(bounds)
     information = base.SpaceInformation(space)
-    world = scene.world.arrays
-    validity, motion = _Validity(information, world, radius), _Motion(information, world, radius)
-    information.setStateValidityChecker(validity)
-    information.setMotionValidator(motion)
+    validity, motion, objective = _answers(scene, radius, config)
+    checks = validity(information), motion(information)
+    information.setStateValidityChecker(checks[0])
+    information.setMotionValidator(checks[1])
     information.setup()
     problem = base.ProblemDefinition(information)
     problem.setStartAndGoalStates(_state(space, start), _state(space, goal), 1e-9)
-    problem.setOptimizationObjective(_Objective(information, world, config))
+    problem.setOptimizationObjective(objective(information))
     planner = geometric.RRTstar(information)
     planner.setRange(REACH)
     planner.setProblemDefinition(problem)
@@ -104,36 +103,25 @@ def _state(space: base.RealVectorStateSpace, point: np.ndarray) -> base.State:
     return state
 
 
-class _Validity(base.StateValidityChecker):
-    def __init__(self, information: base.SpaceInformation, world: World, radius: float) -> None:
-        super().__init__(information)
-        self._world, self._radius = world, radius
+def _answers(scene: Scene, radius: float, config: PivotConfig) -> tuple[type[Any], type[Any], type[Any]]:
+    """What OMPL asks: whether a point and a whole edge keep the radius, and what an edge costs."""
+    world = scene.world.arrays
+    # steps of twice the resolution are enough for edges that are only compared
+    weights = config.length_weight, config.clearance_weight, 2 * config.resolution
 
-    def isValid(self, state: Any) -> bool:
-        """Whether a point keeps the radius. OMPL takes only a real `bool`."""
-        return bool(convex.distance_at(state[0], state[1], self._world) >= self._radius)
+    class Validity(base.StateValidityChecker):
+        def isValid(self, state: Any) -> bool:
+            return bool(convex.distance_at(state[0], state[1], world) >= radius)  # OMPL takes only a real `bool`
 
+    class Motion(base.MotionValidator):
+        def checkMotion(self, s1: Any, s2: Any) -> bool:
+            return bool(convex.segment_clearance(s1[0], s1[1], s2[0], s2[1], world, radius)[1] < 0)
 
-class _Motion(base.MotionValidator):
-    def __init__(self, information: base.SpaceInformation, world: World, radius: float) -> None:
-        super().__init__(information)
-        self._world, self._radius = world, radius
+    class Objective(base.OptimizationObjective):
+        def stateCost(self, state: Any) -> base.Cost:
+            return base.Cost(0.0)
 
-    def checkMotion(self, s1: Any, s2: Any) -> bool:
-        """Whether a whole edge keeps the radius."""
-        return bool(convex.segment_clearance(s1[0], s1[1], s2[0], s2[1], self._world, self._radius)[1] < 0)
+        def motionCost(self, s1: Any, s2: Any) -> base.Cost:
+            return base.Cost(float(band.segment_cost(s1[0], s1[1], s2[0], s2[1], world, *weights)))
 
-
-class _Objective(base.OptimizationObjective):
-    def __init__(self, information: base.SpaceInformation, world: World, config: PivotConfig) -> None:
-        super().__init__(information)
-        # steps of twice the resolution are enough for edges that are only compared
-        self._arguments = world, config.length_weight, config.clearance_weight, 2 * config.resolution
-
-    def stateCost(self, state: Any) -> base.Cost:
-        """Nothing: the cost lies on the edges."""
-        return base.Cost(0.0)
-
-    def motionCost(self, s1: Any, s2: Any) -> base.Cost:
-        """Integral over one edge."""
-        return base.Cost(float(band.segment_cost(s1[0], s1[1], s2[0], s2[1], *self._arguments)))
+    return Validity, Motion, Objective
