@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import matplotlib.image
 import numpy as np
@@ -19,7 +18,7 @@ from cableway.planning import candidates
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import load_task
 from cableway.verification import VerificationLimits, verify_plan, verify_rollout
-from cableway.workflow import find
+from cableway.workflow import compilation
 
 PLANNED = {"plan.npz", "plan.png", "report.json", "task.yaml"}
 TRACKED = PLANNED | {"rollout.npz", "rollout.png", "rollout.mp4"}
@@ -157,17 +156,17 @@ def test_an_interrupt_after_a_failed_attempt_leaves_its_picture(
     assert report(Path("o"))["failure"].startswith("interrupted before a plan was found; the closest attempt: ")
 
 
-def test_compilation_does_not_count_against_the_time_limit(
+def test_a_first_run_says_how_many_kernels_are_compiled(
     cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """By a clock that stands still but for an hour of compiling."""
-    now = [0.0]
-    monkeypatch.setattr(find, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(find, "is_compiled", lambda part: False)
-    monkeypatch.setattr(find, "compile_kernels", lambda: now.__setitem__(0, 3600.0))
-    done = cableway("plan", moved_file, "--out", "o", "--time-limit", "1")
+    """Here all of them are at once, as only the mark is missing that says so."""
+    monkeypatch.setattr(compilation, "is_compiled", lambda stage: stage != compilation.PLANNING)
+    done = cableway("plan", moved_file, "--out", "o")
+    total = len(compilation.kernels_of(compilation.PLANNING))
     assert done.status == 0
-    assert "Kernels were compiled for 3600 s before planning; this happens once." in report(Path("o"))["notes"]
+    assert compilation.COMPILING in done.err
+    assert f"compilation {total} of {total}" in done.err
+    assert any(note.startswith("Kernels were compiled for ") for note in report(Path("o"))["notes"])
 
 
 def test_an_interrupt_while_tracking_leaves_the_plan_and_what_was_tracked(

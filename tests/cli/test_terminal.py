@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
+from cableway.cli import terminal
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal, pairs
 from cableway.workflow.find import StageTimer
@@ -42,13 +45,26 @@ def test_progress_goes_to_stderr_and_each_stage_has_one_line(capsys: pytest.Capt
     assert shown.err.count("100%") == 2
 
 
+def test_what_goes_on_for_long_is_said_where_there_is_no_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    """A line every ten seconds, by a clock of which every reading is 4 s later."""
+    seconds = iter(range(0, 1000, 4))
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: next(seconds)))
+    with Terminal(Options()).progress() as report:
+        for count in range(1, 7):
+            report(f"compile: {count} of 61", count / 61)
+            said = capsys.readouterr().err
+            assert said == (f"compile {count} of 61 {count / 61:.0%}\n" if count in (3, 6) else "")
+
+
 def test_quiet_is_quiet_and_json_is_json(capsys: pytest.CaptureFixture[str]):
     for options in (Options(quiet=True), Options(json=True)):
-        terminal = Terminal(options)
-        with terminal.progress() as report:
+        shell = Terminal(options)
+        with shell.progress() as report:
             report("dig", 1.0)
-        terminal.note("by the way")
-        terminal.result({"a": 1}, "table")
+        shell.note("by the way")
+        shell.result({"a": 1}, "table")
         shown = capsys.readouterr()
         assert shown.out == ("" if options.quiet else '{\n "a": 1\n}\n')
         assert (shown.err == "") == options.quiet

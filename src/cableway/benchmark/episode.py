@@ -16,7 +16,6 @@ from cableway.commands import stopping_time
 from cableway.control.base import Controller
 from cableway.core.errors import InputError
 from cableway.outcome import Outcome
-from cableway.planning.compilation import EXAMPLE
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Attempt, Plan
 from cableway.report import Report
@@ -24,6 +23,7 @@ from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.variants import FAULTS_SUITE, named_perturbation
 from cableway.tracking import Watchdog
+from cableway.workflow.compilation import EXAMPLE
 from cableway.workflow.registry import require_extras
 from cableway.workflow.run import Run
 from cableway.workflow.solve import solve

@@ -17,13 +17,14 @@ from cableway.cli.run import Run
 from cableway.cli.show import Show
 from cableway.cli.tasks import Tasks
 from cableway.cli.train import Train
+from cableway.cli.warm_up import WarmUp
 
 DESCRIPTION = """A cable's way through clutter: plan how two grippers lead a cable past obstacles, and lead it there.
 
 Exit status: 0 done and the task succeeded, 1 done but it did not, 2 the input was wrong, 130
 interrupted, 143 terminated."""
 
-Command = Tasks | Show | Plan | Run | Check | Export | Collect | Train | Evaluate | Models | Bench | Reproduce
+Command = Tasks | Show | Plan | Run | Check | Export | Collect | Train | Evaluate | Models | Bench | Reproduce | WarmUp
 
 
 def parse(arguments: list[str]) -> Options:

@@ -6,9 +6,13 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from cableway.cli.interrupts import INTERRUPTS
 from cableway.core.errors import FULL, CablewayError, InputError, printable, said
+
+if TYPE_CHECKING:
+    from cableway.cli.options import Options
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses: succeeded; done, but the task did not succeed; the input was wrong; ctrl-c (a SIGTERM: 143)."""
@@ -54,7 +58,9 @@ def _run(arguments: list[str]) -> tuple[str, int]:
             command = parse(arguments)
         except SystemExit as stop:  # help, or what cannot be read
             return "", stop.code if isinstance(stop.code, int) else DONE
-        return "", command.execute()
+        status = command.execute()
+        _tell_problems(command)
+        return "", status
     except SystemExit as stop:
         return f"the command was ended by {said(stop)}, in code that is not cableway's", FAILED
     except BrokenPipeError:
@@ -75,3 +81,13 @@ def _run(arguments: list[str]) -> tuple[str, int]:
             leave_pipe()
         sentence = f"{error.filename or 'standard output'}: {error.strerror}"
         return sentence, FAILED if error.errno in FULL else WRONG_INPUT
+
+
+def _tell_problems(options: Options) -> None:
+    """Say why what was compiled will be compiled again; silent where nothing was."""
+    cache = sys.modules.get("cableway.core.user_cache")
+    if cache is not None:
+        from cableway.cli.terminal import Terminal
+
+        for problem in cache.problems():
+            Terminal(options).note(problem)

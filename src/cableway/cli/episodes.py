@@ -41,15 +41,12 @@ class EpisodeOptions(Options):
             return self._run(jobs, folder, progress)
 
     def _run(self, jobs: Sequence[Job], folder: Path, progress: OnProgress) -> Results:
-        from cableway.benchmark.episode import warm_up
         from cableway.benchmark.runner import read_result, run_jobs
-        from cableway.core.compiled import is_compiled, mark_compiled
+        from cableway.workflow.compilation import compile_all
 
         missing = [job for job in jobs if read_result(job, folder) is None]
-        if missing and not is_compiled("control"):
-            progress("compilation", 0.0)
-            warm_up()  # here, so that no episode's time limit has it in it
-            mark_compiled("control")
+        if missing:
+            compile_all(progress)  # here, so that no episode's time limit has it in it
         ended, failed = len(jobs) - len(missing), 0
 
         def done(result: Result) -> None:

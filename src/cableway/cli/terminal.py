@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -16,6 +17,9 @@ from rich.text import Text
 
 from cableway.cli.options import Options
 from cableway.core.errors import printable
+
+SAY_EVERY = 10.0
+"""Seconds between two lines on a stage where stderr is no terminal, which shows bars only at the end."""
 
 OnProgress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done."""
@@ -36,6 +40,8 @@ class Terminal:
     def progress(self) -> Iterator[OnProgress]:
         """A bar for each stage that is reported, which runs back and forth until its share is known.
 
+        Where stderr is no terminal, a line now and then, and the bars at the end.
+
         One stage runs at a time: the next one ends those before it. What follows a colon in a stage's name may change.
         """
         shown = (
@@ -46,9 +52,11 @@ class Terminal:
             TimeRemainingColumn(compact=True),
         )
         bars: dict[str, TaskID] = {}
+        said = time.monotonic()
         display = Progress(*shown, console=self._errors, disable=self._quiet)
 
         def advance(stage: str, share: float) -> None:
+            nonlocal said
             name, _, detail = stage.partition(":")
             for other, bar in bars.items():
                 if other != name:
@@ -57,6 +65,10 @@ class Terminal:
                 display.start()
                 bars[name] = display.add_task(name, total=None)
             display.update(bars[name], description=name + detail, completed=share, total=1.0 if share > 0 else None)
+            now = time.monotonic()
+            if not self._errors.is_terminal and now - said >= SAY_EVERY:
+                said = now
+                self._errors.print(name + detail + (f" {share:.0%}" if share > 0 else ""), markup=False, soft_wrap=True)
 
         try:
             yield advance

@@ -9,19 +9,17 @@ import math
 
 import numpy as np
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import nearest_obstacle
 from cableway.rod.fitting import scaled_shape, scales, workspace
 from cableway.rod.least_squares import Rule, add_row, advance, begin
 
-ITERATIONS = 4
-"""Most steps of one optimisation, which goes on from the last one."""
-
-CORRECTION = Rule(least=1e-9, restart=1e-5, most=1e3, fall=1e-4, max_step=0.5)
-"""A fall of the cost by less than 0.01% is not worth another step."""
+CORRECTION = Rule(least=1e-9, restart=1e-5, most=1e3, fall=1e-4, steps=4.0, max_step=0.5)
+"""Few steps, since one optimisation goes on from the last one; a fall of the cost by less than 0.01% is not worth
+another."""
 
 
-@kernel
+@inlined
 def _add_change(normal, gradient, later, earlier, residual, weight, at):
     """Add one weighted residual: by `later` of the d unknowns from `at` on, less by `earlier` of the d before."""
     add_row(normal, gradient, later, residual, weight, at)
@@ -37,7 +35,7 @@ def _add_change(normal, gradient, later, earlier, residual, weight, at):
             normal[at + b, at - d + a] -= wa * later[b]
 
 
-@kernel
+@inlined
 def _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted, weight, at):
     """Add the distances of the keypoints, with the offset, from those wanted (n, 2). Returns the cost."""
     cost = 0.0
@@ -50,7 +48,7 @@ def _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted,
     return cost
 
 
-@kernel
+@inlined
 def _add_clearance(normal, gradient, stations, dstations, offset, world, limits, wanted, weight, rates, at):
     """Add what the clearance of the stations, with the offset, lacks; the ends are the grippers. Returns the cost."""
     cable_radius, gripper_radius = limits[2], limits[3]
@@ -68,7 +66,7 @@ def _add_clearance(normal, gradient, stations, dstations, offset, world, limits,
     return cost
 
 
-@kernel
+@inlined
 def _add_motion(normal, gradient, ends, dends, last, dlast, wanted, limits, weights, rates, earlier, at):
     """Add how far the motion of the ends is from the one wanted (2, 3), and beyond its limits. Returns the cost."""
     max_step, max_turn = limits[0], limits[1]
@@ -97,7 +95,7 @@ def _add_motion(normal, gradient, ends, dends, last, dlast, wanted, limits, weig
     return cost
 
 
-@kernel
+@inlined
 def _add_separation(normal, gradient, ends, dends, least, most, weight, rates, at):
     """Add how far the distance between the ends is outside [least, most]. Returns the cost."""
     gx, gy = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]
@@ -110,7 +108,7 @@ def _add_separation(normal, gradient, ends, dends, least, most, weight, rates, a
     return weight * wrong * wrong
 
 
-@kernel
+@inlined
 def assemble(
     q,
     before,
@@ -190,6 +188,6 @@ def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, max_span
             search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, steps, loads, max_span,
             clearance, world, limits, weights, search.trial_normal, search.trial_gradient,
         )  # fmt: skip
-        if not advance(search, cost, units, ITERATIONS, CORRECTION):
+        if not advance(search, cost, units, CORRECTION):
             break
     q[:] = search.x.reshape(q.shape)

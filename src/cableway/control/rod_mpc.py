@@ -39,7 +39,6 @@ from cableway.control.limits import span_limit, within_limits
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import MET, EstimatorConfig
-from cableway.estimation.rod_kernels import MEETING_STEPS
 from cableway.motion.clearance import clearances
 from cableway.records import Observation, Plan
 from cableway.rod import kernels
@@ -227,7 +226,7 @@ class RodMPC(Controller[RodMPCState]):
         before = rod.group.compose(commanded, estimate.grasps)
         clearance = np.clip(state.clearance[rows[1:]], config.threshold, max(config.threshold, config.far))
         now = estimate.q.copy()
-        if meet_ends(now, before, p, modes, MEETING_STEPS) > MET:
+        if meet_ends(now, before, p, modes) > MET:
             return np.full(rod.step_shape, np.nan)
         q = rod.retract(now, rod.difference(fits[0], fits[1:]))
         rod_kernels.optimize(

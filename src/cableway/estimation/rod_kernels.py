@@ -11,9 +11,6 @@ from cableway.core.compiled import kernel
 from cableway.rod.fitting import follow_ends, meet_ends, workspace
 from cableway.rod.kernels import held_shape
 
-MEETING_STEPS = 100
-"""Most steps in which a shape is brought between the grippers."""
-
 DAMPING = 1e-9
 """Of the derivative by the ends, where shapes run away."""
 
@@ -25,7 +22,7 @@ def predict(q, ends, by_grasps, p, modes, stride, keypoints, by_theta):
     `by_grasps` (6, g) is the derivative of `ends` by the grasps. q (6,) is the first guess and becomes the shape
     found. Returns the largest residual of the ends left.
     """
-    left = meet_ends(q, ends, p, modes, MEETING_STEPS)
+    left = meet_ends(q, ends, p, modes)
     stations, dstations, poses, dposes = workspace(modes, len(q) + len(p))
     held_shape(q, p, modes, stations, dstations, poses, dposes)
     rows, size, dof = len(by_grasps), by_theta.shape[2], len(q)

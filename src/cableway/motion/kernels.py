@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import box_gap, convex_distance, wall_distance
 from cableway.rod.kernels import stability, world_shape
 from cableway.scene.bodies import bodies_keep_distance
@@ -51,16 +51,19 @@ def are_free(q, space):
     return free
 
 
-@kernel
+@inlined
 def free_share(a, b, count, most, space):
     """How many of the first `most` of `count` equal steps from a to b are free, one after the other."""
+    q = np.empty(len(a))
     for i in range(1, min(count, most) + 1):
-        if not is_free(a + (b - a) * (i / count), space):
+        for k in range(len(a)):
+            q[k] = a[k] + (b[k] - a[k]) * (i / count)
+        if not is_free(q, space):
             return i - 1
     return min(count, most)
 
 
-@kernel
+@inlined
 def crosses_itself(stations):
     """Whether the polyline through every second station cuts itself."""
     m = (len(stations) - 1) // 2
@@ -102,7 +105,7 @@ def self_distance(stations, apart):
     return math.sqrt(least)
 
 
-@kernel
+@inlined
 def _cable_keeps_distance(stations, world, wanted):
     """Whether the centre line keeps a distance from walls and obstacles."""
     vertices, counts, rounding, size, boxes = world

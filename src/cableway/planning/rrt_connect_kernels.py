@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 from cableway.motion.kernels import free_share
 from cableway.rod.kernels import world_shape
 
@@ -17,7 +17,10 @@ FEATURES = 5
 """Points of a shape by whose displacement two shapes are near or far."""
 
 REACH = 8
-"""Steps that a tree grows towards a sample at most."""
+"""Steps that a tree grows towards a sample at most,"""
+
+TOWARDS_EACH_OTHER = 10**6
+"""and towards a new node of the other tree: all the way."""
 
 
 @kernel
@@ -32,7 +35,7 @@ def features(q, rod, out):
         out[2 * i], out[2 * i + 1] = stations[at, 0], stations[at, 1]
 
 
-@kernel
+@inlined
 def steps_between(a, b, shape_a, shape_b, length, step):
     """Number of steps from a to b such that no point of the rod moves much more than `step` [m] in one."""
     most = abs(b[2] - a[2]) * length / 2
@@ -42,7 +45,7 @@ def steps_between(a, b, shape_a, shape_b, length, step):
     return max(1, math.ceil(most / step))
 
 
-@kernel
+@inlined
 def nearest(shapes, count, shape):
     """Index of the row of `shapes` (first `count`) with the least squared distance to `shape`."""
     best, at = np.inf, 0
@@ -57,7 +60,7 @@ def nearest(shapes, count, shape):
     return at
 
 
-@kernel
+@inlined
 def _grow(tree, shapes, parents, count, target, target_shape, most, space, step):
     """Grow a tree towards a target by at most `most` steps: the new count, and whether the target was reached."""
     rod = space[0]
@@ -66,7 +69,8 @@ def _grow(tree, shapes, parents, count, target, target_shape, most, space, step)
     free = free_share(tree[start], target, steps, most, space)
     if free == 0 or count == len(tree):
         return count, False
-    tree[count] = tree[start] + (target - tree[start]) * (free / steps)
+    for k in range(len(target)):
+        tree[count, k] = tree[start, k] + (target[k] - tree[start, k]) * (free / steps)
     features(tree[count], rod, shapes[count])
     parents[count] = start
     return count + 1, free == steps
@@ -80,22 +84,19 @@ def connect(samples, trees, shapes, parents, counts, space, step):
     """
     rod, sample_shape = space[0], np.empty(2 * FEATURES)
     for i in range(len(samples)):
-        side = i % 2
         features(samples[i], rod, sample_shape)
-        before = counts[side]
-        counts[side], _ = _grow(
-            trees[side], shapes[side], parents[side], before, samples[i], sample_shape, REACH, space, step
-        )
-        if counts[side] == before:
-            continue
-        new, other = counts[side] - 1, 1 - side
-        counts[other], met = _grow(
-            trees[other], shapes[other], parents[other], counts[other], trees[side, new], shapes[side, new],
-            10**6, space, step,
-        )  # fmt: skip
-        if met:
-            last = counts[other] - 1
-            return (new, last) if side == 0 else (last, new)
+        target, target_shape, most = samples[i], sample_shape, REACH
+        for side in (i % 2, 1 - i % 2):  # one place that grows a tree, so that it is compiled once
+            before = counts[side]
+            counts[side], met = _grow(
+                trees[side], shapes[side], parents[side], before, target, target_shape, most, space, step
+            )
+            if met and most > REACH:
+                return counts[0] - 1, counts[1] - 1
+            if counts[side] == before:
+                break
+            new = counts[side] - 1
+            target, target_shape, most = trees[side, new], shapes[side, new], TOWARDS_EACH_OTHER
     return -1, -1
 
 

@@ -268,12 +268,12 @@ def _levenberg_marquardt(q: np.ndarray, problem: _Problem, progress: Callable[[f
     most = problem.config.iterations
     rule = STAGE._replace(fall=problem.config.tolerance, trials=float(most))
     state, normal = fresh_state(), problem.linearise(q)
-    judge(state, normal.cost, most, rule)
+    judge(state, normal.cost, rule)
     while not state[DONE]:
         progress(state[TRIED] / most)
         trial = q.copy()
         trial[1:-1] += _solve(normal, state[DAMPING])
-        if judge(state, problem.cost(trial), most, rule):
+        if judge(state, problem.cost(trial), rule):
             q, normal = trial, problem.linearise(trial)
     return q
 

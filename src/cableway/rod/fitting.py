@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 from cableway.rod.kernels import held_shape
 from cableway.rod.least_squares import COST, Rule, add_row, advance, begin, clear, factorize, substitute
 
@@ -19,23 +19,22 @@ LOAD_UNITS = (10.0, 10.0, 3.0)
 LOADS = 3
 """From this coordinate on q holds the load."""
 
-EXACT = Rule(first=1e-3, shrink=5.0, restart=0.0, most=1e12, fall=1e-13, small=1e-10, trials=100, absolute=True)
+EXACT = Rule(
+    first=1e-3, shrink=5.0, restart=0.0, most=1e12, fall=1e-13, small=1e-10, steps=100.0, trials=100.0, absolute=True
+)
 """For a fit to the last digit, from far away: where keypoints do not determine the loads, only the damping does."""
 
 PULL = 1e-8
 """Weight [m^2] of the change of the load in a fit that goes on from another rod's shape."""
 
-FIT_STEPS = 100
-"""Most steps of one fit; most take few. The pull lets the load of a rod far from the uniform one change little by
-little."""
-
 CLOSER = 1e-6
 """By how much, in squared lengths of the rod, one of two fits must be nearer to be another shape than the other one."""
 
-QUICK = Rule(least=1e-9, restart=1e-5, most=1e3, small=1e-5, max_step=0.3)
-"""For a fit that goes on from one near by."""
+QUICK = Rule(least=1e-9, restart=1e-5, most=1e3, small=1e-5, steps=100.0, max_step=0.3)
+"""For a fit that goes on from one near by; most take few steps. The pull lets the load of a rod far from the uniform
+one change little by little."""
 
-MEETING = Rule(enough=1e-20)
+MEETING = Rule(enough=1e-20, steps=100.0)
 """For ends that can be met."""
 
 
@@ -57,18 +56,22 @@ def scales(length):
     return np.array([length, length, 1.0, LOAD_UNITS[0], LOAD_UNITS[1], LOAD_UNITS[2]])
 
 
-@kernel
+@inlined
 def scaled_shape(q, p, modes, scale, stations, dstations, poses, dposes):
     """`held_shape` with the derivatives by q in units of `scale`."""
     held_shape(q, p, modes, stations, dstations, poses, dposes)
     for a in range(len(scale)):
-        dstations[:, :, a] *= scale[a]
-        dposes[:, :, a] *= scale[a]
+        for k in range(2):
+            for i in range(len(dstations)):
+                dstations[i, k, a] *= scale[a]
+        for k in range(3):
+            for side in range(2):
+                dposes[side, k, a] *= scale[a]
 
 
 @kernel
-def fit_shape(q, wanted, p, modes, stride, pull, steps, rule):
-    """Move q (6,) to the equilibrium nearest to keypoints (n, 2), in at most so many steps.
+def fit_shape(q, wanted, p, modes, stride, pull, rule):
+    """Move q (6,) to the equilibrium nearest to keypoints (n, 2).
 
     A pull on the change of the load in each step, of weight `pull` in squared lengths, keeps it where keypoints do not
     determine it. Returns half the squared stacked distance, in squared lengths of the rod.
@@ -88,15 +91,15 @@ def fit_shape(q, wanted, p, modes, stride, pull, steps, rule):
                 cost += residual * residual
         for a in range(LOADS, len(q)):
             search.trial_normal[a, a] += pull
-        if not advance(search, 0.5 * cost, scale, steps, rule):
+        if not advance(search, 0.5 * cost, scale, rule):
             break
     q[:] = search.x
     return search.state[COST]
 
 
 @kernel
-def meet_ends(q, ends, p, modes, steps):
-    """Move q (6,) to the shape with end poses `ends` (2, 3), in at most so many steps.
+def meet_ends(q, ends, p, modes):
+    """Move q (6,) to the shape with end poses `ends` (2, 3).
 
     Angles count as they are, not modulo a turn. Returns the residual left, in lengths and radians.
     """
@@ -113,7 +116,7 @@ def meet_ends(q, ends, p, modes, steps):
             residual = (poses[side, k] - ends[side, k]) / end_unit(row, p[0])
             add_row(search.trial_normal, search.trial_gradient, rates[row], residual, 1.0, 0)
             cost += residual * residual
-        if not advance(search, cost, scale, steps, MEETING):
+        if not advance(search, cost, scale, MEETING):
             break
     q[:] = search.x
     return math.sqrt(search.state[COST])
@@ -133,7 +136,7 @@ def end_rates(dposes, length, scale, rates):
             rates[row, a] = dposes[row // 3, row % 3, a] / end_unit(row, length) * scale[a]
 
 
-@kernel
+@inlined
 def follow_ends(dposes, length, changes, damping):
     """Changes (d, m) of q that follow changes (6, m) of the end poses [m, rad]; `damping` [1] keeps them finite."""
     scale = scales(length)
@@ -163,11 +166,14 @@ def fit_along(q, near, wanted, p, modes, stride):
     (6,): from afar a fit may end at another shape than the nearest.
     """
     found, pull = np.empty_like(q), PULL / p[0] ** 2
+    starts, costs = np.empty((2, q.shape[1])), np.empty(2)
     for t in range(len(q)):
-        found[t] = q[t]
-        other = near + (q[t] - q[t - 1]) if t > 0 else near.copy()
-        cost = fit_shape(found[t], wanted[t], p, modes, stride, pull, FIT_STEPS, QUICK)
-        if fit_shape(other, wanted[t], p, modes, stride, pull, FIT_STEPS, QUICK) < cost - CLOSER:
-            found[t] = other
-        near = found[t]
+        for a in range(q.shape[1]):
+            starts[0, a] = q[t, a]
+            starts[1, a] = near[a] if t == 0 else found[t - 1, a] + (q[t, a] - q[t - 1, a])
+        for start in range(2):
+            costs[start] = fit_shape(starts[start], wanted[t], p, modes, stride, pull, QUICK)
+        best = 1 if costs[1] < costs[0] - CLOSER else 0
+        for a in range(q.shape[1]):
+            found[t, a] = starts[best, a]
     return found

@@ -26,8 +26,8 @@ STAGES = 16
 """Steps from the uniform rod to another one in `nearest_shape`; with four, one that is curled by a full turn at one end
 is lost."""
 
-STAGE_STEPS = 50
-"""Most steps of the fit in each."""
+STAGE = fitting.QUICK._replace(steps=50.0)
+"""Of the fit in each."""
 
 
 def fit_keypoints(
@@ -65,9 +65,7 @@ def _fit(rod: PlanarRod, keypoints: np.ndarray, guesses: list[np.ndarray]) -> tu
     """The best fit from several guesses."""
     keypoints, starts = np.ascontiguousarray(keypoints, dtype=float), [np.array(guess, float) for guess in guesses]
     p, modes = rod.arrays
-    costs = [
-        fitting.fit_shape(q, keypoints, p, modes, rod.stride, 0.0, fitting.FIT_STEPS, fitting.EXACT) for q in starts
-    ]
+    costs = [fitting.fit_shape(q, keypoints, p, modes, rod.stride, 0.0, fitting.EXACT) for q in starts]
     best = int(np.argmin(costs))
     return starts[best], float(np.sqrt(2 * costs[best]) * rod.length)
 
@@ -246,5 +244,5 @@ def _changed(q: np.ndarray, keypoints: np.ndarray, p: np.ndarray, modes: np.ndar
     found, wanted = q.copy(), np.array(keypoints, float)
     for share in np.linspace(0.0, 1.0, STAGES + 1)[1:]:
         changed = np.concatenate([p[:1], share * p[1:]])
-        fitting.fit_shape(found, wanted, changed, modes, stride, 0.0, STAGE_STEPS, fitting.QUICK)
+        fitting.fit_shape(found, wanted, changed, modes, stride, 0.0, STAGE)
     return found

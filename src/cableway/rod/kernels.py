@@ -14,10 +14,10 @@ import math
 
 import numpy as np
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 
 
-@kernel
+@inlined
 def _walk(side, load, p, modes, points, jacobian):
     """Go outward from the centre to one end (side +1 right, -1 left) in the centre frame.
 
@@ -76,8 +76,8 @@ def local_shape(load, p, modes, points, jacobian):
     hinges = modes.shape[1]
     points[hinges, :] = 0.0
     jacobian[hinges, :, :] = 0.0
-    _walk(1, load, p, modes, points, jacobian)
-    _walk(-1, load, p, modes, points, jacobian)
+    for side in (1, -1):
+        _walk(side, load, p, modes, points, jacobian)
 
 
 @kernel
@@ -126,7 +126,7 @@ def uniform(length, hinges):
     return np.array([length]), np.empty((0, hinges))
 
 
-@kernel
+@inlined
 def world_shape(q, p, modes, stations, poses):
     """`held_shape` without derivatives."""
     held_shape(q, p, modes, stations, np.empty((len(stations), 2, 0)), poses, np.empty((2, 3, 0)))
@@ -158,7 +158,7 @@ def _link_angles(points, jacobian, length, angles, dangles):
             dangles[i, k] = (ux * vy - uy * vx) / (link * link)
 
 
-@kernel
+@inlined
 def _factor(diagonal, off, shift, pivots):
     """LDL pivots of tridiag(off, diagonal - shift, off), `off` (N - 2,) beside the diagonal; the number of negative
     ones."""
@@ -189,7 +189,7 @@ def _solve(pivots, off, x):
         x[i] -= off[i] / pivots[i] * x[i + 1]
 
 
-@kernel
+@inlined
 def _orthonormal_rows(ca, cb, u, w):
     """Orthonormal rows spanning those of C; returns their rank (1 for a straight rod, which closes sideways only)."""
     gaa, gbb = np.dot(ca, ca), np.dot(cb, cb)
@@ -208,7 +208,7 @@ def _orthonormal_rows(ca, cb, u, w):
     return 2
 
 
-@kernel
+@inlined
 def _border(diagonal, off, u, w, rank, shift, pivots, zu, zw, schur):
     """Factor [[K - shift, C'], [C, 0]]: pivots of K, K^-1 C' and C K^-1 C'; the number of negative pivots."""
     negative = _factor(diagonal, off, shift, pivots)
@@ -236,7 +236,7 @@ def _any_below(diagonal, off, u, w, rank, shift, pivots, zu, zw, schur):
     return negative > 2
 
 
-@kernel
+@inlined
 def _bending(p, modes, diagonal, off):
     """The Hessian N^2 tridiag of the bending energy by the free link angles: its diagonal (N-1,) and beside (N-2,).
 
@@ -257,7 +257,7 @@ def _bending(p, modes, diagonal, off):
     return most / (hinges * hinges)
 
 
-@kernel
+@inlined
 def _multipliers(ca, cb, rank, residual):
     """Multipliers of the rows of C, ca and cb, that leave the least of `residual`."""
     gaa, gab, gbb = np.dot(ca, ca), np.dot(ca, cb), np.dot(cb, cb)

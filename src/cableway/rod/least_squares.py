@@ -7,7 +7,7 @@ rises. A problem says what its residuals are in a loop of its own, since compile
     search = begin(x)
     while True:
         cost = ...                # at search.trial; fills search.trial_normal (lower) and search.trial_gradient
-        if not advance(search, cost, steps, RULE):
+        if not advance(search, cost, units, RULE):
             break
 
 then search.x is the best point, and cost(search) its cost. `judge` alone is for problems that solve their systems
@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 
 LEAST_PIVOT = 1e-14
 """Squares of pivots below that are rounding."""
@@ -30,6 +30,8 @@ LEAST_PIVOT = 1e-14
 
 class Rule(NamedTuple):
     """When a step is taken, how the damping d follows, and when the search ends.
+
+    All numbers are floats: a rule of other types would be compiled for anew.
 
     Attributes:
         first: d at the start.
@@ -41,7 +43,8 @@ class Rule(NamedTuple):
         fall: Fall of the cost, as a share of it, that ends the search.
         enough: Cost that ends the search.
         small: Largest number of a step that ends the search once it was tried.
-        trials: Most steps that are tried, whether taken or not.
+        steps: Most steps that are taken, and
+        trials: most that are tried, whether taken or not.
         max_step: Largest number of a step; a longer one is shortened.
         absolute: Whether d is added to the diagonal of J'J rather than multiplied with it.
     """
@@ -55,6 +58,7 @@ class Rule(NamedTuple):
     fall: float = 0.0
     enough: float = 0.0
     small: float = 0.0
+    steps: float = np.inf
     trials: float = np.inf
     max_step: float = np.inf
     absolute: bool = False
@@ -97,8 +101,8 @@ def fresh_state():
 
 
 @kernel
-def judge(state, cost, steps, rule):
-    """Take or undo a step that led to `cost`; at most `steps` are taken. Returns whether it is taken.
+def judge(state, cost, rule):
+    """Take or undo a step that led to `cost`. Returns whether it is taken.
 
     The first call judges the start, which is taken as it is; one without a finite cost ends the search.
     """
@@ -117,13 +121,13 @@ def judge(state, cost, steps, rule):
         state[COST] = cost
         state[TAKEN] += 1.0
     state[TRIED] += 1.0
-    ended = ended or state[TAKEN] >= steps or state[TRIED] >= rule.trials
+    ended = ended or state[TAKEN] >= rule.steps or state[TRIED] >= rule.trials
     if ended or state[COST] < rule.enough or state[LARGEST] < rule.small:
         state[DONE] = 1.0
     return taken
 
 
-@kernel
+@inlined
 def begin(x):
     """A search from x (m,)."""
     m = len(x)
@@ -134,10 +138,10 @@ def begin(x):
 
 
 @kernel
-def advance(search, cost, units, steps, rule):
+def advance(search, cost, units, rule):
     """Judge the trial point, and make the next one; unknowns are counted in `units` (m,). False at the end."""
     x, trial, normal, gradient, trial_normal, trial_gradient, factor, step, state = search
-    if judge(state, cost, steps, rule):
+    if judge(state, cost, rule):
         for a in range(len(x)):
             x[a], gradient[a] = trial[a], trial_gradient[a]
             for b in range(a + 1):
@@ -159,7 +163,7 @@ def advance(search, cost, units, steps, rule):
     return True
 
 
-@kernel
+@inlined
 def clear(search):
     """Set the normal equations of the trial point to zero, to add rows to them."""
     for a in range(len(search.x)):

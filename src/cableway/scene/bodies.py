@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined
 from cableway.geometry import se2
 from cableway.geometry.convex import distance_at, segment_clearance
 
@@ -100,7 +100,7 @@ def pack(bodies: Sequence[Body], distance: Sequence[float]) -> PackedBodies:
     return PackedBodies(sides, outline, counts, np.array(distance, dtype=float))
 
 
-@kernel
+@inlined
 def bodies_keep_distance(poses, bodies, world):
     """Whether all bodies keep their distance from obstacles and walls with the grippers at `poses` (2, 3)."""
     for b in range(len(bodies.side)):

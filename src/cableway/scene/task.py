@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import least_squares
 
 from cableway.core.brief import Brief
 from cableway.core.errors import InputError, TaskError
@@ -223,6 +222,8 @@ class Task(Draft):
 
         if not lack(q).any():
             return q
+        from scipy.optimize import least_squares  # here, since most tasks are read without it
+
         found = least_squares(residuals, q, x_scale=rod.units).x
         moved = rod.at_keypoints(rod.shapes(found[None])[0])[0] - keypoints
         return found if np.linalg.norm(moved, axis=1).max() <= MOVED_OFF else q

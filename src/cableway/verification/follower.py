@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 from cableway.scene.cable import Cable
 from cableway.verification.geometry import curve_through, turn
 
@@ -148,7 +148,7 @@ class _Chain:
         return self.links / self.length, self.length, self._stiffness, self._rest
 
 
-@kernel
+@inlined
 def _system(pose, angles, links, length, stiffness, rest, gradient, closure, rows):
     """Fill the energy's gradient (free,), the closure error over L (2,) and its derivative (2, free)."""
     free = len(angles)
@@ -171,26 +171,48 @@ def _system(pose, angles, links, length, stiffness, rest, gradient, closure, row
 
 
 @kernel
+def _directions(rows):
+    """Eigenvalues (2,) and eigenvectors, in columns, of rows rows'."""
+    products = np.empty((2, 2))
+    for j in range(2):
+        for k in range(2):
+            products[j, k] = np.dot(rows[j], rows[k])
+    return np.linalg.eigh(products)
+
+
+@kernel
 def _least_squares_multipliers(gradient, rows):
     """Multipliers that leave the least of gradient + rows' multipliers, by the eigenvectors of rows rows'."""
-    values, vectors = np.linalg.eigh(rows @ rows.T)
-    out = np.zeros(2)
+    values, vectors = _directions(rows)
+    along, out = (np.dot(rows[0], gradient), np.dot(rows[1], gradient)), np.zeros(2)
     for k in range(2):
         if values[k] > 1e-18 * values[1]:
-            out -= vectors[:, k] * (np.dot(vectors[:, k], rows @ gradient) / values[k])
+            share = (vectors[0, k] * along[0] + vectors[1, k] * along[1]) / values[k]
+            out[0] -= vectors[0, k] * share
+            out[1] -= vectors[1, k] * share
     return out
 
 
 @kernel
-def _hessian(rows, multipliers, stiffness):
-    """Hessian of the Lagrangian: tridiag(-k_i, k_i + k_{i+1}, -k_{i+1}), less the load along each link."""
-    free = rows.shape[1]
-    hessian = np.zeros((free, free))
-    for i in range(free):
+def _fill_hessian(rows, multipliers, stiffness, hessian):
+    """Write the Hessian of the Lagrangian, tridiag(-k_i, k_i + k_{i+1}, -k_{i+1}) less the load along each link, into
+    the first rows and columns of a matrix of zeros."""
+    for i in range(rows.shape[1]):
         hessian[i, i] = stiffness[i] + stiffness[i + 1] - (rows[1, i] * multipliers[0] - rows[0, i] * multipliers[1])
         if i > 0:
             hessian[i, i - 1] = hessian[i - 1, i] = -stiffness[i]
-    return hessian
+
+
+@kernel
+def _largest(x):
+    """Largest absolute number of x; NaN or infinite where one of them is."""
+    largest = 0.0
+    for value in x:
+        if not abs(value) <= largest:
+            largest = abs(value)
+            if not np.isfinite(largest):
+                break
+    return largest
 
 
 @kernel
@@ -198,23 +220,29 @@ def _settle(pose, angles, links, length, stiffness, rest):
     """Newton's method on stationarity and closure, from and into `angles`; whether it arrives."""
     free = len(angles)
     gradient, closure, rows = np.empty(free), np.empty(2), np.empty((2, free))
-    kkt, right = np.zeros((free + 2, free + 2)), np.empty(free + 2)
+    kkt, right = np.empty((free + 2, free + 2)), np.empty(free + 2)
     _system(pose, angles, links, length, stiffness, rest, gradient, closure, rows)
     multipliers = _least_squares_multipliers(gradient, rows)
     for _ in range(ITERATIONS):
-        right[:free] = -gradient - rows.T @ multipliers
-        right[free:] = -closure
-        if np.abs(right).max() < 1e-10:
+        for i in range(free):
+            right[i] = -gradient[i] - (rows[0, i] * multipliers[0] + rows[1, i] * multipliers[1])
+        right[free], right[free + 1] = -closure[0], -closure[1]
+        if _largest(right) < 1e-10:
             return True
-        kkt[:free, :free] = _hessian(rows, multipliers, stiffness)
-        kkt[free:, :free], kkt[:free, free:] = rows, rows.T
+        kkt[:] = 0.0
+        _fill_hessian(rows, multipliers, stiffness, kkt)
+        for k in range(2):
+            for i in range(free):
+                kkt[free + k, i] = kkt[i, free + k] = rows[k, i]
         step = np.linalg.solve(kkt, right)
-        size = np.abs(step[:free]).max()
+        size = _largest(step[:free])
         if not np.isfinite(size):
             return False
         scale = 0.3 / size if size > 0.3 else 1.0
-        angles += scale * step[:free]
-        multipliers += scale * step[free:]
+        for i in range(free):
+            angles[i] += scale * step[i]
+        for k in range(2):
+            multipliers[k] += scale * step[free + k]
         _system(pose, angles, links, length, stiffness, rest, gradient, closure, rows)
     return False
 
@@ -225,12 +253,16 @@ def _least_eigenvalue(pose, angles, links, length, stiffness, rest):
     free = len(angles)
     gradient, closure, rows = np.empty(free), np.empty(2), np.empty((2, free))
     _system(pose, angles, links, length, stiffness, rest, gradient, closure, rows)
-    hessian = _hessian(rows, _least_squares_multipliers(gradient, rows), stiffness)
-    values, vectors = np.linalg.eigh(rows @ rows.T)
+    hessian = np.zeros((free, free))
+    _fill_hessian(rows, _least_squares_multipliers(gradient, rows), stiffness, hessian)
+    values, vectors = _directions(rows)
+    normal, product = np.empty(free), np.empty(free)
     for k in range(2):
         if values[k] > 1e-18 * values[1]:
-            normal = vectors[:, k] @ rows / np.sqrt(values[k])
-            product = hessian @ normal
+            for i in range(free):
+                normal[i] = (vectors[0, k] * rows[0, i] + vectors[1, k] * rows[1, i]) / np.sqrt(values[k])
+            for i in range(free):
+                product[i] = np.dot(hessian[i], normal)
             along = np.dot(normal, product)
             for i in range(free):  # the direction that the closure forbids gets a large eigenvalue of its own
                 for j in range(free):

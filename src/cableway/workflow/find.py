@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cableway.core.compiled import is_compiled
+from cableway.core.compiled import clock
 from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningInterrupted
 from cableway.core.provenance import describe
 from cableway.core.quantities import quantity
@@ -20,23 +19,26 @@ from cableway.motion.resampling import smoothed
 from cableway.motion.time_parametrization import gripper_effort
 from cableway.outcome import Outcome
 from cableway.planning.alternatives import CLEARANCE_WEIGHT, travel_and_clearance
-from cableway.planning.compilation import compile_kernels
 from cableway.planning.insertion import plan_insertion
 from cableway.records import Plan
 from cableway.report import summarize
 from cableway.scene.cable import FRICTION_RULES, QUASI_STATIC
 from cableway.scene.task import Task
 from cableway.verification import kind_of, require_verified
-from cableway.workflow.events import Listener, Note, Planned, Progress
+from cableway.workflow.events import Listener, Note, Planned
 from cableway.workflow.registry import Planner, controller_entry
 from cableway.workflow.rehearsal import rehearsed_plan
 from cableway.workflow.run import Run, SolveOptions
 
-COMPILING = "Compiling the planner's kernels; this happens once, the next run finds them in your cache folder."
 
-
-def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
+def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str, ...] = ()) -> Run:
     """Plan a task.
+
+    Args:
+        task: The task.
+        options: How.
+        listener: Is told how far it is.
+        notes: For the report.
 
     Returns:
         The run so far: the plan with its report, or the closest attempt and why it is no plan.
@@ -46,7 +48,7 @@ def find(task: Task, options: SolveOptions, listener: Listener) -> Run:
         KeyboardInterrupt: The search was interrupted from the keyboard; the listener has what came closest.
     """
     planner, insertion_plan = options.resolved_planner(), None
-    notes = (*_warnings(task, options, listener), *_compile(listener))
+    notes = (*_warnings(task, options, listener), *notes)
     timer = StageTimer(listener.progress)
     common: dict[str, Any] = {"timings": timer.seconds, "seed": options.seed, "limits": planner.limits}
     try:
@@ -84,7 +86,7 @@ def search(
     Raises:
         PlanningError: There is none.
     """
-    expired = options.expired(time.monotonic)
+    expired = options.expired(clock)
     try:
         return planner.find(
             task, config=planner.config, seed=seed, progress=progress, previous=previous, expired=expired
@@ -104,7 +106,7 @@ def _plans(task: Task, options: SolveOptions, planner: Planner, timer: StageTime
     if options.alternatives > 1:
         return planner.find(
             task, config=planner.config, seed=options.seed, progress=timer, alternatives=options.alternatives,
-            expired=options.expired(time.monotonic),
+            expired=options.expired(clock),
         )  # fmt: skip
     one = partial(search, task, options, planner, timer)
     if options.rehearse:
@@ -162,18 +164,6 @@ def _without_plan(task: Task, planner: Planner, error: PlanningError | Cancelled
     return Run(task=task, report=report, attempt=attempt, timings=common["timings"])
 
 
-def _compile(listener: Listener) -> tuple[str, ...]:
-    """Compile the planner's kernels before the clock of a search runs; what the report is to say about it."""
-    if is_compiled("planning"):
-        return ()
-    listener.emit(Note(COMPILING))
-    listener.emit(Progress("compilation", 0.0))
-    start = time.monotonic()
-    compile_kernels()
-    listener.emit(Progress("compilation", 1.0))
-    return (f"Kernels were compiled for {time.monotonic() - start:.0f} s before planning; this happens once.",)
-
-
 def _rehearsed(plan: Plan) -> tuple[str, ...]:
     """How the rehearsal went, for the reader of the report."""
     record = plan.metadata.get("rehearsal")
@@ -191,10 +181,10 @@ class StageTimer:
 
     Args:
         progress: Called with the same progress.
-        clock: Seconds.
+        clock: Seconds; by default, compiling and loading kernels does not count.
     """
 
-    def __init__(self, progress: Callable[[str, float], None], clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, progress: Callable[[str, float], None], clock: Callable[[], float] = clock) -> None:
         self._progress, self._clock = progress, clock
         self._last, self._running = clock(), ""
         self.seconds: dict[str, float] = {}

@@ -8,7 +8,6 @@ from typing import Any
 
 from cableway.commands import Commands
 from cableway.control.base import Controller
-from cableway.core.compiled import mark_compiled
 from cableway.core.errors import ControlError, SimulationError, TrackingInterrupted
 from cableway.core.plugins import is_plugin, load_plugin
 from cableway.core.provenance import versions
@@ -20,7 +19,7 @@ from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
 from cableway.workflow.events import Listener, Note
 from cableway.workflow.find import search
 from cableway.workflow.own_plant import OwnPlant
-from cableway.workflow.registry import CONTROLLERS, controller_entry, controller_is_compiled, make_controller
+from cableway.workflow.registry import controller_entry, controller_is_compiled, make_controller
 from cableway.workflow.run import Run, SolveOptions
 
 COMPILING = "Compiling the controller; this happens once, the next run finds it in your cache folder."
@@ -41,6 +40,11 @@ def prepare_controller(options: SolveOptions, listener: Listener) -> Controller[
     if not controller_is_compiled(options.controller):
         listener.emit(Note(COMPILING))
     return controller
+
+
+def needs_kernels(options: SolveOptions) -> bool:
+    """Whether the controller that the options ask for has kernels to be compiled."""
+    return isinstance(options.controller, str) and controller_entry(options.controller).kernels
 
 
 def follow(
@@ -79,9 +83,6 @@ def follow(
         problem = (Outcome.INTERRUPTED, "the run was interrupted")
     elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
-    name = options.controller
-    if isinstance(name, str) and not is_plugin(name) and CONTROLLERS[name].model is None:
-        mark_compiled("control")
     made_by = _made_by(task, options, own)
     rollout, insertion = _with(rollout, made_by), _with(insertion, made_by)
     run = replace(run, rollout=rollout, insertion=insertion)

@@ -49,8 +49,9 @@ class ControllerEntry:
         load: "module:function"; the function returns a `Controller`. It takes nothing; where there is a `model`, that
             model's name or file and whether the model is adapted while it runs.
         model: Name of the deformation model unless another is given; None for a controller without one.
-        compiled: "module:function" that says whether its compiled code is in the user's cache; "" where nothing is
-            compiled.
+        kernels: Whether it needs the kernels of tracking.
+        compiled: "module:function" that says whether its other compiled code is in the user's cache; "" where it has
+            none.
         follows_blindly: Whether it ignores the observations, so that a recovery would not help.
         cable: "module:function" that returns the cable that a model, by name or file, was trained on; "" where there is
             no model.
@@ -60,23 +61,23 @@ class ControllerEntry:
     description: str
     load: str
     model: str | None = None
+    kernels: bool = False
     compiled: str = ""
     follows_blindly: bool = False
     cable: str = ""
     extra: str = ""
 
 
-_NUMBA = "cableway.workflow.registry:control_is_compiled"
 _JAX = "cableway.tang2025.models.compilation:enable_compilation_cache"
 _CABLE = "cableway.tang2025.models.checkpoint:cable_of"
 
 CONTROLLERS = {
-    "rod-mpc": ControllerEntry("adaptive MPC on the rod; ours", "cableway.control.rod_mpc:RodMPC", compiled=_NUMBA),
+    "rod-mpc": ControllerEntry("adaptive MPC on the rod; ours", "cableway.control.rod_mpc:RodMPC", kernels=True),
     "neural-mpc": ControllerEntry(
         "our MPC on a learned model",
         "cableway.tang2025.control.named:neural_mpc",
         "conv",
-        _JAX,
+        compiled=_JAX,
         cable=_CABLE,
         extra="tang2025",
     ),
@@ -84,15 +85,15 @@ CONTROLLERS = {
         "the paper's MPC on a learned model",
         "cableway.tang2025.control.named:neural_mpc_paper",
         "transformer",
-        _JAX,
+        compiled=_JAX,
         cable=_CABLE,
         extra="tang2025",
     ),
     "rod-jacobian": ControllerEntry(
-        "feedback by the rod's derivative", "cableway.control.jacobian:JacobianFeedback", compiled=_NUMBA
+        "feedback by the rod's derivative", "cableway.control.jacobian:JacobianFeedback", kernels=True
     ),
     "broyden": ControllerEntry(
-        "feedback by a learned derivative (the paper's Jacob-IK)", "cableway.control.jacobian:broyden", compiled=_NUMBA
+        "feedback by a learned derivative (the paper's Jacob-IK)", "cableway.control.jacobian:broyden", kernels=True
     ),
     "open-loop": ControllerEntry(
         "the plan's gripper motion, without feedback", "cableway.control.open_loop:OpenLoop", follows_blindly=True
@@ -173,20 +174,13 @@ def require_extras(*names: str) -> None:
 
 
 def controller_is_compiled(name: str) -> bool:
-    """Whether the compiled code of a controller is in the user's cache, or it has none.
+    """Whether the compiled code of a controller, but for kernels, is in the user's cache, or it has none.
 
     Raises:
         UnknownNameError: There is no such controller; the message lists them.
     """
     compiled = controller_entry(name).compiled
     return not compiled or resolve_name(compiled)()
-
-
-def control_is_compiled() -> bool:
-    """Whether the Numba kernels of the controllers are compiled."""
-    from cableway.core.compiled import is_compiled
-
-    return is_compiled("control")
 
 
 def controller_entry(name: str) -> ControllerEntry:

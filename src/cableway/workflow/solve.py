@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from cableway.core.checks import require_type
 from cableway.scene.files.loading import TaskSource, as_task
+from cableway.workflow.compilation import Compilation
 from cableway.workflow.events import Finished, Listener, OnEvent, Planned
 from cableway.workflow.find import find
-from cableway.workflow.follow import follow, prepare_controller, stopped
+from cableway.workflow.follow import follow, needs_kernels, prepare_controller, stopped
 from cableway.workflow.own_plant import prepare_plant
 from cableway.workflow.run import Run, SolveOptions
 
@@ -32,10 +33,13 @@ def solve(task: TaskSource, options: SolveOptions | None = None, on_event: OnEve
     task = as_task(task).at_speed(options.speed)
     controller = prepare_controller(options, listener) if options.track else None
     plant = prepare_plant(task, options, listener) if options.track else None
-    run = find(task, options, listener)  # plan, rehearsal, plan of the insertion, verification
-    listener.emit(Planned(run))
-    if controller is not None and run.plan is not None:
-        run = stopped(run) if listener.cancelled else follow(run, options, controller, plant, listener)
+    with Compilation(listener, tracking=controller is not None and needs_kernels(options)) as compilation:
+        # plan, rehearsal, plan of the insertion, verification
+        run = find(task, options, listener, compilation.for_planning())
+        listener.emit(Planned(run))
+        if controller is not None and run.plan is not None:
+            compilation.for_tracking()
+            run = stopped(run) if listener.cancelled else follow(run, options, controller, plant, listener)
     listener.emit(Finished(run))
     if listener.interrupted:
         raise KeyboardInterrupt

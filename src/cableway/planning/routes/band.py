@@ -11,7 +11,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import ConvexWorld, distance_at, segment_clearance
 
 SMALLEST_CLEARANCE = 1e-6
@@ -73,7 +73,7 @@ def _crossing(ax, ay, bx, by, px, py):
     return 1 if by > ay else -1
 
 
-@kernel
+@inlined
 def encloses(path, first, last, points):
     """Whether the loop along path[first..last] and straight back goes round any of `points`."""
     for k in range(len(points)):
@@ -148,7 +148,7 @@ def shortcut(path, world, radius, points, length_weight, clearance_weight, step,
             break
 
 
-@kernel
+@inlined
 def _slots(path, keep, world, scale, reach):
     """Positions at multiples of `scale` along the normal of each inner vertex, and their signed distances.
 

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from jaxtyping import Float, Int
 
-from cableway.core.compiled import kernel
+from cableway.core.compiled import inlined, kernel
 from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
 from cableway.geometry.convex import World, distance_at
@@ -173,7 +173,7 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
     return _trace(parent, last, ny, hx, hy, start, goal)
 
 
-@kernel
+@inlined
 def _most_distance(world, shape):
     """An upper bound of the signed distance anywhere, which changes no faster than position, from a coarse grid."""
     cells = (shape + COARSER - 1) // COARSER
@@ -185,7 +185,7 @@ def _most_distance(world, shape):
     return most + 0.5 * math.hypot(hx, hy)
 
 
-@kernel
+@inlined
 def _trace(parent, last, ny, hx, hy, start, goal):
     count, node = 0, last
     while node >= 0:
