@@ -17,6 +17,8 @@ import pytest
 
 import cableway
 from cableway.cli.collect import Collect
+from cableway.cli.entry import DONE, FAILED, INTERRUPTED, WRONG_INPUT
+from cableway.outcome import Outcome
 from cableway.simulation.episodes import CollectionConfig
 from cableway.simulation.perturbations.reading import read_perturbation
 
@@ -152,3 +154,9 @@ def test_the_readme_shows_only_commands_and_targets_that_exist(capsys: pytest.Ca
     assert {name for name in commands if not re.search(rf"\b{name}\b", shown)} == set()
     makefile = (ROOT / "Makefile").read_text()
     assert {name for name in re.findall(r"\bmake (\w+)", text) if not re.search(rf"^{name}:", makefile, re.M)} == set()
+
+
+def test_the_page_on_failures_has_every_outcome_and_exit_status():
+    page = (ROOT / "docs" / "when-it-fails.md").read_text()
+    rows = {name for row in re.findall(r"^\| ([^|]+) \|", page, re.MULTILINE) for name in row.split(", ")}
+    assert {*map(str, Outcome), *map(str, (DONE, FAILED, WRONG_INPUT, INTERRUPTED))} <= rows

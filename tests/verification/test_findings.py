@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from problems import LOW_ARC, MOVED_ARC, line_in_q
 from recorded import moved_plan, perfect_rollout
 
 from cableway.scene.files.loading import load_task
@@ -68,7 +69,7 @@ def test_every_check_has_a_sentence():
     ported = load_task("insertion")
     inserting = replace(plan, shapes=np.stack([ported.goal] * 2), poses=plan.poses[:2], q=None, stages=None)
     checks = [
-        *verify_plan(plan, asked).checks,
+        *verify_plan(replace(plan, q=line_in_q(task.cable.rod, LOW_ARC, MOVED_ARC, len(plan.shapes))), asked).checks,
         *verify_rollout(rollout, task).checks,
         *verify_insertion_plan(inserting, ported).checks,
         *verify_insertion(perfect_rollout(ported, inserting), ported).checks,
