@@ -158,7 +158,7 @@ class Loop:
         self.state = _begun(controller, plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step)
         self._gate, self._silence, self._attachment = MessageGate(), Silence(), Attachment(plant.control_step)
-        self._slack = Slack(plant.task.cable.length)
+        self._slack = Slack(plant.task.cable)
         self._see(plant.reset())
         start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
         self._robot = FollowingError(SE2.continued(start, plan.poses[0]), plant.control_step)
