@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from quasi_static import straight_plan, task_for
 
-from cableway.control.reference import PlanReference, reference_for
+from cableway.control.reference import PlanReference, between, reference_for
 from cableway.core.errors import InputError
 from cableway.records import Plan
 from cableway.rod.planar import PlanarRod
@@ -29,6 +29,17 @@ def test_actions_lead_from_pose_to_pose() -> None:
     actions, poses = reference.actions(0, 50), reference.poses(0, 50)
     np.testing.assert_allclose(PLAN.poses[0] + np.cumsum(actions, axis=0), poses, atol=1e-12)
     np.testing.assert_array_equal(reference.shapes(2, 2), PLAN.shapes[:2])
+
+
+def test_a_slower_pace_leads_through_the_same_shapes() -> None:
+    """At half of it twice as many rows, every second one the plan's, the others half-way between."""
+    reference = PlanReference(PLAN)
+    rows = reference.rows(10.0, 5, rate=0.5)
+    np.testing.assert_array_equal(rows, [10.0, 10.5, 11.0, 11.5, 12.0])
+    shapes = between(PLAN.shapes, rows)
+    np.testing.assert_array_equal(shapes[::2], PLAN.shapes[10:13])
+    np.testing.assert_allclose(shapes[1::2], (PLAN.shapes[10:12] + PLAN.shapes[11:13]) / 2, atol=1e-15)
+    np.testing.assert_array_equal(between(PLAN.poses, reference.rows(39.5, 3))[1:], PLAN.poses[[-1, -1]])
 
 
 def test_progress_is_monotone_from_0_to_1() -> None:

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 import pytest
 from quasi_static import QuasiStaticPlant, stacked, straight_plan, task_for
 
+from cableway.control.following import LEAST_RATE
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
 from cableway.control.limits import exceeds_limits, last_filter
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
+from cableway.control.reference import between
 from cableway.core.errors import InputError
 from cableway.records import Observation, Rollout
 from cableway.report import summarize
@@ -119,7 +122,7 @@ def test_a_run_whose_controller_is_gone_ends_and_says_why() -> None:
     assert not rollout.actions.any()
     expected = (
         "controller failed: 30 steps in a row were missed; "
-        "the first failed with ZeroDivisionError: nothing to divide by (test_watchdog.py, line 38)"
+        "the first failed with ZeroDivisionError: nothing to divide by (test_watchdog.py, line 40)"
     )
     assert f"{rollout.outcome}: {rollout.detail}" == expected
     report = summarize(TASK, PLAN, rollout)
@@ -140,13 +143,28 @@ def test_what_is_interrupted_stays_interrupted() -> None:
 def test_what_exceeds_the_limits_is_cut_and_said_so(size: float) -> None:
     rng = np.random.default_rng(3)
     slow = replace(TASK, grippers=Grippers(max_step=0.003, max_turn=0.02))
-    rollout = run(Faulty({}, every=lambda action: size * rng.normal(0, 0.001, (2, 3))), task=slow)
+    to_and_fro = cycle([size, -size])
+    rollout = run(Faulty({}, every=lambda action: next(to_and_fro) * np.abs(rng.normal(0, 0.001, (2, 3)))), task=slow)
     assert not any(exceeds_limits(action, slow.grippers) for action in rollout.actions)
     cut = [status.endswith("; cut to the limits") for status in rollout.status.tolist()]
     assert sum(cut) == rollout.metadata["watchdog"]["cut"] > 0
     steps = np.linalg.norm(rollout.actions[cut, :, :2], axis=-1).max(axis=1)
     turns = np.abs(rollout.actions[cut, :, 2]).max(axis=1)
     assert (np.isclose(steps, 0.003) | np.isclose(turns, 0.02)).all(), "no more is cut off than must be"
+
+
+@pytest.mark.parametrize(("made", "rate"), [(0.75, 0.75), (0.5, 0.5), (0.0, LEAST_RATE)])
+def test_the_reference_goes_on_as_far_as_the_grippers_do(made: float, rate: float) -> None:
+    """Where the last filter lets only a part of the motion pass; but never slower than a least rate."""
+    asking, controller = Guard(Watchdog(), OpenLoop(OPEN), TASK, 0.1), OpenLoop(OPEN)
+    state = controller.init(TASK, PLAN)
+    for step in range(32):
+        poses = between(PLAN.poses, state.plan.rows(state.index, 1))[0]
+        answer = asking.step(state, Observation(0.1 * step, state.reference, poses), STEP, lambda action: made * action)
+        state = answer.state
+        np.testing.assert_array_equal(state.tracker.commands.history[-1], answer.action)
+    assert state.index == pytest.approx(32 * rate)
+    assert state.progress == pytest.approx(32 * rate / PLAN.steps)
 
 
 # ---------------------------------------------------------------- late

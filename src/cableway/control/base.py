@@ -89,6 +89,15 @@ class ControllerState:
         """
         return replace(self, status=status)
 
+    def cut(self, action: Float[np.ndarray, "2 3"], made: float) -> Self:
+        """The state after a control step of whose answer only a part was sent.
+
+        Args:
+            action: (2, 3) what was sent [m, m, rad].
+            made: The share of the way that it makes, from 0 to 1.
+        """
+        return self
+
 
 S = TypeVar("S", bound=ControllerState)
 

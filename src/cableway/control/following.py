@@ -23,6 +23,10 @@ BLIND_STEPS = 3
 UNSEEN_STEPS = 10
 """The same without any keypoint."""
 
+LEAST_RATE = 0.25
+"""Share of the plan's pace at which the reference goes on at least, however little of the motion is made: one that
+waits for what cannot be reached waits forever."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FollowerState(ControllerState):
@@ -33,12 +37,14 @@ class FollowerState(ControllerState):
         plan: The plan by time.
         index: Control steps of the reference that are over.
         tracker: Of gripper poses and delays.
+        rate: Share of the plan's pace at which the reference goes on.
     """
 
     task: Task
     plan: PlanReference
-    index: int
+    index: float
     tracker: GripperTracker
+    rate: float = 1.0
 
     @staticmethod
     def beginning(task: Task, plan: Plan, hold: float) -> dict[str, Any]:
@@ -102,13 +108,14 @@ class FollowerState(ControllerState):
         waiting = not action.any() if waits is None else waits
         return replace(self, tracker=self.tracker.predicted())._sent(action, status, waiting)
 
+    def cut(self, action: Float[np.ndarray, "2 3"], made: float) -> Self:
+        """See `ControllerState.cut`: the reference goes on as far as the grippers do."""
+        tracker = replace(self.tracker, commands=self.tracker.commands.corrected(action))
+        return replace(self._at(self.index - (1 - max(made, LEAST_RATE)) * self.rate), tracker=tracker)
+
+    def _at(self, index: float) -> Self:
+        return replace(self, reference=self.plan.shape(index), progress=self.plan.progress(index), index=index)
+
     def _sent(self, action: Float[np.ndarray, "2 3"], status: str, waiting: bool) -> Self:
-        index = self.index + (not waiting)
-        return replace(
-            self,
-            status=status,
-            reference=self.plan.shape(index),
-            progress=self.plan.progress(index),
-            index=index,
-            tracker=self.tracker.commanding(action),
-        )
+        index = self.index + (0 if waiting else self.rate)
+        return replace(self._at(index), status=status, tracker=self.tracker.commanding(action))

@@ -76,7 +76,7 @@ class InsertionController(Controller[EstimatingState]):
             return state.stopping()
         if state.index < state.plan.held_steps:
             state = state.updated()
-            if state.index == state.plan.held_steps - 1 and state.estimate.updates < self.config.frames:
+            if state.index >= state.plan.held_steps - 1 and state.estimate.updates < self.config.frames:
                 return state.stopping()
             right = self.config.gain * self._misaligned(state)
             action = np.stack([np.zeros_like(right), right])

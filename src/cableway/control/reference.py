@@ -31,32 +31,41 @@ class PlanReference(Checked):
         """Control steps spent at the first row."""
         return round(self.hold / CONTROL_STEP)
 
-    def progress(self, step: int) -> float:
+    def progress(self, step: float) -> float:
         """Share of the plan's rows that are over at a control step, from 0 to 1: 0 while the first one is held."""
         if not self.plan.steps:
             return float(step >= self.held_steps)
         return float(self.rows(step, 1)[0]) / self.plan.steps
 
-    def rows(self, step: int, count: int) -> np.ndarray:
-        """The plan's row numbers at `count` control steps from `step` on."""
-        return np.clip(np.arange(step, step + count) - self.held_steps, 0, self.plan.steps)
+    def rows(self, step: float, count: int, rate: float = 1.0) -> Float[np.ndarray, "k"]:
+        """The plan's row numbers at `count` control steps from `step` on, at a share of the plan's pace."""
+        return np.clip(step + rate * np.arange(count) - self.held_steps, 0.0, self.plan.steps)
 
-    def shape(self, step: int) -> Float[np.ndarray, "n 2"]:
+    def shape(self, step: float) -> Float[np.ndarray, "n 2"]:
         """Keypoints [m] wanted at a control step."""
-        return self.plan.shapes[self.rows(step, 1)[0]]
+        return between(self.plan.shapes, self.rows(step, 1))[0]
 
-    def shapes(self, step: int, horizon: int) -> Float[np.ndarray, "H n 2"]:
+    def shapes(self, step: float, horizon: int) -> Float[np.ndarray, "H n 2"]:
         """Keypoints [m] wanted after each of the next `horizon` actions."""
-        return self.plan.shapes[self.rows(step + 1, horizon)]
+        return between(self.plan.shapes, self.rows(step + 1, horizon))
 
-    def poses(self, step: int, horizon: int) -> Float[np.ndarray, "H 2 3"]:
+    def poses(self, step: float, horizon: int) -> Float[np.ndarray, "H 2 3"]:
         """The plan's gripper poses [m, m, rad] after each of the next `horizon` actions."""
-        return self.plan.poses[self.rows(step + 1, horizon)]
+        return between(self.plan.poses, self.rows(step + 1, horizon))
 
-    def actions(self, step: int, horizon: int) -> Float[np.ndarray, "H 2 3"]:
+    def actions(self, step: float, horizon: int) -> Float[np.ndarray, "H 2 3"]:
         """The plan's next `horizon` gripper motions [m, m, rad]."""
-        poses = self.plan.poses[self.rows(step, horizon + 1)]
+        poses = between(self.plan.poses, self.rows(step, horizon + 1))
         return SE2.minus(poses[1:], poses[:-1])
+
+
+def between(values: Float[np.ndarray, "t ..."], rows: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:
+    """Values at row numbers that need not be whole, linear from row to row."""
+    whole = np.floor(rows).astype(int)
+    share = (rows - whole).reshape(-1, *[1] * (values.ndim - 1))
+    if not share.any():
+        return values[whole]
+    return (1 - share) * values[whole] + share * values[np.minimum(whole + 1, len(values) - 1)]
 
 
 def reference_for(task: Task, plan: Plan, hold: float) -> PlanReference:

@@ -35,7 +35,9 @@ from jaxtyping import Float
 from cableway.control import rod_kernels
 from cableway.control.base import Controller, Status
 from cableway.control.estimating import EstimatingState
+from cableway.control.following import LEAST_RATE
 from cableway.control.limits import span_limit, within_limits
+from cableway.control.reference import between
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import MET, EstimatorConfig
@@ -66,6 +68,8 @@ SAME = 1e-6
 SURE = 2.0
 """Standard deviations by which the estimated length must suffice before the cable is pulled farther than planned."""
 
+MOST_EFFORT = 0.85
+"""Share of the grippers' limits that the fitted motion may take; plans take 70% at most."""
 
 SETTLING = 0.25
 """Share of a correction that is made while the estimates settle."""
@@ -160,7 +164,7 @@ class RodMPC(Controller[RodMPCState]):
             grippers.least_span,
         )
         state = RodMPCState(
-            **beginning, shapes=shapes, fits=shapes[beginning["plan"].rows(0, self.config.horizon + 1)],
+            **beginning, shapes=shapes, fits=between(shapes, beginning["plan"].rows(0, self.config.horizon + 1)),
             clearance=_least_clearance(plan, task), limits=limits,
         )  # fmt: skip
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
@@ -183,7 +187,7 @@ class RodMPC(Controller[RodMPCState]):
         before, state = state.estimate, state.updated()
         if state.estimate is before and not state.tracker.steps_without_keypoints:
             return state.stopping(Status.UNEXPLAINED)
-        state = self._fitted(state)
+        state = self._paced(state)
         action, max_span = self._solve(state), self._span_limit(state)
         if not np.isfinite(action).all():
             # as it is estimated the cable is taut already
@@ -209,22 +213,41 @@ class RodMPC(Controller[RodMPCState]):
         span = float(np.linalg.norm(right - left))
         return max(planned, span + slack - (1 - share) * state.estimate.length - SURE * deviation)
 
+    def _paced(self, state: RodMPCState) -> RodMPCState:
+        """With the next fits, and slower than the plan where those ask the grippers for more than they can.
+
+        The estimated cable may need other motions than the plan's, most where it is about to snap.
+        """
+        whole = self._fitted(replace(state, rate=1.0))
+        effort = self._effort(whole)
+        if state.index < state.plan.held_steps or effort <= MOST_EFFORT:
+            return whole
+        return self._fitted(replace(state, rate=max(LEAST_RATE, MOST_EFFORT / effort)))
+
+    def _effort(self, state: RodMPCState) -> float:
+        """Share of the grippers' limits that the motion from fit to fit takes."""
+        estimator, limits = state.estimator, state.task.grippers
+        ends = kernels.batch_shapes(state.fits, state.estimate.theta[ROD], estimator.modes, 0)[2]
+        moves, turns = estimator.rod.group.distance(ends[1:], ends[:-1])
+        return max(float(moves.max()) / limits.max_step, float(turns.max()) / limits.max_turn)
+
     def _fitted(self, state: RodMPCState) -> RodMPCState:
         """With the estimated rod's shapes nearest to the plan's next ones."""
-        estimator, rows = state.estimator, state.plan.rows(state.index, self.config.horizon + 1)
-        wanted, p = state.plan.plan.shapes[rows], state.estimate.theta[ROD]
-        fits = fit_along(state.shapes[rows], state.fits[1], wanted, p, estimator.modes, estimator.rod.stride)
+        estimator, rows = state.estimator, state.plan.rows(state.index, self.config.horizon + 1, state.rate)
+        wanted, p = between(state.plan.plan.shapes, rows), state.estimate.theta[ROD]
+        near = between(state.shapes, rows)
+        fits = fit_along(near, state.fits[1], wanted, p, estimator.modes, estimator.rod.stride)
         return replace(state, fits=fits)
 
     def _solve(self, state: RodMPCState) -> Float[np.ndarray, "2 3"]:
         """The next gripper motion; NaN where the estimated rod cannot be held as the grippers will be."""
         config, estimator, estimate, fits = self.config, state.estimator, state.estimate, state.fits
         rod, modes, p = estimator.rod, estimator.modes, estimate.theta[ROD]
-        rows = state.plan.rows(state.index, len(fits))
-        wanted, ends = state.plan.plan.shapes[rows], kernels.batch_shapes(fits, p, modes, 0)[2]
+        rows = state.plan.rows(state.index, len(fits), state.rate)
+        wanted, ends = between(state.plan.plan.shapes, rows), kernels.batch_shapes(fits, p, modes, 0)[2]
         commanded = state.tracker.commanded
         before = rod.group.compose(commanded, estimate.grasps)
-        clearance = np.clip(state.clearance[rows[1:]], config.threshold, max(config.threshold, config.far))
+        clearance = np.clip(between(state.clearance, rows[1:]), config.threshold, max(config.threshold, config.far))
         now = estimate.q.copy()
         if meet_ends(now, before, p, modes) > MET:
             return np.full(rod.step_shape, np.nan)

@@ -48,6 +48,10 @@ class DelayEstimator:
         """One control step later."""
         return replace(self, history=np.concatenate([self.history[1:], row[None]]))
 
+    def corrected(self, row: Float[np.ndarray, "2 3"]) -> DelayEstimator:
+        """With another newest row."""
+        return replace(self, history=np.concatenate([self.history[:-1], row[None]]))
+
     def at(self, delay: float | Float[np.ndarray, "A"]) -> Float[np.ndarray, "... 2 3"]:
         """The row of so many control steps ago, linear between two of them."""
         whole = np.floor(delay).astype(int)

@@ -173,7 +173,7 @@ class Guard:
         if np.array_equal(sent, action):
             return Answer(action, after, str(after.status), seconds)
         self._cut += 1
-        return Answer(sent, after, f"{after.status}{CUT}", seconds)
+        return Answer(sent, after.cut(sent, _made(sent, action)), f"{after.status}{CUT}", seconds)
 
     def _missing(
         self, why: str, state: ControllerState, observation: Observation, before: np.ndarray, filtered: Filter,
@@ -212,6 +212,12 @@ class Guard:
         span, span_after = gripper_spans(ends)
         apart = span_after >= min(self.task.grippers.least_span, span)
         return bool(apart) and bool((then >= np.minimum(self._watchdog.margin, now)).all())
+
+
+def _made(sent: Float[np.ndarray, "2 3"], action: Float[np.ndarray, "2 3"]) -> float:
+    """Share of an action's way that is made by what was sent in its place; all of one that only turns."""
+    made, wanted = SE2.position(sent), SE2.position(action)
+    return float(np.clip(np.sum(made * wanted) / np.sum(wanted**2), 0.0, 1.0)) if wanted.any() else 1.0
 
 
 def _usable(action: Any, state: ControllerState) -> tuple[Float[np.ndarray, "2 3"], ControllerState]:
