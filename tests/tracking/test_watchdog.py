@@ -122,7 +122,7 @@ def test_a_run_whose_controller_is_gone_ends_and_says_why() -> None:
     assert not rollout.actions.any()
     expected = (
         "controller failed: 30 steps in a row were missed; "
-        "the first failed with ZeroDivisionError: nothing to divide by (test_watchdog.py, line 40)"
+        "the first failed with ZeroDivisionError: nothing to divide by (test_watchdog.py, line 41)"
     )
     assert f"{rollout.outcome}: {rollout.detail}" == expected
     report = summarize(TASK, PLAN, rollout)
