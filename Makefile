@@ -7,7 +7,8 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 export PYTHON
 
-.PHONY: env demo test check checks lint types imports doctest examples wheel docs gate baseline format lock clean
+.PHONY: env demo test check checks lint types imports doctest examples wheel release-check \
+  docs gate baseline format lock clean
 .DEFAULT_GOAL := env
 
 env: $(STAMP)
@@ -20,7 +21,8 @@ demo: env
 	@$(BIN)/cableway run single-obstacle-2 --out demo
 
 test: env
-	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	@echo "All tests: some ten minutes on two cores, a few more the first time, while code is compiled."
+	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile -rs
 
 check: test checks
 
@@ -44,6 +46,12 @@ examples: env
 
 wheel: env
 	@$(BIN)/python -m pytest checks/test_wheel.py
+
+# Before a release: what is committed, on each Python, in a new environment from the lock, with compiled code made anew.
+PYTHONS ?= python3.11 python3.12 python3.13
+PARTS ?= wheel test
+release-check:
+	@sh tools/release_check.sh "$(PYTHONS)" "$(PARTS)"
 
 # The documentation site, in site/; and the commands that its pages show, run.
 docs: env

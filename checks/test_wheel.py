@@ -91,7 +91,7 @@ def test_plan_and_check_a_task(command: Path, tmp_path: Path):
 
 
 def test_track_a_task(command: Path, tmp_path: Path):
-    run([command, "run", "single-obstacle-1", "--no-video", "--out", "out", "--quiet"], tmp_path)
+    run([command, "run", "single-obstacle-2", "--out", "out", "--quiet"], tmp_path)
     assert json.loads((tmp_path / "out" / "report.json").read_text())["success"] is True
 
 

@@ -24,7 +24,7 @@ if ! "$python" -m pip --version >/dev/null 2>&1; then
 fi
 
 with_pip() {
-  "$python" -m pip install --progress-bar off --only-binary :all: --require-hashes -r requirements.lock
+  "$python" -m pip install --quiet --only-binary :all: --require-hashes -r requirements.lock
   "$python" -m pip install --quiet --no-build-isolation --no-deps -e .
 }
 
@@ -33,10 +33,11 @@ with_uv() {
   index=$("$python" -m pip config list | sed -n "s/^[^=]*\.index.url='\(.*\)'\$/\1/p" | head -n 1)
   if [ -n "$index" ] && [ -z "${UV_DEFAULT_INDEX:-}" ]; then export UV_DEFAULT_INDEX="$index"; fi
   export VIRTUAL_ENV="$PWD/.venv"
-  .venv/bin/uv pip install --only-binary :all: --compile-bytecode --require-hashes -r requirements.lock &&
+  .venv/bin/uv pip install --quiet --only-binary :all: --compile-bytecode --require-hashes -r requirements.lock &&
     .venv/bin/uv pip install --quiet --no-build-isolation --no-deps -e .
 }
 
+echo "Installing the packages of requirements.lock, in a minute or a few."
 [ -x .venv/bin/uv ] || "$python" -m pip install --quiet --only-binary :all: uv || echo "uv cannot be had; pip takes longer."
 { [ -x .venv/bin/uv ] && with_uv; } || with_pip
 "$python" -m compileall -q src/cableway
