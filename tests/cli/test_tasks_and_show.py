@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib.image
 import pytest
+import yaml
 from commands import Command
 
 from cableway.scene.files.loading import catalogue_file, load_task, task_names
@@ -71,3 +72,22 @@ def test_wrong_options_of_random_tasks_leave_nothing(cableway: Command, argument
     done = cableway("tasks", *arguments)
     assert (done.status, message in done.err) == (2, True)
     assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize(
+    "text", ["$x_{", r"\frac{1}{0}", "100$ or 200$", "red \x1b[31m bell \x07 \x9b5m", "ångström, 線, 🪢"]
+)
+def test_a_description_is_drawn_as_it_stands(cableway: Command, text: str):
+    """No formula, no control character, no font keeps a task from being shown, nor says anything at the terminal."""
+    content = yaml.safe_load(catalogue_file("maze-1").read_text())
+    Path("mine.yaml").write_text(json.dumps(content | {"description": text}))
+    assert cableway("show", "mine.yaml") == (0, "runs/maze-1/task.png\n", "")
+
+
+def test_what_is_said_has_no_control_characters(cableway: Command):
+    """A file's name and keys may have some; they are written out."""
+    Path("\x1b[31m.yaml").write_text('{cableway: 1, "bell \\x07": 2}')
+    done = cableway("show", "./\x1b[31m.yaml")
+    assert done.status == 2
+    assert r"\x1b[31m.yaml" in done.err
+    assert not [character for character in done.err[:-1] if not character.isprintable()]

@@ -8,6 +8,7 @@ from functools import cache
 import pytest
 
 from cableway.core.errors import InputError, PlanningError
+from cableway.core.time_limit import OutOfTime, time_limit
 from cableway.planning.planner import plan
 from cableway.records import Plan
 from cableway.scene.files.loading import load_task
@@ -74,3 +75,21 @@ def test_a_search_that_ends_keeps_what_was_rehearsed():
 def test_settings_out_of_range_are_refused():
     with pytest.raises(InputError, match=r"rehearsal\.plans must be whole and positive, got 0"):
         RehearsalConfig(plans=0)
+
+
+def test_a_time_limit_ends_the_rehearsal_and_leaves_the_best_plan_so_far():
+    """Over before the first rehearsal ends, it leaves the plan as it is; during a second search, the first plan."""
+    with time_limit(lambda: True):
+        chosen = rehearsed_plan(HELD, lambda seed: found(0))
+    assert (chosen.poses == found(0).poses).all()
+    assert chosen.metadata["rehearsal"] == {"plans": 0}
+    over: list[bool] = []
+
+    def find(seed: int) -> Plan:
+        if over:
+            raise OutOfTime
+        over.append(True)
+        return found(0)
+
+    chosen = rehearsed_plan(HELD, find, config=RehearsalConfig(plans=2, deviation=1e-9))
+    assert chosen.metadata["rehearsal"]["plans"] == 1

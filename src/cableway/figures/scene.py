@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path
 
-from cableway.core.errors import TaskError
+from cableway.core.errors import TaskError, printable
 from cableway.figures import style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.geometry import polyline, se2
@@ -192,7 +192,7 @@ def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
     write_lines(figure, 0.7, lines)
     cable = task.cable
     facts = f"cable {cable.length:.3g} m long, {2000 * cable.radius:.3g} mm thick · workspace {across:g} m x {up:g} m"
-    text = "\n".join([*textwrap.wrap(task.description, 88), facts])
+    text = "\n".join([*textwrap.wrap(printable(task.description), 88), facts])
     figure.text(0.5, 0.12 / tall, text, fontsize=8.5, color=style.MUTED, ha="center", va="bottom", parse_math=False)
     return figure
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -64,14 +65,21 @@ def add_axes(figure: Figure, left: float, bottom: float, width: float, height: f
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure to a PNG file, atomically."""
-    write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=DOTS_PER_INCH))
+    write_atomically(path, lambda file: _write_png(figure, file, DOTS_PER_INCH))
 
 
 def figure_png(figure: Figure, dots_per_inch: float = 100) -> bytes:
     """The content of a figure's PNG file."""
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=dots_per_inch)
+    _write_png(figure, file, dots_per_inch)
     return file.getvalue()
+
+
+def _write_png(figure: Figure, file: IO[bytes], dots_per_inch: float) -> None:
+    """Letters that the font lacks are boxes, without a warning."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        figure.savefig(file, format="png", dpi=dots_per_inch)
 
 
 def title(ax: Axes, text: str, legend: int = 0) -> None:

@@ -11,6 +11,10 @@ FEWEST_ROWS = 8
 """Least number of steps that a motion is resampled to."""
 
 
+MOST_STATIONS = 200_000
+"""Largest number of points of the rod, over all rows, that a motion is resampled to."""
+
+
 def rows_at(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:
     """Rows at fractional indices; coordinates q run straight between rows, through equilibria."""
     index, flat = np.arange(len(rows)), rows.reshape(len(rows), -1)
@@ -23,8 +27,12 @@ def subdivided(rows: int, pieces: int) -> Float[np.ndarray, "k"]:
 
 
 def evenly_moved(rod: HeldRod, q: Float[np.ndarray, "t dof"], step: float) -> Float[np.ndarray, "k"]:
-    """Fractional indices, first and last among them, between which keypoints move at most about `step` [m]."""
-    moves = np.linalg.norm(np.diff(rod.at_keypoints(rod.shapes(q)[0]), axis=0), axis=2).max(1)
+    """Fractional indices, first and last among them, between which keypoints move at most about `step` [m].
+
+    Or more where that would be too many rows to handle (`MOST_STATIONS`).
+    """
+    stations = rod.shapes(q)[0]
+    moves = np.linalg.norm(np.diff(rod.at_keypoints(stations), axis=0), axis=2).max(1)
     arc = np.concatenate([[0.0], np.cumsum(np.maximum(moves, 1e-6))])
-    count = max(FEWEST_ROWS, int(np.ceil(arc[-1] / step)))
+    count = max(FEWEST_ROWS, min(int(np.ceil(arc[-1] / step)), MOST_STATIONS // stations.shape[1]))
     return np.interp(np.linspace(0, arc[-1], count + 1), arc, np.arange(len(q)))

@@ -14,6 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.errors import PlanningError
+from cableway.core.time_limit import checkpoint
 from cableway.geometry.groups import SE2
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP
@@ -27,10 +29,27 @@ ROUNDS = 60
 NEAR = 1.5
 """How far, in control steps, from a row beyond a limit the motion is made slower."""
 
+MOST_ROWS = 20_000
+"""Largest number of control steps of a plan, half an hour, for a cable of 13 keypoints; see `require_rows`."""
+
 ROUNDING = 1e-9
 
 STRETCH = 1.05
 """Factor on the duration while rounds have not sufficed."""
+
+
+def require_rows(steps: float, keypoints: int = 13) -> None:
+    """Refuse a motion that would take more control steps than a plan may have.
+
+    Raises:
+        PlanningError: It would.
+    """
+    most = MOST_ROWS * 13 // max(13, keypoints)
+    if not steps <= most:
+        raise PlanningError(
+            f"the motion takes {steps:.0f} control steps, {steps * CONTROL_STEP / 60:.0f} minutes, at the limits of "
+            f"grippers.max_step and grippers.max_turn; a plan with {keypoints} keypoints has at most {most}"
+        )
 
 
 def gripper_effort(poses: Float[np.ndarray, "t 2 3"], max_step: float, max_turn: float) -> Float[np.ndarray, "t-1"]:
@@ -83,6 +102,7 @@ def with_ramps(
     share: float,
     poses_at: Callable[[Float[np.ndarray, "k"]], Float[np.ndarray, "k 2 3"]],
     grippers: Grippers,
+    keypoints: int = 13,
 ) -> Float[np.ndarray, "k"]:
     """Places among `fine` between which no step asks more than `share` of the limits, ramps from and to rest included.
 
@@ -96,17 +116,24 @@ def with_ramps(
         share: Most of each limit that may be used.
         poses_at: Poses of the grippers [m, m, rad] at places, with angles that run on.
         grippers: The limits.
+        keypoints: Of the cable; a plan with many has fewer rows.
+
+    Raises:
+        PlanningError: The motion takes more control steps than a plan may have.
 
     Note:
         The result is not the fastest: docs/planning.md says how far from it.
     """
     total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))]) / share
+    require_rows(total[-1], keypoints)
     grid = np.linspace(0.0, total[-1], max(3, int(np.ceil(total[-1] / GRID)) + 1))
     slope, window = _slope(grippers)
     slower = np.ones(len(grid))
     times = grid
     for _ in range(ROUNDS):
+        checkpoint()
         times = _times(grid, slower, slope)
+        require_rows(times[-1], keypoints)
         at, when = _rows(grid, times, total, fine, window)
         beyond = ramp_effort(poses_at(at), grippers) / share
         if beyond.max() <= 1 + ROUNDING:
@@ -118,7 +145,9 @@ def with_ramps(
             near = np.abs(times - when[centre[row]]) <= NEAR + window / 2
             slower[near] = np.minimum(slower[near] * min(factor[row], 1.2), 100.0)
     while True:
+        checkpoint()
         times = STRETCH * times
+        require_rows(times[-1], keypoints)
         at, _ = _rows(grid, times, total, fine, window)
         if ramp_effort(poses_at(at), grippers).max() <= share * (1 + ROUNDING) or times[-1] > 100 * total[-1] + 1000:
             return at

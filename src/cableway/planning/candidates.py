@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import PlanningError
 from cableway.core.provenance import describe, versions
+from cableway.core.time_limit import checkpoint
 from cableway.outcome import Outcome
 from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import (
@@ -29,10 +30,6 @@ Accept = Callable[[Plan], str]
 """What is wrong with a verified plan, "" if nothing."""
 
 
-class OutOfTime(Exception):
-    """The time limit ran out within a stage."""
-
-
 class Search:
     """Tries initial trajectories and remembers what came closest.
 
@@ -41,7 +38,6 @@ class Search:
         config: What to use in each stage.
         seed: For the initial trajectories that draw random numbers.
         progress: Called with the name of a stage and the share of it that is done.
-        expired: Asked at every report of progress.
 
     Attributes:
         best: The failure with the fewest failed checks.
@@ -53,11 +49,10 @@ class Search:
         config: PlannerConfig,
         seed: int,
         progress: Progress | None,
-        expired: Callable[[], bool] | None,
     ) -> None:
         self.task, self.config, self.seed = task, config, seed
         self.best: Attempt | None = None
-        self._progress, self._expired = progress, expired
+        self._progress = progress
 
     def trajectories(
         self, route: Callable[[], Float[np.ndarray, "P 2"]] | None = None, previous: Plan | None = None
@@ -71,8 +66,7 @@ class Search:
         Raises:
             OutOfTime: The time is up.
         """
-        if self._expired is not None and self._expired():
-            raise OutOfTime
+        checkpoint()
         if self._progress is not None:
             self._progress(stage, share)
 

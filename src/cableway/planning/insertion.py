@@ -17,6 +17,7 @@ from cableway.core.deprecation import renamed
 from cableway.core.errors import PlanningError
 from cableway.core.provenance import versions
 from cableway.geometry.groups import SE2
+from cableway.motion.time_parametrization import require_rows
 from cableway.records import INSERTION, Attempt, Plan
 from cableway.rod.continuation import lead
 from cableway.scene.files.loading import TaskSource, as_task
@@ -81,6 +82,7 @@ def _straight(task: Task, a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) 
     """Poses from a to b, both included, no farther apart than `STEP` and `TURN` and the limits of the grippers."""
     moved, turned = SE2.distance(a, b)
     steps, turns = moved / min(STEP, task.grippers.max_step), turned / min(TURN, task.grippers.max_turn)
+    require_rows(float(max(steps, turns)), task.cable.keypoints)
     return np.linspace(a, b, max(1, int(np.ceil(max(steps, turns) - 1e-9))) + 1)
 
 

@@ -11,9 +11,10 @@ from typing import overload
 from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningInterrupted
+from cableway.core.time_limit import OutOfTime, time_limit
 from cableway.outcome import Outcome
 from cableway.planning.alternatives import find_alternatives
-from cableway.planning.candidates import OutOfTime, Search
+from cableway.planning.candidates import Search
 from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import PIVOTED, Progress
 from cableway.planning.projection import end_equilibria
@@ -70,7 +71,7 @@ def plan(
         seed: For the initial trajectories that draw random numbers.
         config: What to use in each stage; `PlannerConfig.paper()` for the paper's choices.
         progress: Called with the name of a stage and the share of it that is done.
-        expired: Asked at every report of progress; the search ends once it says yes.
+        expired: Asked several times a second; the search ends once it says yes.
         through: Passages (`find_passages`) that the cable's middle must go through, in this order.
         avoiding: Passages that it must not go through.
         previous: A plan for a task that has changed since; what is left of it is tried first.
@@ -86,15 +87,16 @@ def plan(
         InputError: `alternatives` is not positive, or comes with a requested way.
     """
     task = as_task(task)
-    search = Search(task, config or PlannerConfig(), seed, progress, expired)
+    if alternatives is not None and (alternatives < 1 or through or avoiding or previous):
+        raise InputError(f"alternatives must be 1 or more, without a requested way, got {alternatives}")
+    search = Search(task, config or PlannerConfig(), seed, progress)
     if search.config.projection.kind != "none":
         end_equilibria(task, search.config.projection)
     try:
-        if alternatives is None:
-            return _find(search, through, avoiding, previous)
-        if alternatives < 1 or through or avoiding or previous:
-            raise InputError(f"alternatives must be 1 or more, without a requested way, got {alternatives}")
-        return find_alternatives(search, alternatives, lambda: _find(search, (), (), None))
+        with time_limit(expired):
+            if alternatives is None:
+                return _find(search, through, avoiding, previous)
+            return find_alternatives(search, alternatives, lambda: _find(search, (), (), None))
     except OutOfTime:
         reason = f"; the closest attempt: {search.best.reason}" if search.best else ""
         message = f"the time limit ran out before a plan was found{reason}"

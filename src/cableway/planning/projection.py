@@ -21,7 +21,7 @@ from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
 from cableway.motion.interpolation import evenly_moved, rows_at, subdivided
-from cableway.motion.time_parametrization import at_equal_effort, gripper_effort, with_ramps
+from cableway.motion.time_parametrization import at_equal_effort, gripper_effort, require_rows, with_ramps
 from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig, optimize_trajectory
 from cableway.rod import inverse
 from cableway.rod.lag import lag
@@ -144,6 +144,7 @@ def _as_it_is(shapes: Float[np.ndarray, "r n 2"], task: Task, config: Projection
     at = subdivided(len(shapes), EFFORT_PIECES)
     fine = rows_at(shapes, at)
     effort = _effort(fine, _tangent_poses(fine), task, config)
+    require_rows(effort.sum() / LIMIT_SHARE, task.cable.keypoints)
     if task.grippers.has_ramps:
         at = with_ramps(at, effort, LIMIT_SHARE, lambda where: _tangent_poses(rows_at(shapes, where)), task.grippers)
     else:
@@ -213,7 +214,8 @@ def step_evenly(
     effort = _effort(rod.at_keypoints(stations), poses, task, config)
     effort = np.max([effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES), _slack_effort(poses, task)], axis=0)
     grippers = task.grippers if task.grippers.has_ramps else replace(task.grippers, **USUAL_RAMPS)
-    at = with_ramps(fine, effort, LIMIT_SHARE, lambda places: rod.shapes(rows_at(q, places))[1], grippers)
+    poses_at = lambda places: rod.shapes(rows_at(q, places))[1]  # noqa: E731
+    at = with_ramps(fine, effort, LIMIT_SHARE, poses_at, grippers, task.cable.keypoints)
     return rows_at(q, at), at
 
 

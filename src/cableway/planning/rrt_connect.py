@@ -12,7 +12,7 @@ Note:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -22,6 +22,7 @@ from jaxtyping import Float
 from cableway.core.checks import Bounds, Checked
 from cableway.core.deprecation import renamed
 from cableway.core.errors import PlanningError
+from cableway.core.time_limit import checkpoint
 from cableway.motion.limits import Margins
 from cableway.motion.validity import FreeSpace, task_ends
 from cableway.planning import rrt_connect_kernels
@@ -30,8 +31,9 @@ from cableway.scene.task import Task
 Sampler = Callable[[np.random.Generator, int], Float[np.ndarray, "k 6"]]
 """Draws k rod coordinates."""
 
-BATCH = 200
-"""Samples between two reports of progress."""
+BATCH, SLICE = 200, 4
+"""Samples between two reports of progress, and samples or shortcuts between two looks at the clock: an even number,
+because the trees take turns."""
 
 SHORTCUTS = 100
 """Attempts to replace a section of the path by a straight one."""
@@ -135,12 +137,22 @@ def rrt_connect_path(
         if progress is not None:
             progress(first / config.samples)
         samples = np.vstack([sampler(rng, BATCH - 1), goal]) if first == 0 else sampler(rng, BATCH)
-        met = rrt_connect_kernels.connect(samples, trees, shapes, parents, counts, space, config.step)
-        if met[0] >= 0:
+        for few in _sliced(samples):
+            met = rrt_connect_kernels.connect(few, trees, shapes, parents, counts, space, config.step)
+            if met[0] < 0:
+                continue
             path = np.vstack([_branch(trees[0], parents[0], met[0])[::-1], _branch(trees[1], parents[1], met[1])[1:]])
-            pairs = rng.uniform(size=(SHORTCUTS, 2))
-            return _dense(rrt_connect_kernels.shortcut(path, pairs, space, config.step), task, config.step)
+            for pairs in _sliced(rng.uniform(size=(SHORTCUTS, 2))):
+                path = rrt_connect_kernels.shortcut(path, pairs, space, config.step)
+            return _dense(path, task, config.step)
     raise PlanningError(f"RRT-Connect found no path with {config.samples} samples")
+
+
+def _sliced(rows: Float[np.ndarray, "k d"]) -> Iterator[Float[np.ndarray, "_ d"]]:
+    """A few rows after the other, as long as there is time."""
+    for first in range(0, len(rows), SLICE):
+        checkpoint()
+        yield rows[first : first + SLICE]
 
 
 def _angles(task: Task, rng: np.random.Generator, count: int) -> np.ndarray:

@@ -160,11 +160,9 @@ def _optimized(
 class _Problem:
     def __init__(self, task: Task, config: TrajectoryOptimizationConfig, weight: float, rows: int) -> None:
         self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
-        first, second = np.diff(np.eye(rows), axis=0), np.diff(np.eye(rows), n=2, axis=0)
-        smooth = first.T @ first / STEP_SCALE**2 + second.T @ second / CHANGE_SCALE**2
-        self.smooth = tuple(np.diagonal(smooth, k).copy() for k in range(BANDS))
-        loads = first.T @ first / LOAD_STEP_SCALE**2
-        self.loads = tuple(np.diagonal(loads, k).copy() for k in range(BANDS))
+        first, second = _squared_differences(rows, 1), _squared_differences(rows, 2)
+        self.smooth = tuple(a / STEP_SCALE**2 + b / CHANGE_SCALE**2 for a, b in zip(first, second, strict=True))
+        self.loads = tuple(band / LOAD_STEP_SCALE**2 for band in first)
         self.load_units = self.rod.units[self.rod.loads]
         self.sharpest = config.bend_share * sharpest_turn_of(task)
         self.clearance_scale = np.sqrt(weight) / CLEARANCE_SCALE
@@ -249,6 +247,16 @@ class _Problem:
     def _bends(self, stations: np.ndarray) -> np.ndarray:
         """Excess (t, hinges) of the sine of the turn at each hinge over the greatest wanted."""
         return terms.turn_excess(stations, self.rod, self.sharpest) / BEND_SCALE
+
+
+def _squared_differences(rows: int, order: int) -> tuple[Float[np.ndarray, "t"], ...]:
+    """Diagonals 0, 1, 2, ... of D' D, where D takes the differences of an order between rows."""
+    stencil = np.diff(np.eye(order + 1), n=order, axis=0)[0]
+    bands = tuple(np.zeros(rows - k) for k in range(BANDS))
+    for k, band in enumerate(bands[: order + 1]):
+        for i in range(order + 1 - k):
+            band[i : i + rows - order] += stencil[i] * stencil[i + k]
+    return bands
 
 
 def _band_product(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> Float[np.ndarray, "t k"]:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
+from cableway.core.time_limit import checkpoint
 from cableway.rod.held_rod import HeldRod
 from cableway.rod.inverse import SAME_SHAPE, meet_poses
 
@@ -75,6 +76,7 @@ def _lead_to(rod: HeldRod, q: np.ndarray, pose: np.ndarray, step: np.ndarray) ->
     """Follow from `pose` along `step`: the last stable q, and the share of the step at which that is."""
     share, width = 0.0, 1.0
     while share < 1:
+        checkpoint()
         width = min(width, 1 - share)
         following = _next(rod, q, rod.group.plus(pose, (share + width) * step), width * step)
         if following is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
+from cableway.core.time_limit import checkpoint
 from cableway.geometry import polyline
 from cableway.rod import fitting, kernels
 from cableway.rod.held_rod import HeldRod
@@ -57,6 +58,7 @@ def fit_sequence(
     """`fit_keypoints` of one shape after the other, each guessed from the one before, the first one from `first`."""
     fits = [first]
     for shape, guess in zip(shapes, rod.guesses(shapes), strict=True):
+        checkpoint()
         fits.append(_fit(rod, shape, [guess, fits[-1]])[0])
     return np.array(fits[1:]).reshape(-1, rod.dof)
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.compiled import inlined, kernel
+from cableway.core.time_limit import checkpoint
 from cableway.scene.cable import Cable
 from cableway.verification.geometry import curve_through, turn
 
@@ -81,6 +82,7 @@ def _continue(
     chain: _Chain, angles: np.ndarray, pose: np.ndarray, target: np.ndarray, halvings: int
 ) -> tuple[np.ndarray, float] | None:
     """The stable equilibrium at `target` reached from `angles` at `pose`; a step that fails is split in two."""
+    checkpoint()
     solved = chain.solve(target, angles)
     if solved is not None and np.abs(solved - angles).max() < 0.5:
         margin = chain.stability(target, solved)

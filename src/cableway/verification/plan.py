@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import InputError
+from cableway.core.time_limit import checkpoint
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Task
@@ -85,6 +87,8 @@ def verify_insertion_plan(plan: Plan, task: TaskSource, limits: VerificationLimi
     return Verdict.of(checks, CONTROL_STEP * np.arange(len(plan.shapes)))
 
 
+# Threads of the linear algebra library wait for each other at every eigenvalue of a small matrix: 8 times the work.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
     """What any plan must keep, wherever it begins and ends."""
     if plan.shapes.shape[1] != task.cable.keypoints:
@@ -179,6 +183,7 @@ def self_clearance(lines: Float[np.ndarray, "t m 2"], radius: float) -> Check:
     arcs = np.concatenate([np.zeros((len(lines), 1)), np.cumsum(lengths, axis=1)], axis=1)
     gap = np.full(len(lines), np.inf)
     for point in range(lines.shape[1]):
+        checkpoint()
         offset = lines[:, point, None] - starts
         share = np.clip(np.sum(offset * along, axis=2) / np.maximum(lengths**2, 1e-30), 0.0, 1.0)
         distance = np.linalg.norm(offset - share[..., None] * along, axis=2)

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Integer
 
+from cableway.core.time_limit import checkpoint
 from cableway.scene.scene import Scene
 
 SWEEP_STEP = 0.001
@@ -87,6 +88,7 @@ def distances(
     curves = np.asarray(shapely.linestrings(lines) if lines.shape[1] > 1 else shapely.points(lines[:, 0]))
     boxes = shapely.bounds(np.array(scene.solids, dtype=object)).reshape(-1, 4)
     for index, (solid, box) in enumerate(zip(scene.solids, boxes, strict=True)):
+        checkpoint()
         rows = np.flatnonzero(np.maximum(box[:2] - high, low - box[2:]).max(1) < distance)
         gap = np.asarray(shapely.distance(curves[rows], solid))
         met = rows[gap == 0]

@@ -15,6 +15,7 @@ from cableway.core.compiled import clock
 from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningInterrupted
 from cableway.core.provenance import describe
 from cableway.core.quantities import quantity
+from cableway.core.time_limit import OutOfTime, time_limit
 from cableway.motion.resampling import smoothed
 from cableway.motion.time_parametrization import gripper_effort
 from cableway.outcome import Outcome
@@ -52,12 +53,17 @@ def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str
     timer = StageTimer(listener.progress)
     common: dict[str, Any] = {"timings": timer.seconds, "seed": options.seed, "limits": planner.limits}
     try:
-        timer("set up", 0.0)
-        if task.port is not None:
-            timer("insertion plan", 0.0)
-            insertion_plan = plan_insertion(task, planner.limits)
-            timer("insertion plan", 1.0)
-        plans = _plans(task, options, planner, timer)
+        with time_limit(options.expired(clock)):
+            timer("set up", 0.0)
+            if task.port is not None:
+                timer("insertion plan", 0.0)
+                insertion_plan = plan_insertion(task, planner.limits)
+                timer("insertion plan", 1.0)
+            plans = _plans(task, options, planner, timer)
+    except OutOfTime:
+        timer.stop()
+        late = PlanningError("the time limit ran out before there was a plan", outcome=Outcome.TIMED_OUT)
+        return _without_plan(task, planner, late, {**common, "notes": notes})
     except (PlanningError, Cancelled) as error:
         timer.stop()
         run = _without_plan(task, planner, error, {**common, "notes": notes})
@@ -169,6 +175,8 @@ def _rehearsed(plan: Plan) -> tuple[str, ...]:
     record = plan.metadata.get("rehearsal")
     if record is None:
         return ()
+    if not record["plans"]:
+        return ("The time limit ran out in the rehearsal of the plan on the simulated cable.",)
     deviation, clearance = (quantity(record[name]) for name in ("deviation", "clearance"))
     went = f"largest deviation {deviation}, clearance {clearance}, final error {quantity(record['shape_error'])}"
     if record["passed"]:

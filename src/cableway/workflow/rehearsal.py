@@ -20,6 +20,7 @@ from cableway.control.base import Controller
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.checks import Checked, Positive
 from cableway.core.errors import PlanningError, SimulationError
+from cableway.core.time_limit import OutOfTime, checkpoint
 from cableway.records import Plan
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
@@ -87,8 +88,11 @@ def rehearse(task: Task, plan: Plan, plant: Plant, controller: Controller[Any]) 
         plan: To follow.
         plant: The cable of the task, simulated.
         controller: What leads the grippers.
+
+    Raises:
+        OutOfTime: The time limit is over.
     """
-    rollout = track(plant, controller, plan)
+    rollout = track(plant, controller, plan, progress=lambda stage, share: checkpoint())
     return Rehearsed(
         deviation=float(rollout.deviations_from_reference.max()),
         clearance=rollout.least_clearance,
@@ -104,7 +108,7 @@ def rehearsed_plan(
     config: RehearsalConfig | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Plan:
-    """The first plan that is good enough in rehearsal, or else the best of those tried.
+    """The first plan that is good enough in rehearsal, or else the best of those tried until the time was over.
 
     It is `find(seed)` where the task's cable needs no rehearsal, or cannot be simulated at the task's start.
 
@@ -132,14 +136,16 @@ def rehearsed_plan(
     tried: list[tuple[Rehearsed, Plan]] = []
     while True:
         progress("rehearsal", len(tried) / config.plans)
-        tried.append((rehearse(task, plan, plant, controller), plan))
-        if tried[-1][0].passes(config) or len(tried) == config.plans:
-            break
         try:
+            tried.append((rehearse(task, plan, plant, controller), plan))
+            if tried[-1][0].passes(config) or len(tried) == config.plans:
+                break
             plan = find(_seed(seed, len(tried)))
-        except PlanningError:
+        except (PlanningError, OutOfTime):
             break
     progress("rehearsal", 1.0)
+    if not tried:
+        return replace(plan, metadata={**plan.metadata, "rehearsal": {"plans": 0}})
     best, plan = min(tried, key=lambda pair: (not pair[0].passes(config), *pair[0].badness()))
     record = {"plans": len(tried), "passed": best.passes(config), **asdict(best)}
     return replace(plan, metadata={**plan.metadata, "rehearsal": record})

@@ -19,13 +19,17 @@ from jaxtyping import Float
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
+from cableway.core.time_limit import checkpoint
 from cableway.planning.routes.pivot import pivot_keypoint
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.verification.ends import CLEARANCE_WAY
 
 SPACING, NODES = 0.001, 500_000
-"""Of the grid [m], wider where a table would take more nodes than that."""
+"""Of the grid [m], wider where a table would take more nodes than that, or many obstacles too long."""
+
+DISTANCES = 3e8
+"""Most distances to obstacles that a grid asks for."""
 
 COARSE = 0.004
 """Spacing of the grid that is looked at first [m]."""
@@ -74,6 +78,8 @@ class _Grid:
     """Signed distance at nodes about `spacing` [m] apart; none of the table is farther than `reach` from a node."""
 
     def __init__(self, scene: Scene, spacing: float) -> None:
+        nodes = min(NODES, DISTANCES / (1 + len(scene.obstacles)))
+        spacing = max(spacing, math.sqrt(math.prod(scene.size) / nodes))
         counts = np.maximum(2, np.ceil(np.array(scene.size) / spacing).astype(int) + 1)
         self.axes = [np.linspace(0, size, count) for size, count in zip(scene.size, counts, strict=True)]
         self.nodes = np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1)
@@ -105,8 +111,10 @@ def find_blockage(task: Task, clearance: float = 0.0) -> Blockage | None:
     doubtful = [body for body in _bodies(task) if not _passes(coarse, body, clearance)]
     if not doubtful:
         return None
-    fine = _Grid(task.scene, max(SPACING, math.sqrt(math.prod(task.scene.size) / NODES)))
+    checkpoint()
+    fine = _Grid(task.scene, SPACING)
     for body in doubtful:
+        checkpoint()
         narrowest = _narrowest(fine, body, clearance)
         if narrowest is not None:
             half_width, at = narrowest
@@ -147,6 +155,7 @@ def _narrowest(grid: _Grid, body: _Body, clearance: float) -> tuple[float, tuple
     free[start] = free[goal] = True
     if _joined(free, start, goal):
         return None
+    checkpoint()
     path = _widest_way(distance, *(int(np.ravel_multi_index(end, distance.shape)) for end in (start, goal)))
     along = distance.ravel()[path[1:-1]]
     first = int(np.argmin(along))

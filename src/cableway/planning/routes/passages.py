@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from cableway.core.time_limit import checkpoint
 from cableway.records import Passage
 from cableway.scene.scene import Scene
 
@@ -27,6 +28,7 @@ def find_passages(scene: Scene) -> tuple[Passage, ...]:
     solids = np.array([shapely.Point(core[0]) if len(core) == 1 else shapely.Polygon(core) for core in cores])
     found = []
     for i, j in combinations(range(count + 4), 2):
+        checkpoint()
         if i >= count or shapely.distance(solids[i], solids[j]) <= rounding[i] + rounding[j] + TIE:
             continue
         ends = _shortest_segment(cores[i], cores[j])

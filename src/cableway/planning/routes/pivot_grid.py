@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 
 from cableway.core.compiled import inlined, kernel
 from cableway.core.errors import PlanningError
+from cableway.core.time_limit import checkpoint
 from cableway.geometry import polyline
 from cableway.geometry.convex import World, distance_at
 from cableway.planning.config import PivotConfig
@@ -25,6 +26,10 @@ from cableway.scene.scene import Scene
 
 REFINEMENTS = 2
 """How often the spacing is halved before a path is said not to exist."""
+
+WORK, WORK_OF_NODE = 6e7, 30
+"""Most work of one search: each node counts as much as 30 obstacles, and each obstacle at each node. A table of 1 m x
+1 m with 50 obstacles stays below it at every refinement."""
 
 LINK = 3
 """Start and goal are linked to grid nodes at most this many spacings away."""
@@ -40,7 +45,7 @@ NEIGHBOURS = np.array(
 def grid_path(
     scene: Scene, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], radius: float, config: PivotConfig
 ) -> Float[np.ndarray, "P 2"]:
-    """The path of least cost, vertices about `config.resolution` apart.
+    """The path of least cost, vertices about `config.resolution` apart, or more where the grid would be too large.
 
     Args:
         scene: Workspace and obstacles.
@@ -53,18 +58,29 @@ def grid_path(
         PlanningError: No path keeps that distance; the message gives the greatest distance that one does keep.
     """
     world, weights = scene.world.arrays, (config.length_weight, config.clearance_weight)
+    finest = finest_spacing(scene)
+    spacing = max(config.resolution, finest)
     shape = np.zeros(2, np.int64)
-    for refinement in range(REFINEMENTS + 1):
-        spacing = config.resolution / 2**refinement
+    for _ in range(REFINEMENTS + 1):
         shape = np.maximum(2, np.ceil(np.array(scene.size) / spacing).astype(np.int64))
+        checkpoint()
         path = _search(world, shape, start, goal, radius, *weights, NEIGHBOURS, LINK)
         if len(path):
             return polish(path, scene, radius, config, spacing)
+        if spacing / 2 < finest:
+            break
+        spacing /= 2
     widest = _widest(world, shape, start, goal, radius)
+    where = f", on a grid of {1000 * spacing:.0f} mm, the finest for so large a workspace" if spacing <= finest else ""
     raise PlanningError(
-        f"no path of the cable's midpoint keeps {1000 * radius:.1f} mm from the obstacles; "
+        f"no path of the cable's midpoint keeps {1000 * radius:.1f} mm from the obstacles{where}; "
         + (f"the widest route keeps {1000 * widest:.1f} mm" if widest else "there is no route at all")
     )
+
+
+def finest_spacing(scene: Scene) -> float:
+    """Spacing [m] of the finest grid that is searched."""
+    return math.sqrt(math.prod(scene.size) * (WORK_OF_NODE + len(scene.obstacles)) / WORK)
 
 
 def polish(
@@ -75,6 +91,7 @@ def polish(
     nothing = np.empty((0, 2))
     path = subdivide(path, spacing)
     for scale in (4.0, 2.0, 1.0, 0.5):
+        checkpoint()
         band.shortcut(path, world, radius, nothing, *weights, spacing / 2, 1)
         path = _even(path, scene, radius, spacing)
         for _ in range(3):
@@ -104,6 +121,7 @@ def _widest(world: World, shape: Int[np.ndarray, "2"], start: np.ndarray, goal: 
     """Greatest distance [m] below `radius` that some path on the grid keeps, to 0.1 mm; 0 if there is none."""
     low, high = 0.0, radius
     while high - low > 1e-4:
+        checkpoint()
         middle = 0.5 * (low + high)
         if len(_search(world, shape, start, goal, middle, 1.0, 0.0, NEIGHBOURS, LINK)):
             low = middle
