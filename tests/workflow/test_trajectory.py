@@ -129,9 +129,9 @@ def test_the_header_says_what_a_robot_needs_to_know():
 def test_what_does_not_verify_is_exported_only_on_demand():
     far = replace(PLAN, shapes=PLAN.shapes[::3], poses=PLAN.poses[::3], stages=None)
     fast = replace(TASK, grippers=Grippers(max_step=0.001))
-    with pytest.raises(InputError, match=r"^x.npz: not a verified plan of the task 'moved': gripper step .*limit"):
+    with pytest.raises(InputError, match=r"^x.npz: not a verified plan of the task 'moved': a gripper moves .*limit"):
         Trajectory.of(far, fast, source="x.npz")
-    assert Trajectory.of(far, fast, rate=20, unverified=True).header["verified"].startswith("no: gripper step")
+    assert Trajectory.of(far, fast, rate=20, unverified=True).header["verified"].startswith("no: a gripper moves")
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path):
