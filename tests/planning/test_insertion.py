@@ -66,7 +66,7 @@ def test_a_push_that_cannot_be_says_why_and_shows_the_attempt(task: Task):
 
 
 def test_the_limits_are_those_given(task: Task):
-    with pytest.raises(PlanningError, match="would stray .* from the planned shape"):
+    with pytest.raises(PlanningError, match=r"would stray .* from the planned shape"):
         plan_insertion(task, VerificationLimits(follow=1e-9))
 
 

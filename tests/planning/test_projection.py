@@ -138,7 +138,7 @@ def test_motion_starts_and_ends_at_rest_within_limits_of_acceleration_and_jerk(l
 def test_ramps_on_a_straight_way_take_as_long_as_the_limits_ask(line):
     """One path, with limits of a cobot: a ramp at either end, and full speed in between."""
     task, q = line
-    plain = step_evenly(q, replace(task, grippers=Grippers(max_acceleration=1e6)), ProjectionConfig())[1]
+    plain = step_evenly(q, replace(task, grippers=Grippers(max_acceleration=1e3)), ProjectionConfig())[1]
     limits = Grippers(max_acceleration=0.5, max_turn_acceleration=5.0)
     ramped = step_evenly(q, replace(task, grippers=limits), ProjectionConfig())[1]
     # from 0 to 93 mm/s and back at 350 mm/s²: half of 2 x 0.27 s longer, and a row for the last part of a step

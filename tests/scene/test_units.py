@@ -163,11 +163,11 @@ def test_speeds_stand_for_steps_of_a_tenth_of_a_second(tmp_path: Path):
         (at("plug", "length", 1e6), "plug.length must be from 0.0001 to 1 m, got 1000000.0"),
         (at("port", "depth", 1e6), "port.depth must be from 0 to 1 m, got 1000000.0"),
         # angles
-        (at("obstacles", 0, "angle", 45), "obstacles[0].angle must be from -6.3 to 6.3 rad, got 45.0: if that is in "
+        (at("obstacles", 0, "angle", 45), "obstacles[0].angle must be from -12.6 to 12.6 rad, got 45.0: if that is in "
          "degrees, say `angles: deg`"),
         (at("goal", {"grippers": [[0.2, 0.55, 40], [0.45, 0.55, -40]], "bend": "left"}), "goal.grippers[0][2] must be "
-         "from -6.3 to 6.3 rad, got 40.0: if that is in degrees, say `angles: deg`"),
-        (at("port", "angle", -90), "port.angle must be from -6.3 to 6.3 rad, got -90.0: if that is in degrees, say "
+         "from -12.6 to 12.6 rad, got 40.0: if that is in degrees, say `angles: deg`"),
+        (at("port", "angle", -90), "port.angle must be from -12.6 to 12.6 rad, got -90.0: if that is in degrees, say "
          "`angles: deg`"),
         (at("grippers", "max_turn", 7.6), "grippers.max_turn must be from 0.0001 to 3.14159 rad, got 7.6: if that is "
          "in degrees, say `angles: deg`"),

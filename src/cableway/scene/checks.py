@@ -91,8 +91,8 @@ COORDINATE = Quantity("m", -50.0, 50.0)
 EXTENT = Quantity("m", 1e-9, 50.0)
 """Of an obstacle."""
 
-ANGLE = Quantity("rad", -6.3, 6.3)
-"""Of an obstacle, a port or a gripper: a full turn either way."""
+ANGLE = Quantity("rad", -12.6, 12.6)
+"""Of an obstacle, a port or a gripper: two turns either way, as gripper angles run on."""
 
 Coordinate = Annotated[float, COORDINATE]
 Radians = Annotated[float, "an angle in radians", ANGLE]

@@ -267,7 +267,7 @@ def _rod(rollout: Rollout, length: float) -> Check:
     after a snap; the cable is too far away where it then is again, or the rod cannot lie like that in the rows after.
     """
     shapes, poses, limit = rollout.keypoints, rollout.poses, ROD * length
-    cable = Cable(length=length, radius=length / 8, keypoints=shapes.shape[1])
+    cable = Cable(length=length, radius=min(length / 8, 0.004), keypoints=shapes.shape[1])  # its rod has no thickness
     first, most, away = 0, (0.0, 0), None
     for _ in range(LAID_ANEW):
         off = follow(shapes[first:], poses[first:], cable).deviation
