@@ -114,7 +114,8 @@ class Check:
         value = told_apart(self.value, self.limit, self.unit)
         said = words.format(value=value, gap=self._gap(value), where=self.where, when=self.when)
         counts = not self.unit and not self.limit
-        limit = "" if counts else f" (limit {limit_text(self.limit, self.unit)})"
+        least = "least clearance" if "{gap}" in words and self.value < 0 else "limit"
+        limit = "" if counts else f" ({least} {limit_text(self.limit, self.unit)})"
         where = f", {self.where}" if self.where and not ("{where}" in words or "{gap}" in words) else ""
         return said + limit + where + (f" at {self.when}" if self.when and "{when}" not in words else "")
 

@@ -34,7 +34,7 @@ def test_a_plan_and_a_rollout_are_exported(cableway: Command, run_folder: Path):
     ("arguments", "said"),
     [
         (("lone.npz",), "task.yaml: no such file; --task must say what lone.npz is of"),
-        (("lone.npz", "--task", "maze-1"), "lone.npz: not a verified plan of the task 'maze-1': cable clearance "),
+        (("lone.npz", "--task", "maze-1"), "lone.npz: not a verified plan of the task 'maze-1': the cable and "),
         (("lone.npz", "--task", "{task}", "--rate", "0"), "the rate must be from 1 to 10000 Hz, got 0.0"),
         (("lone.npz", "--task", "{task}", "--out", "a.txt"), "a.txt: the name of a trajectory's file must end in .csv"),
         (("none.npz", "--task", "{task}"), "none.npz: no such file"),

@@ -76,4 +76,4 @@ def test_a_plug_that_is_left_askew_is_not_in(cableway: Command, folder: Path):
     assert "deep, " in done.out
     assert report["insertion"]["inserted"] is False
     assert report["insertion"]["lateral_at_mouth"] > 0.004
-    assert report["failure"].startswith("the plug is not inserted: plug misalignment")
+    assert report["failure"].startswith("the plug is not inserted: the plug is ")

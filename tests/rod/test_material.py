@@ -78,7 +78,7 @@ def test_a_shape_is_found_between_its_own_ends(rod: PlanarRod) -> None:
     p = parameters(rod)
     ends = shape(Q, p, rod)[2]
     q = Q + [0.01, -0.01, 0.1, 2.0, -2.0, 0.5]
-    assert meet_ends(q, ends, p, material.modes(rod.hinges), 100) < 1e-9
+    assert meet_ends(q, ends, p, material.modes(rod.hinges)) < 1e-9
     np.testing.assert_allclose(q, Q, atol=1e-6)
 
 

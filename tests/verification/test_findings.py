@@ -25,7 +25,7 @@ SAID = [
     (Check("cable clearance", 0.0012, "m", 0.004, False, "the cable and the left wall", 4.0),
      "the cable and the left wall are 1.2 mm apart (limit 4 mm) at t = 0.4 s"),
     (Check("gripper clearance", -0.0031, "m", 0.004, False, "the left gripper and the left wall", 0),
-     "the left gripper and the left wall overlap by 3.1 mm (limit 4 mm) at t = 0.0 s"),
+     "the left gripper and the left wall overlap by 3.1 mm (least clearance 4 mm) at t = 0.0 s"),
     (Check("length error", 0.0312, "1", 0.02, False, row=10),
      "the length of the cable is off by 3.1% (limit 2%) at t = 1.0 s"),
     (Check("rows the rod does not reach", 45.0, "", 0.0, False, row=16),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+import tyro
+
 from cableway.cli.options import Options
 from cableway.cli.terminal import Terminal, pairs
 
@@ -12,6 +14,9 @@ from cableway.cli.terminal import Terminal, pairs
 @dataclass(frozen=True, kw_only=True)
 class WarmUp(Options):
     """Compile everything that plan, run and bench need by default, so that none of them waits for it."""
+
+    seed: tyro.conf.Suppress[None] = None
+    """Nothing is drawn."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
