@@ -21,8 +21,8 @@ class CablewayError(Exception):
 def printable(text: str) -> str:
     """A text without what would move a terminal's cursor or colour it: control characters as their escapes.
 
-    >>> printable("red " + chr(27) + "[31m")
-    'red \\x1b[31m'
+    >>> print(printable("red " + chr(27) + "[31m"))
+    red \\x1b[31m
     """
     return "".join(letter if letter in "\n\t" or category(letter)[0] != "C" else repr(letter)[1:-1] for letter in text)
 
