@@ -153,7 +153,7 @@ def test_a_plan_of_another_task_is_refused_with_the_first_check_that_fails(cable
     done = cableway("run", "single-obstacle-2", "--from", plan, "--quiet")
     assert (done.status, done.out) == (2, "")
     assert done.err.startswith(f"cableway: {plan}: not a verified plan of the task 'single-obstacle-2': ")
-    assert "(limit " in done.err
+    assert "(least clearance " in done.err
     with pytest.raises(InputError, match=r"^the plan: not a verified plan of the task 'single-obstacle-2': "):
         cw.solve(cw.load_task("single-obstacle-2"), cw.SolveOptions(plan=Plan.load(plan)))
     assert not Path("runs").exists()
