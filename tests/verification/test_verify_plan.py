@@ -77,6 +77,17 @@ def test_rod_coordinates_are_those_of_the_shapes(good):
     assert failed(replace(plan, q=q), task) == {"error of the rod coordinates"}
 
 
+def test_rod_coordinates_do_not_jump_by_a_turn(good):
+    """They are those of the same shapes before and after, but a controller would take the turn for a motion."""
+    task, plan = good
+    q = step_evenly(plan_line(task), task, ProjectionConfig())[0]
+    jumping = q.copy()
+    jumping[10:, 2] += 2 * np.pi
+    assert failed(replace(plan, q=jumping), task) == {"error of the rod coordinates"}
+    assert failed(replace(plan, q=q), task) == set()
+    assert failed(replace(plan, q=q + [0, 0, 2 * np.pi, 0, 0, 0]), task) == set()
+
+
 def test_a_line_of_equilibria_passes(good):
     """In free space a straight line in q is a true plan."""
     task, plan = good

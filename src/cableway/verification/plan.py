@@ -295,11 +295,16 @@ def _following(
 
 
 def _rod_coordinates(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
-    """Where a plan has rod coordinates they are those of its shapes; the goal need not be a shape of the rod."""
+    """Where a plan has rod coordinates they are those of its shapes; the goal need not be a shape of the rod.
+
+    Their angles run on; half the cable's length makes a distance of one that jumps.
+    """
     if plan.q is None:
         return []
     rod = task.cable.rod
-    gap = np.linalg.norm(rod.at_keypoints(rod.shapes(plan.q)[0]) - plan.shapes, axis=2).max(1)
+    stations, poses = rod.shapes(plan.q)
+    jumped = np.abs(np.unwrap(poses[:, :, 2], axis=0) - poses[:, :, 2]).max(1) * task.cable.length / 2
+    gap = np.maximum(np.linalg.norm(rod.at_keypoints(stations) - plan.shapes, axis=2).max(1), jumped)
     return [at_most("error of the rod coordinates", gap[:-1], "m", limits.follow)]
 
 
