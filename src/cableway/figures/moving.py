@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -13,7 +11,6 @@ from matplotlib.path import Path as Outline
 
 from cableway.figures import scene, style
 from cableway.records import Rollout
-from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 
 STILL = 1e-6
@@ -27,25 +24,23 @@ class MovingScene:
         ax: Where to.
         task: The task of the run.
         run: All rows.
-        known: The scene as it is known in each row, where it changes.
 
     Attributes:
         moving: What is to be drawn anew after `show`.
     """
 
-    def __init__(self, ax: Axes, task: Task, run: Rollout, known: Callable[[int], Scene] | None = None) -> None:
-        self._task, self._run, self._known = task, run, known
-        scene.draw_scene(ax, task if known is None else task.in_scene(Scene(task.scene.size)))
+    def __init__(self, ax: Axes, task: Task, run: Rollout) -> None:
+        self._task, self._run = task, run
+        scene.draw_scene(ax, task)
         radius = task.cable.radius
         scene.draw_cable(ax, scene.smooth(task.start), radius, style.START, alpha=0.3)
         scene.draw_cable(ax, scene.smooth(task.goal), radius, style.GOAL, alpha=0.5)
-        self._solids = None if known is None else scene.draw_solids(ax, task.scene)
         self._trails = [ax.plot([], [], color=style.MUTED, linewidth=0.9, zorder=3)[0] for _ in (0, 1)]
         self._cable = scene.draw_cable(ax, run.centreline[0], radius, style.INK, zorder=5)
         self._reference = ax.plot([], [], color=style.REFERENCE, linewidth=1.2, linestyle=(0, (3, 2)), zorder=6)[0]
         self._grippers = scene.draw_grippers(ax, run.poses[0, :, :2], task.grippers.radius, linewidths=1.1)
         self._plug = ax.fill([0, 0, 0], [0, 0, 0], color=style.MUTED, zorder=4)[0] if task.plug is not None else None
-        parts: list[Artist | None] = [self._solids, *self._trails, self._cable, self._reference, self._plug]
+        parts: list[Artist | None] = [*self._trails, self._cable, self._reference, self._plug]
         self.moving = [part for part in (*parts, self._grippers) if part is not None]
 
     def show(self, row: int) -> None:
@@ -58,8 +53,6 @@ class MovingScene:
             trail.set_data(*run.poses[: row + 1, side, :2].T)
         if self._plug is not None:
             self._plug.set_xy(scene.plug_corners(task, run.poses[row, 1]))
-        if self._solids is not None and self._known is not None:
-            self._solids.set_paths([scene.polygon_path(solid) for solid in self._known(row).solids])
 
 
 def moving_handles() -> list[Patch | Line2D]:

@@ -234,8 +234,8 @@ def _warnings(task: Task, options: SolveOptions, listener: Listener) -> tuple[st
     return tuple(found)
 
 
-LEARNED = ("length", "bending_stiffness", "damping_time", "linear_density", "friction")
-"""Fields of a cable by which its motion differs, and the model of it."""
+LEARNED = {"length": "m", "bending_stiffness": "N m²", "damping_time": "s", "linear_density": "kg/m", "friction": ""}
+"""Fields of a cable by which its motion differs, and the model of it, with their units."""
 
 
 def _other_cable(task: Task, options: SolveOptions) -> list[str]:
@@ -245,11 +245,11 @@ def _other_cable(task: Task, options: SolveOptions) -> list[str]:
     entry = controller_entry(options.controller)
     if not entry.cable:
         return []
-    name, units = options.model or entry.model, dict(zip(LEARNED, ("m", "N m²", "s", "kg/m", ""), strict=True))
+    name = options.model or entry.model
     learned: Mapping[str, Any] = resolve_name(entry.cable)(name)
     differing = [
-        f"{field.replace('_', ' ')} {learned[field]:g} {units[field]}".rstrip() + f" instead of {own:g}"
-        for field in LEARNED
+        f"{field.replace('_', ' ')} {learned[field]:g} {unit}".rstrip() + f" instead of {own:g}"
+        for field, unit in LEARNED.items()
         if field in learned and not math.isclose(own := getattr(task.cable, field), learned[field], rel_tol=0.01)
     ]
     if not differing:
