@@ -99,6 +99,7 @@ def test_the_finest_grid_is_bounded_whatever_the_size_of_the_scene(size: tuple[f
     discs = tuple(Disc(center=(0.4 * size[0], 0.4 * size[1]), radius=1e-3) for _ in range(obstacles))
     nodes = np.prod(size) / finest_spacing(Scene(size, discs)) ** 2
     assert nodes * (WORK_OF_NODE + obstacles) == pytest.approx(WORK)
+    assert 8 * nodes < 20e6, "bytes of one array over the grid"
 
 
 def test_tables_keep_the_spacing_that_is_asked_for():

@@ -165,6 +165,7 @@ def test_the_reference_goes_on_as_far_as_the_grippers_do(made: float, rate: floa
         np.testing.assert_array_equal(state.tracker.commands.history[-1], answer.action)
     assert state.index == pytest.approx(32 * rate)
     assert state.progress == pytest.approx(32 * rate / PLAN.steps)
+    assert state.index > 0, "what waits for something out of reach waits forever"
 
 
 # ---------------------------------------------------------------- late
