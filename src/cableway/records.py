@@ -87,6 +87,8 @@ class Plan(Brief, ArrayRecord):
         q: (T+1, dof) rod coordinates of the shapes; None where the shapes are no equilibria, or not known to be.
         stages: What only the paper's planner makes; None for every other plan.
         metadata: How it was made: initial trajectory, seed, versions and the resolved configuration.
+        verdict: What the search that made it found of it; None of any other plan, such as one from a file. It is not
+            saved, and `dataclasses.replace` leaves it behind: what was changed is to be verified again.
     """
 
     kind: ClassVar[str] = "plan"
@@ -96,6 +98,7 @@ class Plan(Brief, ArrayRecord):
     q: Float[np.ndarray, "T+1 dof"] | None = None
     stages: PaperStages | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
+    verdict: Verdict | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         check_shapes(self)
@@ -110,6 +113,16 @@ class Plan(Brief, ArrayRecord):
     def steps(self) -> int:
         """T, the number of control steps."""
         return len(self.shapes) - 1
+
+    def judged(self, verdict: Verdict | None) -> Plan:
+        """This plan with the verdict on it."""
+        plan = replace(self)
+        object.__setattr__(plan, "verdict", verdict)
+        return plan
+
+    def noted(self, **metadata: Any) -> Plan:
+        """This plan, verdict included, with more metadata."""
+        return replace(self, metadata={**self.metadata, **metadata}).judged(self.verdict)
 
     def _facts(self) -> Iterator[str]:
         yield f"{self.steps} steps"

@@ -229,6 +229,8 @@ def summarize(
     configuration: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
     limits: VerificationLimits | None = None,
+    plan_verdict: Verdict | None = None,
+    insertion_plan_verdict: Verdict | None = None,
     cable: Cable | None = None,
     actual: Task | None = None,
     problem: tuple[Outcome, str] | None = None,
@@ -247,16 +249,22 @@ def summarize(
         configuration: What was chosen, on top of what the records say.
         notes: Sentences for the reader.
         limits: What the plan had to keep, where that is not the default.
+        plan_verdict: Checks of the plan, where it has been verified for this task; it is verified here where None.
+        insertion_plan_verdict: The same of the plan of the insertion.
         cable: The plant's cable where it is not the task's.
         actual: The task as the plant has it, where start or obstacles differ; the rollout is judged by it.
         problem: What stopped planning or tracking, where something did, and a sentence on it.
     """
     task = as_task(task)
     actual = actual or task
-    plan_verdict = verify_plan(plan, task, limits) if plan is not None else attempt.verdict if attempt else None
+    if plan is None:
+        plan_verdict = attempt.verdict if attempt else None
+    elif plan_verdict is None:
+        plan_verdict = verify_plan(plan, task, limits)
+    if insertion_plan is not None and insertion_plan_verdict is None:
+        insertion_plan_verdict = verify_insertion_plan(insertion_plan, task, limits)
     length = None if cable is None or cable == task.cable else cable.length
     rollout_verdict = None if rollout is None else verify_rollout(rollout, actual, length=length)
-    insertion_plan_verdict = None if insertion_plan is None else verify_insertion_plan(insertion_plan, task, limits)
     insertion_verdict = None if insertion is None else verify_insertion(insertion, actual, length=length)
     parts = {"plan": plan, "rollout": rollout, "insertion_plan": insertion_plan, "insertion": insertion}
     recorded = {name: record.metadata for name, record in parts.items() if record is not None}

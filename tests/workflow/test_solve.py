@@ -13,6 +13,7 @@ import yaml
 from numba.core import event
 
 import cableway as cw
+from cableway import report
 from cableway.benchmark.episode import jobs_of, run_job
 from cableway.benchmark.suites import Episode, task_digest
 from cableway.cli import main
@@ -20,10 +21,12 @@ from cableway.control.open_loop import OpenLoop
 from cableway.core import compiled
 from cableway.core.errors import Cancelled, InputError, PlanningError
 from cableway.outcome import Outcome
+from cableway.planning import candidates
 from cableway.planning.named import PLANNERS
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.variants import named_perturbation
+from cableway.verification import record, verify_plan
 from cableway.workflow import compilation
 from cableway.workflow.events import CANCEL, Event, Finished, Planned, Progress
 from cableway.workflow.find import _other_cable
@@ -33,14 +36,14 @@ from cableway.workflow.solve import solve
 
 TASK = load_task("single-obstacle-2")
 BLIND = SolveOptions(controller=OpenLoop())
-TIMES = {"solve_time", "metadata"}
+UNSAVED = {"solve_time", "metadata", "verdict"}
 
 
 def same(one: Plan | Rollout | None, other: Plan | Rollout | None) -> None:
-    """Bit for bit, apart from times."""
+    """Bit for bit, apart from times, and from what no file has."""
     assert one is not None
     assert other is not None
-    for name in set(one.__dataclass_fields__) - TIMES:
+    for name in set(one.__dataclass_fields__) - UNSAVED:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
@@ -112,10 +115,51 @@ def test_a_run_cancelled_on_the_way_keeps_its_rollout():
             raise Cancelled
 
     run = solve(TASK, replace(BLIND, plan=plan), after_a_while)
-    assert run.plan is plan
+    assert plan is not None
+    assert run.plan is not None
     assert run.rollout is not None
+    assert run.plan.shapes is plan.shapes
     assert 0 < run.rollout.steps < run.plan.steps
     assert run.rollout.outcome is run.report.outcome is Outcome.INTERRUPTED
+
+
+def test_a_plan_is_verified_once(monkeypatch: pytest.MonkeyPatch):
+    """The search's verdict is the report's, before and after tracking; that of a plan that is given likewise."""
+    plan = cw.plan(TASK)
+    judged: list[Plan] = []
+    for module in (candidates, report, record):
+        verify = module.verify_plan
+        monkeypatch.setattr(
+            module, "verify_plan", lambda plan, *rest, verify=verify: (judged.append(plan), verify(plan, *rest))[1]
+        )
+    for options in (BLIND, replace(BLIND, plan=plan)):
+        judged.clear()
+        run = solve(TASK, options)
+        assert len(judged) == 1
+        assert run.plan is not None
+        assert run.report.plan_verdict == verify_plan(run.plan, TASK)
+
+
+def test_a_verdict_is_of_the_plan_that_was_judged(tmp_path: Path):
+    """What was changed or comes from a file has none, whatever the file says."""
+    plan = cw.plan(TASK)
+    assert plan.verdict == verify_plan(plan, TASK)
+    assert replace(plan, shapes=plan.shapes + 0.1).verdict is None
+    np.savez(tmp_path / "forged.npz", verdict=np.array("{}"), **plan.to_arrays())
+    assert Plan.load(tmp_path / "forged.npz").verdict is None
+    assert plan.noted(by="hand").verdict is plan.verdict
+
+
+def test_the_verdict_of_a_planner_of_ones_own_is_not_believed():
+    """Such as one that plans in a world without obstacles."""
+
+    def careless(task: cw.Task, seed: int) -> Plan:
+        return cw.plan(replace(task, scene=replace(task.scene, obstacles=())), seed=seed)
+
+    run = solve(TASK, replace(BLIND, planner=careless, track=False))
+    assert run.report.outcome is Outcome.NOT_VERIFIED
+    assert run.plan is not None
+    assert run.report.plan_verdict == verify_plan(run.plan, TASK)
 
 
 def test_at_a_share_of_the_speed_nothing_is_faster():
@@ -131,7 +175,10 @@ def test_at_a_share_of_the_speed_nothing_is_faster():
         assert np.abs(run.rollout.actions[..., 2]).max() <= 0.4 * limits.max_turn
         assert run.rollout.steps > 2 * whole.steps
         assert "Planned and tracked with 40% of the grippers' limits." in run.report.notes
-    assert solve(TASK, replace(BLIND, plan=run.plan, speed=0.4, track=False)).plan is run.plan, "slow enough already"
+    assert run.plan is not None
+    again = solve(TASK, replace(BLIND, plan=run.plan, speed=0.4, track=False)).plan
+    assert again is not None
+    assert again.shapes is run.plan.shapes, "slow enough already"
 
 
 def test_a_dry_run_moves_nothing_and_says_what_would_be_sent():

@@ -107,7 +107,7 @@ class ArrayRecord:
         arrays: dict[str, Any] = {}
         for entry in fields(self):  # pyright: ignore[reportArgumentType]
             value = getattr(self, entry.name)
-            if value is not None:
+            if value is not None and entry.init:
                 arrays[entry.name] = json.dumps(value) if isinstance(value, dict) else value
         return arrays
 
@@ -125,7 +125,7 @@ class ArrayRecord:
         """The record from the arrays of a file; `source` names it in errors."""
         values: dict[str, Any] = {}
         for entry in fields(cls):  # pyright: ignore[reportArgumentType]
-            if entry.name not in arrays and entry.default is None:
+            if not entry.init or (entry.name not in arrays and entry.default is None):
                 continue
             if entry.name not in arrays:
                 raise FileFormatError(f"{source}: not a {cls.kind} file: there is no array {entry.name!r}")

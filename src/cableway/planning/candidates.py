@@ -89,7 +89,7 @@ class Search:
         if accept is not None and (fault := accept(found)):
             return self._fail(_attempt(fault, found))
         made_by = {"initial_trajectory": name, "seed": self.seed, "versions": versions()}
-        return replace(found, metadata=made_by | {"planner": describe(self.config)})
+        return found.noted(**made_by, planner=describe(self.config))
 
     def blocked(self) -> PlanningError | None:
         """The error that says what certainly cannot pass, and where; None where all may."""
@@ -130,7 +130,7 @@ class Search:
         self.report("verification", 0.0)
         verdict = verify_plan(plan, self.task, self.config.limits)
         self.report("verification", 1.0)
-        return plan if verdict.passed else _attempt(str(verdict), plan, verdict)
+        return plan.judged(verdict) if verdict.passed else _attempt(str(verdict), plan, verdict)
 
     def _fail(self, attempt: Attempt) -> None:
         if self.best is None or _faults(attempt) < _faults(self.best):

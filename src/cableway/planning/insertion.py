@@ -58,7 +58,7 @@ def plan_insertion(task: TaskSource, limits: VerificationLimits | None = None) -
         plan = _plan(task, led.q, name)
         verdict = verify_insertion_plan(plan, task, limits)
         if verdict.passed:
-            return plan
+            return plan.judged(verdict)
         reasons.append(f"if the left gripper {name}: {verdict}")
         attempt = Attempt(reasons[-1], plan.shapes, plan.poses, verdict)
     raise PlanningError(f"the plug cannot be inserted: {'; '.join(reasons)}", attempt)

@@ -21,6 +21,7 @@ from cableway.motion.time_parametrization import gripper_effort
 from cableway.outcome import Outcome
 from cableway.planning.alternatives import CLEARANCE_WEIGHT, travel_and_clearance
 from cableway.planning.insertion import plan_insertion
+from cableway.planning.planner import plan as find_plan
 from cableway.records import Plan
 from cableway.report import summarize
 from cableway.scene.cable import FRICTION_RULES, QUASI_STATIC
@@ -77,7 +78,11 @@ def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str
         notes = (*notes, f"Planned and tracked with {100 * options.speed:g}% of the grippers' limits.")
     if options.plan is not None and not isinstance(options.plan, Plan):
         notes = (*notes, f"The plan is that of {options.plan}.")
-    report = summarize(task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), **common)
+    verdict = plans[0].verdict if planner.find is find_plan else None  # a planner of the user's own is not believed
+    report = summarize(
+        task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), plan_verdict=verdict,
+        insertion_plan_verdict=insertion_plan and insertion_plan.verdict, **common,
+    )  # fmt: skip
     return Run(
         task=task, report=report, plan=plans[0], alternatives=tuple(plans[1:]), insertion_plan=insertion_plan,
         timings=timer.seconds,
@@ -131,9 +136,8 @@ def _given(given: Plan | Path | str, task: Task, options: SolveOptions, planner:
     if kind_of(plan) != "plan":
         raise InputError(f"{source}: the plan of an insertion, which begins at the goal, not a plan of {task.name!r}")
     plan = _slowed(plan, task, options.speed)
-    if not options.follow_unverified:
-        require_verified(plan, task, source, planner.limits)
-    return plan
+    verdict = None if options.follow_unverified else require_verified(plan, task, source, planner.limits)
+    return plan.judged(verdict)
 
 
 def _ranked(task: Task, plans: Sequence[Plan], wanted: int) -> tuple[str, ...]:

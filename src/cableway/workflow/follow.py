@@ -91,6 +91,7 @@ def follow(
             task, run.plan, rollout, insertion_plan=run.insertion_plan, insertion=insertion, timings=run.timings,
             seed=options.seed, notes=(*run.report.notes, *perturbation.notes, *notes),
             limits=options.resolved_planner().limits, cable=perturbation.cable, actual=actual, problem=problem,
+            plan_verdict=run.report.plan_verdict, insertion_plan_verdict=run.report.insertion_plan_verdict,
         )  # fmt: skip
     except KeyboardInterrupt:
         listener.interrupted = True

@@ -11,7 +11,7 @@ Note:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -145,10 +145,10 @@ def rehearsed_plan(
             break
     progress("rehearsal", 1.0)
     if not tried:
-        return replace(plan, metadata={**plan.metadata, "rehearsal": {"plans": 0}})
+        return plan.noted(rehearsal={"plans": 0})
     best, plan = min(tried, key=lambda pair: (not pair[0].passes(config), *pair[0].badness()))
     record = {"plans": len(tried), "passed": best.passes(config), **asdict(best)}
-    return replace(plan, metadata={**plan.metadata, "rehearsal": record})
+    return plan.noted(rehearsal=record)
 
 
 def _seed(seed: int, number: int) -> int:
