@@ -34,6 +34,7 @@ lint: env
 
 types: env
 	@$(BIN)/pyright --pythonpath $(BIN)/python
+	@$(BIN)/pyright --pythonpath $(BIN)/python --pythonplatform Windows
 
 imports: env
 	@$(BIN)/lint-imports --no-cache

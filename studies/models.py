@@ -35,14 +35,14 @@ from cableway.simulation.episodes import CollectionConfig
 from cableway.tang2025.models.adaptation import AdaptationState, adapt, start_adaptation
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.models.card import write_card
-from cableway.tang2025.models.checkpoint import WEIGHTS, load_model, model_names, save_model
+from cableway.tang2025.models.checkpoint import WEIGHTS, load_model, model_names
 from cableway.tang2025.models.compilation import enable_compilation_cache
 from cableway.tang2025.models.dataset import joined, select
 from cableway.tang2025.models.evaluation import LONGEST, Curve, baselines, compare, window_errors
 from cableway.tang2025.models.frames import Framing
 from cableway.tang2025.models.learned import LearnedConfig, LearnedModel
 from cableway.tang2025.models.networks import ConvConfig, MLPConfig, RecurrentConfig, RodConfig
-from cableway.tang2025.models.recipe import CONFIGS, Recipe, make_model, read_training_config
+from cableway.tang2025.models.recipe import CONFIGS, Recipe, make_model_file, read_training_config
 from cableway.tang2025.models.training import TrainingConfig
 from cableway.tang2025.models.transformer import TransformerConfig
 
@@ -140,10 +140,8 @@ def train_models(folder: Path, seeds: int) -> None:
             path = model_path(folder, name, seed)
             if path.exists():
                 continue
-            path.parent.mkdir(parents=True, exist_ok=True)
             recipe = Recipe(collection={}, model=model, training=replace(training, seed=seed))
-            made, card = make_model(recipe, data, state_file=path.with_suffix(".state"))
-            save_model(path, made, card)
+            card = make_model_file(path, recipe, data)
             print(f"{path}: {card['errors']['model']}", flush=True)
 
 
@@ -157,12 +155,10 @@ def train_longer(folder: Path) -> None:
             for seed in range(seeds):
                 path = model_path(folder, f"{name}-{epochs}", seed)
                 if not path.exists():
-                    path.parent.mkdir(parents=True, exist_ok=True)
                     training = replace(TRAINING, epochs=epochs, seed=seed)
                     recipe = Recipe(collection={}, model=LONGER_MODELS[name], training=training)
                     pace = Pace()
-                    made, card = make_model(recipe, data, state_file=path.with_suffix(".state"), progress=pace)
-                    save_model(path, made, card)
+                    make_model_file(path, recipe, data, progress=pace)
                     print(f"{path}: {pace.whole() / 60:.1f} min of processor time", flush=True)
                 trained.append(load_model(path))
             curves[name] = compare({name: trained}, judged)[name]
@@ -276,10 +272,8 @@ def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
             for seed in range(seeds):
                 path = folder / "yu2d" / f"{name.replace(' ', '-')}-{left_out}-{seed}.safetensors"
                 if not path.exists():
-                    path.parent.mkdir(parents=True, exist_ok=True)
                     recipe = Recipe(collection={}, model=model, training=replace(settings, seed=seed))
-                    made, card = make_model(recipe, training)
-                    save_model(path, made, card)
+                    make_model_file(path, recipe, training)
                 models.setdefault(name, []).append(load_model(path))
         models |= {name: [one] for name, one in baselines().items()}
         curves = compare(models, data, 20)
@@ -294,10 +288,8 @@ def ship_models(folder: Path) -> None:
         collection = from_mapping(CollectionConfig, recipe.collection, f"{config}: collection")
         data, made = folder / "sets" / f"{collection.transitions}", folder / "shipped" / f"{config.stem}.safetensors"
         if not made.exists():
-            made.parent.mkdir(parents=True, exist_ok=True)
             collect(collection, data, workers=1)
-            model, card = make_model(recipe, load_transitions(data), state_file=made.with_suffix(".state"))
-            save_model(made, model, card)
+            make_model_file(made, recipe, load_transitions(data))
         path, content = WEIGHTS / made.name, made.read_bytes()
         write_atomically(path, lambda file, content=content: file.write(content))
         print(write_card(path), flush=True)

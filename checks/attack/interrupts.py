@@ -1,11 +1,17 @@
-"""Every command, interrupted at a random moment by SIGINT (ctrl-c, all its processes) or SIGTERM (the command alone).
+"""Every command, interrupted at random moments: SIGINT to all its processes (ctrl-c) or to it alone, and SIGTERM.
 
-Wrong is a status other than 130 or 143, a traceback, a file that is not whole, an end later than five seconds after the
-signal. A signal during the first moments of the interpreter itself, before any line of cableway, ends it as any Python.
+A third of the moments are drawn from the first seconds, a third from the whole duration, a third from the moments in
+which the command writes its files. Wrong is a status other than 130 or 143, a traceback, more than one sentence, an end
+later than five seconds after the signal, a file that is not whole or left over, a process that goes on; and, where a
+command resumes, results of the second invocation other than those of one that was left alone. A signal before the
+command's own code runs ends it as any Python program.
+
+`python -m checks.attack.interrupts SEED COUNT [NAMES]`
 """
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import re
@@ -14,12 +20,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from cableway.core.errors import InputError
-from cableway.core.reading import read_arrays, read_json
-from cableway.scene.files.document import read_document
+from checks.attack.commands import RESUMED, Line, damaged, prepared, said_wrong
 
 PATIENCE = 5.0
 """[s] between a signal and the end of the command."""
@@ -27,149 +34,204 @@ PATIENCE = 5.0
 LONGEST = 60.0
 """[s] after which a signal comes at the latest."""
 
-COMMANDS = {
-    "tasks": "tasks --random maze --count 20 --picture",
-    "list": "tasks",
-    "show": "show real-maze",
-    "plan": "plan multi-obstacle-1 --alternatives 2",
-    "run": "run single-obstacle-2",
-    "check": "check {task} {plan}",
-    "export": "export {plan} --task {task} --rate 100",
-    "collect": "collect --transitions 3000 --workers 2",
-    "train": "train --data {data} --config {config}",
-    "evaluate": "evaluate conv --data {data}",
-    "models": "models",
-    "bench": "bench paper,clutter --workers 2",
-    "reproduce": "reproduce --workers 2",
-}
-"""Command lines; what stands in braces is made beforehand."""
+FIRST = 2.5
+"""[s] of a command that are its first moments."""
+
+COMPLETE = 1.0
+"""[s] within which a command may still end as if it had not been interrupted."""
+
+MOMENTS = ("first", "any", "writing")
+SIGNALS = (("group", signal.SIGINT), ("alone", signal.SIGINT), ("alone", signal.SIGTERM))
 
 
-ENDS = {".png": b"IEND\xaeB`\x82", ".csv": b"\n", ".html": b"</html>\n"}
-"""Last bytes of files that are whole."""
+@dataclass(frozen=True)
+class Timed:
+    """A command that was left alone: how long it took [s], how many files it made on the way, what it left."""
+
+    seconds: float
+    files: int
+    out: Path
 
 
-def interrupted(rng: random.Random, name: str, line: str, most: float) -> str:
-    """What was wrong after one interrupt, "" for nothing."""
-    number, after = rng.choice([signal.SIGINT, signal.SIGINT, signal.SIGTERM]), rng.uniform(0.05, most)
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "out"
-        target = out / "trajectory.csv" if name == "export" else out
-        command = [str(Path(sys.executable).with_name("cableway")), *line.split(), "--out", str(target)]
-        process = subprocess.Popen(
-            command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-        )
-        time.sleep(after)
-        begun, ended = _is_begun(process.pid), process.poll() is not None
-        if not ended:
-            os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
-        sent = time.monotonic()
-        try:
-            _, said = process.communicate(timeout=4 * PATIENCE)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            return f"{name}: {number.name} after {after:.2f} s: not ended after {4 * PATIENCE:g} s"
-        late = time.monotonic() - sent
-        faults = list(_faults(process.returncode, said, number, begun=begun, ended=ended, late=late))
-        faults += [f"{path.relative_to(out)}: {fault}" for path, fault in _damaged(out)]
-    return f"{name}: {number.name} after {after:.2f} s: {'; '.join(faults)}" if faults else ""
-
-
-def _is_begun(process: int) -> bool:
-    """Whether the interpreter has come as far as cableway: it has loaded what `signal` is in, and more."""
-    try:
-        return "SigCgt" in Path(f"/proc/{process}/status").read_text() and _catches(process, signal.SIGTERM)
-    except (OSError, ValueError):
-        return True
-
-
-def _catches(process: int, number: signal.Signals) -> bool:
-    """Whether a process has a handler of its own for a signal."""
-    caught = re.search(r"SigCgt:\s*([0-9a-f]+)", Path(f"/proc/{process}/status").read_text())
-    return caught is not None and bool(int(caught[1], 16) >> (number - 1) & 1)
-
-
-def _faults(status: int, said: str, number: signal.Signals, *, begun: bool, ended: bool, late: float) -> Iterator[str]:
-    natural = (0, 1) if ended or "interrupted" not in said + "terminated" else ()
-    if late > PATIENCE:
-        yield f"ended {late:.1f} s later"
-    if not begun:
-        return
-    if "Traceback" in said:
-        yield f"a traceback: {said[-600:]!r}"
-    if status not in (128 + number, *natural):
-        yield f"status {status}: {said[-300:]!r}"
-    elif status == 128 + number and not re.search(r"cableway: (interrupted|terminated)", said):
-        yield f"no sentence: {said[-300:]!r}"
-
-
-def _damaged(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Files that are not whole."""
-    for path in folder.rglob("*"):
-        content = path.read_bytes() if path.is_file() else b""
-        try:
-            if re.search(r"^\..*\.[0-9a-f]{12}$", path.name):
-                yield path, "left over"
-            elif path.suffix == ".npz":
-                read_arrays(path)
-            elif path.suffix == ".json":
-                read_json(path)
-            elif path.suffix == ".yaml":
-                read_document(path)
-            elif (path.suffix == ".png" and content[-8:-4] != b"IEND") or (
-                path.suffix == ".csv" and content[-1:] != b"\n"
-            ):
-                yield path, "cut off"
-        except InputError as error:
-            yield path, str(error)
-
-
-def prepared(folder: Path) -> dict[str, str]:
-    """A plan, a data set and a training configuration to interrupt commands on."""
-    tool = str(Path(sys.executable).with_name("cableway"))
-
-    def made(line: str) -> None:
-        subprocess.run([tool, *line.split(), "--quiet"], check=True, cwd=folder)
-
-    made("plan single-obstacle-2 --out plan")
-    made("collect --transitions 2000 --workers 2 --out data")
-    config = folder / "config.yaml"
-    config.write_text("cableway: 1\nmodel:\n  kind: mlp\ntraining:\n  epochs: 400\n  rollout_epochs: 0\n")
-    return {
-        "task": str(folder / "plan/task.yaml"), "plan": str(folder / "plan/plan.npz"), "data": str(folder / "data"),
-        "config": str(config),
-    }  # fmt: skip
-
-
-def attack(seed: int, count: int, only: str = "") -> list[str]:
-    """What was wrong in `count` interrupts of the commands by turns."""
+def attack(seed: int, count: int, names: str = "") -> list[str]:
+    """What was wrong in `count` interrupts of the commands by turns; each is printed as it comes."""
     rng, found = random.Random(seed), []
+    tally: Counter[tuple[str, str]] = Counter()
     with tempfile.TemporaryDirectory() as folder:
-        made = prepared(Path(folder))
-        lines = {name: line.format(**made) for name, line in COMMANDS.items() if not only or name in only.split(",")}
-        lasts = {name: _duration(name, line, Path(folder)) for name, line in lines.items()}
+        lines = prepared(Path(folder), names)
+        timed = {line.name: _left_alone(line, Path(folder) / "alone" / line.name) for line in lines}
         for turn in range(count):
-            name = list(lines)[turn % len(lines)]
-            most = lasts[name] if turn % 2 else min(lasts[name], 2.5)
-            if fault := interrupted(rng, name, lines[name], most):
-                found.append(fault)
-                print(fault, flush=True)
+            line, round_ = lines[turn % len(lines)], turn // len(lines)
+            moment, sent = MOMENTS[round_ % 3], SIGNALS[(round_ // 3 + turn) % 3]
+            case, faults = _interrupted(rng, line, timed[line.name], moment, sent)
+            tally[line.name, "wrong" if faults else "right"] += 1
+            if faults:
+                found.append(f"{case}: {'; '.join(faults)}")
+                print(found[-1], flush=True)
+    for line in lines:
+        wrong, right = tally[line.name, "wrong"], tally[line.name, "right"]
+        print(f"{line.name} ({timed[line.name].seconds:.1f} s): {wrong} wrong of {wrong + right}")
     return found
 
 
-def _duration(name: str, line: str, folder: Path) -> float:
-    """[s] that a command takes here and now, at most `LONGEST`."""
-    target = folder / "timed" / name / ("x.csv" if name == "export" else "")
-    command = [str(Path(sys.executable).with_name("cableway")), *line.split(), "--out", str(target)]
-    begun = time.monotonic()
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True) as one:
+def _left_alone(line: Line, out: Path) -> Timed:
+    """A command as it is here and now, with warm caches, for at most `LONGEST`."""
+    begun, process = time.monotonic(), _begin(line, out)
+    seen: set[str] = set()
+    while process.poll() is None and time.monotonic() - begun < LONGEST:
+        seen |= _names(out)
+        time.sleep(0.002)
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    return Timed(time.monotonic() - begun, len(seen), out)
+
+
+def _begin(line: Line, out: Path, *more: str) -> subprocess.Popen[bytes]:
+    """Begin a command in a session and with a folder for temporary files of its own."""
+    temporary = out.parent / "tmp"
+    temporary.mkdir(parents=True, exist_ok=True)
+    with open(out.parent / "stderr", "wb") as said:
+        return subprocess.Popen(
+            line.to(out, *more), cwd=out.parent, stdout=subprocess.DEVNULL, stderr=said, start_new_session=True,
+            env={**os.environ, "TMPDIR": str(temporary)},
+        )  # fmt: skip
+
+
+def _names(out: Path) -> set[str]:
+    return {str(Path(place) / name) for place, _, names in os.walk(out) for name in names}
+
+
+def _interrupted(
+    rng: random.Random, line: Line, timed: Timed, moment: str, sent: tuple[str, signal.Signals]
+) -> tuple[str, list[str]]:
+    """One interrupt: its description, and what was wrong."""
+    (whom, number), quiet, again = sent, rng.random() < 0.5, rng.random() < 0.4
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        process = _begin(line, out, *["--quiet"] * quiet)
+        begun = time.monotonic()
+        _wait(process, out, rng, timed, moment)
+        after, ours, over = time.monotonic() - begun, _handles(process.pid), process.poll() is not None
+        if not over:
+            os.killpg(process.pid, number) if whom == "group" else process.send_signal(number)
+        late = _end(process)
+        said = (out.parent / "stderr").read_text()
+        faults = list(_faults(process.returncode, said, number, over=over, late=late, quiet=quiet)) if ours else []
+        faults += _left_over(process.pid, out)
+        if line.name in RESUMED and again and not faults:
+            faults += _resumed(line, out, timed.out)
+    case = f"{line.name}: {number.name} to {'it and all its processes' if whom == 'group' else 'it alone'}"
+    return f"{case} after {after:.2f} s ({moment})", faults
+
+
+def _wait(process: subprocess.Popen[bytes], out: Path, rng: random.Random, timed: Timed, moment: str) -> None:
+    """Until the moment has come."""
+    if moment != "writing":
+        most = timed.seconds if moment == "any" else min(FIRST, timed.seconds)
+        time.sleep(rng.uniform(0.05, most))
+        return
+    seen, wanted, later, begun = set[str](), rng.randint(1, max(timed.files, 1)), rng.uniform(0, 0.05), time.monotonic()
+    while process.poll() is None and len(seen) < wanted and time.monotonic() - begun < LONGEST:
+        seen |= _names(out)
+        time.sleep(0.001)
+    time.sleep(later)
+
+
+def _handles(process: int) -> bool:
+    """Whether a process has a handler of its own for SIGTERM: it has come as far as cableway."""
+    try:
+        caught = re.search(r"SigCgt:\s*([0-9a-f]+)", Path(f"/proc/{process}/status").read_text())
+    except OSError:
+        return True
+    return caught is None or bool(int(caught[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def _end(process: subprocess.Popen[bytes]) -> float:
+    """Wait for the end of a command; [s] until then, `4 * PATIENCE` where it had to be killed."""
+    sent = time.monotonic()
+    try:
+        process.wait(4 * PATIENCE)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    return time.monotonic() - sent
+
+
+def _faults(status: int, said: str, number: signal.Signals, *, over: bool, late: float, quiet: bool) -> Iterator[str]:
+    sentence = "interrupted" if number == signal.SIGINT else "terminated"
+    if late > PATIENCE:
+        yield f"ended {late:.1f} s later"
+    yield from said_wrong(said, quiet=quiet)
+    if status == 128 + number:
+        if not re.search(rf"^cableway: {sentence}", said, re.MULTILINE):
+            yield f"no sentence: {said[-300:]!r}"
+    elif status not in (0, 1) or not (over or late < COMPLETE):
+        yield f"status {status} after {late:.1f} s: {said[-300:]!r}"
+
+
+def _left_over(session: int, out: Path) -> Iterator[str]:
+    """Processes, temporary files, files that are not whole, plans without a report."""
+    until = time.monotonic() + PATIENCE
+    while (alive := _alive(session)) and time.monotonic() < until:
+        time.sleep(0.05)
+    for process, command in alive.items():
+        yield f"goes on: {command[:120]}"
+        os.kill(process, signal.SIGKILL)
+    yield from damaged(out)
+    yield from (f"{path} is left over" for path in (out.parent / "tmp").iterdir())
+    if (out / "plan.npz").exists():
+        missing = [name for name in ("task.yaml", "report.json") if not (out / name).exists()]
+        yield from (f"there is a plan, and no {name}" for name in missing)
+
+
+def _alive(session: int) -> dict[int, str]:
+    """The processes of a session by number."""
+    found = {}
+    for path in Path("/proc").glob("[0-9]*"):
         try:
-            one.wait(LONGEST)
-        except subprocess.TimeoutExpired:
-            os.killpg(one.pid, signal.SIGKILL)
-    return time.monotonic() - begun
+            state, _, _, its = (path / "stat").read_text().rpartition(")")[2].split()[:4]
+            if int(its) == session and state != "Z":
+                found[int(path.name)] = (path / "cmdline").read_text().replace("\0", " ")
+        except (OSError, ValueError):
+            continue  # it has ended meanwhile
+    return found
+
+
+def _resumed(line: Line, out: Path, reference: Path) -> Iterator[str]:
+    """What is wrong with the same command once more."""
+    done = _begin(line, out, "--quiet")
+    done.wait()
+    if done.returncode not in (0, 1):
+        yield f"again: status {done.returncode}: {(out.parent / 'stderr').read_text()[-300:]!r}"
+        return
+    names, expected = ({name.removeprefix(str(each)) for name in _names(each)} for each in (out, reference))
+    if names != expected:
+        yield f"again: other files: {sorted(names ^ expected)}"
+    for name in sorted(names & expected):
+        one, other = Path(f"{out}{name}"), Path(f"{reference}{name}")
+        if _content(one) != _content(other):
+            yield f"again: another {name}"
+
+
+UNEQUAL = ("seconds", "time", "machine", "date", "planning_time", "control_time", "made_now", "file", "folder")
+"""Keys of JSON files whose values differ from run to run."""
+
+
+def _content(path: Path) -> Any:
+    """What two runs of a command have in common."""
+    if path.suffix == ".json":
+        return _without_times(json.loads(path.read_text()))
+    return path.read_bytes() if path.suffix in (".safetensors", ".yaml") else path.suffix
+
+
+def _without_times(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_times(each) for key, each in value.items() if key not in UNEQUAL and "time" not in key}
+    return [_without_times(each) for each in value] if isinstance(value, list) else value
 
 
 if __name__ == "__main__":
     wrong = attack(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3] if len(sys.argv) > 3 else "")
     print(f"{len(wrong)} of {sys.argv[2]} interrupts wrong")
+    sys.exit(bool(wrong))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from holding import unheld_writes
 
 from cableway.benchmark.episode import Job, Result, jobs_of, run_job, warm_up
 from cableway.benchmark.gate import baseline, regressions
@@ -179,7 +180,9 @@ def test_the_command_runs_resumes_and_leaves_everything(
     command = ["bench", "unconstrained", "--methods", f"{FILE}:SOUND,{FILE}:RAISES", "--episodes", EPISODE.name,
                "--out", str(folder), "--workers", "1", "--json"]  # fmt: skip
     before = result_path(job("sound"), folder).stat().st_mtime_ns
-    assert main(command) == 0
+    with unheld_writes(folder) as found:
+        assert main(command) == 0
+    assert found == [], "the folder is held until the last file"
     assert result_path(job("sound"), folder).stat().st_mtime_ns == before
     shown = json.loads(capsys.readouterr().out)
     figures = shown["suites"]["unconstrained"]["methods"]

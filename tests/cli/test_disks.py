@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -12,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from commands import Command
+from holding import unheld_writes
 from safetensors.numpy import save_file
 
 from cableway.core.files import only_writer
@@ -57,12 +60,42 @@ def test_output_that_cannot_be_written_is_one_sentence():
     assert (done.returncode, done.stderr) == (1, "cableway: standard output: No space left on device\n")
 
 
-@pytest.mark.parametrize("arguments", [("plan", "{moved}"), ("tasks", "--random", "open-near"), ("bench", "paper")])
-def test_two_commands_do_not_share_a_folder(cableway: Command, moved_file: Path, arguments: tuple[str, ...]):
+SHARING = (
+    ("plan", "{moved}"), ("tasks",), ("tasks", "--random", "open-near", "--picture"), ("bench", "paper"),
+    ("check", "{moved}", "{run}/plan.npz"), ("reproduce",),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("arguments", SHARING)
+def test_two_commands_do_not_share_a_folder(
+    cableway: Command, moved_file: Path, run_folder: Path, arguments: tuple[str, ...]
+):
     with only_writer(Path("o")):
-        done = cableway(*(each.format(moved=moved_file) for each in arguments), "--out", "o", "--quiet")
+        words = [each.format(moved=moved_file, run=run_folder) for each in arguments]
+        done = cableway(*words, "--out", "o", "--quiet")
         assert (done.status, done.err) == (2, "cableway: o: another process is writing to this folder\n")
     assert not Path("o").exists()
+
+
+@pytest.mark.parametrize("arguments", SHARING[:3])
+def test_a_command_holds_its_folder_until_its_last_file(
+    cableway: Command, moved_file: Path, run_folder: Path, arguments: tuple[str, ...]
+):
+    with unheld_writes(Path("o")) as found:
+        words = [each.format(moved=moved_file, run=run_folder) for each in arguments]
+        assert cableway(*words, "--out", "o", "--quiet").status == 0
+    assert list(Path("o").iterdir())
+    assert found == []
+
+
+def test_a_file_system_without_locks_holds_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    def unknown(handle: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr("fcntl.flock", unknown)
+    with only_writer(tmp_path / "o"), only_writer(tmp_path / "o"):
+        (tmp_path / "o/file").touch()
+    assert (tmp_path / "o/file").exists()
 
 
 def test_a_command_that_was_killed_holds_its_folder_no_longer(cableway: Command):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import Command
+from holding import unheld_writes
 
 from cableway.cli import main
 from cableway.cli.models import HORIZONS
@@ -31,7 +32,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     common = ["--config", str(folder / "recipe.yaml"), "--quiet"]
     assert main(["collect", *common, "--transitions", "300", "--seed", "5", "--out", str(folder / "data")]) == 0
     train = ["train", *common, "--data", str(folder / "data"), "--out", str(folder / "small.safetensors")]
-    assert main(train) == 0
+    with unheld_writes(folder) as found:
+        assert main(train) == 0
+    assert found == [], "a training holds its folder until its last file"
     return folder
 
 

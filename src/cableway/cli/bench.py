@@ -60,14 +60,15 @@ class Bench(EpisodeOptions):
         """Carry the command out and return its exit status."""
         from cableway.benchmark.gate import read_baseline, regressions
         from cableway.benchmark.methods import load_method
+        from cableway.core.files import only_writer
 
         terminal, folder = Terminal(self), self.folder("bench")
         before = None if self.against is None else read_baseline(self.against)
         methods = {source: load_method(source) for source in self.methods.split(",")}
         jobs = self._jobs(methods)
-        with terminal.progress() as progress:
+        with only_writer(folder), terminal.progress() as progress:
             results = self.results(jobs, folder, progress)
-        about = self._write(results, jobs, list(methods.values()), folder)
+            about = self._write(results, jobs, list(methods.values()), folder)
         terminal.note(f"In {folder}: {CSV}, {SUMMARY}, {TABLES}, {PAGE}, {BASELINE}")
         worse = []
         if before is not None:

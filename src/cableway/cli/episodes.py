@@ -35,12 +35,6 @@ class EpisodeOptions(Options):
 
     def results(self, jobs: Sequence[Job], folder: Path, progress: OnProgress) -> Results:
         """The results of jobs by suite and method; those that the folder does not have yet are run."""
-        from cableway.core.files import only_writer
-
-        with only_writer(folder):
-            return self._run(jobs, folder, progress)
-
-    def _run(self, jobs: Sequence[Job], folder: Path, progress: OnProgress) -> Results:
         from cableway.benchmark.runner import read_result, run_jobs
         from cableway.workflow.compilation import compile_all
 

@@ -43,7 +43,7 @@ class Evaluate(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.core.files import write_json
+        from cableway.core.files import only_writer, write_json
         from cableway.core.provenance import versions
         from cableway.datasets.reading import load_transitions
         from cableway.tang2025.models.compilation import enable_compilation_cache
@@ -58,31 +58,30 @@ class Evaluate(Options):
             terminal.note(f"{', '.join(learned)}: trained on {name}; errors on it say little about other motions.")
         enable_compilation_cache()
         results: dict[str, dict[str, Curve]] = {}
-        with terminal.progress() as progress:
+        with only_writer(folder), terminal.progress() as progress:
             for place, (name, data) in enumerate(sets.items()):
                 results[name] = {}
                 for count, (model, trained) in enumerate(models.items()):
                     progress("evaluate", (place + count / len(models)) / len(sets))
                     results[name] |= compare({model: trained}, data, self.horizon)
             progress("evaluate", 1.0)
-        report = {
-            "horizon": self.horizon,
-            "models": {name: len(trained) for name, trained in models.items()},
-            "data": {
-                name: {
-                    "sha256": digests[name],
-                    "trained_on_it": trained_on.get(name, []),
-                    "transitions": len(data),
-                    "errors_mm": {model: asdict(curve) for model, curve in results[name].items()},
-                }
-                for name, data in sets.items()
-            },
-            "versions": versions(),
-        }
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / REPORT, report)
-        for place, curves in enumerate(results.values(), start=1):
-            _draw(folder / ("errors.png" if len(results) == 1 else f"errors-{place}.png"), curves)
+            report = {
+                "horizon": self.horizon,
+                "models": {name: len(trained) for name, trained in models.items()},
+                "data": {
+                    name: {
+                        "sha256": digests[name],
+                        "trained_on_it": trained_on.get(name, []),
+                        "transitions": len(data),
+                        "errors_mm": {model: asdict(curve) for model, curve in results[name].items()},
+                    }
+                    for name, data in sets.items()
+                },
+                "versions": versions(),
+            }
+            write_json(folder / REPORT, report)
+            for place, curves in enumerate(results.values(), start=1):
+                _draw(folder / ("errors.png" if len(results) == 1 else f"errors-{place}.png"), curves)
         terminal.result(report, _table(results))
         return 0
 

@@ -51,14 +51,14 @@ class Interrupts:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        numbers, unraisable = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM), sys.unraisablehook
+        numbers, unraisable = (signal.SIGINT, signal.SIGTERM, *_ALARMS), sys.unraisablehook
         before = {number: signal.signal(number, self._receive) for number in numbers}
         sys.unraisablehook = lambda args: None if args.exc_type is Interrupted else unraisable(args)
         try:
             yield
         finally:
             self._held = True
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            _set_alarm(0.0)
             for number, handler in before.items():
                 signal.signal(number, signal.SIG_IGN if last else handler)
             if not last:
@@ -79,16 +79,25 @@ class Interrupts:
             raise Interrupted
 
     def _receive(self, number: int, frame: FrameType | None) -> Any:
-        if number == signal.SIGALRM:
+        if number in _ALARMS:
             if not self.came:
                 return
             self._held = False
         held, first = self._held, not self.came
         self.came = self.came or number
         if held and first:
-            signal.setitimer(signal.ITIMER_REAL, GRACE)
+            _set_alarm(GRACE)
             return
         raise Interrupted
+
+
+_ALARMS = () if sys.platform == "win32" else (signal.SIGALRM,)
+
+
+def _set_alarm(seconds: float) -> None:
+    """Have an alarm come after a while, none where that is 0; Windows has none, so there only a second signal tells."""
+    if sys.platform != "win32":
+        signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
 INTERRUPTS = Interrupts()

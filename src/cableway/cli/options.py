@@ -67,10 +67,11 @@ class Options:
 
     def keep(self, name: str, report: Any) -> None:
         """Write a report, only where `--out` says where to."""
-        from cableway.core.files import write_json
+        from cableway.core.files import only_writer, write_json
 
         if self.out is not None:
-            write_json(self.folder(name) / REPORT, report)
+            with only_writer(folder := self.folder(name)):
+                write_json(folder / REPORT, report)
 
     def target(self, name: str, default: str) -> Path:
         """The one file of a command: `--out` itself where it ends as `default` does, else `default` in the folder."""

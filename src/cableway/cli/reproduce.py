@@ -38,7 +38,7 @@ class Reproduce(EpisodeOptions):
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.benchmark.summary import machine
-        from cableway.core.files import write_atomically, write_json
+        from cableway.core.files import only_writer, write_atomically, write_json
         from cableway.core.provenance import versions
         from cableway.tang2025.reproduction.page import reproduction_page, reproduction_text
 
@@ -46,22 +46,22 @@ class Reproduce(EpisodeOptions):
             raise UnknownNameError("size", self.size, SIZES)
         terminal, folder = Terminal(self), self.folder("reproduce")
         jobs = self._jobs()
-        with terminal.progress() as progress:
+        with only_writer(folder), terminal.progress() as progress:
             results = self.results(jobs, folder, progress)
             sections = self._sections(results, folder, progress)
-        about = {
-            "versions": versions(),
-            "machine": machine(),
-            "size": self.size,
-            "configuration": self._configuration(),
-        }
-        for name, text in (
-            (PAGE, reproduction_page(sections, about)),
-            (TEXT, reproduction_text(sections, about)),
-        ):
-            write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))
-        content = about | {"sections": [asdict(section) for section in sections]}
-        write_json(folder / DATA, content)
+            about = {
+                "versions": versions(),
+                "machine": machine(),
+                "size": self.size,
+                "configuration": self._configuration(),
+            }
+            for name, text in (
+                (PAGE, reproduction_page(sections, about)),
+                (TEXT, reproduction_text(sections, about)),
+            ):
+                write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))
+            content = about | {"sections": [asdict(section) for section in sections]}
+            write_json(folder / DATA, content)
         terminal.note(f"In {folder}: {PAGE}, {TEXT}, {DATA}")
         rows = [
             (section.title, f"{len(section.tables)} tables, {len(section.pictures)} pictures") for section in sections

@@ -75,11 +75,11 @@ class Tasks(Options):
                 tasks.append(task)
                 rows.append({**_row(task), "file": str(path)})
                 progress("tasks", (k + 1) / self.count)
-        if self.picture:
-            from cableway.figures.scene import tasks_figure
-            from cableway.figures.style import save_figure
+            if self.picture:
+                from cableway.figures.scene import tasks_figure
+                from cableway.figures.style import save_figure
 
-            save_figure(tasks_figure(tasks), folder / PICTURE)
+                save_figure(tasks_figure(tasks), folder / PICTURE)
         terminal.note(f"in {folder}")
         terminal.result({"tasks": rows}, _table(tasks))
         return 0

@@ -40,25 +40,21 @@ class Train(Options):
         from cableway.core.files import only_writer
         from cableway.datasets.reading import load_transitions
         from cableway.tang2025.models.card import write_card
-        from cableway.tang2025.models.checkpoint import save_model
         from cableway.tang2025.models.compilation import enable_compilation_cache
         from cableway.tang2025.models.dataset import joined
-        from cableway.tang2025.models.recipe import make_model
+        from cableway.tang2025.models.recipe import make_model_file
 
         terminal, path = Terminal(self), self.target("train", "model.safetensors")
         start = self._start()
         recipe = self._recipe(start)
         data = joined([load_transitions(folder) for folder in self.data])
-        state = path.with_name(f"{path.name}.state")
         if not enable_compilation_cache():
             terminal.note("The training step is compiled before it starts; the next run finds it in your cache folder.")
         with only_writer(path.parent), terminal.progress() as progress:
-            model, card = make_model(
-                recipe, data, start=start, state_file=state,
-                progress=lambda words, share: progress(f"train: {words}", share),
-            )  # fmt: skip
-        save_model(path, model, card)
-        page, picture = write_card(path), _draw(path.with_suffix(".png"), card["history"])
+            card = make_model_file(
+                path, recipe, data, start=start, progress=lambda words, share: progress(f"train: {words}", share)
+            )
+            page, picture = write_card(path), _draw(path.with_suffix(".png"), card["history"])
         errors = {f"{steps}": error_at(card, steps) for steps in HORIZONS}
         report = {
             "file": str(path), "card": str(page), "picture": str(picture), "kind": card["kind"],

@@ -7,6 +7,7 @@ import itertools
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -91,7 +92,7 @@ class _Ended:
         try:
             return self.future.result()
         except Exception as error:
-            if getattr(error, "exitcode", None) == -signal.SIGPROF:
+            if sys.platform != "win32" and getattr(error, "exitcode", None) == -signal.SIGPROF:
                 raise TimeoutError from None
             raise
 
@@ -105,7 +106,7 @@ class _Later:
 
 def cores() -> int:
     """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 @contextmanager
@@ -169,7 +170,7 @@ def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator
     import pebble
 
     count = workers or cores()
-    context = multiprocessing.get_context("spawn")
+    context: Any = multiprocessing.get_context("spawn")
     pool = pebble.ProcessPool(count, context=context, initializer=begin_worker, initargs=[begin])
 
     def submit(function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> Any:
@@ -186,7 +187,9 @@ def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator
 
 
 def _within(function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> Any:
-    """A call in a process that ends by SIGPROF after so much processor time [s]."""
+    """A call in a process that ends by SIGPROF after so much processor time [s]; Windows has no such clock."""
+    if sys.platform == "win32":
+        return _failing(function, arguments)
     signal.setitimer(signal.ITIMER_PROF, limit or 0.0)
     try:
         return _failing(function, arguments)
@@ -207,6 +210,9 @@ def _failing(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
     """Threads and processes that begin meanwhile never hear an interrupt, not even before `begin_worker`."""
+    if sys.platform == "win32":  # where workers alone turn deaf
+        yield
+        return
     resource_tracker.ensure_running()  # where it is begun meanwhile, it lets interrupts through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

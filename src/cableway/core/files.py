@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
 import secrets
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import fields
@@ -57,29 +59,57 @@ def write_atomically(path: Path, write: Any) -> None:
 def only_writer(folder: Path) -> Iterator[None]:
     """Hold a folder for this process; the system lets go of it when the process ends, however it ends.
 
-    It is made if missing, and removed again where nothing was written to it.
+    It is made if missing, and removed again where nothing was written to it. Where the file system knows no locks,
+    nothing is held.
 
     Raises:
         InputError: Another process writes to it.
     """
-    import fcntl
-
     made = [each for each in (folder, *folder.parents) if not each.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY)
+    handle = None
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = _open_to_lock(folder)
+        if not _lock(handle):
+            raise InputError(f"{folder}: another process is writing to this folder")
         yield
-    except BlockingIOError:
-        raise InputError(f"{folder}: another process is writing to this folder") from None
     finally:
-        os.close(handle)
+        if handle is not None:
+            os.close(handle)
         with suppress(OSError):  # something is in it
             for each in made:
                 each.rmdir()
 
 
+def _open_to_lock(folder: Path) -> int:
+    """A handle to lock a folder by; Windows opens no folders, and so gets a file that goes with the handle."""
+    if sys.platform == "win32":
+        return os.open(folder / ".writing", os.O_RDWR | os.O_CREAT | os.O_TEMPORARY)
+    return os.open(folder, os.O_RDONLY)
+
+
+def _lock(handle: int) -> bool:
+    """Lock a handle for this process; whether no other one has it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError as error:
+        if error.errno not in (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK):
+            raise
+    return True
+
+
 def _sync_folder(folder: Path) -> None:
+    if sys.platform == "win32":  # where folders cannot be opened
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

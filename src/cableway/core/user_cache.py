@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from pathlib import Path
 
 import platformdirs
@@ -46,7 +47,7 @@ def private_folder(folder: Path) -> Path | None:
 
 def _make_private(folder: Path) -> None:
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if not hasattr(os, "getuid"):
+    if sys.platform == "win32":
         return
     found, user = folder.stat(), os.getuid()
     mode = stat.S_IMODE(found.st_mode)

@@ -7,7 +7,6 @@ verification that planning ends with, while this one compiles those of planning;
 from __future__ import annotations
 
 import importlib
-import os
 import subprocess
 import sys
 import time
@@ -19,6 +18,7 @@ import numpy as np
 
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.compiled import compiled_among, is_compiled, kernels_below, mark_compiled, watched
+from cableway.core.executors import cores
 from cableway.core.kernel_cache import trusted_folder
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Plan
@@ -189,5 +189,4 @@ def _kernel(name: str) -> Any:
 
 def _can_share() -> bool:
     """Whether a second process has a processor, and a folder to leave its kernels in."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return available > 1 and trusted_folder() is not None
+    return cores() > 1 and trusted_folder() is not None

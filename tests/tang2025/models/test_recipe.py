@@ -10,7 +10,7 @@ from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.tang2025.models.card import card_text, write_card
 from cableway.tang2025.models.checkpoint import save_model
 from cableway.tang2025.models.dataset import fingerprint
-from cableway.tang2025.models.recipe import make_model, read_training_config, shipped_config
+from cableway.tang2025.models.recipe import make_model, make_model_file, read_training_config, shipped_config
 from cableway.tang2025.models.transformer import TransformerConfig
 
 GOOD = """
@@ -85,6 +85,26 @@ def test_the_shipped_recipe_is_valid():
 def test_an_unknown_shipped_recipe_lists_the_known_ones():
     with pytest.raises(UnknownNameError, match="unknown model configuration 'oracle'; known: bilstm, conv"):
         shipped_config("oracle")
+
+
+def test_a_training_is_kept_until_its_model_is_saved(recipe, transitions, tmp_path, monkeypatch):
+    """Interrupted while it is evaluated, it does not begin again, and ends with the model of one left alone."""
+    read, file, other = read_training_config(recipe), tmp_path / "tiny.safetensors", tmp_path / "other.safetensors"
+    make_model_file(other, read, transitions)
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("cableway.tang2025.models.recipe.evaluate", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            make_model_file(file, read, transitions)
+    assert not file.exists()
+    stages = []
+    make_model_file(file, read, transitions, progress=lambda stage, share: stages.append(stage))
+    assert stages == []
+    assert file.read_bytes() == other.read_bytes()
+    assert {path.suffix for path in tmp_path.iterdir()} == {".safetensors", ".yaml"}
 
 
 def test_a_made_model_brings_a_card_with_its_own_figures(recipe, transitions, tmp_path):

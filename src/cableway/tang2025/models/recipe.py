@@ -13,6 +13,7 @@ from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.provenance import describe, versions
 from cableway.records import Transitions
 from cableway.scene.files.document import read_document
+from cableway.tang2025.models.checkpoint import save_model
 from cableway.tang2025.models.dataset import fingerprint
 from cableway.tang2025.models.evaluation import baselines, evaluate
 from cableway.tang2025.models.learned import LearnedConfig, LearnedModel
@@ -83,6 +84,35 @@ def read_training_config(path: Path | str) -> Recipe:
         model=from_mapping(KINDS[str(kind)], fields, f"{path}: model"),
         training=from_mapping(TrainingConfig, content.get("training", {}), f"{path}: training"),
     )
+
+
+def make_model_file(
+    path: Path,
+    recipe: Recipe,
+    data: Transitions,
+    *,
+    start: LearnedModel | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Make a model and save it; interrupted and called again, it goes on, and ends with the same file.
+
+    Until the model is saved, the state of the training is beside it, in a file that ends in `.state`.
+
+    Args:
+        path: Where to.
+        recipe: What to make.
+        data: The transitions.
+        start: A model of the recipe's configuration to go on from.
+        progress: Called with the stage in words and the fraction done.
+
+    Returns:
+        The model's card.
+    """
+    state = path.with_name(f"{path.name}.state")
+    model, card = make_model(recipe, data, start=start, state_file=state, progress=progress)
+    save_model(path, model, card)
+    state.unlink(missing_ok=True)
+    return card
 
 
 def make_model(

@@ -170,8 +170,8 @@ def train(
         data: Transitions of at least two episodes.
         config: How.
         start: A model of this configuration to go on from, with its normalisation; random weights where None.
-        state_file: Where the state goes after every epoch, and what to resume from if it is there. It is removed
-            at the end.
+        state_file: Where the state goes after every epoch, and what to resume from if it is there. It stays, for the
+            caller to remove once the model is saved.
         progress: Called after every step with the stage, in words with loss and validation error, and the fraction
             done.
 
@@ -192,8 +192,6 @@ def train(
         state = trainer.epoch(state, validation_data, progress)
         if state_file is not None:
             _write_state(state_file, state, identity)
-    if state_file is not None:
-        state_file.unlink(missing_ok=True)
     model = state.model if config.patience is None else state.best
     return TrainingResult(model, state.history, training_data, validation_data)
 

@@ -131,8 +131,8 @@ def silicone(folder: Path, transitions: int, trials: int, progress: OnProgress) 
 
 def _identified(cable: str, folder: Path, transitions: int, progress: OnProgress) -> DeformationModel:
     """A model of a cable, from data collected of it; the one in the folder where it is there."""
-    from cableway.tang2025.models.checkpoint import load_model, save_model
-    from cableway.tang2025.models.recipe import make_model, read_training_config, shipped_config
+    from cableway.tang2025.models.checkpoint import load_model
+    from cableway.tang2025.models.recipe import make_model_file, read_training_config, shipped_config
 
     path = folder / "models" / f"{cable}-{transitions}.safetensors"
     if not path.exists():
@@ -140,12 +140,7 @@ def _identified(cable: str, folder: Path, transitions: int, progress: OnProgress
         data = collected(cable, folder / "data" / f"{cable}-{transitions}", transitions, DATA_SEED)
         recipe = read_training_config(shipped_config(KIND))
         recipe = replace(recipe, training=replace(recipe.training, epochs=EPOCHS))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        model, card = make_model(
-            recipe, data, state_file=path.with_suffix(".state"),
-            progress=lambda words, share: progress(f"{cable}: {words}", share),
-        )  # fmt: skip
-        save_model(path, model, card)
+        make_model_file(path, recipe, data, progress=lambda words, share: progress(f"{cable}: {words}", share))
     return load_model(str(path))
 
 
