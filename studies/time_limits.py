@@ -3,9 +3,9 @@
     .venv/bin/python studies/time_limits.py --count 200 --limit 3 [--clock cpu] [--first 0]
 
 Each task is a file, read and planned in a process of its own, as `cableway plan TASK --time-limit LIMIT` does it up to
-the report; the pictures that the command draws afterwards are not counted. Loaded libraries and compiled kernels are
-there before. By `--clock cpu` the limit and the figures count processor time, in which other work on the machine does
-not show.
+the report; writing the files and the picture afterwards is measured by itself. Loaded libraries and compiled kernels
+are there before. By `--clock cpu` the limit and the figures count processor time, in which other work on the machine
+does not show. Of each task it is said, too, how long nothing looked at the clock at most, and what looked then.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import multiprocessing
 import resource
 import tempfile
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from typing import Any
 import numpy as np
 
 import cableway as cw
+from cableway.cli.planning import write_plans
 from cableway.core.errors import CablewayError
 from cableway.scene.files.saving import save_task
 from cableway.tasks.generation import KINDS
@@ -39,6 +41,9 @@ CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
 PATIENCE = 120.0
 """Time [s] after which a task that still runs is given up and counted as a failure."""
 
+CLOCKWORK = ("checkpoint", "expired", "report", "<lambda>")
+"""What only passes a look at the clock on."""
+
 DRAWS = 400
 """Attempts to draw a task that can be read."""
 
@@ -50,14 +55,43 @@ class Ended:
     Attributes:
         how: The outcome, or the error.
         loading: Time [s] of reading the file.
-        seconds: Of all.
+        seconds: Of that and planning, up to the report.
+        writing: Time [s] of writing the files and drawing the picture, after that.
         megabytes: By which memory grew at its peak.
+        blind: Longest time [s] between two looks at the clock in planning, the report included.
+        where: What looked at the end of it.
     """
 
     how: str
     loading: float = 0.0
     seconds: float = 0.0
+    writing: float = 0.0
     megabytes: float = 0.0
+    blind: float = 0.0
+    where: str = ""
+
+
+class Watched:
+    """A clock that remembers the longest time between two looks at it.
+
+    Attributes:
+        blind: That time [s].
+        where: The function that looked at its end.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock, self._last = clock, clock()
+        self.blind, self.where = 0.0, ""
+
+    def __call__(self) -> float:
+        """The time [s]."""
+        now = self._clock()
+        if now - self._last > self.blind:
+            callers = [frame.name for frame in traceback.extract_stack() if "/cableway/" in frame.filename]
+            known = [name for name in callers if name not in CLOCKWORK]
+            self.blind, self.where = now - self._last, " > ".join(known[-3:])
+        self._last = now
+        return now
 
 
 def main() -> None:
@@ -79,13 +113,18 @@ def main() -> None:
             ended = planned(path, given.limit, given.clock)
         found.append((kind, ended))
         late = "LATE " if ended.seconds > given.limit + 1 else ""
-        print(f"{late}{kind} {seed}: {ended.how}, {ended.seconds:.2f} s, {ended.megabytes:.0f} MB", flush=True)
+        print(
+            f"{late}{kind} {seed}: {ended.how}, {ended.seconds:.2f} s (loading {ended.loading:.2f} s), "
+            f"writing {ended.writing:.2f} s, {ended.megabytes:.0f} MB, {ended.blind:.2f} s until {ended.where}",
+            flush=True,
+        )
     for kind in given.kinds:
         rows = [ended for name, ended in found if name == kind]
         seconds, memory = np.array([(ended.seconds, ended.megabytes) for ended in rows]).T
         print(
             f"{kind}: {np.sum(seconds <= given.limit + 1)} of {len(rows)} within {given.limit:g} + 1 s of "
-            f"{given.clock} time, latest {seconds.max():.2f} s (loading {max(e.loading for e in rows):.2f} s); "
+            f"{given.clock} time, latest {seconds.max():.2f} s (loading up to {max(e.loading for e in rows):.2f} s, writing "
+            f"afterwards up to {max(e.writing for e in rows):.2f} s); "
             f"memory up to {memory.max():.0f} MB; {dict(Counter(ended.how.partition(':')[0] for ended in rows))}"
         )
 
@@ -106,17 +145,22 @@ def planned(path: Path, limit: float, clock: str) -> Ended:
 
 
 def _plan(path: Path, limit: float, clock: str, reply: Connection) -> None:
-    now, before, loaded = CLOCKS[clock], _peak(), 0.0
+    now, before, loaded, run = Watched(CLOCKS[clock]), _peak(), 0.0, None
     begun = now()
     try:
         task = cw.load_task(path)
         loaded = now() - begun
-        how = str(solve(task, SolveOptions(time_limit=limit, clock=now, track=False)).report.outcome)
+        now.blind = 0.0
+        run = solve(task, SolveOptions(time_limit=limit, clock=now, track=False))
+        how = str(run.report.outcome)
     except CablewayError as error:
         how = f"refused: {error}"
     except Exception as error:  # that is what is looked for
         how = f"FAULT: {type(error).__name__}: {error}"
-    reply.send(Ended(how, loaded, now() - begun, _peak() - before))
+    ended, blind, where = now(), now.blind, now.where
+    if run is not None:
+        write_plans(path.parent / "out", run, tracked=False)
+    reply.send(Ended(how, loaded, ended - begun, now() - ended, _peak() - before, blind, where))
 
 
 def _peak() -> float:

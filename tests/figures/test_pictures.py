@@ -168,6 +168,16 @@ def test_a_failed_attempt_is_drawn_as_far_as_it_got(task: Task, reached: str):
     assert (f"{task.name}: no initial trajectory" in titles) == (reached == "nothing")
 
 
+@pytest.mark.parametrize("size", [(40.0, 0.7), (0.7, 40.0)])
+def test_a_corridor_is_drawn_however_long_it_is(size: tuple[float, float]):
+    """Beside it the curves have the room that they need."""
+    hall = replace(PLANNED, scene=Scene(size))
+    for figure in (plan_figure(hall, PLAN), rollout_figure(hall, perfect_rollout(hall, PLAN))):
+        curves = [ax for ax in figure.axes if ax.lines and ax.get_aspect() == "auto"]
+        assert len(curves) >= 2
+        assert all(min(ax.bbox.width, ax.bbox.height) > 0.5 * figure.dpi for ax in curves)
+
+
 def rings(ax: Axes) -> np.ndarray:
     """Places of the rings [m]; each is drawn twice, with a white edge and with a red one."""
     return np.array([(*line.get_xdata(), *line.get_ydata()) for line in ax.lines if line.get_gid() == "mark"])[1::2]

@@ -93,7 +93,7 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path, *, tracked: b
                 terminal.note(text)
             case Planned(run):
                 INTERRUPTS.hold()
-                _write_plans(folder, run, tracked=tracked)
+                write_plans(folder, run, tracked=tracked)
             case Finished(run):
                 _write_rollouts(folder, run)
         return CANCEL if INTERRUPTS.came else None
@@ -101,7 +101,7 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path, *, tracked: b
     return on_event
 
 
-def _write_plans(folder: Path, run: Run, *, tracked: bool) -> None:
+def write_plans(folder: Path, run: Run, *, tracked: bool) -> None:
     """Write the plans, or where there is none a picture of the closest attempt.
 
     Until a plan has been tracked, the report calls the run interrupted: so it is right however the run ends.

@@ -29,6 +29,9 @@ TASKS_SHOWN = 60
 PANEL = 5.4
 """Longer side [inch] of a panel that shows a scene."""
 
+LEAST_PANEL = 1.8
+"""Shorter side [inch] at least: the curves beside it need as much."""
+
 
 def draw_scene(ax: Axes, task: Draft) -> None:
     """Workspace, obstacles and port, in metres at equal scale."""
@@ -167,7 +170,8 @@ def panel_size(task: Draft) -> tuple[float, float]:
 
 
 def _panel(width: float, height: float) -> tuple[float, float]:
-    return PANEL * width / max(width, height), PANEL * height / max(width, height)
+    scale = PANEL / max(width, height)
+    return max(LEAST_PANEL, scale * width), max(LEAST_PANEL, scale * height)
 
 
 def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
