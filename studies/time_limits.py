@@ -18,7 +18,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
@@ -55,7 +55,7 @@ class Ended:
     Attributes:
         how: The outcome, or the error.
         loading: Time [s] of reading the file.
-        seconds: Of that and planning, up to the report.
+        seconds: Of planning, up to the report.
         writing: Time [s] of writing the files and drawing the picture, after that.
         megabytes: By which memory grew at its peak.
         blind: Longest time [s] between two looks at the clock in planning, the report included.
@@ -114,19 +114,24 @@ def main() -> None:
         found.append((kind, ended))
         late = "LATE " if ended.seconds > given.limit + 1 else ""
         print(
-            f"{late}{kind} {seed}: {ended.how}, {ended.seconds:.2f} s (loading {ended.loading:.2f} s), "
+            f"{late}{kind} {seed}: {ended.how}, loading {ended.loading:.2f}, planning {ended.seconds:.2f}, "
             f"writing {ended.writing:.2f} s, {ended.megabytes:.0f} MB, {ended.blind:.2f} s until {ended.where}",
             flush=True,
         )
     for kind in given.kinds:
-        rows = [ended for name, ended in found if name == kind]
-        seconds, memory = np.array([(ended.seconds, ended.megabytes) for ended in rows]).T
-        print(
-            f"{kind}: {np.sum(seconds <= given.limit + 1)} of {len(rows)} within {given.limit:g} + 1 s of "
-            f"{given.clock} time, latest {seconds.max():.2f} s (loading up to {max(e.loading for e in rows):.2f} s, writing "
-            f"afterwards up to {max(e.writing for e in rows):.2f} s); "
-            f"memory up to {memory.max():.0f} MB; {dict(Counter(ended.how.partition(':')[0] for ended in rows))}"
-        )
+        print(f"{kind}: {summary([ended for name, ended in found if name == kind], given.limit, given.clock)}")
+
+
+def summary(rows: Sequence[Ended], limit: float, clock: str) -> str:
+    """How many ended in time, in words."""
+    loading, planning, writing, memory = np.array([(r.loading, r.seconds, r.writing, r.megabytes) for r in rows]).T
+    whole = loading + planning + writing
+    return (
+        f"planning ended within {limit:g} + 1 s of {clock} time in {np.sum(planning <= limit + 1)} of {len(rows)}, at the "
+        f"latest after {planning.max():.2f} s; with loading (up to {loading.max():.2f} s) and writing (up to "
+        f"{writing.max():.2f} s) in {np.sum(whole <= limit + 1)}, after {whole.max():.2f} s; memory up to "
+        f"{memory.max():.0f} MB; {dict(Counter(row.how.partition(':')[0] for row in rows))}"
+    )
 
 
 def planned(path: Path, limit: float, clock: str) -> Ended:
@@ -158,6 +163,7 @@ def _plan(path: Path, limit: float, clock: str, reply: Connection) -> None:
     except Exception as error:  # that is what is looked for
         how = f"FAULT: {type(error).__name__}: {error}"
     ended, blind, where = now(), now.blind, now.where
+    begun += loaded
     if run is not None:
         write_plans(path.parent / "out", run, tracked=False)
     reply.send(Ended(how, loaded, ended - begun, now() - ended, _peak() - before, blind, where))
