@@ -84,7 +84,7 @@ def test_the_insertion_is_shown_to_its_end(tmp_path: Path):
 
 def _cable_pixels(frame: np.ndarray) -> np.ndarray:
     """Where the scene of a frame, inside its walls, is as dark as the cable."""
-    return frame[80:630, 90:640].max(axis=2) < 80
+    return frame[90:610, 70:590].max(axis=2) < 80
 
 
 def test_nothing_of_the_curves_is_seen_ahead_of_the_cursor():
@@ -114,7 +114,7 @@ def test_each_row_says_what_is_going_on():
         **{name: np.zeros((len(rows) - 1, *getattr(ROLLOUT, name).shape[1:])) for name in ("actions", "solve_time")},
         status=np.array(["tracking"] * (len(rows) - 2) + ["unseen: stopped"]),
     )
-    said = captions(held)
+    said = captions(TASK, held)
     assert len(said) == len(rows)
     assert said[:5] == ["hold"] * 5
     assert set(said[5:-3]) == {"tracking"}

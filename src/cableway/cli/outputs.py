@@ -15,14 +15,15 @@ TASK = "task.yaml"
 PLAN, PLAN_PICTURE = "plan.npz", "plan.png"
 ALTERNATIVES_PICTURE = "alternatives.png"
 ROLLOUT, ROLLOUT_PICTURE, VIDEO = "rollout.npz", "rollout.png", "rollout.mp4"
+REPLANNING_PICTURE = "replanning.png"
 INSERTION_PLAN, INSERTION, INSERTION_PICTURE = "insertion-plan.npz", "insertion.npz", "insertion.png"
 
 PUSH_0_1 = "push.npz"
 """What version 0.1 called the plan of the insertion."""
 
 ALL = (
-    REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, INSERTION_PLAN, ROLLOUT, ROLLOUT_PICTURE, VIDEO, INSERTION,
-    INSERTION_PICTURE,
+    REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, INSERTION_PLAN, ROLLOUT, ROLLOUT_PICTURE, VIDEO,
+    REPLANNING_PICTURE, INSERTION, INSERTION_PICTURE,
 )  # fmt: skip
 
 

@@ -71,7 +71,7 @@ class PlanOptions(TaskOptions):
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video
 
-                write_video(folder / outputs.VIDEO, task, run.rollout, run.insertion, progress=progress)
+                write_video(folder / outputs.VIDEO, task, run.rollout, run.insertion, plan=run.plan, progress=progress)
         outputs.announce(terminal, folder, run.report)
         terminal.result(run.report.as_dict(), pairs(run.report.rows()))
         return 0 if run.success else 1
@@ -131,9 +131,10 @@ def write_plans(folder: Path, run: Run, *, tracked: bool) -> None:
 
 def _write_rollouts(folder: Path, run: Run) -> None:
     from cableway.figures.insertion import insertion_figure
+    from cableway.figures.replanning import replanning_figure
     from cableway.figures.rollout import rollout_figure
 
-    rollout, insertion = run.rollout, run.insertion
+    plan, rollout, insertion = run.plan, run.rollout, run.insertion
     if rollout is not None:
         rollout.save(folder / outputs.ROLLOUT)
     if insertion is not None:
@@ -142,8 +143,12 @@ def _write_rollouts(folder: Path, run: Run) -> None:
     if rollout is not None:
         _draw(
             folder / outputs.ROLLOUT_PICTURE,
-            lambda: rollout_figure(run.task, rollout, failure=run.report.failure, verdict=run.report.rollout_verdict),
+            lambda: rollout_figure(
+                run.task, rollout, plan=plan, failure=run.report.failure, verdict=run.report.rollout_verdict
+            ),
         )
+        if plan is not None and rollout.metadata.get("recovered"):
+            _draw(folder / outputs.REPLANNING_PICTURE, lambda: replanning_figure(run.task, plan, rollout))
     if insertion is not None:
         _draw(folder / outputs.INSERTION_PICTURE, lambda: insertion_figure(run.task, insertion))
 

@@ -15,7 +15,8 @@ from cableway.workflow.registry import DEFAULT_CONTROLLER
 
 @dataclass(frozen=True, kw_only=True)
 class Run(PlanOptions):
-    """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4."""
+    """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4; replanning.png
+    where a new plan was made on the way."""
 
     plan_file: Annotated[Path | None, option(name="from", metavar="PLAN.npz")] = None
     """Track this plan of the task, such as one of `plan --alternatives`, instead of seeking one, as by default."""

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from cableway.figures import scene, style
+from cableway.figures.replanning import change_of, draw_actual_scene
 from cableway.outcome import PORT_ANGLE, PORT_LATERAL
 from cableway.records import Rollout
 from cableway.scene.task import Task
@@ -51,7 +52,7 @@ def _draw_port_view(ax: Axes, task: Task, rollout: Rollout) -> None:
     """The scene about the port, with cable and plug at the beginning, in between and at the end."""
     assert task.plug is not None
     assert task.port is not None
-    scene.draw_scene(ax, task)
+    draw_actual_scene(ax, task, change_of(task, rollout))
     for patch in ax.patches:
         patch.set_clip_on(True)  # the walls are drawn beyond their axes
     rows = np.linspace(0, rollout.steps, SHOWN).round().astype(int)

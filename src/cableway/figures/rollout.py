@@ -26,8 +26,9 @@ from cableway.figures.plan import (
     draw_clearance,
     spread_rows,
 )
+from cableway.figures.replanning import change_of, draw_actual_scene, draw_left, left_of, stops_of
 from cableway.outcome import SUCCESS_ERROR
-from cableway.records import Estimate, Rollout, Verdict
+from cableway.records import Estimate, Plan, Rollout, Verdict
 from cableway.scene.task import Task
 
 SHAPES_SHOWN = 12
@@ -38,13 +39,19 @@ COLUMN = 4.6
 
 
 def rollout_figure(
-    task: Task, rollout: Rollout, *, failure: str | None = None, verdict: Verdict | None = None
+    task: Task,
+    rollout: Rollout,
+    *,
+    plan: Plan | None = None,
+    failure: str | None = None,
+    verdict: Verdict | None = None,
 ) -> Figure:
     """Shapes with their reference; errors, clearance and the estimates that moved over time; and what went wrong.
 
     Args:
         task: The task.
         rollout: What happened.
+        plan: What was followed first; what is left of it where it was given up is drawn.
         failure: Why it is no success, in a sentence; None where it is one.
         verdict: Checks of the rollout; places and shapes of those that did not pass are marked.
     """
@@ -56,7 +63,7 @@ def rollout_figure(
     lines += sentence_lines([mark.sentence for mark in marks], wide - LEFT) if marks else []
     figure = style.new_figure(wide, BELOW + height + ABOVE + (0.2 + LINE * len(lines) if lines else 0.0))
     ax = style.add_axes(figure, LEFT, BELOW, width, height)
-    draw_tracking(ax, task, rollout)
+    draw_tracking(ax, task, rollout, plan)
     style.title(ax, f"{task.name}: tracking, {rollout.steps} steps")
     draw_marks(ax, marks)
     write_lines(figure, LEFT, lines)
@@ -77,9 +84,11 @@ def stacked_errors(task: Task, rollout: Rollout) -> tuple[Float[np.ndarray, "k"]
     return to_goal, np.linalg.norm(rollout.keypoints - rollout.reference, axis=(1, 2))
 
 
-def draw_tracking(ax: Axes, task: Task, rollout: Rollout) -> None:
+def draw_tracking(ax: Axes, task: Task, rollout: Rollout, plan: Plan | None = None) -> None:
     """The scene with the motion in it, a scale of time and a legend."""
-    draw_motion(ax, task, rollout)
+    changed = draw_motion(ax, task, rollout)
+    if plan is not None and (stops := stops_of(rollout)):
+        changed += draw_left(ax, left_of(plan, rollout.reference[stops[0].first]))
     add_time_bar(ax, float(rollout.times[-1]))
     handles: list[Any] = [
         Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"),
@@ -87,12 +96,16 @@ def draw_tracking(ax: Axes, task: Task, rollout: Rollout) -> None:
         Line2D([], [], color=style.INK, linewidth=0.9, label="gripper paths"),
         Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"),
     ]
-    style.legend_below(ax, handles, 2)
+    style.legend_below(ax, handles + changed, 3 if changed else 2)
 
 
-def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> None:
-    """The scene with the simulated cable coloured by time and the reference dashed on it."""
-    scene.draw_scene(ax, task)
+def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> list[Any]:
+    """The scene with the simulated cable coloured by time and the reference dashed on it.
+
+    Returns:
+        Legend entries of what the plan did not know.
+    """
+    changed = draw_actual_scene(ax, task, change_of(task, rollout))
     rows = spread_rows(rollout.keypoints, SHAPES_SHOWN)
     colors = style.TIME(rows / max(rollout.steps, 1))
     scene.draw_cables(ax, rollout.centreline[rows], task.cable.radius, colors)
@@ -102,6 +115,7 @@ def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> None:
         ax.plot(*rollout.poses[:, side, :2].T, color=style.INK, linewidth=0.8, alpha=0.6, zorder=5)
         scene.draw_grippers(ax, rollout.poses[rows, side, :2], task.grippers.radius, zorder=6, linewidths=0.4)
     ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=1.0, linestyle=":", zorder=7)
+    return changed
 
 
 def draw_errors(

@@ -51,10 +51,11 @@ def draw_scene(ax: Axes, task: Draft) -> None:
         spine.set_visible(False)
 
 
-def draw_solids(ax: Axes, scene: Scene) -> PathCollection:
-    """The obstacles."""
+def draw_solids(ax: Axes, scene: Scene, **options: Any) -> PathCollection:
+    """The obstacles; `options` go to Matplotlib's collection."""
     solids = [polygon_path(solid) for solid in scene.solids]
-    return _add_paths(ax, solids, facecolors=style.OBSTACLE, edgecolors=style.OBSTACLE_EDGE, linewidths=0.9, zorder=2)
+    settings = {"facecolor": style.OBSTACLE, "edgecolor": style.OBSTACLE_EDGE, "linewidth": 0.9, "zorder": 2, **options}
+    return _add_paths(ax, solids, **settings)
 
 
 def _draw_port(ax: Axes, task: Draft) -> None:
@@ -107,7 +108,7 @@ def draw_grippers(ax: Axes, points: Float[np.ndarray, "k 2"], radius: float, **o
 
 
 def _add_paths(ax: Axes, paths: Sequence[Path], **options: Any) -> PathCollection:
-    collection = PathCollection(paths, **{"edgecolors": "white", **options})
+    collection = PathCollection(paths, **{"edgecolor": "white", **options})
     ax.add_collection(collection)
     return collection
 

@@ -21,7 +21,7 @@ from cableway.figures import scene, style
 from cableway.figures.moving import MovingScene, captions, moving_handles
 from cableway.figures.plan import draw_clearance
 from cableway.figures.rollout import draw_errors, stacked_errors
-from cableway.records import INSERTION, Rollout
+from cableway.records import INSERTION, Plan, Rollout
 from cableway.scene.task import Task
 
 SIZE = (1280, 720)
@@ -29,6 +29,9 @@ SIZE = (1280, 720)
 
 INCH = 100
 """Pixels of a frame to the inch."""
+
+SIDE = 5.4
+"""Longer side [inch] of the scene."""
 
 LONGEST = 30.0
 """Playing time [s] beyond which a video runs at twice the speed, four times, and so on."""
@@ -46,6 +49,7 @@ def write_video(
     rollout: Rollout,
     insertion: Rollout | None = None,
     *,
+    plan: Plan | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> None:
     """Write the video of a run (MP4, H.264), in real time unless that is longer than `LONGEST`.
@@ -55,6 +59,7 @@ def write_video(
         task: The task of the rollout.
         rollout: What happened.
         insertion: And then, where a plug was inserted.
+        plan: What was followed first, so that it can be shown where it was given up.
         progress: Called with "video" and the share done.
 
     Raises:
@@ -62,7 +67,7 @@ def write_video(
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    stage = _Stage(task, rollout, insertion)
+    stage = _Stage(task, rollout, insertion, plan)
     rows, rate, speed = playback(stage.run)
     stage.title(speed)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
@@ -144,22 +149,22 @@ def _frames(
 class _Stage:
     """The figure of a frame: a still background, and the artists that change from row to row."""
 
-    def __init__(self, task: Task, rollout: Rollout, insertion: Rollout | None) -> None:
+    def __init__(self, task: Task, rollout: Rollout, insertion: Rollout | None, plan: Plan | None = None) -> None:
         self._task, self._rollout, self._insertion = task, rollout, insertion
         self.run = joined(rollout, insertion)
-        self._captions = captions(rollout)
+        self._captions = captions(task, rollout)
         if insertion is not None:
             self._captions += [INSERTION] * insertion.steps
         self._figure = style.new_figure(SIZE[0] / INCH, SIZE[1] / INCH)
         self._figure.set_dpi(INCH)
         self._moving: list[tuple[Axes, Artist]] = []
-        self._build_scene()
+        self._build_scene(plan)
         self._build_curves()
 
     def title(self, speed: int) -> None:
         """Write the title, and keep all that stands still."""
         label = f"{self._task.name}" + (f"   ({speed} x real time)" if speed > 1 else "")
-        self._figure.text(0.045, 0.945, label, fontsize=13, fontweight="bold", color=style.INK)
+        self._figure.text(0.6 / 12.8, 0.95, label, fontsize=13, fontweight="bold", color=style.INK)
         self._canvas = FigureCanvasAgg(self._figure)
         self._canvas.draw()
         self._still = self._canvas.copy_from_bbox(self._figure.bbox)
@@ -168,17 +173,15 @@ class _Stage:
         artist.set_animated(True)
         self._moving.append((ax, artist))
 
-    def _build_scene(self) -> None:
+    def _build_scene(self, plan: Plan | None) -> None:
         width, height = scene.panel_size(self._task)
-        grow = 5.9 / scene.PANEL
-        ax = style.add_axes(self._figure, 0.6, 0.78 + (5.9 - grow * height) / 2, grow * width, grow * height)
-        self._scene = MovingScene(ax, self._task, self.run)
-        self._clock = ax.text(
-            0.985, 1.02, "", transform=ax.transAxes, ha="right", fontsize=12, color=style.INK, family="DejaVu Sans Mono"
-        )
+        grow = SIDE / scene.PANEL
+        ax = style.add_axes(self._figure, 0.6, 1.0 + (SIDE - grow * height) / 2, grow * width, grow * height)
+        self._scene = MovingScene(ax, self._task, self.run, plan)
+        self._clock = ax.text(0.0, 1.02, "", transform=ax.transAxes, fontsize=12, color=style.INK)
         for artist in (*self._scene.moving, self._clock):
             self._add(ax, artist)
-        style.legend_below(ax, moving_handles(), 4)
+        style.legend_below(ax, moving_handles(self._task, self.run), 4)
 
     def _build_curves(self) -> None:
         left, wide, tall = 7.5, 5.0, 2.3
@@ -207,7 +210,7 @@ class _Stage:
         """The picture of one row."""
         now, end = float(self.run.times[row]), float(self.run.times[-1])
         self._scene.show(row)
-        self._clock.set_text(f"{self._captions[row]}   {now:5.1f} s")
+        self._clock.set_text(f"{now:.1f} s   {self._captions[row]}")
         for future, cursor in self._cursors:
             future.set_x(now)
             future.set_width(max(end - now, 0.0))

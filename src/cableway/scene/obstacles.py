@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -115,6 +115,13 @@ class Disc:
 
 
 Obstacle = Box | Polygon | Disc
+
+
+def displaced(obstacle: Obstacle, by: tuple[float, float]) -> Obstacle:
+    """The obstacle moved by (dx, dy) [m]."""
+    if isinstance(obstacle, Polygon):
+        return replace(obstacle, vertices=obstacle.vertices + np.array(by))
+    return replace(obstacle, center=tuple(np.add(obstacle.center, by).tolist()))
 
 
 def _require_area(area: float, name: str) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from jaxtyping import Float
 from cableway.core.errors import Point, TaskError
 from cableway.geometry import convex
 from cableway.scene import checks
-from cableway.scene.obstacles import Disc, Obstacle, describe, to_shapely
+from cableway.scene.obstacles import Disc, Obstacle, describe, displaced, to_shapely
 
 WALL_TOLERANCE = 1e-6
 """Distance [m] by which an obstacle may reach beyond a wall: figures in a file are rounded to micrometres."""
@@ -77,6 +78,21 @@ class Scene:
             ("obstacles", index),
             at=(float(x), float(y)),
         )
+
+    def changed(
+        self, by: Sequence[tuple[float, float]] = (), discs: Sequence[tuple[float, float, float]] = ()
+    ) -> Scene:
+        """The scene with each obstacle displaced by (dx, dy) [m], none where `by` is empty, and further `discs`.
+
+        Args:
+            by: One displacement for each obstacle, or none at all.
+            discs: (x, y, radius) [m] of each.
+
+        Raises:
+            TaskError: An obstacle then reaches beyond a wall, or a disc is none.
+        """
+        moved = [displaced(*pair) for pair in zip(self.obstacles, by, strict=True)] if by else self.obstacles
+        return replace(self, obstacles=(*moved, *(Disc(center=(x, y), radius=radius) for x, y, radius in discs)))
 
     @cached_property
     def world(self) -> convex.ConvexWorld:

@@ -13,7 +13,6 @@ from cableway.core.errors import InputError, SimulationError
 from cableway.core.provenance import describe
 from cableway.rod.inverse import nearest_equilibrium
 from cableway.scene.cable import Cable
-from cableway.scene.obstacles import Disc, Obstacle, Polygon
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.faults import FaultConfig, FaultyPlant
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable, Offset
@@ -93,10 +92,7 @@ class Perturbation(Checked):
                 f"obstacles must be one displacement for each of the task's {len(task.scene.obstacles)} obstacles, "
                 f"got {len(self.obstacles)}"
             )
-        by = self.obstacles or ((0.0, 0.0),) * len(task.scene.obstacles)
-        moved = tuple(_displaced(*pair) for pair in zip(task.scene.obstacles, by, strict=True))
-        pegs = tuple(Disc(center=(x, y), radius=radius) for x, y, radius in self.pegs)
-        return replace(task, scene=replace(task.scene, obstacles=(*moved, *pegs)))
+        return replace(task, scene=task.scene.changed(self.obstacles, self.pegs))
 
     def true_task(self, task: Task) -> Task:
         """The task as the plant has it, apart from the cable: start and obstacles where they are.
@@ -142,12 +138,6 @@ class Perturbation(Checked):
         names = ("grasp", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table")
         parts = {name: describe(getattr(self, name)) for name in names}
         return {**describe(self.simulation), "cable": describe(self.true_cable(task)), **parts}
-
-
-def _displaced(obstacle: Obstacle, by: tuple[float, float]) -> Obstacle:
-    if isinstance(obstacle, Polygon):
-        return replace(obstacle, vertices=obstacle.vertices + np.array(by))
-    return replace(obstacle, center=tuple(np.add(obstacle.center, by).tolist()))
 
 
 def _start_between(task: Task, offsets: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:
