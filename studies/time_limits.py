@@ -118,7 +118,7 @@ def main() -> None:
             f"writing {ended.writing:.2f} s, {ended.megabytes:.0f} MB, {ended.blind:.2f} s until {ended.where}",
             flush=True,
         )
-    for kind in given.kinds:
+    for kind in dict.fromkeys(given.kinds):
         print(f"{kind}: {summary([ended for name, ended in found if name == kind], given.limit, given.clock)}")
 
 
@@ -127,8 +127,8 @@ def summary(rows: Sequence[Ended], limit: float, clock: str) -> str:
     loading, planning, writing, memory = np.array([(r.loading, r.seconds, r.writing, r.megabytes) for r in rows]).T
     whole = loading + planning + writing
     return (
-        f"planning ended within {limit:g} + 1 s of {clock} time in {np.sum(planning <= limit + 1)} of {len(rows)}, at the "
-        f"latest after {planning.max():.2f} s; with loading (up to {loading.max():.2f} s) and writing (up to "
+        f"planning ended within {limit:g} + 1 s of {clock} time in {np.sum(planning <= limit + 1)} of {len(rows)}, "
+        f"at the latest after {planning.max():.2f} s; with loading (up to {loading.max():.2f} s) and writing (up to "
         f"{writing.max():.2f} s) in {np.sum(whole <= limit + 1)}, after {whole.max():.2f} s; memory up to "
         f"{memory.max():.0f} MB; {dict(Counter(row.how.partition(':')[0] for row in rows))}"
     )
