@@ -14,10 +14,10 @@ def judge(
     task: Task,
     rollout: Rollout | None,
     *,
-    plan: Verdict | None = None,
+    plan_verdict: Verdict | None = None,
     rollout_verdict: Verdict | None = None,
-    insertion_plan: Verdict | None = None,
-    insertion: Verdict | None = None,
+    insertion_plan_verdict: Verdict | None = None,
+    insertion_verdict: Verdict | None = None,
 ) -> tuple[Outcome, str]:
     """What became of a task, and a sentence on why it did not succeed. This is the one definition of success.
 
@@ -29,24 +29,25 @@ def judge(
     Args:
         task: As the plant has it.
         rollout: What happened; None where the plan was not tracked.
-        plan: Checks of the plan.
+        plan_verdict: Checks of the plan.
         rollout_verdict: Checks of the rollout.
-        insertion_plan: Checks of the plan of the insertion.
-        insertion: Checks of the insertion.
+        insertion_plan_verdict: Checks of the plan of the insertion.
+        insertion_verdict: Checks of the insertion.
     """
     if rollout is None:
-        if plan is None or not plan.passed:
-            return Outcome.NOT_VERIFIED, f"the plan does not verify: {plan}"
+        if plan_verdict is None or not plan_verdict.passed:
+            return Outcome.NOT_VERIFIED, f"the plan does not verify: {plan_verdict}"
     elif (failed := _run_failure(task, rollout, rollout_verdict)) is not None:
         return failed
     if task.port is None:
         return Outcome.SUCCESS, ""
-    if insertion_plan is not None and not insertion_plan.passed:
-        return Outcome.NOT_VERIFIED, f"the insertion plan does not verify: {insertion_plan}"
-    if rollout is None or (insertion is not None and insertion.passed):
+    if insertion_plan_verdict is not None and not insertion_plan_verdict.passed:
+        return Outcome.NOT_VERIFIED, f"the insertion plan does not verify: {insertion_plan_verdict}"
+    if rollout is None or (insertion_verdict is not None and insertion_verdict.passed):
         return Outcome.SUCCESS, ""
-    why = "the plug was not inserted" if insertion is None else f"the plug is not inserted: {insertion}"
-    return Outcome.NOT_INSERTED, why
+    if insertion_verdict is None:
+        return Outcome.NOT_INSERTED, "the plug was not inserted"
+    return Outcome.NOT_INSERTED, f"the plug is not inserted: {insertion_verdict}"
 
 
 LAST_LOOK = 1.0

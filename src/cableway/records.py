@@ -9,7 +9,7 @@ keypoints.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Self
 
@@ -21,6 +21,7 @@ from cableway.core.errors import FileFormatError, InputError, Point
 from cableway.core.files import ArrayRecord, check_shapes
 from cableway.core.quantities import quantity
 from cableway.outcome import Outcome
+from cableway.rod.held_rod import HeldRod
 from cableway.verdict import Check as Check
 from cableway.verdict import Verdict as Verdict
 
@@ -108,6 +109,12 @@ class Plan(Brief, ArrayRecord):
         if self.stages is not None:
             expected, found = self.shapes.shape[:2], self.stages.progress.shape
             _require(found == expected, f"progress has shape {found}, not {expected}")
+
+    @classmethod
+    def of(cls, rod: HeldRod, q: Float[np.ndarray, "T+1 dof"], metadata: Mapping[str, Any] | None = None) -> Self:
+        """The plan of a rod through shapes with these coordinates."""
+        stations, poses = rod.shapes(q)
+        return cls(np.ascontiguousarray(rod.at_keypoints(stations)), poses, q, metadata=dict(metadata or {}))
 
     @property
     def steps(self) -> int:

@@ -15,6 +15,7 @@ from cableway.core.brief import Brief
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
 from cableway.core.quantities import quantity
+from cableway.geometry.groups import SE2
 from cableway.judge import judge as judge
 from cableway.metrics import METRICS
 from cableway.outcome import Outcome
@@ -257,49 +258,52 @@ def summarize(
     """
     task = as_task(task)
     actual = actual or task
-    if plan is None:
-        plan_verdict = attempt.verdict if attempt else None
-    elif plan_verdict is None:
-        plan_verdict = verify_plan(plan, task, limits)
-    if insertion_plan is not None and insertion_plan_verdict is None:
-        insertion_plan_verdict = verify_insertion_plan(insertion_plan, task, limits)
-    length = None if cable is None or cable == task.cable else cable.length
-    rollout_verdict = None if rollout is None else verify_rollout(rollout, actual, length=length)
-    insertion_verdict = None if insertion is None else verify_insertion(insertion, actual, length=length)
-    parts = {"plan": plan, "rollout": rollout, "insertion_plan": insertion_plan, "insertion": insertion}
-    recorded = {name: record.metadata for name, record in parts.items() if record is not None}
-    outcome, failure = problem or judge(
-        actual, rollout, plan=plan_verdict, rollout_verdict=rollout_verdict, insertion_plan=insertion_plan_verdict,
-        insertion=insertion_verdict,
-    )  # fmt: skip
-    if plan is None and problem is None:
-        outcome, failure = Outcome.NO_PLAN, "no plan was found" + (f": {attempt.reason}" if attempt else "")
+    known = attempt.verdict if attempt else plan_verdict
+    verdicts: dict[str, Any] = {
+        "plan_verdict": known or (None if plan is None else verify_plan(plan, task, limits)),
+        "insertion_plan_verdict": insertion_plan_verdict
+        or (None if insertion_plan is None else verify_insertion_plan(insertion_plan, task, limits)),
+        **_rollout_verdicts(rollout, insertion, actual, cable or task.cable),
+    }
+    outcome, failure = problem or (_no_plan(attempt) if plan is None else judge(actual, rollout, **verdicts))
     return Report(
-        task=task.name,
-        outcome=outcome,
-        failure=failure or None,
-        seed=next((r["seed"] for r in recorded.values() if "seed" in r), None) if seed is None else seed,
-        plug_clearance=_checked(rollout_verdict, "plug clearance"),
-        gripper_travel=None if plan is None else _travel(plan.poses if rollout is None else rollout.poses),
-        plan_steps=None if plan is None else plan.steps,
-        planning_time=None if timings is None else float(sum(timings.values())),
-        stage_times=timings,
-        plan_verdict=plan_verdict,
-        rollout_verdict=rollout_verdict,
+        task=task.name, outcome=outcome, failure=failure or None,
+        planning_time=None if timings is None else float(sum(timings.values())), stage_times=timings,
         insertion=None if insertion is None else measure_insertion(insertion.poses[:, 1], task),
-        insertion_plan_verdict=insertion_plan_verdict,
-        insertion_verdict=insertion_verdict,
         notes=(*notes, *_planned_anew(rollout), *_missed(rollout)),
-        versions=versions(),
-        configuration={**describe(recorded), **describe(dict(configuration or {}))},
-        least_achievable_error=None if rollout is None else least_achievable_error(cable or task.cable, task.goal),
-        **({} if rollout is None else _figures(task, rollout)),
-    )
+        **_made_by(seed, configuration, plan=plan, rollout=rollout, insertion_plan=insertion_plan, insertion=insertion),
+        **verdicts,
+        **({} if plan is None else {"plan_steps": plan.steps, "gripper_travel": _travel((rollout or plan).poses)}),
+        **({} if rollout is None else _figures(task, rollout, verdicts["rollout_verdict"], cable or task.cable)),
+    )  # fmt: skip
 
 
-def _checked(verdict: Verdict | None, name: str) -> float | None:
-    """What a check found, if there was one of that name."""
-    return None if verdict is None else next((check.value for check in verdict.checks if check.name == name), None)
+def _no_plan(attempt: Attempt | None) -> tuple[Outcome, str]:
+    """What became of a task without a plan."""
+    return Outcome.NO_PLAN, "no plan was found" + (f": {attempt.reason}" if attempt else "")
+
+
+def _made_by(
+    seed: int | None, configuration: Mapping[str, Any] | None, **parts: Plan | Rollout | None
+) -> dict[str, Any]:
+    """Where a report comes from, as its arguments and the metadata of its records say."""
+    recorded = {name: record.metadata for name, record in parts.items() if record is not None}
+    return {
+        "seed": next((r["seed"] for r in recorded.values() if "seed" in r), None) if seed is None else seed,
+        "versions": versions(),
+        "configuration": {**describe(recorded), **describe(dict(configuration or {}))},
+    }
+
+
+def _rollout_verdicts(
+    rollout: Rollout | None, insertion: Rollout | None, task: Task, cable: Cable
+) -> dict[str, Verdict | None]:
+    """Checks of what there is of a run and its insertion, with the plant's task and cable."""
+    length = None if cable == task.cable else cable.length
+    return {
+        "rollout_verdict": None if rollout is None else verify_rollout(rollout, task, length=length),
+        "insertion_verdict": None if insertion is None else verify_insertion(insertion, task, length=length),
+    }
 
 
 def least_achievable_error(cable: Cable, goal: Float[np.ndarray, "n 2"]) -> float | None:
@@ -311,9 +315,11 @@ def least_achievable_error(cable: Cable, goal: Float[np.ndarray, "n 2"]) -> floa
     return nearest_shape(cable.rod, cable.along("stiffness_profile", places), rest, goal)[1]
 
 
-def _figures(task: Task, rollout: Rollout) -> dict[str, Any]:
-    """The figures of a rollout."""
+def _figures(task: Task, rollout: Rollout, verdict: Verdict, cable: Cable) -> dict[str, Any]:
+    """The figures of a rollout with the plant's cable."""
     return {
+        "plug_clearance": next((check.value for check in verdict.checks if check.name == "plug clearance"), None),
+        "least_achievable_error": least_achievable_error(cable, task.goal),
         "shape_error": rollout.shape_error(task.goal),
         "mean_keypoint_error": float(np.linalg.norm(rollout.keypoints[-1] - task.goal, axis=1).mean()),
         "min_clearance": float(rollout.clearance.min()),
@@ -352,7 +358,7 @@ def _missed(rollout: Rollout | None) -> tuple[str, ...]:
 
 
 def _travel(poses: Float[np.ndarray, "t 2 3"]) -> tuple[float, float]:
-    left, right = np.linalg.norm(np.diff(poses[:, :, :2], axis=0), axis=2).sum(axis=0)
+    left, right = SE2.distance(poses[1:], poses[:-1])[0].sum(axis=0)
     return float(left), float(right)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from cableway.benchmark.episode import Job, Result
 from cableway.benchmark.runner import picture_path
-from cableway.benchmark.summary import Results
+from cableway.benchmark.summary import Results, each_of
 from cableway.benchmark.tables import sentence, suite_tables
 from cableway.core.templates import render
 from cableway.metrics import METRICS
@@ -43,9 +43,7 @@ def report_page(
         suites=suites,
         failures=[
             _failure(result, jobs[result.suite, result.method, result.episode], folder, about["size"])
-            for rows in results.values()
-            for found in rows.values()
-            for result in found
+            for result in each_of(results)
             if not result.success
         ],
         metrics=[metric for metric in METRICS.values() if metric.title],

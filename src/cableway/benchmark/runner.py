@@ -12,7 +12,7 @@ from cableway.benchmark.episode import Job, Result, Scored, died, run_job, warm_
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.executors import Pending, open_executor
-from cableway.core.files import write_atomically, write_json
+from cableway.core.files import write_bytes, write_json
 from cableway.core.reading import read_json
 from cableway.outcome import Outcome
 
@@ -89,8 +89,7 @@ def _keep(job: Job, scored: Scored, folder: Path) -> None:
     picture = picture_path(job, folder)
     picture.unlink(missing_ok=True)
     if scored.picture is not None:
-        content = scored.picture
-        write_atomically(picture, lambda file: file.write(content))
+        write_bytes(picture, scored.picture)
     write_json(result_path(job, folder), asdict(scored.result))
 
 

@@ -7,7 +7,7 @@ import io
 import os
 import platform
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -21,6 +21,11 @@ from cableway.simulation.perturbations.variants import variant
 
 Results = Mapping[str, Mapping[str, Sequence[Result]]]
 """Results by suite and by method."""
+
+
+def each_of(results: Results) -> Iterator[Result]:
+    """All results, suite by suite and method by method."""
+    return (result for rows in results.values() for found in rows.values() for result in found)
 
 
 def group_of(result: Result) -> str:

@@ -60,6 +60,7 @@ class Bench(EpisodeOptions):
         """Carry the command out and return its exit status."""
         from cableway.benchmark.gate import read_baseline, regressions
         from cableway.benchmark.methods import load_method
+        from cableway.benchmark.summary import each_of
         from cableway.core.files import only_writer
 
         terminal, folder = Terminal(self), self.folder("bench")
@@ -70,10 +71,7 @@ class Bench(EpisodeOptions):
             results = self.results(jobs, folder, progress)
             about = self._write(results, jobs, list(methods.values()), folder)
         terminal.note(f"In {folder}: {CSV}, {SUMMARY}, {TABLES}, {PAGE}, {BASELINE}")
-        worse = []
-        if before is not None:
-            found = [result for rows in results.values() for each in rows.values() for result in each]
-            worse = regressions(found, before)
+        worse = [] if before is None else regressions(list(each_of(results)), before)
         terminal.result(about | {"regressions": worse}, _shown(results))
         for sentence in _missed(results):
             terminal.note(sentence)
@@ -108,11 +106,11 @@ class Bench(EpisodeOptions):
         """Leave all files of a finished run."""
         from cableway.benchmark.gate import baseline
         from cableway.benchmark.pages import report_page
-        from cableway.benchmark.summary import csv_text, summary
+        from cableway.benchmark.summary import csv_text, each_of, summary
         from cableway.benchmark.tables import markdown
-        from cableway.core.files import write_atomically, write_json
+        from cableway.core.files import write_json, write_text
 
-        found = [result for rows in results.values() for each in rows.values() for result in each]
+        found = list(each_of(results))
         names = ("suites", "methods", "episodes", "deadline", "time_limit", "executor", "workers")
         chosen = {name: getattr(self, name) for name in names}
         about = summary(results, methods, self.size, chosen)
@@ -125,7 +123,7 @@ class Bench(EpisodeOptions):
             pictures=_write_pictures(results, folder),
         )
         for name, text in ((CSV, csv_text(found)), (TABLES, markdown(results, self.size)), (PAGE, page)):
-            write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))
+            write_text(folder / name, text)
         write_json(folder / SUMMARY, about)
         write_json(folder / BASELINE, baseline(found))
         return about

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import tyro
-
-from cableway.cli.options import Maybe, Options
+from cableway.cli.options import Maybe, WorkerOptions
 from cableway.cli.terminal import Terminal, pairs
 
 if TYPE_CHECKING:
@@ -16,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Collect(Options):
+class Collect(WorkerOptions):
     """Collect transitions of a simulated cable in random motion; continues an interrupted collection."""
 
     config: Maybe[Path] = None
@@ -24,12 +22,6 @@ class Collect(Options):
 
     transitions: Maybe[int] = None
     """Number of transitions; by default, as the configuration says."""
-
-    workers: Maybe[int] = None
-    """Simulations that run in parallel; by default, one per core. The data do not depend on it."""
-
-    executor: Annotated[str, tyro.conf.arg(metavar="{local,ray}")] = "local"
-    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster at RAY_ADDRESS."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""

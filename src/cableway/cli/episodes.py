@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import tyro
 
-from cableway.cli.options import Maybe, Options
+from cableway.cli.options import WorkerOptions
 from cableway.cli.terminal import OnProgress
 
 if TYPE_CHECKING:
@@ -18,17 +18,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EpisodeOptions(Options):
+class EpisodeOptions(WorkerOptions):
     """Options of the commands that run episodes."""
 
     seed: tyro.conf.Suppress[None] = None
     """Each episode of a suite has its own."""
-
-    workers: Maybe[int] = None
-    """Episodes that run in parallel; by default, one per core."""
-
-    executor: Annotated[str, tyro.conf.arg(metavar="{local,ray}")] = "local"
-    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster at RAY_ADDRESS."""
 
     time_limit: float = 300.0
     """Seconds of processor time after which an episode is stopped and counts as a failure."""

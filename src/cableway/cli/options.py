@@ -81,6 +81,17 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WorkerOptions(Options):
+    """Options of the commands that simulate much."""
+
+    workers: Maybe[int] = None
+    """Simulations that run in parallel; by default, one per core. The results do not depend on it."""
+
+    executor: Annotated[str, tyro.conf.arg(metavar="{local,ray}")] = "local"
+    """Where they run: local, or ray (`pip install 'cableway[ray]'`) on the cluster at RAY_ADDRESS."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class TaskOptions(Options):
     """Options of the commands on one task."""
 

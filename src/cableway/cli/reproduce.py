@@ -38,7 +38,7 @@ class Reproduce(EpisodeOptions):
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.benchmark.summary import machine
-        from cableway.core.files import only_writer, write_atomically, write_json
+        from cableway.core.files import only_writer, write_json, write_text
         from cableway.core.provenance import versions
         from cableway.tang2025.reproduction.page import reproduction_page, reproduction_text
 
@@ -55,11 +55,8 @@ class Reproduce(EpisodeOptions):
                 "size": self.size,
                 "configuration": self._configuration(),
             }
-            for name, text in (
-                (PAGE, reproduction_page(sections, about)),
-                (TEXT, reproduction_text(sections, about)),
-            ):
-                write_atomically(folder / name, lambda file, text=text: file.write(text.encode()))
+            write_text(folder / PAGE, reproduction_page(sections, about))
+            write_text(folder / TEXT, reproduction_text(sections, about))
             content = about | {"sections": [asdict(section) for section in sections]}
             write_json(folder / DATA, content)
         terminal.note(f"In {folder}: {PAGE}, {TEXT}, {DATA}")

@@ -42,8 +42,7 @@ def within_limits(
     action = np.asarray(action, float)
     if not np.isfinite(action).all():
         return np.zeros_like(action)
-    moves = shorten(SE2.position(action), MARGIN * grippers.max_step)
-    turns = np.clip(action[:, SE2.space :], -MARGIN * grippers.max_turn, MARGIN * grippers.max_turn)
+    moves, turns = np.hsplit(limited(action, MARGIN * grippers.max_step, MARGIN * grippers.max_turn), [SE2.space])
     left, right = SE2.position(poses)
     share = _separation_share(right - left, moves[1] - moves[0], max_span)
     together, apart = moves.mean(axis=0), (moves[1] - moves[0]) / 2
@@ -102,8 +101,7 @@ def _within_acceleration(
     moves, turns = SE2.position(change), change[:, SE2.space :]
     if np.linalg.norm(moves, axis=1).max() <= most and np.abs(turns).max() <= most_turn:
         return action
-    moves = moves if np.isinf(most) else shorten(moves, most)
-    return before + np.column_stack([moves, np.clip(turns, -most_turn, most_turn)])
+    return before + limited(change, most, most_turn)
 
 
 def _span(action: Float[np.ndarray, "2 3"], poses: Float[np.ndarray, "2 3"]) -> float:
@@ -126,10 +124,11 @@ def span_limit(poses: Float[np.ndarray, "H 2 3"], length: float, share: float) -
     return np.where(planned <= length, np.maximum(planned, share * length), share * length)
 
 
-def shorten(moves: Float[np.ndarray, "... 2"], most: float) -> Float[np.ndarray, "... 2"]:
-    """Vectors no longer than `most` [m], in their own direction."""
-    norms = np.linalg.norm(moves, axis=-1, keepdims=True)
-    return moves * np.minimum(1.0, most / np.maximum(norms, most))
+def limited(step: Float[np.ndarray, "2 3"], most: float, most_turn: float) -> Float[np.ndarray, "2 3"]:
+    """Gripper steps [m, m, rad] no longer than `most` [m], in their own direction, and turns of at most `most_turn`."""
+    norms = np.linalg.norm(SE2.position(step), axis=1, keepdims=True)
+    share = np.minimum(1.0, most / np.maximum(norms, 1e-300))
+    return np.column_stack([share * SE2.position(step), np.clip(step[:, SE2.space :], -most_turn, most_turn)])
 
 
 def _separation_share(gap: np.ndarray, change: np.ndarray, max_span: float) -> float:

@@ -42,10 +42,11 @@ from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import MET, EstimatorConfig
 from cableway.motion.clearance import clearances
+from cableway.motion.time_parametrization import gripper_effort
 from cableway.records import Observation, Plan
 from cableway.rod import kernels
 from cableway.rod.fitting import fit_along, meet_ends
-from cableway.rod.inverse import fit_keypoints
+from cableway.rod.inverse import fit_keypoints, fit_sequence
 from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
 from cableway.scene.task import Task
@@ -226,10 +227,9 @@ class RodMPC(Controller[RodMPCState]):
 
     def _effort(self, state: RodMPCState) -> float:
         """Share of the grippers' limits that the motion from fit to fit takes."""
-        estimator, limits = state.estimator, state.task.grippers
-        ends = kernels.batch_shapes(state.fits, state.estimate.theta[ROD], estimator.modes, 0)[2]
-        moves, turns = estimator.rod.group.distance(ends[1:], ends[:-1])
-        return max(float(moves.max()) / limits.max_step, float(turns.max()) / limits.max_turn)
+        limits = state.task.grippers
+        ends = kernels.batch_shapes(state.fits, state.estimate.theta[ROD], state.estimator.modes, 0)[2]
+        return float(gripper_effort(ends, limits.max_step, limits.max_turn).max())
 
     def _fitted(self, state: RodMPCState) -> RodMPCState:
         """With the estimated rod's shapes nearest to the plan's next ones."""
@@ -273,10 +273,8 @@ def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
     """
     q = plan.q
     if q is None or np.abs((rod.at_keypoints(rod.shapes(q)[0]) - plan.shapes)[:-1]).max(initial=0.0) > SAME:
-        rows = [fit_keypoints(rod, plan.shapes[0])[0]]
-        for keypoints in plan.shapes[1:]:
-            rows.append(fit_keypoints(rod, keypoints, rows[-1])[0])
-        q = np.array(rows)
+        first = fit_keypoints(rod, plan.shapes[0])[0]
+        q = np.vstack([first, fit_sequence(rod, plan.shapes[1:], first)])
     return np.array([rod.continued(row, poses) for row, poses in zip(q, plan.poses, strict=True)])
 
 

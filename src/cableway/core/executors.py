@@ -281,6 +281,4 @@ def _get(ray: Any, reference: Any) -> Any:
 
 
 _EXECUTORS = {"local": _local, "ray": _ray}
-
-EXECUTORS = tuple(_EXECUTORS)
-"""Names of the executors."""
+"""By name."""

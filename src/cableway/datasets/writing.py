@@ -14,7 +14,7 @@ import numpy as np
 from safetensors.numpy import save
 
 from cableway.core.errors import FileFormatError, InputError, StorageError
-from cableway.core.files import only_writer, write_atomically
+from cableway.core.files import only_writer, write_bytes
 from cableway.datasets.manifest import FORMAT, MANIFEST, VERSION, Column, Manifest, Shard, read_manifest, write_manifest
 from cableway.datasets.reading import read_shard
 
@@ -94,7 +94,7 @@ class DatasetWriter:
             ended=dict(sorted(ended.items())),
         )
         with self._storing():
-            write_atomically(self._folder / shard.file, lambda file: file.write(content))
+            write_bytes(self._folder / shard.file, content)
             write_manifest(self._folder, self._manifest({**self._shards, first_episode: shard}, complete=False))
         self._shards[first_episode] = shard
         return shard

@@ -55,7 +55,8 @@ def plan_insertion(task: TaskSource, limits: VerificationLimits | None = None) -
         if led.snap is not None:
             reasons.append(f"the cable snaps at row {led.snap:.1f} of {len(poses) - 1} if the left gripper {name}")
             continue
-        plan = _plan(task, led.q, name)
+        made_by = {"part": INSERTION, "left gripper": name, "versions": versions()}
+        plan = Plan.of(task.cable.rod, led.q, made_by)
         verdict = verify_insertion_plan(plan, task, limits)
         if verdict.passed:
             return plan.judged(verdict)
@@ -84,13 +85,6 @@ def _straight(task: Task, a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) 
     steps, turns = moved / min(STEP, task.grippers.max_step), turned / min(TURN, task.grippers.max_turn)
     require_rows(float(max(steps, turns)), task.cable.keypoints)
     return np.linspace(a, b, max(1, int(np.ceil(max(steps, turns) - 1e-9))) + 1)
-
-
-def _plan(task: Task, q: Float[np.ndarray, "t dof"], left: str) -> Plan:
-    stations, poses = task.cable.rod.shapes(q)
-    shapes = np.ascontiguousarray(task.cable.rod.at_keypoints(stations))
-    made_by = {"part": INSERTION, "left gripper": left, "versions": versions()}
-    return Plan(shapes, poses, q, metadata=made_by)
 
 
 __getattr__ = renamed(__name__, {"plan_push": "plan_insertion"})

@@ -23,6 +23,7 @@ from cableway.core.checks import Bounds, Checked
 from cableway.core.deprecation import renamed
 from cableway.core.errors import PlanningError
 from cableway.core.time_limit import checkpoint
+from cableway.motion.interpolation import rows_at
 from cableway.motion.limits import Margins
 from cableway.motion.validity import FreeSpace, task_ends
 from cableway.planning import rrt_connect_kernels
@@ -191,7 +192,7 @@ def _dense(path: np.ndarray, task: Task, step: float) -> np.ndarray:
         1, np.ceil(np.maximum(moves, np.abs(np.diff(path[:, rod.group.space])) * rod.length / 2) / step)
     ).astype(int)
     at = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(counts))])
-    return np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
+    return rows_at(path, at)
 
 
 __getattr__ = renamed(__name__, {"ExploreConfig": "RRTConnectConfig", "explore": "rrt_connect_path"})

@@ -11,7 +11,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.grippers import Grippers
 from cableway.tasks import motion
 from cableway.tasks.placement import Placement, swept_region
-from cableway.tasks.setup import MARGIN, Draft, Rejected, Setup
+from cableway.tasks.setup import MARGIN, Draft, Setup
 
 BEND = 7.0
 """Largest curvature [1/m] of a way for the 0.3 m cable, without its second wave; other lengths scale it."""
@@ -75,13 +75,9 @@ def random_way(rng: np.random.Generator, setup: Setup, end: End | None = None) -
 
 def aside(rng: np.random.Generator, q: Float[np.ndarray, "6"], setup: Setup, share: float = 1.0) -> np.ndarray:
     """A short motion (t, 6) from q to a shape beside it, sound all the way; `share` scales how far that is."""
-    length = setup.cable.length
-    for _ in range(20):
-        step = share * rng.normal(size=6) * [0.12 * length, 0.12 * length, 0.3, 6.0, 6.0, 1.5]
-        legs = motion.through(np.array([q, q + step]))
-        try:
-            motion.require_sound(legs, setup, MARGIN)
-        except Rejected:
-            continue
-        return legs
-    raise Rejected("no room aside")
+    spread = np.array([0.12 * setup.cable.length] * 2 + [0.3, 6.0, 6.0, 1.5])
+
+    def legs() -> np.ndarray:
+        return motion.through(np.array([q, q + share * rng.normal(size=len(q)) * spread]))
+
+    return motion.first_sound(legs, setup, MARGIN, "no room aside")

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from cableway.geometry import se2
 from cableway.tasks import motion
 from cableway.tasks.clutter import End, random_way, strewn
-from cableway.tasks.setup import MARGIN, Draft, Rejected, Setup
+from cableway.tasks.setup import MARGIN, Draft, Setup
 
 
 def straight(rng: np.random.Generator) -> Draft:
@@ -53,15 +53,11 @@ def _bent_both_ways(rng: np.random.Generator, q: np.ndarray, setup: Setup) -> Fl
 
 
 def _with_loads(rng: np.random.Generator, q: np.ndarray, setup: Setup, loads: np.ndarray) -> np.ndarray:
-    for _ in range(20):
+    def legs() -> np.ndarray:
         step = rng.normal(size=3) * [0.1 * setup.cable.length, 0.1 * setup.cable.length, 0.3]
-        legs = motion.through(np.array([q, np.concatenate([q[:3] + step, loads])]))
-        try:
-            motion.require_sound(legs, setup, MARGIN)
-        except Rejected:
-            continue
-        return legs
-    raise Rejected("no room for that shape")
+        return motion.through(np.array([q, np.concatenate([q[:3] + step, loads])]))
+
+    return motion.first_sound(legs, setup, MARGIN, "no room for that shape")
 
 
 def _facing_wall(rng: np.random.Generator, setup: Setup) -> tuple[np.ndarray, np.ndarray]:

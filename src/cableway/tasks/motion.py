@@ -6,6 +6,7 @@ it is a true motion of the cable wherever its stability margin stays positive.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -104,6 +105,24 @@ def require_sound(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float) -> N
     keep = setup.thickness + margin
     if (low < keep).any() or (high > np.array(setup.size) - keep).any():
         raise Rejected("outside")
+
+
+def first_sound(
+    draw: Callable[[], Float[np.ndarray, "t 6"]], setup: Setup, margin: float, reason: str, tries: int = 20
+) -> Float[np.ndarray, "t 6"]:
+    """The first motion drawn that `require_sound` lets pass.
+
+    Raises:
+        Rejected: None of some tries does; for that `reason`.
+    """
+    for _ in range(tries):
+        q = draw()
+        try:
+            require_sound(q, setup, margin)
+        except Rejected:
+            continue
+        return q
+    raise Rejected(reason)
 
 
 def require_free(q: Float[np.ndarray, "t 6"], setup: Setup, scene: Scene, margin: float) -> None:

@@ -68,8 +68,8 @@ def track(
         TrackingInterrupted: An interrupt from the keyboard; its `rollout` is what was tracked until then.
     """
     require_type(plan, Plan, "the plan")
-    config, plant = config or TrackConfig(), AnsweringPlant.of(plant)
     require_controller(controller)
+    config, plant = config or TrackConfig(), AnsweringPlant.of(plant)
     if not math.isclose(controller.control_step, plant.control_step, rel_tol=1e-6):
         raise InputError(
             f"the controller steps every {controller.control_step:.4g} s, "
@@ -77,23 +77,32 @@ def track(
         )
     loop = Loop(plant, controller, plan, config, watchdog or Watchdog())
     watch = Watch(recovery, plant.control_step) if recovery is not None else None
-    mistake = setup_mistake(loop.observation, plan, plant.task)
-    ending = Ending(Outcome.WRONG_SETUP, mistake) if mistake else None
     try:
-        if ending is None and watch is not None and watch.is_elsewhere(loop.observation, plan, plant.task):
+        ending = _lead(loop, watch, progress)
+    except KeyboardInterrupt:
+        stopped = Ending(Outcome.INTERRUPTED, "from the keyboard")
+        raise TrackingInterrupted(_record(loop, watch, _metadata(controller, config, stopped, seed))) from None
+    return _record(loop, watch, _metadata(controller, config, ending, seed))
+
+
+def _lead(loop: Loop, watch: Watch | None, progress: Progress | None) -> Ending:
+    """All control steps of a run; how it ended."""
+    task = loop.plant.task
+    if mistake := setup_mistake(loop.observation, loop.plan, task):
+        return Ending(Outcome.WRONG_SETUP, mistake)
+    ending = None
+    try:
+        if watch is not None and watch.is_elsewhere(loop.observation, loop.plan, task):
             ending = watch.recover(loop, None)
         while ending is None:
             ending = _advance(loop, watch)
             if progress is not None:
                 progress("track", 1.0 if ending else min(loop.state.progress, 0.99))
     except Cancelled as error:
-        ending = Ending(Outcome.INTERRUPTED, str(error))
+        return Ending(Outcome.INTERRUPTED, str(error))
     except SimulationError as error:  # from its task, which is read anywhere
-        ending = Ending(Outcome.PLANT_FAILED, str(error))
-    except KeyboardInterrupt:
-        stopped = Ending(Outcome.INTERRUPTED, "from the keyboard")
-        raise TrackingInterrupted(_record(loop, watch, _metadata(controller, config, stopped, seed))) from None
-    return _record(loop, watch, _metadata(controller, config, ending, seed))
+        return Ending(Outcome.PLANT_FAILED, str(error))
+    return ending
 
 
 def _record(loop: Loop, watch: Watch | None, metadata: dict[str, Any]) -> Rollout:

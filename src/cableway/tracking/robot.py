@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.limits import ROUNDING, shorten
+from cableway.control.limits import ROUNDING, limited
 from cableway.estimation.delay import DELAYS, LONGEST_DELAY, DelayEstimator
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
@@ -273,9 +273,7 @@ class FollowingError:
 
     def _towards(self, poses: Float[np.ndarray, "2 3"], grippers: Grippers) -> Float[np.ndarray, "2 3"]:
         """The motion [m, m, rad] from the target towards other poses, within the grippers' limits."""
-        way = SE2.minus(poses, self.target)
-        turns = np.clip(way[:, SE2.space :], -grippers.max_turn, grippers.max_turn)
-        return np.column_stack([shorten(SE2.position(way), grippers.max_step), turns])
+        return limited(SE2.minus(poses, self.target), grippers.max_step, grippers.max_turn)
 
 
 def _elsewhere(poses: Float[np.ndarray, "2 3"], before: Float[np.ndarray, "2 3"]) -> np.ndarray:

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from cableway.core.errors import RAISED, CablewayError, SimulationError, said
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
+from cableway.motion.time_parametrization import gripper_effort
 from cableway.records import Observation
 from cableway.scene.task import Grippers, Task
 from cableway.tracking.answers import usable_observation
@@ -194,8 +195,7 @@ def spread(times: Float[np.ndarray, "k"]) -> dict[str, float] | None:
 
 def _steps(start: Float[np.ndarray, "2 3"], end: Float[np.ndarray, "2 3"], limits: Grippers) -> float:
     """Control steps that a motion needs, at least one."""
-    moves, turns = SE2.distance(start, end)
-    return max(1.0, float(moves.max()) / limits.max_step, float(turns.max()) / limits.max_turn)
+    return max(1.0, float(gripper_effort(np.stack([start, end]), limits.max_step, limits.max_turn)[0]))
 
 
 def _nothing(like: Observation) -> Observation:

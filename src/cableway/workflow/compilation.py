@@ -14,8 +14,6 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.compiled import compiled_among, is_compiled, kernels_below, mark_compiled, watched
 from cableway.core.executors import cores
@@ -93,9 +91,7 @@ def compile_ahead() -> None:
 def _standing() -> tuple[Task, Plan]:
     """The example, and a plan that stays at its start."""
     task = load_task(EXAMPLE)
-    q = task.start_equilibrium[None].repeat(4, 0)
-    stations, poses = task.cable.rod.shapes(q)
-    return task, Plan(np.ascontiguousarray(task.cable.rod.at_keypoints(stations)), poses, q=q)
+    return task, Plan.of(task.cable.rod, task.start_equilibrium[None].repeat(4, 0))
 
 
 class Compilation:

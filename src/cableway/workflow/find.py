@@ -157,9 +157,7 @@ def _slowed(plan: Plan, task: Task, share: float) -> Plan:
         return plan
     at = np.linspace(-1, plan.steps + 1, math.ceil((plan.steps + 2) / share) + 1)
     if plan.q is not None:
-        q = smoothed(plan.q, at)
-        stations, poses = task.cable.rod.shapes(q)
-        return Plan(np.ascontiguousarray(task.cable.rod.at_keypoints(stations)), poses, q=q, metadata=plan.metadata)
+        return Plan.of(task.cable.rod, smoothed(plan.q, at), plan.metadata)
     return Plan(smoothed(plan.shapes, at), smoothed(plan.poses, at), metadata=plan.metadata)
 
 

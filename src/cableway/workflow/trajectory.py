@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
-from cableway.core.files import write_atomically
+from cableway.core.files import write_text
 from cableway.core.provenance import PACKAGE, describe, versions
 from cableway.geometry.groups import SE2
 from cableway.motion.resampling import smoothed
@@ -116,8 +116,7 @@ class Trajectory:
         path = Path(path)
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path}: the name of a trajectory's file must end in {' or '.join(SUFFIXES)}")
-        text = self.to_json() if path.suffix.lower() == ".json" else self.to_csv()
-        write_atomically(path, lambda file: file.write(text.encode()))
+        write_text(path, self.to_json() if path.suffix.lower() == ".json" else self.to_csv())
 
     def to_csv(self) -> str:
         """Lines `# name: value` with the values as JSON, then names of columns, then a line for each row."""

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from jaxtyping import Float
 
-from cableway.core.files import write_atomically
+from cableway.core.files import write_text
 from cableway.scene.files.document import Dumper
 from cableway.scene.files.presets import preset_names
 from cableway.scene.files.schema import FORMAT_VERSION
@@ -24,7 +24,7 @@ def save_task(task: Task, path: str | os.PathLike[str]) -> None:
     Shapes are written as keypoints, with the gripper poses where the task states them. The cable's preset is left
     out where it is none of `preset_names()`; its values stand there in any case.
     """
-    write_atomically(Path(path), lambda file: file.write(task_text(task).encode()))
+    write_text(Path(path), task_text(task))
 
 
 def task_text(task: Task) -> str:

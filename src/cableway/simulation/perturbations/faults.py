@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked, Choice, Share
+from cableway.core.deprecation import renamed
 from cableway.core.errors import InputError
 from cableway.geometry import se2
 from cableway.geometry.groups import SE2
@@ -21,7 +22,7 @@ from cableway.records import Observation
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.grasp import Offset
 from cableway.simulation.perturbations.layer import Layer
-from cableway.simulation.perturbations.sensing import SensedPlant, SensedState
+from cableway.simulation.perturbations.sensing import SensedPlant
 
 Window = tuple[float, float]
 
@@ -77,27 +78,6 @@ class FaultConfig(Checked):
         return np.array([self.stalled != "right", self.stalled != "left"])
 
 
-@dataclass(frozen=True)
-class FaultyState:
-    """State of a `FaultyPlant`.
-
-    Attributes:
-        plant: State of the plant behind it.
-        steps: Control steps since the start.
-        pending: Motion (2, 3) that was sent and is still to be made [m, m, rad].
-        message: The last one that came from the plant as it should.
-        frame: (n, 2) keypoints last sent [m].
-        passed: The message last passed on.
-    """
-
-    plant: SensedState
-    steps: int
-    pending: Float[np.ndarray, "2 3"]
-    message: Observation
-    frame: Float[np.ndarray, "n 2"]
-    passed: Observation
-
-
 class FaultyPlant(Layer[SensedPlant]):
     """A plant with faults between it and the controller.
 
@@ -107,6 +87,10 @@ class FaultyPlant(Layer[SensedPlant]):
         planned: The task as the planner knew it.
         revealed: Time [s] from which the controller knows the scene of the plant's task instead; never where None.
     """
+
+    remembers = ("_steps", "_pending", "_message", "_frame", "_passed")
+    """Control steps since the start; motion (2, 3) sent and still to be made [m, m, rad]; the last message that came
+    from the plant as it should; keypoints (n, 2) last sent [m]; the message last passed on."""
 
     def __init__(self, plant: SensedPlant, config: FaultConfig, planned: Task, revealed: float | None = 0.0) -> None:
         super().__init__(plant)
@@ -142,18 +126,6 @@ class FaultyPlant(Layer[SensedPlant]):
         truth = self.plant.step(made)
         self._pending, self._steps = pending - made, self._steps + 1
         return self._pass_on(truth)
-
-    def state(self) -> FaultyState:
-        """A copy of the whole state, to branch a run from."""
-        return FaultyState(
-            self.plant.state(), self._steps, self._pending.copy(), self._message, self._frame, self._passed
-        )
-
-    def restore(self, state: FaultyState) -> None:
-        """Go back to a state of this plant; what follows is the same bit for bit."""
-        self.plant.restore(state.plant)
-        self._steps, self._pending = state.steps, state.pending.copy()
-        self._message, self._frame, self._passed = state.message, state.frame, state.passed
 
     @property
     def _time(self) -> float:
@@ -207,3 +179,6 @@ class FaultyPlant(Layer[SensedPlant]):
 
 def _within(window: Window | None, time: float) -> bool:
     return window is not None and window[0] <= time < window[1]
+
+
+__getattr__ = renamed(__name__, {"FaultyState": "simulation.perturbations.layer.LayerState"})

@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import Checked, Positive
-from cableway.core.deprecation import renamed_keywords
+from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.layer import Layer
-from cableway.simulation.plant import CableSimulator, PlantState
+from cableway.simulation.plant import CableSimulator
 
 MOST_SHIFT = 0.02
 """Largest distance [m] of a cable's end from where it should be held."""
@@ -63,14 +63,6 @@ class GraspConfig(Checked):
         return np.array([self.left_after, self.right_after] if slipped else [self.left, self.right])
 
 
-@dataclass(frozen=True)
-class GraspedState:
-    """State of a `GraspedCable`: that of the plant, and the gripper poses (2, 3) [m, m, rad]."""
-
-    plant: PlantState
-    poses: Float[np.ndarray, "2 3"]
-
-
 class GraspedCable(Layer[CableSimulator]):
     """A simulated cable whose ends are not where the grippers are.
 
@@ -82,6 +74,8 @@ class GraspedCable(Layer[CableSimulator]):
         config: How it is held.
         nominal: The task that planner and controller know; the plant's own where None.
     """
+
+    remembers = ("_poses",)
 
     @renamed_keywords(believed="nominal")
     def __init__(self, plant: CableSimulator, config: GraspConfig, nominal: Task | None = None) -> None:
@@ -113,11 +107,5 @@ class GraspedCable(Layer[CableSimulator]):
         self._poses = poses
         return replace(observation, poses=poses.copy())
 
-    def state(self) -> GraspedState:
-        """A copy of the whole state, to branch a run from."""
-        return GraspedState(self.plant.state(), self._poses.copy())
 
-    def restore(self, state: GraspedState) -> None:
-        """Go back to a state of this plant."""
-        self.plant.restore(state.plant)
-        self._poses = state.poses.copy()
+__getattr__ = renamed(__name__, {"GraspedState": "simulation.perturbations.layer.LayerState"})

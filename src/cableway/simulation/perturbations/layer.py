@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Generic, Protocol, TypeVar
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+import numpy as np
+
+from cableway.core.errors import InputError
 from cableway.records import Measurement
 from cableway.scene.task import Task
 
@@ -30,6 +36,27 @@ class Simulated(Protocol):
         """See `Layer`."""
         ...
 
+    def state(self) -> Any:
+        """See `Layer`."""
+        ...
+
+    def restore(self, state: Any) -> None:
+        """See `Layer`."""
+        ...
+
+
+@dataclass(frozen=True)
+class LayerState:
+    """State of a `Layer`.
+
+    Attributes:
+        plant: Of the plant behind it.
+        own: What the layer itself remembers, by name.
+    """
+
+    plant: Any
+    own: Mapping[str, Any]
+
 
 P = TypeVar("P", bound=Simulated)
 
@@ -40,6 +67,9 @@ class Layer(Generic[P]):
     Attributes:
         plant: The one behind it.
     """
+
+    remembers: ClassVar[tuple[str, ...]] = ()
+    """Names of the attributes that change during a run."""
 
     def __init__(self, plant: P) -> None:
         self.plant = plant
@@ -62,3 +92,20 @@ class Layer(Generic[P]):
     def measure(self) -> Measurement:
         """The truth after the last step."""
         return self.plant.measure()
+
+    def state(self) -> LayerState:
+        """A copy of the whole state, to branch a run from."""
+        return LayerState(self.plant.state(), {name: deepcopy(getattr(self, name)) for name in self.remembers})
+
+    def restore(self, state: LayerState) -> None:
+        """Go back to a state of this plant; what follows is the same bit for bit.
+
+        Raises:
+            InputError: The state is that of another plant.
+        """
+        own = {name: np.shape(getattr(self, name)) for name in self.remembers}
+        if own != {name: np.shape(value) for name, value in state.own.items()}:
+            raise InputError("the state belongs to a plant with other delays or another number of keypoints")
+        self.plant.restore(state.plant)
+        for name, value in state.own.items():
+            setattr(self, name, deepcopy(value))

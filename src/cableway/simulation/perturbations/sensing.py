@@ -21,12 +21,13 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked, Share
+from cableway.core.deprecation import renamed
 from cableway.core.errors import InputError
 from cableway.records import Observation
-from cableway.simulation.perturbations.grasp import GraspedCable, GraspedState
+from cableway.simulation.perturbations.grasp import GraspedCable
 from cableway.simulation.perturbations.layer import Layer
-from cableway.simulation.plant import CableSimulator, PlantState
-from cableway.simulation.table_plant import TablePlant, TableState
+from cableway.simulation.plant import CableSimulator
+from cableway.simulation.table_plant import TablePlant
 
 ROUNDING = 1e-6
 """Share of a frame or a control step up to which two times count as one."""
@@ -64,23 +65,6 @@ class SensingConfig(Checked):
     action_delay: Annotated[float, Bounds(0, LONGEST_DELAY)] = 0.0
 
 
-@dataclass(frozen=True)
-class SensedState:
-    """State of a `SensedPlant`.
-
-    Attributes:
-        plant: State of the plant itself.
-        steps: Control steps since the start.
-        past: (H, n, 2) true keypoints [m] after each of the last control steps, the newest last.
-        sent: (D, 2, 3) last actions sent, the newest last.
-    """
-
-    plant: PlantState | GraspedState | TableState
-    steps: int
-    past: Float[np.ndarray, "H n 2"]
-    sent: Float[np.ndarray, "D 2 3"]
-
-
 class SensedPlant(Layer["CableSimulator | GraspedCable | TablePlant"]):
     """A simulated cable behind a camera and a robot.
 
@@ -95,6 +79,10 @@ class SensedPlant(Layer["CableSimulator | GraspedCable | TablePlant"]):
     Raises:
         InputError: The seed is negative.
     """
+
+    remembers = ("_steps", "_past", "_sent")
+    """Control steps since the start; true keypoints (H, n, 2) [m] after the last of them and actions (D, 2, 3) sent in
+    them, the newest last."""
 
     def __init__(
         self, plant: CableSimulator | GraspedCable | TablePlant, config: SensingConfig | None = None, seed: int = 0
@@ -129,21 +117,6 @@ class SensedPlant(Layer["CableSimulator | GraspedCable | TablePlant"]):
         self._sent, self._steps = sent, self._steps + 1
         self._past = np.concatenate([self._past[1:], truth.keypoints[None]])
         return self._observation(truth)
-
-    def state(self) -> SensedState:
-        """A copy of the whole state, to branch a run from."""
-        return SensedState(self.plant.state(), self._steps, self._past.copy(), self._sent.copy())
-
-    def restore(self, state: SensedState) -> None:
-        """Go back to a state of this plant; what follows is the same bit for bit.
-
-        Raises:
-            InputError: The state is that of another model or of other delays.
-        """
-        if state.past.shape != self._past.shape or state.sent.shape != self._sent.shape:
-            raise InputError("the state belongs to a plant with other delays or another number of keypoints")
-        self.plant.restore(state.plant)  # pyright: ignore[reportArgumentType]
-        self._steps, self._past, self._sent = state.steps, state.past.copy(), state.sent.copy()
 
     def _observation(self, truth: Observation) -> Observation:
         """The newest frame that arrived since the last step and was not lost; without one no keypoints (NaN)."""
@@ -193,3 +166,6 @@ def _delayed(rows: Float[np.ndarray, "k ..."], age: float) -> Float[np.ndarray, 
     if share <= ROUNDING:
         return rows[-1 - whole]
     return (1 - share) * rows[-1 - whole] + share * rows[-2 - whole]
+
+
+__getattr__ = renamed(__name__, {"SensedState": "simulation.perturbations.layer.LayerState"})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cableway.core.files import write_atomically
+from cableway.core.files import write_text
 from cableway.core.templates import render
 from cableway.tang2025.models.checkpoint import read_card
 
@@ -23,8 +23,7 @@ def write_card(model_file: Path) -> Path:
         FileFormatError: The file is missing, damaged, no model, or of another version.
     """
     page = Path(model_file).with_suffix(".md")
-    content = card_text(Path(model_file).stem, read_card(model_file)).encode()
-    write_atomically(page, lambda file: file.write(content))
+    write_text(page, card_text(Path(model_file).stem, read_card(model_file)))
     return page
 
 

@@ -15,7 +15,7 @@ from safetensors.numpy import save
 
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
-from cableway.core.files import write_atomically
+from cableway.core.files import write_bytes
 from cableway.core.provenance import describe
 from cableway.core.reading import parse_json, parse_safetensors, read_bytes
 from cableway.tang2025.models.base import DeformationModel
@@ -187,8 +187,7 @@ def _read_model_metadata(path: Path) -> dict[str, Any]:
 def write_tree(path: Path, tree: Any, metadata: dict[str, Any]) -> None:
     """Write all arrays of a tree, and `metadata` as JSON, atomically."""
     arrays = {name: np.asarray(leaf) for name, leaf in _named_arrays(tree)}
-    content = save(arrays, metadata={METADATA_KEY: json.dumps(metadata, allow_nan=False)})
-    write_atomically(Path(path), lambda file: file.write(content))
+    write_bytes(Path(path), save(arrays, metadata={METADATA_KEY: json.dumps(metadata, allow_nan=False)}))
 
 
 def read_metadata(path: Path) -> dict[str, Any]:
