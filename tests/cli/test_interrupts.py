@@ -10,12 +10,15 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from commands import Command
 
+from cableway.cli import outputs
 from cableway.cli.interrupts import INTERRUPTS, Interrupted
 from cableway.records import Plan, Rollout
+from cableway.tasks.generation import random_task
 
 READY = 60.0
 """[s] that a command may take to come to what is waited for, on a busy machine."""
@@ -47,16 +50,18 @@ def planned(out: Path) -> bool:
 @pytest.mark.parametrize(
     ("number", "status", "sentence"),
     [
-        (signal.SIGINT, 130, "cableway: interrupted\n"),
-        (signal.SIGTERM, 143, "cableway: terminated\n"),
+        (signal.SIGINT, 130, "cableway: interrupted; in {}: {}\n"),
+        (signal.SIGTERM, 143, "cableway: terminated; in {}: {}\n"),
         (signal.SIGKILL, -signal.SIGKILL, ""),
     ],
 )
 def test_a_run_that_is_interrupted_keeps_its_plan_and_what_was_tracked(
     tmp_path: Path, moved_file: Path, number: int, status: int, sentence: str
 ):
-    assert interrupted(tmp_path, ["run", str(moved_file)], number, planned) == (status, sentence)
+    ended, said = interrupted(tmp_path, ["run", str(moved_file)], number, planned)
     left = {path.name for path in (tmp_path / "o").iterdir()}
+    kept = ", ".join(name for name in outputs.ALL if name in left)
+    assert (ended, said) == (status, sentence.format(tmp_path / "o", kept))
     assert left - {"rollout.npz", "rollout.png"} == {"plan.npz", "plan.png", "report.json", "task.yaml"}
     assert Plan.load(tmp_path / "o/plan.npz").steps > 0
     report = json.loads((tmp_path / "o/report.json").read_text())
@@ -78,9 +83,24 @@ def test_a_benchmark_whose_workers_are_at_work_ends_with_them(tmp_path: Path):
         time.sleep(6.0)
         return True
 
-    assert interrupted(tmp_path, ["bench", "paper", "--workers", "2"], signal.SIGINT, at_work) == (
-        130, "cableway: interrupted\n",
-    )  # fmt: skip
+    status, said = interrupted(tmp_path, ["bench", "paper", "--workers", "2"], signal.SIGINT, at_work)
+    assert status == 130
+    ended = len(list((tmp_path / "o").rglob("*.json")))
+    kept = f"; {ended} of 11 episodes are in {tmp_path / 'o'}, and the same command continues from there"
+    assert said == f"cableway: interrupted{kept if ended else ''}\n"
+
+
+@pytest.mark.parametrize("kept", ["", "; 3 of 20 tasks are in o"])
+def test_random_tasks_that_were_made_are_told(cableway: Command, monkeypatch: pytest.MonkeyPatch, kept: str):
+    def interrupt(seed: int, *given: Any, **options: Any) -> Any:
+        if seed == (3 if kept else 0):
+            os.kill(os.getpid(), signal.SIGINT)
+        return random_task(seed, *given, **options)
+
+    monkeypatch.setattr("cableway.tasks.generation.random_task", interrupt)
+    done = cableway("tasks", "--random", "open-near", "--count", "20", "--out", "o", "--quiet")
+    assert done == (130, "", f"cableway: interrupted{kept}\n")
+    assert len(list(Path().rglob("*.yaml"))) == (3 if kept else 0)
 
 
 def test_an_error_that_an_interrupt_became_is_an_interrupt(cableway: Command, monkeypatch: pytest.MonkeyPatch):

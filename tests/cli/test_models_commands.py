@@ -55,6 +55,28 @@ def test_collect_says_what_it_wrote(cableway: Command, made: Path):
     assert json.loads(cableway(*command).out) == {**content, "made_now": 0}
 
 
+def interrupt(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_an_interrupted_collection_says_what_it_keeps(cableway: Command, made: Path, monkeypatch: pytest.MonkeyPatch):
+    command = ("collect", "--config", made / "recipe.yaml", "--transitions", "40", "--out", "d", "--quiet")
+    monkeypatch.setattr("cableway.datasets.writing.DatasetWriter.finish", interrupt)
+    kept = "40 transitions are in d, and the same command continues from there"
+    assert cableway(*command) == (130, "", f"cableway: interrupted; {kept}\n")
+
+
+def test_an_interrupted_training_says_what_it_keeps(cableway: Command, made: Path, monkeypatch: pytest.MonkeyPatch):
+    command = ("train", "--config", made / "recipe.yaml", "--data", made / "data", "--out", "m", "--quiet")
+    with monkeypatch.context() as patch:
+        patch.setattr("cableway.tang2025.models.recipe.evaluate", interrupt)
+        kept = "the training so far is in m/model.safetensors.state, and the same command continues from there"
+        assert cableway(*command) == (130, "", f"cableway: interrupted; {kept}\n")
+    assert cableway(*command) == (0, "", "")
+    assert Path("m/model.safetensors").read_bytes() == (made / "small.safetensors").read_bytes()
+    assert not list(Path("m").glob("*.state"))
+
+
 def test_another_collection_in_the_same_folder_is_refused(cableway: Command, made: Path):
     done = cableway("collect", "--config", made / "recipe.yaml", "--out", made / "data")
     said = "contains a data set with another seed: 5, not 0; use another folder, or remove this one"

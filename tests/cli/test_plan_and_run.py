@@ -177,7 +177,8 @@ def test_an_interrupt_while_tracking_leaves_the_plan_and_what_was_tracked(
     monkeypatch.setattr(OpenLoop, "step", lambda *given: interrupt() if next(asked) == 5 else whole(*given))
     done = cableway("run", moved_file, "--controller", "open-loop", "--out", "o")
     assert (done.status, done.out) == (130, "")
-    assert done.err.endswith("cableway: interrupted\n")
+    kept = "report.json, task.yaml, plan.npz, plan.png, rollout.npz, rollout.png"
+    assert done.err.endswith(f"cableway: interrupted; in o: {kept}\n")
     assert names(Path("o")) == PLANNED | {"rollout.npz", "rollout.png"}
     rollout = Rollout.load("o/rollout.npz")
     assert (Plan.load("o/plan.npz").steps > 0, rollout.steps, rollout.outcome) == (True, 5, "interrupted")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cableway.cli.interrupts import CONTINUES, INTERRUPTS
 from cableway.cli.options import Maybe, WorkerOptions
 from cableway.cli.terminal import Terminal, pairs
 
@@ -28,6 +30,7 @@ class Collect(WorkerOptions):
         from cableway.simulation.collection import collect
 
         terminal, folder, config = Terminal(self), self.folder("collect"), self.configuration()
+        INTERRUPTS.kept = partial(_kept, folder)
         with terminal.progress() as progress:
             manifest, made = collect(config, folder, progress=progress, workers=self.workers, executor=self.executor)
         episodes = sum(manifest.episodes_ended.values())
@@ -58,3 +61,12 @@ class Collect(WorkerOptions):
         config = from_mapping(CollectionConfig, section, f"{path}: collection")
         given: dict[str, Any] = {"transitions": self.transitions, "seed": self.seed}
         return replace(config, **{name: value for name, value in given.items() if value is not None})
+
+
+def _kept(folder: Path) -> str:
+    """What a collection has kept so far, in words."""
+    from cableway.datasets.manifest import MANIFEST, read_manifest
+
+    if not (folder / MANIFEST).exists():
+        return ""
+    return f"{read_manifest(folder).transitions} transitions are in {folder}, {CONTINUES}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -36,9 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BaseException as error:  # an interrupt comes out of an import as whatever the module makes of it
             if not (INTERRUPTS.came or isinstance(error, KeyboardInterrupt)):
                 raise
-            sentence, status = "interrupted", INTERRUPTED
-        if INTERRUPTS.came:
-            sentence, status = "interrupted" if INTERRUPTS.came == signal.SIGINT else "terminated", INTERRUPTS.status
+            sentence, status = INTERRUPTS.sentence, INTERRUPTED
+    if INTERRUPTS.came:
+        sentence, status = INTERRUPTS.sentence, INTERRUPTS.status
     if sentence:
         print(printable(f"cableway: {sentence}"), file=sys.stderr)
     return status

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
+from cableway.cli.interrupts import CONTINUES, INTERRUPTS
 from cableway.cli.options import WorkerOptions
 from cableway.cli.terminal import OnProgress
 
@@ -32,10 +34,11 @@ class EpisodeOptions(WorkerOptions):
         from cableway.benchmark.runner import read_result, run_jobs
         from cableway.workflow.compilation import compile_all
 
+        INTERRUPTS.kept = partial(_kept, jobs, folder)
         missing = [job for job in jobs if read_result(job, folder) is None]
+        ended, failed = len(jobs) - len(missing), 0
         if missing:
             compile_all(progress)  # here, so that no episode's time limit has it in it
-        ended, failed = len(jobs) - len(missing), 0
 
         def done(result: Result) -> None:
             nonlocal ended, failed
@@ -52,3 +55,11 @@ class EpisodeOptions(WorkerOptions):
             if (result := read_result(job, folder)) is not None:
                 results.setdefault(job.episode.suite, {}).setdefault(job.method, []).append(result)
         return results
+
+
+def _kept(jobs: Sequence[Job], folder: Path) -> str:
+    """How many episodes have a result, in words."""
+    from cableway.benchmark.runner import result_path
+
+    ended = sum(result_path(job, folder).exists() for job in jobs)
+    return f"{ended} of {len(jobs)} episodes are in {folder}, {CONTINUES}" if ended else ""

@@ -6,13 +6,22 @@ import contextlib
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
+
+from cableway.core.errors import CablewayError
 
 GRACE = 1.0
 """Time [s] within which what is held must look at `Interrupts.came`; after that, or at a second signal, it is
 interrupted all the same."""
+
+
+CONTINUES = "and the same command continues from there"
+
+
+def _nothing() -> str:
+    return ""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -29,16 +38,27 @@ class Interrupts:
     Attributes:
         came: The first signal, 0 where none came. It is set before `Interrupted` is raised, and tells an interrupt from
             an error where a library has turned the one into the other, as extension modules do while they are imported.
+        kept: What the command that runs has kept so far and where, in words, "" for nothing.
     """
 
     def __init__(self) -> None:
         self.came = 0
+        self.kept: Callable[[], str] = _nothing
         self._held = False
 
     @property
     def status(self) -> int:
         """The exit status of an interrupted command, as shells have it."""
         return 128 + (self.came or signal.SIGINT)
+
+    @property
+    def sentence(self) -> str:
+        """What is said of an interrupted command."""
+        try:
+            kept = self.kept()
+        except (CablewayError, OSError):
+            kept = ""
+        return ("terminated" if self.came == signal.SIGTERM else "interrupted") + (f"; {kept}" if kept else "")
 
     @contextlib.contextmanager
     def handled(self, last: bool) -> Iterator[None]:
@@ -47,7 +67,7 @@ class Interrupts:
         Args:
             last: Whether the process ends afterwards, so that signals from then on mean nothing.
         """
-        self.came, self._held = 0, False
+        self.came, self.kept, self._held = 0, _nothing, False
         if threading.current_thread() is not threading.main_thread():
             yield
             return

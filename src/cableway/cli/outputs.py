@@ -42,11 +42,15 @@ def clear(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
+def listed(folder: Path) -> str:
+    """Which files there are, in words."""
+    others = sorted(path.name for path in folder.glob("plan-*.npz"))
+    return f"in {folder}: {', '.join([*(name for name in ALL if (folder / name).exists()), *others])}"
+
+
 def announce(terminal: Terminal, folder: Path, report: Report) -> None:
     """Say on the side how it ended and which files there are."""
-    others = sorted(path.name for path in folder.glob("plan-*.npz"))
-    names = ", ".join([*(name for name in ALL if (folder / name).exists()), *others])
-    terminal.note(f"{report.task}: {'success' if report.success else 'failed'}; in {folder}: {names}")
+    terminal.note(f"{report.task}: {'success' if report.success else 'failed'}; {listed(folder)}")
 
 
 def write_report(folder: Path, report: Report) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -93,6 +94,7 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path, *, tracked: b
                 terminal.note(text)
             case Planned(run):
                 INTERRUPTS.hold()
+                INTERRUPTS.kept = partial(outputs.listed, folder)
                 write_plans(folder, run, tracked=tracked)
             case Finished(run):
                 _write_rollouts(folder, run)

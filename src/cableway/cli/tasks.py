@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.text import Text
 
+from cableway.cli.interrupts import INTERRUPTS
 from cableway.cli.options import LARGEST_SEED, Flag, Maybe, Options, option
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
@@ -67,6 +68,7 @@ class Tasks(Options):
         from cableway.tasks.generation import random_task
 
         terminal, folder, tasks, rows = Terminal(self), self.folder(kind), [], []
+        INTERRUPTS.kept = lambda: f"{len(tasks)} of {self.count} tasks are in {folder}" if tasks else ""
         with only_writer(folder), terminal.progress() as progress:
             for k in range(self.count):
                 task = random_task((self.seed or 0) + k, kind, width=self.width)

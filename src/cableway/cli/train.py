@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from cableway.cli.interrupts import CONTINUES, INTERRUPTS
 from cableway.cli.models import HORIZONS, error_at
 from cableway.cli.options import Maybe, Options, option
 from cableway.cli.terminal import Terminal, pairs
@@ -42,7 +43,7 @@ class Train(Options):
         from cableway.tang2025.models.card import write_card
         from cableway.tang2025.models.compilation import enable_compilation_cache
         from cableway.tang2025.models.dataset import joined
-        from cableway.tang2025.models.recipe import make_model_file
+        from cableway.tang2025.models.recipe import make_model_file, state_file
 
         terminal, path = Terminal(self), self.target("train", "model.safetensors")
         start = self._start()
@@ -50,6 +51,8 @@ class Train(Options):
         data = joined([load_transitions(folder) for folder in self.data])
         if not enable_compilation_cache():
             terminal.note("The training step is compiled before it starts; the next run finds it in your cache folder.")
+        state = state_file(path)
+        INTERRUPTS.kept = lambda: f"the training so far is in {state}, {CONTINUES}" if state.exists() else ""
         with only_writer(path.parent), terminal.progress() as progress:
             card = make_model_file(
                 path, recipe, data, start=start, progress=lambda words, share: progress(f"train: {words}", share)

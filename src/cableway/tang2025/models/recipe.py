@@ -96,7 +96,7 @@ def make_model_file(
 ) -> dict[str, Any]:
     """Make a model and save it; interrupted and called again, it goes on, and ends with the same file.
 
-    Until the model is saved, the state of the training is beside it, in a file that ends in `.state`.
+    Until the model is saved, the state of the training is in `state_file(path)`.
 
     Args:
         path: Where to.
@@ -108,11 +108,16 @@ def make_model_file(
     Returns:
         The model's card.
     """
-    state = path.with_name(f"{path.name}.state")
+    state = state_file(path)
     model, card = make_model(recipe, data, start=start, state_file=state, progress=progress)
     save_model(path, model, card)
     state.unlink(missing_ok=True)
     return card
+
+
+def state_file(path: Path) -> Path:
+    """Where the state of a training is kept until its model is at `path`."""
+    return path.with_name(f"{path.name}.state")
 
 
 def make_model(
