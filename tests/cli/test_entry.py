@@ -30,10 +30,10 @@ def test_help_lists_every_command(cableway: Command):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_help_and_the_four_common_options(cableway: Command, command: str):
+def test_every_command_has_help_and_the_common_options(cableway: Command, command: str):
     done = cableway(command, "--help")
     assert done.status == 0
-    assert all(option in done.out for option in ("--out", "--seed", "--quiet", "--json"))
+    assert all(option in done.out for option in ("--out", "--seed", "--quiet", "--json", "--log"))
 
 
 def test_version_is_the_packages(cableway: Command):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +19,8 @@ from cableway.outcome import Outcome
 
 EPISODES, FAILURES = "episodes", "failures"
 """Folders of results and of pictures of what failed."""
+
+LOGGER = logging.getLogger(__name__)
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false"}
 """What keeps a worker to one core, so that times mean the same however many there are."""
@@ -82,6 +85,7 @@ def run_jobs(
         for (job,), ended in pool.as_they_end(run_job, ((job,) for job in jobs), time_limit):
             scored = _scored(job, ended, time_limit)
             _keep(job, scored, folder)
+            LOGGER.info("%s, %s: %s", scored.result.method, scored.result.episode, scored.result.outcome)
             done(scored.result)
 
 

@@ -57,8 +57,12 @@ def _run(arguments: list[str]) -> tuple[str, int]:
             command = parse(arguments)
         except SystemExit as stop:  # help, or what cannot be read
             return "", stop.code if isinstance(stop.code, int) else DONE
-        status = command.execute()
-        _tell_problems(command)
+        from cableway.cli.log import LOGGER, logged
+
+        with logged(command, arguments):
+            status = command.execute()
+            _tell_problems(command)
+            LOGGER.info("exit status %d", status)
         return "", status
     except SystemExit as stop:
         return f"the command was ended by {said(stop)}, in code that is not cableway's", FAILED

@@ -46,6 +46,9 @@ class Options:
     json: Flag = False
     """Print the report alone, as JSON, on stdout."""
 
+    log: Maybe[Path] = None
+    """File to which all that the command does is added, with times; by default, nothing is logged."""
+
     def __post_init__(self) -> None:
         if self.seed is not None and not 0 <= self.seed <= LARGEST_SEED:
             raise InputError(f"--seed must be from 0 to {LARGEST_SEED}, got {self.seed}")

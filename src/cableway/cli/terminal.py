@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import sys
 import time
@@ -17,6 +18,8 @@ from rich.text import Text
 
 from cableway.cli.options import Options
 from cableway.core.errors import printable
+
+LOGGER = logging.getLogger(__name__)
 
 SAY_EVERY = 10.0
 """Seconds between two lines on a stage where stderr is no terminal, which shows bars only at the end."""
@@ -34,6 +37,7 @@ class Terminal:
 
     def note(self, sentence: str) -> None:
         """A sentence on the side."""
+        LOGGER.info("%s", sentence)
         self._errors.print(printable(sentence), style="dim", markup=False, soft_wrap=True)
 
     @contextmanager
@@ -52,12 +56,15 @@ class Terminal:
             TimeRemainingColumn(compact=True),
         )
         bars: dict[str, TaskID] = {}
-        said = time.monotonic()
+        said, logged = time.monotonic(), ""
         display = Progress(*shown, console=self._errors, disable=self._quiet)
 
         def advance(stage: str, share: float) -> None:
-            nonlocal said
+            nonlocal said, logged
             name, _, detail = stage.partition(":")
+            if name != logged:
+                logged = name
+                LOGGER.info("stage: %s", name)
             for other, bar in bars.items():
                 if other != name:
                     display.update(bar, total=1.0, completed=1.0)

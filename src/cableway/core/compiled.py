@@ -6,6 +6,7 @@ Numba compiles a kernel when it is first called, with all that it calls; `cablew
 from __future__ import annotations
 
 import inspect
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +18,8 @@ from numba.core import event
 from numba.core.dispatcher import Dispatcher
 
 from cableway.core.kernel_cache import KernelCache, keep, kept, trusted_folder
+
+LOGGER = logging.getLogger(__name__)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -51,6 +54,7 @@ class _Busy(event.Listener):
     def __init__(self) -> None:
         self.seconds, self._depth, self._since = 0.0, 0, 0.0
         self.watchers: list[Callable[[], Any]] = []
+        self._begun: list[float] = []
 
     def __enter__(self) -> None:
         _listen()
@@ -65,10 +69,13 @@ class _Busy(event.Listener):
 
     def on_start(self, event: Any) -> None:
         """A compilation begins; it may need others."""
+        self._begun.append(time.monotonic())
         self.__enter__()
 
     def on_end(self, event: Any) -> None:
         """A compilation ends."""
+        name = getattr((event.data or {}).get("dispatcher"), "__name__", "a kernel")
+        LOGGER.debug("compiled %s in %.1f s, with those it calls", name, time.monotonic() - self._begun.pop())
         self.__exit__()
         for watcher in self.watchers:
             watcher()

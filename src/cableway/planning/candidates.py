@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -25,6 +26,8 @@ from cableway.planning.routes.infeasibility import find_blockage
 from cableway.records import Attempt, Plan, Verdict
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
+
+LOGGER = logging.getLogger(__name__)
 
 Accept = Callable[[Plan], str]
 """What is wrong with a verified plan, "" if nothing."""
@@ -79,17 +82,25 @@ class Search:
     def _follow(
         self, trajectories: InitialTrajectories, name: InitialName, accept: Accept | None, restart: int
     ) -> Plan | None:
+        found = self._attempted(trajectories, name, accept, restart)
+        if isinstance(found, Attempt):
+            LOGGER.info("initial trajectory %r, try %d: no plan: %s", name, restart + 1, found.reason)
+            return self._fail(found)
+        LOGGER.info("initial trajectory %r, try %d: a plan of %d steps", name, restart + 1, found.steps)
+        made_by = {"initial_trajectory": name, "seed": self.seed, "versions": versions()}
+        return found.noted(**made_by, planner=describe(self.config))
+
+    def _attempted(
+        self, trajectories: InitialTrajectories, name: InitialName, accept: Accept | None, restart: int
+    ) -> Plan | Attempt:
         try:
             initial = trajectories.make(name, restart)
         except PlanningError as error:
-            return self._fail(Attempt(str(error)))
+            return Attempt(str(error))
         found = self._project(initial)
-        if isinstance(found, Attempt):
-            return self._fail(found)
-        if accept is not None and (fault := accept(found)):
-            return self._fail(_attempt(fault, found))
-        made_by = {"initial_trajectory": name, "seed": self.seed, "versions": versions()}
-        return found.noted(**made_by, planner=describe(self.config))
+        if isinstance(found, Plan) and accept is not None and (fault := accept(found)):
+            return _attempt(fault, found)
+        return found
 
     def blocked(self) -> PlanningError | None:
         """The error that says what certainly cannot pass, and where; None where all may."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +22,8 @@ from cableway.tracking.recovery import Recovery, Watch, held_up
 from cableway.tracking.setup import setup_mistake
 from cableway.tracking.stopping import Ending, TrackConfig
 from cableway.tracking.watchdog import Watchdog
+
+LOGGER = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
@@ -107,6 +110,7 @@ def _lead(loop: Loop, watch: Watch | None, progress: Progress | None) -> Ending:
 
 def _record(loop: Loop, watch: Watch | None, metadata: dict[str, Any]) -> Rollout:
     """The rollout so far."""
+    LOGGER.info("ended after %.1f s: %s; %s", loop.time, metadata["outcome"], metadata["detail"] or "no detail")
     recovered = watch.recovered if watch is not None else []
     suspected = [[*disc.center, disc.radius] for disc in loop.suspected]
     happened = {"recovered": recovered, "suspected": suspected, "watchdog": loop.guard.record()}

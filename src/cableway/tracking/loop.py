@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -26,6 +27,8 @@ from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Sil
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.watchdog import Guard, Watchdog
+
+LOGGER = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -74,6 +77,8 @@ class Log:
         self.estimates.append(estimates)
         self.actions.append(action)
         self.solve_time.append(solve_time)
+        if not self.status or status != self.status[-1]:
+            LOGGER.info("from %.1f s on: %s", self.times[-1], status)
         self.status.append(status)
 
     def end_early(self, error: SimulationError) -> Ending:

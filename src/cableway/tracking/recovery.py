@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,6 +27,8 @@ from cableway.scene.task import Task
 from cableway.tracking.loop import BLOCKED, LOST, Loop
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
+
+LOGGER = logging.getLogger(__name__)
 
 BACK = 1.5
 """Time [s] for which the grippers go back from a contact that nobody expected: it is noticed within 1 s."""
@@ -190,6 +193,7 @@ class Watch:
             why: How the run ends where it cannot go on; None where the first plan may still be followed.
             contact: With something unknown, to plan round.
         """
+        LOGGER.info("at %.1f s: replanning: %s", loop.time, why or "the way ahead, or the end, is not as planned")
         if len(self.recovered) >= self._recovery.times:
             return Ending(why, f"already replanned {len(self.recovered)} times") if why else None
         ending = self._replan(loop, why, contact)
@@ -226,9 +230,11 @@ class Watch:
         except PlanningInterrupted as error:
             return Ending(Outcome.INTERRUPTED, str(error))
         except (TaskError, PlanningError) as error:
+            LOGGER.info("at %.1f s: no new plan: %s", loop.time, error)
             return Ending(failed, str(error))
         self._off = 0
         self.recovered.append(loop.time)
+        LOGGER.info("from %.1f s on: a new plan of %d steps", loop.time, loop.plan.steps)
         return None
 
     def _plan_from(self, loop: Loop, keypoints: Float[np.ndarray, "n 2"], may_stay: bool) -> tuple[Task, Plan]:

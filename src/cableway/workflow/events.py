@@ -6,6 +6,7 @@ returning `CANCEL` or raising `Cancelled`; the run then ends at the next report 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -68,6 +69,22 @@ class Finished:
 Event = Progress | Note | Planned | Finished
 OnEvent = Callable[[Event], Any]
 
+LOGGER = logging.getLogger(__name__)
+
+
+def _log(event: Event) -> None:
+    """Log an event that is not one of many, since progress comes at every step."""
+    match event:
+        case Note(text):
+            LOGGER.info("%s", text)
+        case Planned(run):
+            LOGGER.info("planned: %r", run.plan if run.plan is not None else run.attempt)
+            LOGGER.info("stages: %s", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in run.timings.items()))
+        case Finished(run):
+            LOGGER.info("finished: %r", run.report)
+        case Progress():
+            pass
+
 
 class Listener:
     """Passes events on, and remembers a request to stop.
@@ -86,6 +103,7 @@ class Listener:
 
     def emit(self, event: Event) -> None:
         """Pass an event on."""
+        _log(event)
         if self._on_event is None:
             return
         try:

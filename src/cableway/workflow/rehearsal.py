@@ -10,6 +10,7 @@ Note:
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -26,6 +27,8 @@ from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Plant, track
+
+LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +141,7 @@ def rehearsed_plan(
         progress("rehearsal", len(tried) / config.plans)
         try:
             tried.append((rehearse(task, plan, plant, controller), plan))
+            LOGGER.info("rehearsal %d: %s", len(tried), tried[-1][0])
             if tried[-1][0].passes(config) or len(tried) == config.plans:
                 break
             plan = find(_seed(seed, len(tried)))

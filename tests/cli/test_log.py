@@ -1,0 +1,84 @@
+"""Laws of `--log FILE`: it tells what was done, ends nothing, and spoils no file."""
+
+from __future__ import annotations
+
+import logging
+import re
+from pathlib import Path
+
+import pytest
+from commands import Command
+
+from cableway.cli import show
+from cableway.core.provenance import versions
+
+RECORD = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (DEBUG|INFO|ERROR) cableway\.[\w.]+: \S")
+
+
+def records(path: Path) -> list[str]:
+    """The records of a log; what is not the first line of one is indented."""
+    found = re.split(r"\n(?!    )", path.read_text().rstrip("\n"))
+    assert all(RECORD.match(each) for each in found)
+    return found
+
+
+def test_a_run_is_logged_from_its_options_to_its_end(cableway: Command, moved_file: Path):
+    """Also where nothing is printed."""
+    done = cableway("run", moved_file, "--controller", "open-loop", "--no-video", "--quiet", "--log", "log.txt")
+    assert done == (0, "", "")
+    text = "\n".join(records(Path("log.txt")))
+    assert f"cableway {versions()['cableway']}, python" in text
+    assert '"controller": "open-loop"' in text
+    told = ("stage: projection", "a plan of", "planned: Plan(", "verification 0.", "from 0.0 s on: tracking",
+            "ended after", "settled", "exit status 0")  # fmt: skip
+    places = [text.index(each) for each in told]
+    assert places == sorted(places)
+
+
+def test_why_nothing_came_of_it_is_logged(cableway: Command, sealed_file: Path):
+    cableway("plan", sealed_file, "--quiet", "--log", "log.txt")
+    text = Path("log.txt").read_text()
+    assert "initial trajectory 'corridor', try 1: no plan: " in text
+    assert "exit status 1" in text
+
+
+def test_a_log_goes_on_with_the_next_command(cableway: Command):
+    cableway("tasks", "--quiet", "--log", "log.txt")
+    before = records(Path("log.txt"))
+    assert cableway("show", "nothing", "--log", "log.txt").status == 2
+    after = records(Path("log.txt"))
+    assert after[: len(before)] == before
+    assert " ERROR cableway.cli.log: unknown task 'nothing'" in after[-1]
+
+
+def test_a_defect_is_logged_with_its_traceback(cableway: Command, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(show.Show, "load", lambda self: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        cableway("show", "maze-1", "--log", "log.txt")
+    assert "ZeroDivisionError: division by zero" in records(Path("log.txt"))[-1]
+
+
+def test_nothing_listens_after_the_command(cableway: Command):
+    package = logging.getLogger("cableway")
+    before = package.level, list(package.handlers)
+    cableway("tasks", "--log", "log.txt")
+    assert (package.level, package.handlers) == before
+
+
+@pytest.mark.parametrize(("path", "why"), [
+    ("no/folder.txt", "No such file or directory"), (".", "Is a directory"), ("task.yaml", "is no log of cableway"),
+])  # fmt: skip
+def test_a_file_that_is_no_log_is_refused(cableway: Command, path: str, why: str):
+    Path("task.yaml").write_text("cableway: 1\n")
+    done = cableway("tasks", "--log", path)
+    assert (done.status, done.out) == (2, "")
+    assert re.fullmatch(rf"cableway: --log {re.escape(path)}: .*{why}.*\n", done.err)
+    assert Path("task.yaml").read_text() == "cableway: 1\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_costs_the_log_alone(cableway: Command):
+    done = cableway("tasks", "--log", "/dev/full")
+    assert done.status == 0
+    assert done.out == cableway("tasks").out
+    assert "the log is not whole: [Errno 28] No space left on device" in done.err
