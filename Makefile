@@ -8,7 +8,7 @@ STAMP := .venv/.installed
 export PYTHON
 
 .PHONY: env demo test check checks lint types imports doctest examples wheel release-check \
-  docs gate baseline format lock clean
+  attack docs gate baseline format lock clean
 .DEFAULT_GOAL := env
 
 env: $(STAMP)
@@ -53,6 +53,11 @@ PYTHONS ?= python3.11 python3.12 python3.13
 PARTS ?= wheel test
 release-check:
 	@sh tools/release_check.sh "$(PYTHONS)" "$(PARTS)"
+
+# Hostile files, records, plants, methods and command lines, drawn from a seed; minutes, and no part of `make check`.
+ATTACK := --seed 0 --count 2000
+attack: env
+	@$(BIN)/python -m checks.attack $(ATTACK)
 
 # The documentation site, in site/; and the commands that its pages show, run.
 docs: env

@@ -197,6 +197,7 @@ def test_a_dry_run_leaves_the_plant_alone(cableway: Command, moved_file: Path, r
         ("--plant", "lab.bench:Refuses", "OSError: no robot at this address (bench.py, line 52)"),
         ("--plant", "lab.bench:nothing", "no plant can be made of the task 'moved': TypeError: nothing() takes 0"),
         ("--plant", "lab.bench:Nope", "bench.py: has no 'Nope'; it has Bench, Lost, Leaves, Flat"),
+        ("--plant", "sys:exit", "sys:exit: sys is built into Python; a module of your own is wanted"),
         ("--plant", "lab.none:Bench", "lab.none:Bench: there is no module 'lab.none', neither in "),
         ("--plant", "lab.broken:Bench", "No module named 'nothing_of_this_name' (broken.py, line 1)"),
         ("--plant", "lab.leaves:Bench", "the module failed to run: SystemExit: 0 (leaves.py, line 2)"),

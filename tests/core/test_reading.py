@@ -136,3 +136,15 @@ def test_a_header_in_which_a_key_stands_twice_is_refused():
     stated = b'{"__metadata__": {"a": "1", "a": "2"}}'
     with pytest.raises(FileFormatError):
         parse_safetensors(io.BytesIO(struct.pack("<Q", len(stated)) + stated).getvalue(), "file")
+
+
+def test_what_a_library_says_of_a_file_is_cut_short(tmp_path: Path):
+    """Of an archive whose members' names do not agree, `zipfile` quotes both, however long they are."""
+    path = tmp_path / "file.npz"
+    archive(path, {"a.npy": npy(header("(9000,)"), bytes(72_000))}, zipfile.ZIP_STORED)
+    content = bytearray(path.read_bytes())
+    content[26:28] = struct.pack("<H", 60_000)  # length of the name in the member's own header
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=r"a damaged \.npz archive") as error:
+        read_arrays(path)
+    assert len(str(error.value)) < 500

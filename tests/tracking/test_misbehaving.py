@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from cableway.control.open_loop import OpenLoop
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import Cancelled, InputError, PlanningError, SimulationError, TrackingInterrupted
 from cableway.outcome import Outcome
-from cableway.records import Measurement, Observation, Plan
+from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.rod.planar import PlanarRod
 from cableway.tracking import Recovery, TrackConfig, Watchdog, insert_plug, track
 from cableway.tracking.answers import AnsweringPlant
@@ -37,6 +39,11 @@ def raising(error: BaseException) -> Answers:
         raise error
 
     return answer
+
+
+class Speechless(Exception):
+    def __str__(self) -> str:
+        raise OSError("no words")
 
 
 class Misbehaving(QuasiStaticPlant):
@@ -72,6 +79,9 @@ WRONG: dict[str, Answers] = {
     "raised ConnectionResetError: [Errno 104] gone": raising(ConnectionResetError(104, "gone")),
     "raised TimeoutError": raising(TimeoutError()),
     "raised ValueError: on two lines": raising(ValueError("on two\nlines")),
+    "raised GeneratorExit": raising(GeneratorExit()),
+    "raised CancelledError": raising(asyncio.CancelledError()),
+    "raised Speechless": raising(Speechless()),
     "answered with None": lambda it: None,
     "answered with a value of type list": lambda it: [it],
     "answered with a value of type dict": vars,
@@ -93,6 +103,7 @@ MEASURED: dict[str, Answers] = {
     "reported poses of shape (1, 3), not (2, 3)": lambda it: replace(it, poses=it.poses[:1]),
     "reported centreline of type NoneType": lambda it: replace(it, centreline=None),
     "reported clearance that is not finite": lambda it: replace(it, clearance=np.nan),
+    "reported clearance that is not finite, or beyond 1e+06": lambda it: replace(it, clearance=1e9),
     "reported gripper_clearance of shape (2,), not ()": lambda it: replace(it, gripper_clearance=np.ones(2)),
 }
 CASES = [
@@ -153,6 +164,14 @@ def test_and_so_is_one_that_cannot_measure(said: str) -> None:
     assert str(refused.value).startswith(f"the plant's measure {said}")
 
 
+def test_numbers_that_no_record_can_hold_are_not_seen(tmp_path: Path) -> None:
+    """Whatever a camera or a robot reports, the record of the run can be read again."""
+    far = Misbehaving("step", lambda it: replace(it, keypoints=1e300 + it.keypoints, poses=it.poses * [1, 1, 1e9]))
+    rollout = track(far, OpenLoop(), PLAN)
+    rollout.save(tmp_path / "rollout.npz")
+    assert np.isnan(Rollout.load(tmp_path / "rollout.npz").observed[LATER:]).all()
+
+
 def test_a_centreline_keeps_its_number_of_points() -> None:
     rollout = track(Misbehaving("measure", lambda it: replace(it, centreline=it.centreline[:7])), OpenLoop(), PLAN)
     assert (rollout.outcome, rollout.steps) == (Outcome.PLANT_FAILED, LATER - 1)
@@ -171,7 +190,7 @@ def test_a_task_that_can_no_longer_be_read_ends_the_run() -> None:
 
     rollout = track(Hanging(TASK, START, ROD), OpenLoop(), PLAN)
     assert (rollout.outcome, rollout.steps) == (Outcome.PLANT_FAILED, LATER)
-    assert rollout.detail == "the plant's task raised OSError: no answer (test_misbehaving.py, line 166)"
+    assert rollout.detail == "the plant's task raised OSError: no answer (test_misbehaving.py, line 185)"
 
 
 def test_an_interrupt_and_errors_of_the_package_keep_their_meaning() -> None:

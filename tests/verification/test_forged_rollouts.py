@@ -231,6 +231,47 @@ def coil(arrays: Arrays, task: Task) -> None:
     laid(arrays, slice(20, 60), np.array([along(line, arrays["centreline"].shape[1])] * 40))
 
 
+def looped(arrays: Arrays, task: Task) -> None:
+    """On the way a loop is laid into the cable, slowly and smoothly, and taken out again: it crosses itself."""
+    inserted(arrays, 2 * np.pi, rows=320)
+
+
+def hairpin(arrays: Arrays, task: Task) -> None:
+    """On the way one gripper is laid on the other, the cable in a wide arc between them."""
+    line = along(arrays["centreline"][-1], 400)
+    apart = {angle: np.linalg.norm(np.diff(bent(line, angle)[[0, -1]], axis=0)) for angle in np.linspace(3, 6, 200)}
+    inserted(arrays, min(apart, key=lambda angle: apart[angle]), rows=320)
+
+
+def bent(line: np.ndarray, angle: float) -> np.ndarray:
+    """A line whose direction turns by so much more in its middle."""
+    steps, turns = np.diff(line, axis=0), angle * np.clip(2.5 * np.linspace(0, 1, len(line) - 1) - 0.75, 0, 1)
+    c, s = np.cos(turns), np.sin(turns)
+    turned_steps = np.column_stack([c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]])
+    return line[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(turned_steps, axis=0)])
+
+
+def inserted(arrays: Arrays, angle: float, rows: int) -> None:
+    """Rows before the last ones, in which the cable is bent by so much, and back; all else as it should be."""
+    first = len(arrays["times"]) - 3
+    line = along(arrays["centreline"][first], 400)
+    angles = angle * np.sin(np.linspace(0, np.pi, rows)) ** 2
+    lines = np.array([bent(line, each) for each in angles])
+    new = {name: along(lines, arrays[name].shape[1]) for name in ("centreline", "keypoints")}
+    poses = np.repeat(arrays["poses"][first : first + 1], rows, axis=0)
+    poses[:, 1, :2] += lines[:, -1] - line[-1]
+    poses[:, 1, 2] += angles
+    new |= {"poses": poses, "clearance": np.full(rows, 1e-4), "gripper_clearance": np.full(rows, 1e-4)}
+    for name in ROW:
+        if name != "times":
+            rest = np.repeat(arrays[name][first : first + 1], rows, axis=0)
+            arrays[name] = np.insert(arrays[name], first, new.get(name, rest), axis=0)
+    for name in STEP:
+        arrays[name] = np.insert(arrays[name], first, np.repeat(arrays[name][-1:], rows, axis=0), axis=0)
+    arrays["times"] = 0.1 * np.arange(len(arrays["poses"]))
+    arrays["actions"] = np.diff(arrays["poses"], axis=0)
+
+
 def no_clearance(arrays: Arrays, task: Task) -> None:
     arrays["clearance"][MIDDLE] = np.nan
 
@@ -337,6 +378,8 @@ FORGED: list[tuple[Forgery, str]] = [
     (gap, "rows out of time"),
     (still_cable, "grasp error"),
     (coil, "bending"),
+    (looped, "self-crossings"),
+    (hairpin, "gripper separation"),
     (no_clearance, "recorded cable clearance"),
     (noisy, "keypoints off their places along the cable"),
     (stretched, "length error"),

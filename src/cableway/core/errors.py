@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import importlib
+import sys
 import traceback
 from collections.abc import Iterable
 from pathlib import Path
@@ -27,8 +28,13 @@ def printable(text: str) -> str:
     return "".join(letter if letter in "\n\t" or category(letter)[0] != "C" else repr(letter)[1:-1] for letter in text)
 
 
-RAISED = (Exception, SystemExit)
-"""What code of a user's own may raise: an error, or `sys.exit`, which would end the command as if it had succeeded."""
+def raised() -> tuple[type[BaseException], ...]:
+    """What code of a user's own may raise: an error, `sys.exit`, or an asyncio task that was cancelled.
+
+    For `except` clauses, which ask only once something was raised: by then asyncio is loaded if it takes part.
+    """
+    asyncio = sys.modules.get("asyncio.exceptions")
+    return (Exception, SystemExit, GeneratorExit, *([] if asyncio is None else [asyncio.CancelledError]))
 
 
 def said(error: BaseException) -> str:
@@ -37,7 +43,10 @@ def said(error: BaseException) -> str:
     >>> said(ValueError("no such pose")), said(TimeoutError())
     ('ValueError: no such pose', 'TimeoutError')
     """
-    message = " ".join(str(error).split())[:300]
+    try:
+        message = " ".join(str(error).split())[:300]
+    except raised():  # its text is made by code of the user's, too
+        message = ""
     text = f"{type(error).__name__}: {message}" if message else type(error).__name__
     ours = (str(Path(__file__).parents[1]), importlib.__path__[0], "<")
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(ours)]

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from cableway.core.errors import RAISED, InputError, said
+from cableway.core.errors import InputError, raised, said
 
 
 def is_plugin(source: str) -> bool:
@@ -44,6 +44,8 @@ def load_plugin(source: str, kind: type | None = None) -> tuple[Any, Path]:
     """
     place, _, name = source.rpartition(":")
     module = _from_file(Path(place)) if place.endswith(".py") else _imported(place, source)
+    if getattr(module, "__file__", None) is None:
+        raise InputError(f"{source}: {place} is built into Python; a module of your own is wanted")
     file = Path(module.__file__ or place).resolve()
     if not hasattr(module, name):
         own = [each for each, value in vars(module).items() if _is_meant(value, kind, module)]
@@ -65,7 +67,7 @@ def _from_file(file: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except RAISED as error:
+    except raised() as error:
         raise InputError(f"{file}: failed to run: {said(error)}") from None
     return module
 
@@ -79,7 +81,7 @@ def _imported(name: str, source: str) -> ModuleType:
     importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
-    except RAISED as error:
+    except raised() as error:
         if isinstance(error, ModuleNotFoundError) and f"{name}.".startswith(f"{error.name}."):
             where = f"neither in {here} nor in the environment"
             raise InputError(f"{source}: there is no module {error.name!r}, {where}") from None

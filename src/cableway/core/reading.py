@@ -66,8 +66,8 @@ def _reason(error: Exception) -> object:
 
 
 def one_line(text: object) -> str:
-    """A message of a library on one line."""
-    return " ".join(str(text).split())
+    """A message of a library on one line, cut short where it quotes what it read."""
+    return " ".join(str(text).split())[:300]
 
 
 def read_json(path: Path | str) -> Any:

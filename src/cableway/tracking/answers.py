@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import require_interface
-from cableway.core.errors import RAISED, CablewayError, Cancelled, InputError, SimulationError, said
+from cableway.core.errors import CablewayError, Cancelled, InputError, SimulationError, raised, said
+from cableway.core.files import LARGEST
 from cableway.geometry.groups import SE2
 from cableway.records import Measurement, Observation
 from cableway.scene.task import Task
@@ -104,7 +105,7 @@ class AnsweringPlant:
 
 
 def usable_observation(answer: Any, keypoints: int, who: str) -> Observation:
-    """An answer as an observation with arrays of its own, NaN for keypoints that are not finite.
+    """An answer as an observation with arrays of its own, NaN for keypoints and poses that no record can hold.
 
     Args:
         answer: Whatever came.
@@ -115,8 +116,6 @@ def usable_observation(answer: Any, keypoints: int, who: str) -> Observation:
         InputError: It is none, or one of other shapes or types.
     """
     _require_kind(answer, Observation, who)
-    points = _numbers(answer.keypoints, (keypoints, SE2.space), f"{who} reported keypoints")
-    points[~np.isfinite(points)] = np.nan
     time = float(_numbers(answer.time, (), f"{who} reported a time"))
     if not np.isfinite(time):
         raise InputError(f"{who} reported a time that is not finite")
@@ -124,23 +123,23 @@ def usable_observation(answer: Any, keypoints: int, who: str) -> Observation:
     return replace(
         answer,
         time=time,
-        keypoints=points,
-        poses=_numbers(answer.poses, (2, SE2.size), f"{who} reported gripper poses"),
+        keypoints=_possible(_numbers(answer.keypoints, (keypoints, SE2.space), f"{who} reported keypoints")),
+        poses=_possible(_numbers(answer.poses, (2, SE2.size), f"{who} reported gripper poses")),
         taken=None if taken is None else float(_numbers(taken, (), f"{who} reported a time of the frame")),
         confidence=None if confidence is None else _numbers(confidence, (keypoints,), f"{who} reported a confidence"),
     )
 
 
 def _usable_measurement(answer: Any, keypoints: int, stations: int | None) -> Measurement:
-    """An answer as a measurement with arrays of its own, all of them finite; see `usable_observation`."""
+    """An answer as a measurement with arrays of its own, all of which a record can hold; see `usable_observation`."""
     who = "the plant's measure"
     _require_kind(answer, Measurement, who)
     points = len(answer.centreline) if stations is None and np.ndim(answer.centreline) else stations or 0
 
     def finite(name: str, *shape: int) -> Float[np.ndarray, "..."]:
         numbers = _numbers(getattr(answer, name), shape, f"{who} reported {name}")
-        if not np.isfinite(numbers).all():
-            raise InputError(f"{who} reported {name} that {'are' if shape else 'is'} not finite")
+        if np.isnan(_possible(numbers)).any():
+            raise InputError(f"{who} reported {name} that {'are' if shape else 'is'} not finite, or beyond {LARGEST:g}")
         return numbers
 
     return Measurement(
@@ -150,6 +149,11 @@ def _usable_measurement(answer: Any, keypoints: int, stations: int | None) -> Me
         clearance=float(finite("clearance")),
         gripper_clearance=float(finite("gripper_clearance")),
     )
+
+
+def _possible(numbers: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Numbers, NaN in place of those that no record can hold."""
+    return np.where(np.abs(numbers) <= LARGEST, numbers, np.nan)
 
 
 def _asked(ask: Callable[[], T], name: str, kept: type[Exception] = SimulationError) -> T:
@@ -162,7 +166,7 @@ def _asked(ask: Callable[[], T], name: str, kept: type[Exception] = SimulationEr
         return ask()
     except (kept, Cancelled):
         raise
-    except RAISED as error:
+    except raised() as error:
         raise SimulationError(f"the plant's {name} raised {said(error)}") from error
 
 

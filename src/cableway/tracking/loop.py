@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState
 from cableway.control.limits import last_filter
-from cableway.core.errors import RAISED, CablewayError, ControlError, SimulationError, said
+from cableway.core.errors import CablewayError, ControlError, SimulationError, raised, said
 from cableway.estimation.delay import LONGEST_DELAY
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
@@ -139,7 +139,7 @@ def _begun(controller: Controller[Any], task: Task, plan: Plan) -> ControllerSta
         state = controller.init(task, plan)
     except CablewayError:
         raise
-    except RAISED as error:
+    except raised() as error:
         raise ControlError(f"the controller cannot begin: {said(error)}") from error
     if not isinstance(state, ControllerState):
         raise ControlError(f"the controller cannot begin: init() must return a ControllerState, got {state!r:.80}")

@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller
 from cableway.core.checks import Bounds, require_interface
-from cableway.core.errors import RAISED, InputError, SimulationError, TrackingInterrupted, said
+from cableway.core.errors import InputError, SimulationError, TrackingInterrupted, raised, said
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
@@ -110,7 +110,7 @@ class RealTimePlant:
                 self._robot.stop()
             else:
                 self._sender.close()
-        except RAISED as error:
+        except raised() as error:
             return f"the robot could not be stopped: its stop raised {said(error)}"
         return ""
 
@@ -123,7 +123,7 @@ class RealTimePlant:
         """
         try:
             answer = self._robot.observe()
-        except RAISED as error:
+        except raised() as error:
             raise SimulationError(f"the robot's driver failed with {said(error)}") from error
         first = usable_observation(answer, self.task.cable.keypoints, "the robot's observe")
         if not poses_usable(first):

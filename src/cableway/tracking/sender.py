@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.errors import RAISED, CablewayError, SimulationError, said
+from cableway.core.errors import CablewayError, SimulationError, raised, said
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
 from cableway.motion.time_parametrization import gripper_effort
@@ -129,7 +129,7 @@ class Sender:
                 self._closed.wait(max(0.0, due - self._clock()))
         except CablewayError as error:
             self._fail(str(error))
-        except RAISED as error:
+        except raised() as error:
             self._fail(f"the robot's driver failed with {said(error)}")
 
     def _tick(self, now: float) -> None:
@@ -175,7 +175,7 @@ class Sender:
         self.error = why
         try:
             self._robot.stop()
-        except RAISED as error:
+        except raised() as error:
             self.error += f"; it could not be stopped either: {said(error)}"
 
     def timing(self) -> dict[str, Any]:

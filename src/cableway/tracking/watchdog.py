@@ -25,7 +25,7 @@ from cableway.control.base import Controller, ControllerState, Status
 from cableway.control.jacobian import blend_jacobian
 from cableway.control.limits import within_limits
 from cableway.core.checks import Checked, NotNegative, Positive
-from cableway.core.errors import RAISED, ControlError, said
+from cableway.core.errors import ControlError, raised, said
 from cableway.estimation.gating import FAR, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
@@ -156,7 +156,7 @@ class Guard:
         except Late:
             self._late += 1
             return self._holding(state, hold, self._watchdog.clock() - begun)
-        except RAISED as error:  # whatever it is, the grippers need a command
+        except raised() as error:  # whatever it is, the grippers need a command
             self._failed += 1
             self._reason = self._reason or f"the first failed with {said(error)}"
             return self._missing("failed", state, observation, before, filtered, self._watchdog.clock() - begun)

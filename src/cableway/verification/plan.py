@@ -107,7 +107,7 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         self_crossings(with_halves(lines)),
         self_clearance(with_halves(lines), task.cable.radius),
         _grasp(plan, limits),
-        _separation(plan.poses, task),
+        gripper_separation(plan.poses, task),
         *_gripper_motion(plan.poses, task),
         *_gripper_ramps(plan.poses, task),
         *_following(followed, ends, clearance, task, limits),
@@ -240,13 +240,20 @@ def _grasp(plan: Plan, limits: VerificationLimits) -> Check:
     return at_most("grasp error", gap, "m", limits.grasp)
 
 
-def _separation(poses: np.ndarray, task: Task) -> Check:
-    """The grippers' discs overlap nowhere, between rows neither, and their centres keep the distance asked for."""
+def gripper_separation(poses: Float[np.ndarray, "t 2 3"], task: Task, tolerance: float = 0.0) -> Check:
+    """The grippers' discs overlap nowhere, between rows neither, and their centres keep the distance asked for.
+
+    Args:
+        poses: Of both grippers.
+        task: Its grippers say which distance.
+        tolerance: Distance [m] by which they may be nearer.
+    """
     grippers, gap = task.grippers, poses[:, 1, :2] - poses[:, 0, :2]
     change = np.diff(gap, axis=0, append=gap[-1:])
     share = np.clip(-np.sum(gap * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-30), 0.0, 1.0)
     apart = np.linalg.norm(gap + share[:, None] * change, axis=1)
-    return at_least("gripper separation", apart, "m", max(grippers.separation, 2 * grippers.radius))
+    least = max(grippers.separation, 2 * grippers.radius) - tolerance
+    return at_least("gripper separation", apart, "m", least)
 
 
 def _gripper_motion(poses: np.ndarray, task: Task) -> list[Check]:

@@ -9,9 +9,18 @@ from cableway.outcome import START_ERROR, SUCCESS_ERROR, stacked_limit
 from cableway.records import Check, Rollout, Verdict
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
-from cableway.verification.plan import cable_clearance, gripper_clearance
+from cableway.verification.plan import (
+    cable_clearance,
+    gripper_clearance,
+    gripper_separation,
+    self_crossings,
+    with_halves,
+)
 from cableway.verification.plug import insertion_checks, plug_clearance, require_port
 from cableway.verification.recording import recording_checks
+
+CLOSER = 0.002
+"""Distance [m] by which tracked grippers may come nearer to each other than a plan may bring them."""
 
 
 def verify_rollout(rollout: Rollout, task: TaskSource, *, length: float | None = None) -> Verdict:
@@ -68,5 +77,7 @@ def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
     return [
         cable_clearance(rollout.centreline, task, 0.0),
         gripper_clearance(rollout.poses, task, 0.0),
+        gripper_separation(rollout.poses, task, CLOSER),
+        self_crossings(with_halves(rollout.centreline)),
         *recording_checks(rollout, task, length),
     ]

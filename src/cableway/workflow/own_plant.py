@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from cableway.core.errors import RAISED, CablewayError, InputError, said
+from cableway.core.errors import CablewayError, InputError, raised, said
 from cableway.core.plugins import load_plugin
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.answers import AnsweringPlant
@@ -41,7 +41,7 @@ def _made(make: Callable[[Task], Any], task: Task, name: str, file: Path | None)
         raise InputError(f"{name}: {error}") from None
     except CablewayError:
         raise
-    except RAISED as error:
+    except raised() as error:
         raise InputError(f"{name}: no plant can be made of the task {task.name!r}: {said(error)}") from None
     if own.start.shape != task.start.shape:
         raise InputError(f"{name}: its task must be the one that it is made of, got {own.name!r}")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
-from cableway.core.errors import RAISED, InputError, UnknownNameError, said
+from cableway.core.errors import InputError, UnknownNameError, raised, said
 from cableway.core.extras import require
 from cableway.core.plugins import is_plugin, load_plugin, require_name
 from cableway.core.provenance import describe
@@ -150,7 +150,7 @@ def _own_controller(source: str) -> Controller[Any]:
     try:
         made = make()
         configuration = describe(made.config) if isinstance(made, Controller) else None
-    except RAISED as error:
+    except raised() as error:
         raise InputError(f"{source}: no controller can be made: {said(error)}") from None
     if configuration is None or not isinstance(made, Controller):
         raise InputError(
