@@ -52,7 +52,7 @@ def test_a_log_goes_on_with_the_next_command(cableway: Command):
 
 
 def test_a_defect_is_logged_with_its_traceback(cableway: Command, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(show.Show, "load", lambda self: 1 / 0)
+    monkeypatch.setattr(show.Show, "target", lambda *given: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         cableway("show", "maze-1", "--log", "log.txt")
     assert "ZeroDivisionError: division by zero" in records(Path("log.txt"))[-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -206,18 +207,26 @@ def test_all_that_is_wrong_is_marked_at_once(cableway: Command):
 
 @pytest.mark.parametrize("command", ["plan", "run"])
 def test_other_commands_refuse_it_with_the_same_sentence(cableway: Command, command: str):
+    """And point to the command that draws it, where that does."""
     path = write(overlapping_disc)
     done = cableway(command, path)
     assert done.status == 2
     assert "start overlaps obstacles[0]" in done.err
     assert not Path("runs").exists()
+    pointer = re.search(r"; (cableway show \S+) draws it\n$", done.err)
+    assert pointer is not None
+    assert "drawn in runs/possible/task.png" in cableway(*pointer[1].split()[1:]).err
 
 
 def test_a_file_that_means_no_task_at_all_is_not_drawn(cableway: Command):
     def wordy(content: Content) -> None:
         content["start"][0][0] = "left"
 
-    assert cableway("show", write(wordy)).status == 2
+    path = write(wordy)
+    for command in ("show", "plan"):
+        done = cableway(command, path)
+        assert done.status == 2
+        assert "draws it" not in done.err
     assert not Path("runs").exists()
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import tyro
 
-from cableway.core.errors import InputError
+from cableway.core.errors import InputError, TaskError
 
 if TYPE_CHECKING:
     from cableway.scene.task import Task
@@ -105,8 +106,15 @@ class TaskOptions(Options):
         """The task.
 
         Raises:
-            InputError: There is none of that name, or its file cannot be read.
+            InputError: There is none of that name, or its file cannot be read; where `show` can draw what no cable can
+                do, the message says so.
         """
         from cableway.scene.files.loading import load_task
+        from cableway.scene.task import Draft
 
-        return load_task(self.task)
+        try:
+            return load_task(self.task)
+        except TaskError as error:
+            if not isinstance(error.draft, Draft):
+                raise
+            raise InputError(f"{error}; cableway show {shlex.quote(self.task)} draws it") from None

@@ -23,10 +23,11 @@ class Show(TaskOptions):
         """
         from cableway.figures.scene import task_figure
         from cableway.figures.style import save_figure
+        from cableway.scene.files.loading import load_task
         from cableway.scene.task import Draft
 
         try:
-            task = self.load()
+            task = load_task(self.task)
         except TaskError as error:
             if not isinstance(error.draft, Draft):
                 raise
