@@ -43,11 +43,11 @@ def rollouts(task: Task) -> dict[str, Rollout]:
 
 def draw_deviations(ax: Axes, runs: dict[str, Rollout]) -> None:
     """All of them over time [s], in millimetres."""
-    for (name, run), color in zip(runs.items(), style.SERIES, strict=True):
-        ax.plot(run.times, 1000 * run.deviations_from_reference, color=color, linewidth=1.4, label=name)
+    for place, (name, run) in enumerate(runs.items()):
+        ax.plot(run.times, 1000 * run.deviations_from_reference, linewidth=1.4, label=name, **style.series(place))
     style.log_axis(ax.yaxis)
     style.curve_axes(ax, "time [s]", "largest deviation [mm]")
-    ax.legend(fontsize=8, frameon=False, ncols=3, loc="upper left", labelcolor=style.INK)
+    style.title(ax, "deviation, worst keypoint", legend=6)
 
 
 def main() -> None:
@@ -61,7 +61,7 @@ def main() -> None:
     width, height = (0.52 * side for side in scene.panel_size(task))
     rows = -(-len(runs) // COLUMNS)
     wide = BETWEEN + COLUMNS * (width + BETWEEN)
-    tall = rows * (height + ABOVE) + CURVES + 1.0
+    tall = rows * (height + ABOVE) + CURVES + 1.4
     figure = style.new_figure(wide, tall)
     for number, (name, run) in enumerate(runs.items()):
         row, column = divmod(number, COLUMNS)
@@ -71,8 +71,8 @@ def main() -> None:
         draw_motion(ax, task, run)
         ax.set_axis_off()
         error = 1000 * run.shape_error(task.goal)
-        text = f"{name}: error {error:.1f} mm, deviation {1000 * run.deviations_from_reference.max():.0f} mm"
-        ax.set_title(text, loc="left", fontsize=7.5, color=style.INK, pad=4)
+        text = f"{name}: {error:.1f} mm, on the way {1000 * run.deviations_from_reference.max():.0f} mm"
+        ax.set_title(text, loc="left", fontsize=8, color=style.INK, pad=4)
         print(f"{text}, clearance {1000 * run.clearance.min():.1f} mm, {run.metadata['outcome']}")
     draw_deviations(style.add_axes(figure, 0.75, 0.6, wide - 1.0, CURVES), runs)
     save(figure, given.out)

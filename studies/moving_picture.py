@@ -61,7 +61,7 @@ class Moment:
 def moments(plan: Plan, run: Rollout, stop: Stop) -> Iterator[Moment]:
     """All frames in order, from where the grippers first move."""
     moves = np.flatnonzero(np.abs(np.diff(run.reference, axis=0)).max(axis=(1, 2)) > STILL)
-    begun, again = int(moves[0]), int(moves[moves >= stop.after + 1][0])
+    begun, again = int(moves[0]), int(moves[moves >= stop.after][0])
     yield Moment(begun, 0, plan.shapes, SHOWN)
     yield from (Moment(row, 1) for row in range(begun, stop.first, SPEED))
     yield Moment(stop.first, 2, seconds=SHOWN / 2)

@@ -49,8 +49,8 @@ IMAGES = ROOT / "docs" / "images"
 EXAMPLE = "multi-obstacle-1"
 """The task on which the stages of the method are shown."""
 
-PIXELS, DOTS_PER_INCH = 1500, 125
-"""Most pixels across a picture, and in an inch of it."""
+PIXELS, TALL, DOTS_PER_INCH = 1500, 1250, 125
+"""Most pixels across a picture, up it, and in an inch of it."""
 
 WEIGHTS = ((0.0, style.INK), (0.01, style.LEFT), (0.1, style.RIGHT), (1.0, style.PIVOT))
 """Clearance weights k_c [m] of the pivot paths shown, with their colours."""
@@ -253,9 +253,9 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def save_small(picture: Image.Image, path: Path) -> None:
-    """Write a picture with 256 colours, no wider than `PIXELS`: a third of the size, and no difference to be seen."""
+    """Write a picture with 256 colours, no larger than `PIXELS` and `TALL`: a third of the size, with no difference."""
     picture = picture.convert("RGB")
-    picture.thumbnail((PIXELS, picture.height))
+    picture.thumbnail((PIXELS, TALL))
     small = picture.quantize(kmeans=1)
     write_atomically(path, lambda file: small.save(file, format="png", optimize=True))
 

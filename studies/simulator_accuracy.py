@@ -14,8 +14,7 @@ from pathlib import Path
 
 from accuracy.pictures import PICTURES
 from accuracy.results import EXPERIMENTS, fill_in, result, table
-
-from cableway.figures.style import save_figure
+from pictures import save
 
 SEED = 0
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -30,7 +29,7 @@ def main() -> None:
         results[name] = result(name, SEED, folder)
         print(f"{name:14} {time.perf_counter() - start:6.1f} s", flush=True)
     for name, draw in PICTURES.items():
-        save_figure(draw(results), DOCS / "images" / f"simulator-{name}.png")
+        save(draw(results), DOCS / "images" / f"simulator-{name}.png")
     fill_in(DOCS / "simulator.md", table(results))
 
 

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.errors import TaskError
 from cableway.geometry import polyline
 from cableway.planning.planner import plan
 from cableway.records import Measurement, Plan
@@ -46,9 +47,20 @@ def plant_at(
     q: Float[np.ndarray, "6"], cable: Cable, scene: Scene = ROOM, time_step: float = PlantConfig.time_step
 ) -> CableSimulator:
     """A plant whose cable lies at the rod coordinates q."""
+    return CableSimulator(_task_at(q, cable, scene), PlantConfig(time_step=time_step))
+
+
+def _task_at(q: Float[np.ndarray, "6"], cable: Cable, scene: Scene = ROOM) -> Task:
     shape = cable.rod.at_keypoints(cable.rod.shapes(q[None])[0])[0]
-    task = Task(name="accuracy", scene=scene, cable=cable, start=shape, goal=shape)
-    return CableSimulator(task, PlantConfig(time_step=time_step))
+    return Task(name="accuracy", scene=scene, cable=cable, start=shape, goal=shape)
+
+
+def _is_task(q: Float[np.ndarray, "6"]) -> bool:
+    """Whether a default cable may begin there: collected motions also begin where it touches itself."""
+    try:
+        return bool(_task_at(q, Cable()))
+    except TaskError:
+        return False
 
 
 def led(plant: CableSimulator, poses: Float[np.ndarray, "k 2 3"], wait: int = 0) -> Iterator[Measurement]:
@@ -70,13 +82,14 @@ def motion_of_collect(
 ) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "steps+1 2 3"]]:
     """Start and gripper poses of a random motion of `cableway collect`, moved to the middle of the room.
 
-    One that pulls the grippers farther apart than `TAUT` is drawn again.
+    One that pulls the grippers farther apart than `TAUT`, or whose start is none of a task, is drawn again.
     """
     moved = np.array([*MIDDLE, 0.0]) - [MotionConfig.area / 2, MotionConfig.area / 2, 0.0]
     while True:
         q, poses = random_motion(rod, MotionConfig(), steps, rng)
-        if np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1).max() <= TAUT * rod.length:
-            return q + [*moved, 0.0, 0.0, 0.0], poses + moved
+        start = q + [*moved, 0.0, 0.0, 0.0]
+        if np.linalg.norm(poses[:, 1, :2] - poses[:, 0, :2], axis=1).max() <= TAUT * rod.length and _is_task(start):
+            return start, poses + moved
 
 
 def random_shape(rod: PlanarRod, rng: np.random.Generator, sharpest: float = np.inf) -> Float[np.ndarray, "6"]:
@@ -106,7 +119,7 @@ def line_to(q: Float[np.ndarray, "6"], rod: PlanarRod, rng: np.random.Generator)
         start = q + scale * rng.normal(0, [0.05, 0.05, 0.4, 10.0, 6.0, 3.0])
         start[3:] -= rng.uniform(0, 0.8) * q[3:]
         line = start + np.linspace(0, 1, 101)[:, None] * (q - start)
-        if largest_bend(rod, start) <= GENTLE_BEND and allowed(rod, line):
+        if largest_bend(rod, start) <= GENTLE_BEND and allowed(rod, line) and _is_task(start):
             return _at_full_speed(rod, line)
     raise RuntimeError(f"no line of stable shapes leads to {q.tolist()}")
 

@@ -21,11 +21,11 @@ from cableway.records import Rollout
 from cableway.scene.obstacles import Box
 from cableway.scene.scene import Scene
 
-FREE, PLAN = moved_plan(rows=41)
+FREE, PLAN = moved_plan(rows=61)
 BOXES = tuple(Box(center=(0.6, y), size=(0.05, 0.05)) for y in (0.5, 0.6))
 TASK = FREE.in_scene(Scene(obstacles=BOXES))
-FIRST, AFTER = 10, 20
-"""Rows between which the cable stands still."""
+FIRST, AFTER = 10, 21
+"""Rows in which the cable stops, and from which there is a new plan."""
 
 PLANT = {"obstacles": [[0.0, 0.0], [-0.1, 0.0]], "pegs": [[0.1, 0.6, 0.02]], "revealed": 1.0}
 
@@ -33,9 +33,10 @@ PLANT = {"obstacles": [[0.0, 0.0], [-0.1, 0.0]], "pegs": [[0.1, 0.6, 0.02]], "re
 def stopped(**plant: object) -> Rollout:
     """The plan followed, with a stop of a second in it because something stands in the way."""
     whole = perfect_rollout(TASK, PLAN)
-    rows = np.concatenate([np.arange(FIRST), np.full(AFTER - FIRST, FIRST), np.arange(FIRST, whole.steps + 1)])
+    rows = np.concatenate([np.arange(FIRST), np.full(AFTER - FIRST, FIRST), np.arange(FIRST + 1, whole.steps + 1)])
     names = ("keypoints", "observed", "poses", "centreline", "reference", "clearance", "gripper_clearance")
-    status = ["tracking"] * FIRST + ["the way is blocked: stopped"] * (AFTER - FIRST) + ["tracking"] * (len(rows) - 21)
+    status = ["tracking"] * FIRST + ["the way is blocked: stopped"] * (AFTER - FIRST - 1)
+    status += ["tracking"] * (len(rows) - AFTER)
     return replace(
         whole,
         **{name: getattr(whole, name)[rows] for name in names},
@@ -43,7 +44,7 @@ def stopped(**plant: object) -> Rollout:
         actions=np.zeros((len(rows) - 1, 2, 3)),
         solve_time=np.zeros(len(rows) - 1),
         status=np.array(status),
-        metadata={"outcome": "settled", "recovered": [0.1 * AFTER], "plant": {**PLANT, **plant}},
+        metadata={"outcome": "settled", "recovered": [0.1 * (AFTER - 1)], "plant": {**PLANT, **plant}},
     )
 
 
@@ -101,15 +102,15 @@ def test_the_way_ahead_is_that_of_the_plan_that_is_followed():
     assert np.array_equal(moving.ahead(4), PLAN.shapes[4:])
     assert len(moving.ahead(FIRST)) == 0
     assert np.array_equal(moving.ahead(AFTER), RUN.reference[AFTER:])
-    assert [len(moving.left(row)) for row in (FIRST - 1, FIRST, AFTER, RUN.steps)] == [0, 31, 31, 0]
+    assert [len(moving.left(row)) for row in (FIRST - 1, FIRST, AFTER, RUN.steps)] == [0, 51, 51, 0]
     assert len(MovingScene(style.new_figure(5, 5).add_axes((0, 0, 1, 1)), TASK, RUN).left(FIRST)) == 0
 
 
-def test_captions_say_that_an_obstacle_moved_and_that_there_is_a_new_plan():
+def test_captions_say_that_an_obstacle_moved_and_for_a_while_that_there_is_a_new_plan():
     said = captions(TASK, RUN)
     assert said[FIRST] == "tracking"
-    assert set(said[FIRST + 1 : AFTER + 1]) == {"obstacle moved: stopped"}
-    assert set(said[AFTER + 1 :]) == {"replanned"}
+    assert set(said[FIRST + 1 : AFTER]) == {"obstacle moved: stopped"}
+    assert (said[AFTER], said[-1]) == ("replanned", "tracking")
     assert "the way is blocked: stopped" in captions(TASK, stopped(revealed=None)), "nobody knows why"
     assert "new obstacle: stopped" in captions(TASK, stopped(obstacles=[]))
 

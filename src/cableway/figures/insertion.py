@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import Patch, Polygon
 
 from cableway.figures import scene, style
 from cableway.figures.replanning import change_of, draw_actual_scene
@@ -34,17 +34,23 @@ def insertion_figure(task: Task, rollout: Rollout) -> Figure:
     found = task.port.alignment(task.plug, rollout.poses[:, 1])
     half = (SIDE - 0.9) / 2
     curves = (
-        (0.8 + half + 0.9, "off the axis", "distance [mm]", 1000 * np.abs(found.lateral), 1000 * PORT_LATERAL),
-        (0.8, "turned from the axis", "angle [degrees]", np.degrees(np.abs(found.angle)), np.degrees(PORT_ANGLE)),
+        (0.8 + half + 0.9, "off the axis", "distance", "mm", 1000 * np.abs(found.lateral), 1000 * PORT_LATERAL),
+        (0.8, "turned from the axis", "angle", "deg", np.degrees(np.abs(found.angle)), np.degrees(PORT_ANGLE)),
     )
-    for bottom, name, unit, values, limit in curves:
+    for bottom, name, what, unit, values, limit in curves:
         below = style.add_axes(figure, SIDE + 1.6, bottom, 4.0, half)
         below.plot(1000 * found.depth, values, color=style.LEFT, linewidth=1.5)
         below.plot([0.0, 1000 * task.port.depth], [limit, limit], color=style.BAD, linewidth=1.0, linestyle="--")
         below.axvline(0.0, color=style.INK, linewidth=1.0, linestyle=":")
-        style.title(below, f"tip {name}, {values[-1]:.2f} at the end")
-        style.curve_axes(below, "depth of the tip in the port [mm], negative before it", unit)
-        below.set_ylim(0, 1.1 * max(float(values.max()), limit))
+        style.title(below, f"tip {name}, {values[-1]:.2f} {unit} at the end")
+        style.curve_axes(below, "depth of the tip in the port [mm], negative before it", f"{what} [{unit}]")
+        top = 1.15 * max(float(values.max()), limit)
+        below.set_ylim(0, top)
+        for x, y, text, color in (
+            (0.5, limit, "allowed", style.BAD),
+            (0.0, 0.5 * top, " mouth of the port", style.INK),
+        ):
+            below.text(x, y, text, fontsize=8, color=color, va="bottom")
     return figure
 
 
@@ -55,7 +61,8 @@ def _draw_port_view(ax: Axes, task: Task, rollout: Rollout) -> None:
     draw_actual_scene(ax, task, change_of(task, rollout))
     for patch in ax.patches:
         patch.set_clip_on(True)  # the walls are drawn beyond their axes
-    rows = np.linspace(0, rollout.steps, SHOWN).round().astype(int)
+    depths = task.port.alignment(task.plug, rollout.poses[:, 1]).depth
+    rows = [int(np.argmin(np.abs(depths - depth))) for depth in np.linspace(depths[0], depths[-1], SHOWN)]
     for row, share in zip(rows, np.linspace(0, 1, SHOWN), strict=True):
         color = style.TIME(share)
         scene.draw_cable(ax, rollout.centreline[row], task.cable.radius, color)
@@ -65,3 +72,5 @@ def _draw_port_view(ax: Axes, task: Task, rollout: Rollout) -> None:
     (x, y), half = task.port.position, AROUND * task.plug.length
     ax.set_xlim(x - 1.5 * half, x + 0.5 * half)
     ax.set_ylim(y - half, y + half)
+    ends = (("cable and plug at first", 0.0), ("at the end", 1.0))
+    style.legend_below(ax, [Patch(facecolor=style.TIME(share), label=name) for name, share in ends], 2)

@@ -138,9 +138,9 @@ def captions(task: Task, rollout: Rollout) -> list[str]:
     change = change_of(task, rollout)
     for stop in stops_of(rollout):
         if change is not None and change.known <= rollout.times[stop.after]:
-            for row in range(stop.first, stop.after + 1):
+            for row in range(stop.first, stop.after):
                 told[row] = told[row].replace("the way is blocked", change.name)
         lately = np.flatnonzero(rollout.times <= rollout.times[stop.after] + REMEMBERED)
-        for row in range(stop.after + 1, int(lately[-1]) + 1):
+        for row in range(stop.after, int(lately[-1]) + 1):
             told[row] = told[row].replace("tracking", "replanned")
     return told

@@ -24,6 +24,9 @@ SHAPES_SHOWN = 24
 LEFT, BETWEEN, BELOW, ABOVE, BAR, COLUMN = 0.65, 0.7, 1.0, 0.45, 1.1, 3.5
 """Inches left of the first panel, between panels, below, above, for the colour bar, and of the column of curves."""
 
+BESIDE = 0.68
+"""Share of its usual size that a scene has in a row of several."""
+
 LEGEND = 0.17
 """Height [inch] of a legend of one row above a panel."""
 
@@ -75,12 +78,15 @@ def attempt_figure(task: Task, attempt: Attempt) -> Figure:
 
 def alternatives_figure(task: Task, motions: Sequence[Float[np.ndarray, "k n 2"]]) -> Figure:
     """The shapes of several plans over time, side by side."""
-    width, height = scene.panel_size(task)
-    pitch = width + BETWEEN + BAR
+    width, height = (side * BESIDE for side in scene.panel_size(task))
+    pitch = width + BAR
     figure = style.new_figure(LEFT + len(motions) * pitch, BELOW + height + ABOVE)
     for place, shapes in enumerate(motions):
         ax = style.add_axes(figure, LEFT + place * pitch, BELOW, width, height)
         draw_shapes(ax, task, shapes)
+        if place:
+            ax.set_ylabel("")
+            ax.set_yticks([])
         style.title(ax, f"{task.name}: plan {place + 1} of {len(motions)}")
     return figure
 

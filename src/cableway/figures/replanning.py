@@ -91,7 +91,7 @@ def change_of(task: Task, rollout: Rollout) -> Change | None:
 
 
 class Stop(NamedTuple):
-    """A recovery: the row in which the grippers were stopped, and the one from which a new plan was followed."""
+    """A recovery: the row in which the grippers were stopped, and the first one whose reference is of a new plan."""
 
     first: int
     after: int
@@ -102,7 +102,7 @@ def stops_of(rollout: Rollout) -> list[Stop]:
     moves = np.abs(np.diff(rollout.reference, axis=0)).max(axis=(1, 2), initial=0.0) > STILL
     found = []
     for time in rollout.metadata.get("recovered", ()):
-        after = int(np.searchsorted(rollout.times, time - 1e-6))
+        after = int(np.searchsorted(rollout.times, time - 1e-6)) + 1
         begun = np.flatnonzero(moves[: max(after - 1, 0)])
         found.append(Stop(int(begun[-1]) + 1 if len(begun) else 0, min(after, rollout.steps)))
     return found
@@ -185,7 +185,7 @@ def _draw_stop(
 
 def _draw_new_plan(ax: Axes, task: Task, rollout: Rollout, change: Change | None, rows: Sequence[int]) -> None:
     draw_actual_scene(ax, task, change)
-    style.title(ax, f"{rollout.times[rows[0]]:.1f} s: new plan")
+    style.title(ax, f"{rollout.times[rows[0] - 1]:.1f} s: new plan")
     shapes = rollout.reference[rows]
     shown = spread_rows(shapes, SHAPES_SHOWN)
     colors = style.TIME(np.array(shown) / max(len(shapes) - 1, 1))

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from cableway.figures import scene, style
@@ -109,6 +109,10 @@ def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> list[Any]:
     rows = spread_rows(rollout.keypoints, SHAPES_SHOWN)
     colors = style.TIME(rows / max(rollout.steps, 1))
     scene.draw_cables(ax, rollout.centreline[rows], task.cable.radius, colors)
+    if task.plug is not None:
+        for row, color in zip(rows, colors, strict=True):
+            corners = scene.plug_corners(task, rollout.poses[row, 1])
+            ax.add_patch(Polygon(corners, facecolor=color, edgecolor="white", linewidth=0.4, alpha=0.65, zorder=4))
     for row in rows:
         ax.plot(*scene.smooth(rollout.reference[row]).T, color="white", linewidth=0.9, linestyle=(0, (3, 2)), zorder=5)
     for side in (0, 1):

@@ -165,6 +165,16 @@ def end_handles() -> list[Any]:
     ]
 
 
+def _plug_handles(task: Draft) -> list[Any]:
+    """Legend entries of plug and port, where there are any."""
+    handles: list[Any] = []
+    if task.plug is not None:
+        handles.append(Patch(facecolor=style.GOAL, alpha=0.65, label="plug"))
+    if task.port is not None:
+        handles.append(Patch(facecolor="white", edgecolor=style.INK, linewidth=1.4, label="port"))
+    return handles
+
+
 def panel_size(task: Draft) -> tuple[float, float]:
     """Width and height [inch] of a panel for the task's workspace."""
     return _panel(*task.scene.size)
@@ -192,7 +202,7 @@ def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
     ax.set_ylim(low[1], high[1])
     draw_end_shapes(ax, task)
     style.title(ax, task.name)
-    style.legend_below(ax, end_handles(), 4)
+    style.legend_below(ax, [*end_handles(), *_plug_handles(task)], 6)
     draw_marks(ax, [Mark(fault.sentence, fault.at) for fault in faults])
     write_lines(figure, 0.7, lines)
     cable = task.cable

@@ -10,7 +10,17 @@ from matplotlib.figure import Figure
 
 from cableway.figures.plan import draw_routes, draw_shapes
 from cableway.figures.scene import draw_cable, draw_end_shapes, draw_scene, panel_size
-from cableway.figures.style import SERIES, TIME, add_axes, curve_axes, legend_below, new_figure, series, title
+from cableway.figures.style import (
+    SERIES,
+    TIME,
+    add_axes,
+    curve_axes,
+    legend_below,
+    log_axis,
+    new_figure,
+    series,
+    title,
+)
 from cableway.records import PaperStages, Rollout
 from cableway.scene.task import Task
 
@@ -33,12 +43,11 @@ def stages_figure(
         stages: The path set and the progress along it.
     """
     width, height = panel_size(task)
-    lefts = [LEFT + (width + BETWEEN) * place for place in range(4)]
-    figure = new_figure(lefts[3] + 0.6 + CURVES + 0.3, height + BELOW + 0.5)
-    first, second, third, last = (
-        add_axes(figure, left, BELOW, wide, height)
-        for left, wide in zip((*lefts[:3], lefts[3] + 0.6), (width, width, width, CURVES), strict=True)
-    )
+    pitch, right = height + BELOW + 0.5, LEFT + width + BETWEEN
+    figure = new_figure(right + width + 0.3, 2 * pitch)
+    first, second = (add_axes(figure, left, pitch + BELOW, width, height) for left in (LEFT, right))
+    third, last = (add_axes(figure, left, BELOW, width, height) for left in (LEFT, right + 0.6))
+    last.set_position(last.get_position().shrunk((width - 0.6) / width, 1.0))
     title(first, "pivot path")
     draw_scene(first, task)
     handles = []
@@ -53,7 +62,7 @@ def stages_figure(
     title(last, "progress σ of the keypoints")
     for place, curve in enumerate(stages.progress.T):
         last.plot(curve, color=TIME(place / (stages.progress.shape[1] - 1)), linewidth=1.3)
-    curve_axes(last, "step", "share of the path; first keypoint blue, last one red", whole=True)
+    curve_axes(last, "step", "share of the path; first keypoint blue, last one orange", whole=True)
     return figure
 
 
@@ -79,6 +88,6 @@ def followers_figure(task: Task, rollouts: Mapping[str, Rollout]) -> Figure:
         handles += errors.plot(rollout.times, error, label=name, **series(place))
     draw_end_shapes(scene, task)
     legend_below(scene, handles, 4)
-    errors.set_yscale("log")
+    log_axis(errors.yaxis)
     curve_axes(errors, "time [s]", "to the goal [mm]")
     return figure
