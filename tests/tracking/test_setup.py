@@ -10,12 +10,15 @@ import pytest
 from quasi_static import START, QuasiStaticPlant, straight_plan, task_for
 
 from cableway.control.open_loop import OpenLoop
+from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import InputError
+from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
+from cableway.planning.planner import plan
 from cableway.records import Observation
 from cableway.rod.planar import PlanarRod
-from cableway.tracking import track
-from cableway.tracking.setup import disagreement, setup_mistake
+from cableway.tracking import Recovery, track
+from cableway.tracking.setup import cable_ends, disagreement, setup_mistake
 
 ROD = PlanarRod(0.3)
 PLAN = straight_plan(ROD)
@@ -77,9 +80,47 @@ def test_a_cable_elsewhere_or_unseen_is_no_mistake() -> None:
     assert setup_mistake(nothing, PLAN, TASK) == ""
 
 
-def test_a_cable_must_end_at_its_grippers() -> None:
-    frame = Observation(0.0, PLAN.shapes[0], PLAN.poses[0])
-    assert disagreement(PLAN.shapes[0] + 0.01, frame.poses) == ""
-    assert (
-        disagreement(PLAN.shapes[0] + [0.0, 0.05], frame.poses) == "the camera's cable ends 50 mm from the left gripper"
+def test_a_cable_must_end_at_its_grippers_and_point_as_they_do() -> None:
+    """Turned grasps and noise are allowed; keypoints mirrored about the line of the grippers are not."""
+    shape, poses = PLAN.shapes[0], PLAN.poses[0]
+    noise = np.random.default_rng(0).normal(0.0, 0.002, shape.shape)
+    assert disagreement(shape + 0.01 + noise, poses + [0.0, 0.0, np.radians(10)]) == ""
+    assert disagreement(shape, poses + [[0.0, 0.0, 2 * np.pi], [0.0, 0.0, -4 * np.pi]]) == ""
+    said = disagreement(shape + [0.0, 0.05], poses)
+    assert said == "the camera's cable ends 50 mm from where the left gripper is reported"
+    said = disagreement(mirrored(shape, poses), poses)
+    assert "rad away from where the right gripper is reported to point" in said
+    hidden = shape.copy()
+    hidden[[0, -1]] = np.nan
+    assert disagreement(hidden, poses) == "", "what is not seen contradicts nothing"
+
+
+@pytest.mark.parametrize("keypoints", [3, 6, 7, 12, 13, 26, 200])
+def test_ends_point_as_the_rod_does_whatever_the_number_of_keypoints(keypoints: int) -> None:
+    rod = replace(ROD, keypoints=keypoints)
+    stations, poses = rod.shapes(START[None])
+    ends = cable_ends(rod.at_keypoints(stations)[0])
+    assert np.isnan(ends[:, 2]).all() == (keypoints < 7)
+    off = SE2.distance(poses[0], ends)
+    assert (np.nan_to_num(off) < 0.25).all()
+
+
+@pytest.mark.parametrize("since", [0, 20])
+@pytest.mark.parametrize("recovery", [None, Recovery(replan=lambda task, left: plan(task, previous=left))])
+def test_a_mirrored_cable_ends_the_run_before_anything_is_done_about_it(since: int, recovery: Recovery | None) -> None:
+    plant = Wrong(lambda frame: frame)
+    plant.mistake = lambda frame: (
+        replace(frame, keypoints=mirrored(frame.keypoints, frame.poses)) if plant.asked >= since else frame
     )
+    rollout = track(plant, RodMPC(), PLAN, recovery=recovery)
+    assert rollout.outcome in (Outcome.PLANT_FAILED, Outcome.WRONG_SETUP)
+    assert "gripper is reported to point" in rollout.detail
+    assert rollout.metadata["recovered"] == []
+    assert since <= rollout.steps <= since + 20
+
+
+def mirrored(keypoints: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """About the line of the grippers."""
+    left, right = poses[:, :2]
+    along = (right - left) / np.linalg.norm(right - left)
+    return left + 2 * ((keypoints - left) @ along)[:, None] * along - (keypoints - left)

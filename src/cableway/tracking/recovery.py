@@ -221,7 +221,7 @@ class Watch:
         if contact is not None:
             loop.suspected.extend(_suspected(contact, keypoints, loop.task))
         if wrong := disagreement(keypoints, loop.poses):
-            return Ending(why or Outcome.WRONG_SETUP, wrong)
+            return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
         try:
             found = loop.compute(lambda: self._plan_from(loop, keypoints, why is None), status)
             if isinstance(found, Ending):

@@ -15,7 +15,7 @@ from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.task import Grippers
 from cableway.tracking.first_motion import FirstMotion
-from cableway.tracking.setup import OFF
+from cableway.tracking.setup import BENT, OFF, cable_ends, off_grippers
 
 FROZEN = 0.002
 """Way [m] of a gripper during which a frame that stays the same bit for bit is taken for frozen."""
@@ -54,8 +54,6 @@ controller."""
 
 SEEN_LATE = 2 * LONGEST_DELAY
 """Control steps by which a frame may be late that is compared with the grippers: frames may be rarer than messages."""
-
-SIDES = ("left", "right")
 
 
 class MessageGate:
@@ -125,8 +123,8 @@ class Silence:
 class Attachment:
     """Sees that the cable's ends are not where the grippers are said to be: one of the two reports is wrong.
 
-    An end must be more than `OFF` from every pose of its gripper in the last `SEEN_LATE` control steps, in every frame
-    that shows it, for `SILENT_ROBOT`.
+    An end must be more than `OFF`, or turned by more than `BENT`, from every pose of its gripper in the last `SEEN_LATE`
+    control steps, in every frame that shows it, for `SILENT_ROBOT`.
 
     Args:
         control_step: Time [s] between two observations.
@@ -135,22 +133,21 @@ class Attachment:
     def __init__(self, control_step: float) -> None:
         self._most = round(SILENT_ROBOT / control_step)
         self._poses: deque[np.ndarray] = deque(maxlen=SEEN_LATE + 1)
-        self._apart = np.zeros(2, int)
+        self._off = np.zeros(2, int)
 
     def lost(self, observation: Observation) -> str:
         """A sentence on the end that is elsewhere, after an observation; "" for none."""
         if poses_usable(observation):
             self._poses.append(observation.poses)
-        ends = observation.keypoints[[0, -1]]
-        shown = np.isfinite(ends).all(axis=1)
-        if not (self._poses and shown.any()):
+        if not self._poses:
             return ""
-        apart = np.linalg.norm(SE2.position(np.array(self._poses)) - ends, axis=2).min(axis=0)
-        self._apart = np.where(shown, np.where(apart > OFF, self._apart + 1, 0), self._apart)
-        side = int(np.argmax(self._apart))
-        if self._apart[side] < self._most:
-            return ""
-        return f"the camera's cable ends {1000 * apart[side]:.0f} mm from where the {SIDES[side]} gripper is reported"
+        apart, turned = (
+            off.min(axis=0) for off in SE2.distance(np.array(self._poses), cable_ends(observation.keypoints))
+        )
+        shown = np.isfinite(apart)
+        self._off = np.where(shown, np.where((apart > OFF) | (turned > BENT), self._off + 1, 0), self._off)
+        lasting = shown & (self._off >= self._most)
+        return off_grippers(np.where(lasting, apart, np.nan), np.where(lasting, turned, np.nan))
 
 
 class FollowingError:
