@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -155,3 +156,41 @@ def test_what_is_held_and_does_not_look_is_interrupted_after_a_while(
     begun = time.monotonic()
     assert cableway("tasks").status == 130
     assert time.monotonic() - begun < READY / 2
+
+
+def test_an_interrupt_that_something_swallows_comes_again(cableway: Command, monkeypatch: pytest.MonkeyPatch):
+    """As in a bare `except` around an import, or in a destructor."""
+
+    def deaf(_: object) -> None:
+        with contextlib.suppress(BaseException):
+            os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(READY)
+
+    monkeypatch.setattr("cableway.cli.commands.parse", deaf)
+    monkeypatch.setattr("cableway.cli.interrupts.GRACE", 0.1)
+    begun = time.monotonic()
+    assert cableway("tasks") == (143, "", "cableway: terminated\n")
+    assert time.monotonic() - begun < READY / 2
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_an_interrupted_command_puts_things_in_order(
+    cableway: Command, monkeypatch: pytest.MonkeyPatch, error: type[BaseException]
+):
+    """However long it takes, and whatever became of the interrupt on the way."""
+    seen = []
+
+    def orderly(_: object) -> None:
+        try:
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+            except KeyboardInterrupt as stop:
+                raise error from stop
+        finally:
+            time.sleep(0.3)
+            seen.append("in order")
+
+    monkeypatch.setattr("cableway.cli.commands.parse", orderly)
+    monkeypatch.setattr("cableway.cli.interrupts.GRACE", 0.05)
+    assert cableway("tasks") == (130, "", "cableway: interrupted\n")
+    assert seen == ["in order"]

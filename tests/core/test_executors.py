@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
 import time
 
 import pytest
@@ -23,3 +26,15 @@ def test_time_that_others_take_does_not_count():
     """A second of wall time in which nothing is computed, with a limit of half a second."""
     with executors.open_executor("local", 1, isolated=True) as pool:
         assert [ended.result() for _, ended in pool.as_they_end(time.sleep, [(1.0,)], time_limit=0.5)] == [None]
+
+
+def test_a_worker_in_the_midst_of_a_kernel_ends_when_it_is_told_to():
+    """`sum` stands for a kernel: a signal's handler in Python waits for its end."""
+    before = set(multiprocessing.active_children())
+    with executors.open_executor("local", 1, isolated=True) as pool:
+        assert pool.submit(sum, ([1],), None).result() == 1
+        (worker,) = set(multiprocessing.active_children()) - before
+        pool.submit(sum, (range(10**12),), None)
+        os.kill(worker.pid, signal.SIGTERM)
+        worker.join(60)
+        assert worker.exitcode == -signal.SIGTERM

@@ -14,7 +14,7 @@ from cableway.core.errors import CablewayError
 
 GRACE = 1.0
 """Time [s] within which what is held must look at `Interrupts.came`; after that, or at a second signal, it is
-interrupted all the same."""
+interrupted all the same. As often it is looked whether something swallowed the interrupt, as a bare `except` does."""
 
 
 CONTINUES = "and the same command continues from there"
@@ -100,13 +100,14 @@ class Interrupts:
 
     def _receive(self, number: int, frame: FrameType | None) -> Any:
         if number in _ALARMS:
-            if not self.came:
+            if not self.came or _is_handled():
                 return
             self._held = False
         held, first = self._held, not self.came
         self.came = self.came or number
-        if held and first:
+        if first:
             _set_alarm(GRACE)
+        if held and first:
             return
         raise Interrupted
 
@@ -115,9 +116,17 @@ _ALARMS = () if sys.platform == "win32" else (signal.SIGALRM,)
 
 
 def _set_alarm(seconds: float) -> None:
-    """Have an alarm come after a while, none where that is 0; Windows has none, so there only a second signal tells."""
+    """Have an alarm come that often, never where that is 0; Windows has none, so there only a second signal helps."""
     if sys.platform != "win32":
-        signal.setitimer(signal.ITIMER_REAL, seconds)
+        signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+
+
+def _is_handled() -> bool:
+    """Whether an interrupt is on its way through an `except`, `finally` or `with`, where things are put in order."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 INTERRUPTS = Interrupts()

@@ -222,8 +222,12 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 def begin_worker(begin: Callable[[], None] | None = None) -> None:
-    """In a worker: an interrupt is for the main process, and a main process that was killed takes its workers along."""
+    """In a worker: an interrupt is for the main process, and a main process that was killed takes its workers along.
+
+    A worker that is to end does so in the midst of a kernel, too, which a handler written in Python would wait for.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if begin is not None:
         begin()
