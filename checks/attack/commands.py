@@ -28,7 +28,7 @@ LINES = {
     "train": "--data {data} --config {config}",
     "evaluate": "conv --data {data}",
     "models": "",
-    "bench": "paper --methods open-loop --workers 2",
+    "bench": "paper --methods open-loop --workers 2 --episodes single-obstacle-1,single-obstacle-2,insertion",
     "reproduce": "--workers 2",
 }
 """What follows the command's name; what stands in braces is made by `prepared`."""
@@ -38,6 +38,9 @@ ALSO = {"list": "tasks", "table": "run"}
 
 RESUMED = ("collect", "train", "bench")
 """Those that go on where they were interrupted, and end within a minute."""
+
+KEPT = (*RESUMED, "tasks", "plan", "run", "table", "reproduce")
+"""Those that say what they have kept."""
 
 WHOLE = {".png": b"IEND\xaeB`\x82", ".csv": b"\n", ".html": b"</html>\n", ".md": b"\n", ".yaml": b"\n"}
 """Last bytes of files that are whole."""
@@ -66,7 +69,7 @@ def prepared(folder: Path, names: str = "") -> list[Line]:
     for line in ("plan single-obstacle-2 --out plan", "collect --transitions 2000 --workers 2 --out data"):
         subprocess.run([CABLEWAY, *line.split(), "--quiet"], check=True, cwd=folder)
     config, table = folder / "config.yaml", folder / "table.yaml"
-    config.write_text("cableway: 1\nmodel:\n  kind: mlp\ntraining:\n  epochs: 400\n  rollout_epochs: 0\n")
+    config.write_text("cableway: 1\nmodel:\n  kind: mlp\ntraining:\n  epochs: 150\n  rollout_epochs: 0\n")
     table.write_text("cableway: 1\ntable: {}\n")
     made = {"task": folder / "plan/task.yaml", "plan": folder / "plan/plan.npz", "data": folder / "data"}
     made |= {"config": config, "table": table}
