@@ -123,8 +123,8 @@ class Silence:
 class Attachment:
     """Sees that the cable's ends are not where the grippers are said to be: one of the two reports is wrong.
 
-    An end must be more than `OFF`, or turned by more than `BENT`, from every pose of its gripper in the last `SEEN_LATE`
-    control steps, in every frame that shows it, for `SILENT_ROBOT`.
+    An end must be more than `OFF`, or turned by more than `BENT`, from every pose of its gripper in the last
+    `SEEN_LATE` control steps, in every frame that shows it, for `SILENT_ROBOT`.
 
     Args:
         control_step: Time [s] between two observations.
