@@ -45,7 +45,7 @@ class Commands:
         """Those of a rollout, or of several one after the other, such as a run and its insertion."""
         sent = [_targets(rollout) for rollout in rollouts]
         moves, turns = (np.concatenate(parts) for parts in zip(*(_speeds(*part) for part in sent), strict=True))
-        x, y = SE2.position(np.concatenate([poses for poses, _ in sent])).reshape(-1, 2).T
+        x, y = SE2.position(np.concatenate([poses for poses, _ in sent])).reshape(-1, SE2.space).T
         left, right = (tuple(map(float, pose)) for pose in rollouts[0].poses[0])
         return Commands(
             count=sum(rollout.steps for rollout in rollouts),

@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 
 from cableway.control import rod_kernels
 from cableway.control.base import Status
+from cableway.control.rod_kernels import Limits, Wanted, Weights
 from cableway.control.rod_mpc import MOST_EFFORT, RodMPC, RodMPCConfig, RodMPCState, plan_shapes
 from cableway.core.errors import InputError
 from cableway.estimation.delay import DelayEstimator
@@ -19,6 +20,8 @@ from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import predict
 from cableway.geometry import convex
 from cableway.geometry.groups import SE2
+from cableway.motion.limits import BodyPoints
+from cableway.motion.terms import body_shortfall, clearance_shortfall, span_excess
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan, Rollout
 from cableway.rod import material
@@ -28,6 +31,7 @@ from cableway.rod.kernels import batch_shapes
 from cableway.rod.material import CURVATURE, GRASPS, LENGTH, STIFFNESS
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
+from cableway.scene.grippers import Plug
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
@@ -106,23 +110,57 @@ def test_prediction_is_differentiated_exactly() -> None:
         np.testing.assert_allclose(by_theta[..., k], numeric, rtol=1e-4, atol=1e-4)
 
 
+WANTED = Wanted(
+    shapes=PLAN.shapes[[3, 4]], steps=np.diff(PLAN.poses[2:5], axis=0), loads=np.zeros((2, 3)),
+    max_span=np.full(2, 0.2), clearance=np.array([0.006, 0.009]),
+)  # fmt: skip
+LIMITS = Limits(max_step=0.002, max_turn=0.01, least_span=0.0, cable_radius=0.004)
+
+
+def crowded() -> Task:
+    """With a disc beside the cable, and one beside a plug."""
+    line = PLAN.shapes[2]
+    (x, y), ahead = line[6] + outward(line) * 0.025, SE2.compose(PLAN.poses[3, 1], np.array([0.03, 0.016, 0.0]))
+    discs = (Disc(center=(x, y), radius=0.02), Disc(center=(float(ahead[0]), float(ahead[1])), radius=0.008))
+    return replace(task_for(PLAN, discs), plug=Plug(length=0.04, width=0.012))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_the_controller_keeps_clear_of_costs_as_in_motion(seed: int) -> None:
+    """Clearance of cable and plug and the grippers' span are `motion.terms` of the predicted shapes."""
+    task, p, modes = crowded(), truth(seed)[material.ROD], material.modes(ROD.hinges)
+    q = np.array([fit_keypoints(ROD, PLAN.shapes[row])[0] for row in (3, 9)])
+    bodies, world, offset = BodyPoints.of(task), task.scene.world, np.zeros((49, 2))
+    normal, gradient = np.empty((12, 12)), np.empty(12)
+    cost = rod_kernels.assemble(
+        q, PLAN.poses[2], p, modes, ROD.stride, offset, WANTED, bodies, world.arrays, LIMITS,
+        Weights(0.0, 0.0, 0.05, 0.0, 30.0, 100.0, 0.0), normal, gradient,
+    )  # fmt: skip
+    stations, _, ends, _ = batch_shapes(q, p, modes, 0)
+    cable = [clearance_shortfall(line[1:-1], world, LIMITS.cable_radius + keep)[0]
+             for line, keep in zip(stations, WANTED.clearance, strict=True)]  # fmt: skip
+    lack = [body_shortfall(bodies, world, pair[None], keep)[0]
+            for pair, keep in zip(ends, WANTED.clearance, strict=True)]  # fmt: skip
+    over = span_excess(ends, WANTED.max_span, LIMITS.least_span)[0]
+    assert min(np.max(cable), np.max(over), max(each[:, 2:].max() for each in lack)) > 0
+    squares = 30.0 * (np.sum(np.square(cable)) + np.sum(np.square(lack))) + 100.0 * np.sum(over**2)
+    assert cost == pytest.approx(squares / 2, rel=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_cost_and_its_derivative_agree(seed: int) -> None:
-    """With a near obstacle, grippers too far apart and too fast, so that every term counts."""
+    """With a near obstacle, a plug at another one, grippers too far apart and too fast: every term counts."""
     rng = np.random.default_rng(seed)
-    line = PLAN.shapes[2]
-    centre = line[6] + outward(line) * 0.025
-    task = task_for(PLAN, (Disc(center=(centre[0], centre[1]), radius=0.02),))
+    task = crowded()
     q = np.array([fit_keypoints(ROD, PLAN.shapes[row])[0] for row in (3, 9)]) + 1e-3 * rng.normal(size=(2, 6))
     p, modes = truth(seed)[material.ROD], material.modes(ROD.hinges)
-    limits, weights = (0.002, 0.01, 0.004, 0.004, 0.0), (1.0, 3.0, 0.05, 1e-3, 30.0, 100.0, 100.0)
+    weights = Weights(1.0, 3.0, 0.05, 1e-3, 30.0, 100.0, 100.0)
     normal, gradient = np.empty((12, 12)), np.empty(12)
 
     def cost(q: np.ndarray) -> float:
         return rod_kernels.assemble(
-            q, PLAN.poses[2], p, modes, ROD.stride, np.full((49, 2), 1e-3), PLAN.shapes[[3, 4]],
-            np.diff(PLAN.poses[2:5], axis=0), np.zeros((2, 3)), np.full(2, 0.2), np.array([0.006, 0.009]),
-            task.scene.world.arrays, limits, weights, normal, gradient,
+            q, PLAN.poses[2], p, modes, ROD.stride, np.full((49, 2), 1e-3), WANTED, BodyPoints.of(task),
+            task.scene.world.arrays, LIMITS, weights, normal, gradient,
         )  # fmt: skip
 
     cost(q)

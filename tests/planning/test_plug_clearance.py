@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from cableway.motion.limits import Margins
+from cableway.motion.limits import BodyPoints, Margins
 from cableway.motion.terms import body_shortfall
 from cableway.motion.validity import FreeSpace
 from cableway.planning.planner import plan
@@ -36,13 +36,13 @@ def near_obstacles(task: Task) -> np.ndarray:
 
 
 def test_the_slope_of_the_shortfall_is_that_of_differences(task: Task):
-    poses, h = near_obstacles(task), 1e-6
-    short, slope = body_shortfall(task, poses, 0.02)
+    poses, h, bodies = near_obstacles(task), 1e-6, BodyPoints.of(task)
+    short, slope = body_shortfall(bodies, task.scene.world, poses, 0.02)
     assert (short[:, 2:] > 0).any(axis=1).sum() > 10
     for side, k in product(range(2), range(3)):
         step = np.zeros((2, 3))
         step[side, k] = h
-        ahead, behind = (body_shortfall(task, poses + sign * step, 0.02)[0] for sign in (1, -1))
+        ahead, behind = (body_shortfall(bodies, task.scene.world, poses + sign * step, 0.02)[0] for sign in (1, -1))
         smooth = (short > 1e-4) & (ahead > 0) & (behind > 0)
         numeric = (ahead - behind) / (2 * h)
         assert np.quantile(np.abs(numeric - slope[..., side, k])[smooth], 0.95) < 1e-4

@@ -1,13 +1,19 @@
 """Compiled kernels of `cableway.control.rod_mpc`: what the adapted rod predicts, and the steps of the optimiser.
 
 Arrays are those of `cableway.rod.fitting`; theta is laid out as in `cableway.rod.material`.
+
+Note:
+    Clearance and gripper span are the terms of `cableway.motion.terms`, by the same points round the bodies. Here they
+    go row by row into the normal equations, without arrays of slopes in between: one optimisation takes a millisecond.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import nearest_obstacle
@@ -17,6 +23,62 @@ from cableway.rod.least_squares import Rule, add_row, advance, begin
 CORRECTION = Rule(least=1e-9, restart=1e-5, most=1e3, fall=1e-4, steps=4.0, max_step=0.5)
 """Few steps, since one optimisation goes on from the last one; a fall of the cost by less than 0.01% is not worth
 another."""
+
+
+class Wanted(NamedTuple):
+    """What the shapes of a horizon of H steps are to be.
+
+    Attributes:
+        shapes: (H, n, 2) keypoints [m].
+        steps: (H, 2, 3) motions of the ends [m, m, rad].
+        loads: (H, 3).
+        max_span: (H,) greatest distance between the ends [m].
+        clearance: (H,) [m].
+    """
+
+    shapes: Float[np.ndarray, "H n 2"]
+    steps: Float[np.ndarray, "H 2 3"]
+    loads: Float[np.ndarray, "H 3"]
+    max_span: Float[np.ndarray, "H"]
+    clearance: Float[np.ndarray, "H"]
+
+
+class Limits(NamedTuple):
+    """What a task allows; floats all, or the kernels are compiled anew.
+
+    Attributes:
+        max_step: Of a gripper in a step [m].
+        max_turn: [rad].
+        least_span: Least distance of the grippers [m].
+        cable_radius: [m].
+    """
+
+    max_step: float
+    max_turn: float
+    least_span: float
+    cable_radius: float
+
+
+class Weights(NamedTuple):
+    """Weights of the terms, as `cableway.control.rod_mpc` has them; floats all.
+
+    Attributes:
+        tracking: w_s [1/m^2].
+        motion: w_m [1/m^2].
+        turn_lever: Motion that a turn of 1 rad counts as [m].
+        load: w_l.
+        clearance: w_c [1/m^2].
+        span: w_g [1/m^2].
+        limits: w_b [1/m^2].
+    """
+
+    tracking: float
+    motion: float
+    turn_lever: float
+    load: float
+    clearance: float
+    span: float
+    limits: float
 
 
 @inlined
@@ -49,18 +111,29 @@ def _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted,
 
 
 @inlined
-def _add_clearance(normal, gradient, stations, dstations, offset, world, limits, wanted, weight, rates, at):
-    """Add what the clearance of the stations, with the offset, lacks; the ends are the grippers. Returns the cost."""
-    cable_radius, gripper_radius = limits[2], limits[3]
-    cost = 0.0
-    for j in range(len(stations)):
-        radius = gripper_radius if j == 0 or j == len(stations) - 1 else cable_radius
-        x, y = stations[j, 0] + offset[j, 0], stations[j, 1] + offset[j, 1]
+def _add_clearance(
+    normal, gradient, stations, dstations, ends, dends, offset, bodies, world, cable_radius, wanted, weight, rates, at
+):
+    """Add what the clearance of the inner stations and of the points round the bodies lacks, with the offset.
+
+    Returns the cost.
+    """
+    last, cost = len(stations) - 1, 0.0
+    for j in range(last - 1 + len(bodies.side)):
+        place, side, radius, arm_x, arm_y = j + 1, 0, cable_radius, 0.0, 0.0
+        if j >= last - 1:
+            i = j - (last - 1)
+            side, radius = bodies.side[i], bodies.rounding[i]
+            place = last * side
+            c, s = math.cos(ends[side, 2]), math.sin(ends[side, 2])
+            arm_x, arm_y = c * bodies.at[i, 0] - s * bodies.at[i, 1], s * bodies.at[i, 0] + c * bodies.at[i, 1]
+        x, y = stations[place, 0] + offset[place, 0] + arm_x, stations[place, 1] + offset[place, 1] + arm_y
         distance, gx, gy, _ = nearest_obstacle(x, y, world, wanted + radius)
         short = wanted - (distance - radius)
         if short > 0.0:
             for a in range(len(rates)):
-                rates[a] = -gx * dstations[j, 0, a] - gy * dstations[j, 1, a]
+                turn = dends[side, 2, a]
+                rates[a] = -gx * (dstations[place, 0, a] - arm_y * turn) - gy * (dstations[place, 1, a] + arm_x * turn)
             add_row(normal, gradient, rates, short, weight, at)
             cost += weight * short * short
     return cost
@@ -69,8 +142,7 @@ def _add_clearance(normal, gradient, stations, dstations, offset, world, limits,
 @inlined
 def _add_motion(normal, gradient, ends, dends, last, dlast, wanted, limits, weights, rates, earlier, at):
     """Add how far the motion of the ends is from the one wanted (2, 3), and beyond its limits. Returns the cost."""
-    max_step, max_turn = limits[0], limits[1]
-    w_motion, lever, w_limit = weights[1], weights[2], weights[6]
+    w_motion, lever, w_limit = weights.motion, weights.turn_lever, weights.limits
     cost = 0.0
     for side in range(2):
         for k in range(3):
@@ -79,17 +151,17 @@ def _add_motion(normal, gradient, ends, dends, last, dlast, wanted, limits, weig
             residual = moved - wanted[side, k]
             _add_change(normal, gradient, dends[side, k], dlast[side, k], residual, w_motion * weight, at)
             cost += w_motion * weight * residual * residual
-            if k == 2 and abs(moved) > max_turn:
-                over = moved - math.copysign(max_turn, moved)
+            if k == 2 and abs(moved) > limits.max_turn:
+                over = moved - math.copysign(limits.max_turn, moved)
                 _add_change(normal, gradient, dends[side, k], dlast[side, k], over, w_limit * weight, at)
                 cost += w_limit * weight * over * over
         dx, dy = ends[side, 0] - last[side, 0], ends[side, 1] - last[side, 1]
         moved = math.hypot(dx, dy)
-        if moved > max_step:
+        if moved > limits.max_step:
             for a in range(len(rates)):
                 rates[a] = (dx * dends[side, 0, a] + dy * dends[side, 1, a]) / moved
                 earlier[a] = (dx * dlast[side, 0, a] + dy * dlast[side, 1, a]) / moved
-            over = moved - max_step
+            over = moved - limits.max_step
             _add_change(normal, gradient, rates, earlier, over, w_limit, at)
             cost += w_limit * over * over
     return cost
@@ -109,24 +181,7 @@ def _add_separation(normal, gradient, ends, dends, least, most, weight, rates, a
 
 
 @inlined
-def assemble(
-    q,
-    before,
-    p,
-    modes,
-    stride,
-    offset,
-    wanted,
-    steps,
-    loads,
-    max_span,
-    clearance,
-    world,
-    limits,
-    weights,
-    normal,
-    gradient,
-):
+def assemble(q, before, p, modes, stride, offset, wanted, bodies, world, limits, weights, normal, gradient):
     """Half the sum of the squares over the horizon, its Gauss-Newton matrix (lower) and gradient, see `rod_mpc`.
 
     Unknowns are counted in units of `scales`.
@@ -136,21 +191,17 @@ def assemble(
         before: (2, 3) end poses of the rod now.
         p, modes, stride: The rod.
         offset: (2N+1, 2) [m] added to every station.
-        wanted: (H, n, 2) [m].
-        steps: (H, 2, 3) wanted motions of the ends.
-        loads: (H, 3) wanted loads.
-        max_span: (H,) [m] greatest distance between the ends.
-        clearance: (H,) [m] wanted.
+        wanted: `Wanted`.
+        bodies: `cableway.motion.limits.BodyPoints`.
         world: arrays of `convex.ConvexWorld`.
-        limits: largest step, turn; radius of cable, of grippers; least distance of the grippers.
-        weights: tracking, motion, lever of turns, load, clearance, separation, limits.
+        limits: `Limits`.
+        weights: `Weights`.
         normal: (6H, 6H), changed.
         gradient: (6H,), changed.
     """
-    w_track, w_load, w_clear, w_apart = weights[0], weights[3], weights[4], weights[5]
     d, scale = q.shape[1], scales(p[0])
     stations, dstations, ends, dends = workspace(modes, d)
-    first_load = d - loads.shape[1]
+    first_load = d - wanted.loads.shape[1]
     last, dlast, rates, earlier = before.copy(), np.zeros_like(dends), np.empty(d), np.empty(d)
     normal[:] = 0.0
     gradient[:] = 0.0
@@ -158,26 +209,31 @@ def assemble(
     for t in range(len(q)):
         at = d * t
         scaled_shape(q[t], p, modes, scale, stations, dstations, ends, dends)
-        cost += _add_tracking(normal, gradient, stations, dstations, stride, offset, wanted[t], w_track, at)
-        for k in range(first_load, d):
-            residual = (q[t, k] - loads[t, k - first_load]) / scale[k]
-            normal[at + k, at + k] += w_load
-            gradient[at + k] += w_load * residual
-            cost += w_load * residual * residual
-        cost += _add_clearance(
-            normal, gradient, stations, dstations, offset, world, limits, clearance[t], w_clear, rates, at
+        cost += _add_tracking(
+            normal, gradient, stations, dstations, stride, offset, wanted.shapes[t], weights.tracking, at
         )
-        cost += _add_motion(
-            normal, gradient, ends, dends, last, dlast, steps[t], limits, weights, rates, earlier, at
+        for k in range(first_load, d):
+            residual = (q[t, k] - wanted.loads[t, k - first_load]) / scale[k]
+            normal[at + k, at + k] += weights.load
+            gradient[at + k] += weights.load * residual
+            cost += weights.load * residual * residual
+        cost += _add_clearance(
+            normal, gradient, stations, dstations, ends, dends, offset, bodies, world, limits.cable_radius,
+            wanted.clearance[t], weights.clearance, rates, at,
         )  # fmt: skip
-        cost += _add_separation(normal, gradient, ends, dends, limits[4], max_span[t], w_apart, rates, at)
+        cost += _add_motion(
+            normal, gradient, ends, dends, last, dlast, wanted.steps[t], limits, weights, rates, earlier, at
+        )
+        cost += _add_separation(
+            normal, gradient, ends, dends, limits.least_span, wanted.max_span[t], weights.span, rates, at
+        )
         last[:] = ends
         dlast[:] = dends
     return 0.5 * cost
 
 
 @kernel
-def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, max_span, clearance, world, limits, weights):
+def optimize(q, before, p, modes, stride, offset, wanted, bodies, world, limits, weights):
     """Damped least squares on `assemble` from q (H, 6), which it changes."""
     search, units = begin(q.ravel()), np.empty(q.size)
     scale = scales(p[0])
@@ -185,8 +241,8 @@ def optimize(q, before, p, modes, stride, offset, wanted, steps, loads, max_span
         units[a] = scale[a % len(scale)]
     while True:
         cost = assemble(
-            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, steps, loads, max_span,
-            clearance, world, limits, weights, search.trial_normal, search.trial_gradient,
+            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, bodies, world, limits, weights,
+            search.trial_normal, search.trial_gradient,
         )  # fmt: skip
         if not advance(search, cost, units, CORRECTION):
             break

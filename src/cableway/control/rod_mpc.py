@@ -10,7 +10,7 @@ end poses once all that was sent is done, and s_ref,k the plan's shapes:
         sum_k  w_s |s(q_k) + b - s_ref,k|^2                           tracking
              + w_m |e(q_k) - e(q_{k-1}) - (e*_k - e*_{k-1})|_R^2      motion, fed forward from the fit
              + w_l |l(q_k) - l*_k|^2                                  load: away from folds, where shapes vanish
-             + w_c max(0, d_k - clearance)^2                          of every station and both gripper discs
+             + w_c max(0, d_k - clearance)^2                          of every station and the bodies
              + w_g max(0, gap - max_span)^2 + max(0, least - gap)^2    distance between the ends
              + w_b max(0, step - largest)^2                           limits of the grippers
 
@@ -42,6 +42,7 @@ from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import MET, EstimatorConfig
 from cableway.motion.clearance import clearances
+from cableway.motion.limits import BodyPoints
 from cableway.motion.time_parametrization import gripper_effort
 from cableway.records import Observation, Plan
 from cableway.rod import kernels
@@ -109,17 +110,12 @@ class RodMPCConfig(Checked):
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     @property
-    def weights(self) -> tuple[float, ...]:
-        """As `rod_kernels.assemble` wants them."""
-        return (
-            self.tracking_weight,
-            MOTION_WEIGHT,
-            self.turn_lever,
-            LOAD_WEIGHT,
-            self.clearance_weight,
-            SPAN_WEIGHT,
-            LIMIT_WEIGHT,
-        )
+    def weights(self) -> rod_kernels.Weights:
+        """Of all terms."""
+        return rod_kernels.Weights(
+            tracking=float(self.tracking_weight), motion=MOTION_WEIGHT, turn_lever=float(self.turn_lever),
+            load=LOAD_WEIGHT, clearance=float(self.clearance_weight), span=SPAN_WEIGHT, limits=LIMIT_WEIGHT,
+        )  # fmt: skip
 
 
 RodMPCConfig.__init__ = renamed_keywords(stretch="soft_span", longest="max_span")(RodMPCConfig.__init__)
@@ -134,13 +130,15 @@ class RodMPCState(EstimatingState):
             keypoints do not determine do not run away from step to step.
         fits: (H + 1, d) what the last ones found, from which they start, too.
         clearance: (T + 1,) least clearance of the plan's rows [m].
-        limits: As `rod_kernels.assemble` wants them.
+        limits: Of grippers and cable.
+        bodies: What moves with the grippers.
     """
 
     shapes: Float[np.ndarray, "t d"]
     fits: Float[np.ndarray, "h d"]
     clearance: Float[np.ndarray, "t"]
-    limits: tuple[float, ...]
+    limits: rod_kernels.Limits
+    bodies: BodyPoints
 
 
 class RodMPC(Controller[RodMPCState]):
@@ -157,16 +155,12 @@ class RodMPC(Controller[RodMPCState]):
         """See `Controller.init`."""
         grippers, shapes = task.grippers, plan_shapes(task.cable.rod, plan)
         beginning = EstimatingState.estimating(task, plan, self.config, shapes[0])
-        limits = (
-            grippers.max_step,
-            grippers.max_turn,
-            task.cable.radius,
-            grippers.radius,
-            grippers.least_span,
+        limits = rod_kernels.Limits(
+            float(grippers.max_step), float(grippers.max_turn), float(grippers.least_span), float(task.cable.radius)
         )
         state = RodMPCState(
             **beginning, shapes=shapes, fits=between(shapes, beginning["plan"].rows(0, self.config.horizon + 1)),
-            clearance=_least_clearance(plan, task), limits=limits,
+            clearance=_least_clearance(plan, task), limits=limits, bodies=BodyPoints.of(task),
         )  # fmt: skip
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
@@ -252,10 +246,15 @@ class RodMPC(Controller[RodMPCState]):
         if meet_ends(now, before, p, modes) > MET:
             return np.full(rod.step_shape, np.nan)
         q = rod.retract(now, rod.difference(fits[0], fits[1:]))
+        horizon = rod_kernels.Wanted(
+            shapes=wanted[1:].copy(),
+            steps=rod.group.minus(ends[1:], ends[:-1]),
+            loads=fits[1:, rod.loads].copy(),
+            max_span=span_limit(ends[1:], estimate.length, config.soft_span),
+            clearance=clearance,
+        )
         rod_kernels.optimize(
-            q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), wanted[1:].copy(),
-            rod.group.minus(ends[1:], ends[:-1]), fits[1:, rod.loads].copy(),
-            span_limit(ends[1:], estimate.length, config.soft_span), clearance,
+            q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), horizon, state.bodies,
             state.task.scene.world.arrays, state.limits, config.weights,
         )  # fmt: skip
         reached = kernels.batch_shapes(q[:1], p, modes, 0)[2]

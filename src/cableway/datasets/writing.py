@@ -115,11 +115,8 @@ class DatasetWriter:
         return Manifest(
             complete=complete,
             transitions=sum(shard.transitions for shard in listed),
-            seed=self._origin.seed,
-            config=self._origin.config,
-            versions=self._origin.versions,
-            columns=self._origin.columns,
             shards=listed,
+            **vars(self._origin),
         )
 
     @contextmanager

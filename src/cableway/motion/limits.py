@@ -10,6 +10,9 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
+import numpy as np
+from jaxtyping import Float, Int
+
 from cableway.core.checks import Bounds, Checked
 from cableway.scene.bodies import Body
 from cableway.scene.cable import Cable
@@ -53,6 +56,35 @@ class ShapeLimits(NamedTuple):
     sharpest_turn: float
     apart: int
     self_distance: float
+
+
+BODY_SPACING = 0.008
+"""Distance [m] between the points round a body. A corner between two of them, at clearance d, is nearer by at most
+`BODY_SPACING`^2 / (8 d): 0.8 mm at 10 mm."""
+
+
+class BodyPoints(NamedTuple):
+    """Points on the outlines of a task's bodies, whose clearance costs in trajectory optimisation and control.
+
+    Attributes:
+        side: (k,) gripper that each moves with.
+        at: (k, 2) where it is in that gripper's frame [m].
+        rounding: (k,) by which it is grown [m].
+    """
+
+    side: Int[np.ndarray, "k"]
+    at: Float[np.ndarray, "k 2"]
+    rounding: Float[np.ndarray, "k"]
+
+    @classmethod
+    def of(cls, task: Task) -> BodyPoints:
+        """The centre of each disc, and points `BODY_SPACING` apart round all else."""
+        bodies = task.bodies
+        points = [each.outline if len(each.outline) == 1 else each.boundary(BODY_SPACING)[:-1] for each in bodies]
+        counts = [len(each) for each in points]
+        rounding = [body_rounding(body, task.cable) for body in bodies]
+        sides = np.array([body.side for body in bodies], dtype=np.int64)
+        return cls(np.repeat(sides, counts), np.concatenate(points), np.repeat(np.array(rounding), counts))
 
 
 def sharpest_turn_of(task: Task) -> float:

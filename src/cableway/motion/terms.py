@@ -9,41 +9,32 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from cableway.geometry import convex
+from cableway.geometry import convex, se2
 from cableway.geometry.groups import SE2
-from cableway.motion.limits import body_rounding
+from cableway.motion.limits import BodyPoints
 from cableway.rod.held_rod import HeldRod
-from cableway.scene.task import Task
-
-BODY_SPACING = 0.008
-"""Distance [m] between the points round a body. A corner between two of them, at clearance d, is nearer by at most
-`BODY_SPACING`^2 / (8 d): 0.8 mm at 10 mm."""
 
 
 def clearance_shortfall(
-    points: Float[np.ndarray, "... 2"], world: convex.ConvexWorld, wanted: float
+    points: Float[np.ndarray, "... 2"], world: convex.ConvexWorld, wanted: Float[np.ndarray, "..."] | float
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... 2"]]:
     """How far points are nearer than `wanted` [m] to something, and the slope by their position."""
-    distance, slope, _ = convex.signed_distance(points, world, wanted)
+    distance, slope, _ = convex.signed_distance(points, world, float(np.max(wanted)))
     short = np.maximum(0.0, wanted - distance)
     return short, -slope * (short > 0)[..., None]
 
 
 def body_shortfall(
-    task: Task, poses: Float[np.ndarray, "t 2 3"], margin: float
+    bodies: BodyPoints, world: convex.ConvexWorld, poses: Float[np.ndarray, "t 2 3"], margin: float
 ) -> tuple[Float[np.ndarray, "t k"], Float[np.ndarray, "t k 2 3"]]:
     """How far points round the bodies lack a clearance of `margin` [m], and the slope by the gripper poses."""
-    rod, short, slopes = task.cable.rod, [], []
-    for body in task.bodies:
-        at = poses[:, body.side]
-        points = body.placed(at, BODY_SPACING)
-        points = points if points.shape[1] == 1 else points[:, :-1]
-        lack, slope = clearance_shortfall(points, task.scene.world, margin + body_rounding(body, task.cable))
-        by_poses = np.zeros((*lack.shape, *rod.step_shape))
-        by_poses[:, :, body.side] = rod.group.pulled_back(slope, points, at[:, None])
-        short.append(lack)
-        slopes.append(by_poses)
-    return np.concatenate(short, axis=1), np.concatenate(slopes, axis=1)
+    at = poses[:, bodies.side]
+    x, y = bodies.at.T[..., None]
+    points = SE2.position(at) + x * se2.direction(at[..., 2]) + y * se2.direction(at[..., 2] + np.pi / 2)
+    lack, slope = clearance_shortfall(points, world, margin + bodies.rounding)
+    by_poses = np.zeros((*lack.shape, 2, SE2.dof))
+    by_poses[:, np.arange(len(bodies.side)), bodies.side] = SE2.pulled_back(slope, points, at)
+    return lack, by_poses
 
 
 def span_excess(

@@ -85,14 +85,14 @@ def ramp_effort(poses: Float[np.ndarray, "t 2 3"], grippers: Grippers) -> Float[
         there is no limit, and in the first row of acceleration, which has one entry fewer.
     """
     padded = np.concatenate([np.repeat(poses[:1], 3, axis=0), poses, np.repeat(poses[-1:], 3, axis=0)])
-    padded[..., 2] = np.unwrap(padded[..., 2], axis=0)
+    padded[..., SE2.space :] = np.unwrap(padded[..., SE2.space :], axis=0)
     effort = np.zeros((len(poses) + 3, 2))
     limits = ((grippers.max_acceleration, grippers.max_turn_acceleration), (grippers.max_jerk, grippers.max_turn_jerk))
     for column, (order, (move, turn)) in enumerate(zip((2, 3), limits, strict=True)):
         # the differences before the motion and after it that are zero anyway are left out
         change = np.diff(padded, order, axis=0)[: len(effort)] / CONTROL_STEP**order
-        moved = np.linalg.norm(change[..., :2], axis=2).max(1) / (move or np.inf)
-        effort[:, column] = np.maximum(moved, np.abs(change[..., 2]).max(1) / (turn or np.inf))
+        moved = np.linalg.norm(SE2.position(change), axis=2).max(1) / (move or np.inf)
+        effort[:, column] = np.maximum(moved, np.abs(change[..., SE2.space :]).max((1, 2)) / (turn or np.inf))
     return effort
 
 

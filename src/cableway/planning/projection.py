@@ -20,8 +20,10 @@ from cableway.core.checks import Bounds, Checked, Choice
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import PlanningError
 from cableway.geometry import polyline
+from cableway.geometry.groups import SE2
 from cableway.motion.interpolation import evenly_moved, rows_at, subdivided
 from cableway.motion.time_parametrization import at_equal_effort, gripper_effort, require_rows, with_ramps
+from cableway.motion.validity import gripper_spans
 from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig, optimize_trajectory
 from cableway.rod import inverse
 from cableway.rod.lag import lag
@@ -231,9 +233,8 @@ def _effort(
 
 def _slack_effort(poses: Float[np.ndarray, "f 2 3"], task: Task) -> Float[np.ndarray, "f-1"]:
     """How far a gripper goes away from the other over the cable's slack, which that uses up if the other one stalls."""
-    gap = poses[:, 1, :2] - poses[:, 0, :2]
-    span = np.linalg.norm(gap, axis=1)
-    along = np.sum(np.diff(poses[..., :2], axis=0) * (gap / span[:, None])[:-1, None], axis=2)
+    at, span = SE2.position(poses), gripper_spans(poses)
+    along = np.sum(np.diff(at, axis=0) * ((at[:, 1] - at[:, 0]) / span[:, None])[:-1, None], axis=2)
     slack = task.cable.length - np.maximum(span[1:], span[:-1])
     return np.maximum(-along[:, 0], along[:, 1]) / np.maximum(slack, LEAST_PACE * task.grippers.max_step)
 

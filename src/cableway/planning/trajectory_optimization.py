@@ -29,7 +29,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 from cableway.core.compiled import kernel
 from cableway.core.deprecation import renamed
 from cableway.motion import terms
-from cableway.motion.limits import sharpest_turn_of
+from cableway.motion.limits import BodyPoints, sharpest_turn_of
 from cableway.rod.least_squares import DAMPING, DONE, TRIED, Rule, fresh_state, judge
 from cableway.scene.task import Task
 
@@ -166,7 +166,7 @@ class _Problem:
         self.load_units = self.rod.units[self.rod.loads]
         self.sharpest = config.bend_share * sharpest_turn_of(task)
         self.clearance_scale = np.sqrt(weight) / CLEARANCE_SCALE
-        self.room = max(config.margin, config.room)
+        self.room, self.bodies = max(config.margin, config.room), BodyPoints.of(task)
 
     def cost(self, q: Float[np.ndarray, "t d"]) -> float:
         """The cost alone, for trial steps."""
@@ -223,7 +223,7 @@ class _Problem:
 
     def _bodies(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same for points round the bodies, and their slopes by the gripper poses."""
-        return self._weighted(*terms.body_shortfall(self.task, poses, self.room))
+        return self._weighted(*terms.body_shortfall(self.bodies, self.task.scene.world, poses, self.room))
 
     def _weighted(self, short: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Shortfalls (t, 2 k) against margin and room, from those against room, with their slopes."""

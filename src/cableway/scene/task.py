@@ -205,7 +205,12 @@ class Task(Draft):
         return rod.at_keypoints(rod.shapes(q[None])[0])[0]
 
     def _moved_off(self, q: Float[np.ndarray, "dof"], rod: PlanarRod) -> Float[np.ndarray, "dof"]:
-        """The equilibrium nearest to q with `RESUMED_CLEARANCE` and `RESUMED_STABILITY`; q where it is far from q."""
+        """The equilibrium nearest to q with `RESUMED_CLEARANCE` and `RESUMED_STABILITY`; q where it is far from q.
+
+        Note:
+            Once in a recovery, so by SciPy. Not by `cableway.motion`, which comes after tasks: a start is where the
+            cable is, and may keep less than a plan.
+        """
         keypoints = rod.at_keypoints(rod.shapes(q[None])[0])[0]
 
         def lack(x: np.ndarray) -> np.ndarray:

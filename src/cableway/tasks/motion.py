@@ -246,7 +246,12 @@ def _flaw(rod: PlanarRod, q: np.ndarray, walls: Walls | None) -> str:
 
 
 def _fit(rod: PlanarRod, q: np.ndarray, target: np.ndarray, walls: Walls | None, iterations: int = 20) -> np.ndarray:
-    """Damped Gauss-Newton steps from q towards keypoints `target`, kept stable and off walls."""
+    """Damped Gauss-Newton steps from q towards keypoints `target`, kept stable and off walls.
+
+    Note:
+        One step in four makes the cost rise, where terms begin to count, so that `cableway.rod.least_squares` would end
+        elsewhere, and every frozen random task with it.
+    """
     scale, loads = rod.units, rod.loads
     for _ in range(iterations):
         stations, dstations, poses, dposes = rod.jacobians(q[None])

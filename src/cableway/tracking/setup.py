@@ -66,11 +66,11 @@ def _explained(points: Float[np.ndarray, "k 2"], wanted: Float[np.ndarray, "k 2"
 def _explained_poses(poses: Float[np.ndarray, "2 3"], wanted: Float[np.ndarray, "2 3"], task: Task) -> str:
     if not np.isfinite(poses).all():
         return ""
-    mistake = _explained(poses[:, :2], wanted[:, :2], task, "the robot's gripper positions")
+    mistake = _explained(SE2.position(poses), SE2.position(wanted), task, "the robot's gripper positions")
     turned = SE2.distance(poses, wanted)[1].max()
-    in_degrees = np.column_stack([poses[:, :2], np.radians(poses[:, 2])])
+    in_degrees = np.column_stack([SE2.position(poses), np.radians(poses[:, SE2.space :])])
     if not mistake and turned > TURNED and SE2.distance(in_degrees, wanted)[1].max() <= FITS * turned:
-        degrees = " and ".join(f"{angle:.4g}" for angle in poses[:, 2])
+        degrees = " and ".join(f"{angle:.4g}" for angle in poses[:, SE2.space])
         return f"the robot's gripper angles, {degrees}, look like degrees, not radians"
     return mistake
 

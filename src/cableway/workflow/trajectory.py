@@ -89,7 +89,7 @@ class Trajectory:
         verdict = verify_record(record, task) if unverified else require_verified(record, task, source)
         shapes = record.shapes if isinstance(record, Plan) else record.keypoints
         poses = record.poses.copy()
-        poses[..., 2] = np.unwrap(poses[..., 2], axis=0)
+        poses[..., SE2.space :] = np.unwrap(poses[..., SE2.space :], axis=0)
         header = _header(record, task, source)
         if rate is None:
             times = _times(record, source)

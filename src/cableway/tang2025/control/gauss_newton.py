@@ -1,4 +1,9 @@
-"""Nonlinear least squares in a box by Gauss-Newton steps that never make the cost rise."""
+"""Nonlinear least squares in a box by Gauss-Newton steps that never make the cost rise.
+
+Note:
+    `cableway.rod.least_squares` knows no bounds; the paper's actions have them, and damping in their place would make
+    the gripper limits soft.
+"""
 
 from __future__ import annotations
 

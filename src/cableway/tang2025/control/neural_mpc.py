@@ -248,7 +248,8 @@ class NeuralMPC(Controller[MPCState]):
         """What the plan asks of the next H actions."""
         reference, horizon = state.plan, self.config.horizon
         actions = reference.actions(state.index, horizon)
-        poses = nearest_turns(reference.poses(state.index, horizon), state.tracker.commanded)
+        poses = reference.poses(state.index, horizon)
+        poses += SE2.continued(poses[0], state.tracker.commanded) - poses[0]  # angles run on, in the grippers' turn
         return Target(
             reference.shapes(state.index, horizon), poses, actions if self.config.feedforward else 0.0 * actions
         )
@@ -257,9 +258,3 @@ class NeuralMPC(Controller[MPCState]):
         max_span = span_limit(state.plan.poses(state.index, 1), state.task.cable.length, self.config.max_span)
         action, state = state.sending(action, status, float(max_span[0]))
         return action, replace(state, actions=np.concatenate([action[None], state.actions[1:]]))
-
-
-def nearest_turns(wanted: Float[np.ndarray, "H 2 3"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "H 2 3"]:
-    """The same poses with whole turns added, so that the first angles are within half a turn of those of `poses`."""
-    turns = np.round((poses[:, 2] - wanted[0, :, 2]) / (2 * np.pi))
-    return wanted + 2 * np.pi * turns[:, None] * np.array([0.0, 0.0, 1.0])

@@ -292,6 +292,10 @@ def fit(
         batch: Windows.
         first: Where the parameters are drawn to.
         iterations: Gauss-Newton steps.
+
+    Note:
+        A fixed number of steps on what JAX has compiled, and a change that does not help is refused afterwards: there
+        is no damping to choose, as `cableway.rod.least_squares` does.
     """
     values = np.asarray(parameters_of(model), float)
     described = model if model.rod is None else eqx.tree_at(lambda m: m.rod, model, model.rod.keeping_nothing())
