@@ -425,13 +425,14 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
         (at("cable", "keypoints", 25), "start has 13 keypoints, not the 25 of cable.keypoints"),
         (at("goal", []), "goal has 0 keypoints, not the 13 of cable.keypoints"),
         (at("cable", "keypoints", 2), "cable.keypoints must be from 3 to 200, got 2"),
-        (at("cable", "length", 0.31), "start is 0.3000 m long, more than 2% off cable.length 0.31 m"),
-        (at("cable", "length", 0.29), "start is 0.3000 m long, more than 2% off cable.length 0.29 m"),
-        (at("start", UNEVEN), "start is not at equal arc length: keypoints 5 and 6 are 0.0450 m apart along the cable, "
-         "not 0.0250 m"),
+        (at("cable", "length", 0.31), "start is 300 mm long, more than 2% off cable.length 310 mm"),
+        (at("cable", "length", 0.29), "start is 300 mm long, more than 2% off cable.length 290 mm"),
+        (at("start", UNEVEN), "start is not at equal arc length: keypoints 5 and 6 are 45.0 mm apart along the cable, "
+         "not 25 mm"),
         (at("cable", "length", -0.3), "cable.length must be positive, got -0.3"),
         (at("cable", "length", 1e300), "cable.length must be from 0.01 to 10 m, got 1e+300"),
-        (at("cable", "radius", 0.1), "cable.radius is 0.1 m, too thick for a length of 0.3 m: at most a quarter of it"),
+        (at("cable", "radius", 0.1), "cable.radius is 100 mm, too thick for a length of 300 mm: at most a quarter of "
+         "it"),
         (at("cable", "friction", -0.1), "cable.friction must be not negative, got -0.1"),
         (at("cable", "drag", -1), "cable.drag must be not negative, got -1.0"),
         (at("cable", "yield_curvature", -1), "cable.yield_curvature must be not negative, got -1.0"),
@@ -444,8 +445,8 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
         (at("grippers", "max_step", 0), "grippers.max_step must be positive, got 0.0"),
         (at("grippers", "max_acceleration", 0), "grippers.max_acceleration must be positive, got 0.0"),
         (at("grippers", "max_turn_jerk", -1), "grippers.max_turn_jerk must be positive, got -1.0"),
-        (at("grippers", "separation", 0.4), "start has its grippers 0.3000 m apart, less than grippers.separation "
-         "0.4 m"),
+        (at("grippers", "separation", 0.4), "start has its grippers 300 mm apart, less than grippers.separation "
+         "400 mm"),
         (at("workspace", "size", [0.7, 0]), "workspace.size[1] must be positive, got 0.0"),
         (at("plug", "length", 0), "plug.length must be positive, got 0.0"),
         (at("port", "depth", -1), "port.depth must be not negative, got -1.0"),
@@ -484,7 +485,7 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
          "goal keypoint 3 at (0.43278, 0.716062) lies outside the workspace of 0.7 m x 0.7 m"),
         # gripper poses
         (at("goal", {"grippers": [[0.1, 0.1, 0], [0.5, 0.1, 0]], "bend": "left"}),
-         "goal.grippers are 0.4000 m apart, farther than the cable is long (0.3 m)"),
+         "goal.grippers are 400 mm apart, farther than the cable is long (300 mm)"),
         (at("goal", {"grippers": [[0.2, 0.6, 0], [0.5, 0.6, 0]], "bend": "left"}),
          "goal.bend asks for a bend to the left, but no stable shape of the cable between these grippers lies on that "
          "side: try the other side, other poses, or keypoints"),
@@ -525,7 +526,7 @@ def test_a_shape_bent_more_sharply_than_the_cable_may(tmp_path: Path):
         content["cable"]["min_bend_radius"] = allowed
 
     message = complaint(write(tmp_path, lambda content: change(content, 0.11)))
-    assert without_line(message).startswith("start bends to a radius of 100.")
+    assert without_line(message).startswith("start bends to a radius of 100 mm")
     assert message.endswith("below cable.min_bend_radius 110 mm")
     assert load_task(write(tmp_path, lambda content: change(content, 0.1))).cable.min_bend_radius == 0.1
 
@@ -567,7 +568,7 @@ def test_every_complaint_is_an_input_error():
 
 def test_a_task_made_in_python_is_checked_like_one_from_a_file(tmp_path: Path):
     task = load_task(write(tmp_path))
-    with pytest.raises(TaskError, match=r"^goal is 0\.3000 m long, more than 2% off cable\.length 0\.5 m$"):
+    with pytest.raises(TaskError, match=r"^goal is 300 mm long, more than 2% off cable\.length 500 mm$"):
         Task(
             name="x",
             scene=task.scene,

@@ -13,6 +13,7 @@ from cableway.cli.options import Flag, Maybe, Options
 from cableway.cli.outputs import TASK
 from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
+from cableway.core.quantities import quantity
 
 if TYPE_CHECKING:
     from cableway.scene.task import Task
@@ -74,7 +75,7 @@ def _rows(trajectory: Trajectory, path: Path) -> list[tuple[str, str]]:
         ("task", header["task"]),
         ("rows", f"{len(trajectory.times)} in {header['duration']:.2f} s"),
         ("verified", header["verified"]),
-        ("off the rows", f"at most {1000 * off['distance']:.2f} mm, {off['turn']:.4f} rad"),
+        ("off the rows", f"at most {quantity(off['distance'])}, {quantity(off['turn'], 'rad')}"),
     ]
     for name, unit in units.items():
         limit = "none" if limits[name] is None else f"{limits[name]:.4g} {unit}"

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from cableway.core.checks import Bounds, Checked, Choice
 from cableway.core.deprecation import renamed, renamed_keywords
 from cableway.core.errors import PlanningError
+from cableway.core.quantities import limit_text, told_apart
 from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
 from cableway.motion.interpolation import evenly_moved, rows_at, subdivided
@@ -172,8 +173,9 @@ def end_equilibria(task: Task, config: ProjectionConfig) -> tuple[Float[np.ndarr
     for name, distance in zip(("start", "goal"), task.equilibrium_distances, strict=True):
         if distance > config.fit_tolerance:
             raise PlanningError(
-                f"the {name} is not an equilibrium of the cable: the nearest equilibrium is {1000 * distance:.1f} mm "
-                f"away (stacked), more than {1000 * config.fit_tolerance:.0f} mm"
+                f"the {name} is not an equilibrium of the cable: the nearest equilibrium is "
+                f"{told_apart(distance, config.fit_tolerance)} away (stacked), more than "
+                f"{limit_text(config.fit_tolerance)}"
             )
     return task.start_equilibrium, task.goal_equilibrium
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
+from cableway.core.quantities import limit_text, told_apart
 from cableway.core.time_limit import checkpoint
 from cableway.geometry import polyline
 from cableway.rod import fitting, kernels
@@ -114,7 +115,10 @@ def equilibria_at(
     poses = np.asarray(poses, float)
     span = float(rod.group.distance(*poses)[0])
     if span > rod.length * (1 + 1e-9):
-        raise InputError(f"the grippers are {span:.4f} m apart, farther than the cable is long ({rod.length:.4f} m)")
+        raise InputError(
+            f"the grippers are {told_apart(span, rod.length)} apart, farther than the cable is long "
+            f"({limit_text(rod.length)})"
+        )
     q = meet_poses(rod, poses, rod.guesses_between(poses, starts))
     q = q[(rod.stability(q)[0] > minimum_stability) & (rod.energy(q) <= most_energy)]
     q = q[np.argsort(rod.energy(q), kind="stable")]

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, TaskError
+from cableway.core.quantities import limit_text
 from cableway.rod.planar import PlanarRod
 from cableway.scene import checks
 from cableway.scene.checks import Quantity
@@ -103,7 +104,8 @@ class Cable:
         object.__setattr__(self, "keypoints", checks.integer(self.keypoints, ("cable", "keypoints"), *KEYPOINTS))
         if self.radius * 4 > self.length:
             raise TaskError(
-                f"is {self.radius!r} m, too thick for a length of {self.length!r} m: at most a quarter of it",
+                f"is {limit_text(self.radius)}, too thick for a length of {limit_text(self.length)}: at most a "
+                "quarter of it",
                 ("cable", "radius"),
             )
         tightest = 2 * np.pi * MOST_TURNS / self.length

@@ -9,6 +9,7 @@ import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import Point, TaskError
+from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.geometry import polyline, se2
 from cableway.geometry.groups import SE2
 from cableway.rod.inverse import fit_keypoints
@@ -66,7 +67,8 @@ def shape_faults(
     if gap < grippers.least_span:
         needed = "grippers.separation" if grippers.separation == grippers.least_span else "two of grippers.radius,"
         yield TaskError(
-            f"has its grippers {gap:.4f} m apart, less than {needed} {grippers.least_span:g} m",
+            f"has its grippers {told_apart(gap, grippers.least_span)} apart, less than {needed} "
+            f"{limit_text(grippers.least_span)}",
             (end,),
             at=_point((shape[0] + shape[-1]) / 2),
         )
@@ -107,8 +109,8 @@ def port_faults(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> Iterato
     if away > PORT_TOLERANCE or turned > POSE_TOLERANCE[1]:
         x, y, angle = wanted
         yield TaskError(
-            f"must have its right end at ({x:.4f}, {y:.4f}), {angle:.3f} rad, where the plug is port.standoff before "
-            f"the port; it is {_millimetres(float(away))} and {np.degrees(turned):.0f} degrees off",
+            f"must have its right end at ({x:.4f}, {y:.4f}), {quantity(angle, 'rad')}, where the plug is port.standoff "
+            f"before the port; it is {_millimetres(float(away))} and {quantity(float(turned), 'rad')} off",
             ("goal",),
             at=_point(pose),
         )
@@ -148,7 +150,8 @@ def _wrong_length(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> It
     arc = polyline.arc_length(curve)
     if not abs(arc[-1] / cable.length - 1) <= LENGTH_TOLERANCE:
         yield TaskError(
-            f"is {arc[-1]:.4f} m long, more than {LENGTH_TOLERANCE:.0%} off cable.length {cable.length:g} m",
+            f"is {told_apart(arc[-1], cable.length)} long, more than {LENGTH_TOLERANCE:.0%} off cable.length "
+            f"{limit_text(cable.length)}",
             (end,),
             at=_point(curve[len(curve) // 2]),
         )
@@ -157,8 +160,8 @@ def _wrong_length(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> It
     i = int(np.argmax(np.abs(pieces - wanted)))
     if abs(pieces[i] / wanted - 1) > SPACING_TOLERANCE:
         yield TaskError(
-            f"is not at equal arc length: keypoints {i} and {i + 1} are {pieces[i]:.4f} m apart along the cable, "
-            f"not {wanted:.4f} m",
+            f"is not at equal arc length: keypoints {i} and {i + 1} are {told_apart(pieces[i], wanted)} apart along "
+            f"the cable, not {limit_text(wanted)}",
             (end,),
             at=_point(curve[each * i + each // 2]),
         )
@@ -177,7 +180,7 @@ def _touching_itself(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) ->
         x, y = curve[one]
         yield TaskError(
             f"touches itself near ({x:.3f}, {y:.3f}): its centre line comes within {_millimetres(float(apart.min()))} "
-            f"of itself, less than twice cable.radius {1000 * cable.radius:g} mm",
+            f"of itself, less than twice cable.radius {limit_text(cable.radius)}",
             (end,),
             at=_point((curve[one] + curve[other]) / 2),
         )
@@ -200,8 +203,8 @@ def _bent_sharply(end: str, shape: Float[np.ndarray, "n 2"], cable: Cable) -> It
     radius = cable.length / ((cable.keypoints - 1) * max(float(turns[i]), 1e-12))
     if radius < cable.min_bend_radius * (1 - LENGTH_TOLERANCE):
         yield TaskError(
-            f"bends to a radius of {1000 * radius:.1f} mm at keypoint {i + 1}, below "
-            f"cable.min_bend_radius {1000 * cable.min_bend_radius:g} mm",
+            f"bends to a radius of {told_apart(radius, cable.min_bend_radius)} at keypoint {i + 1}, below "
+            f"cable.min_bend_radius {limit_text(cable.min_bend_radius)}",
             (end,),
             at=_point(shape[i + 1]),
         )

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import Checked, Positive
 from cableway.core.errors import InputError, SimulationError
+from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import nearest_equilibrium
 from cableway.scene.cable import Cable
@@ -239,7 +240,8 @@ class CableSimulator:
         gap = float(np.linalg.norm(target[1, :2] - target[0, :2]))
         if gap > self.cable.length:
             raise SimulationError(
-                f"the grippers would be {gap:.4f} m apart, farther than the cable is long ({self.cable.length:.4f} m)"
+                f"the grippers would be {told_apart(gap, self.cable.length)} apart, farther than the cable is long "
+                f"({limit_text(self.cable.length)})"
             )
         return target
 
@@ -262,7 +264,7 @@ def _check_grasp(slip: Float[np.ndarray, "k 2 3"]) -> None:
     distance, angle = float(np.hypot(slip[..., 0], slip[..., 1]).max()), float(np.abs(slip[..., 2]).max())
     if distance > SLIP_DISTANCE or angle > SLIP_ANGLE:
         raise SimulationError(
-            f"the cable slipped in a gripper by {1000 * distance:.1f} mm and {angle:.2f} rad, "
+            f"the cable slipped in a gripper by {quantity(distance)} and {quantity(angle, 'rad')}, "
             "pulled too far or pressed against something"
         )
 

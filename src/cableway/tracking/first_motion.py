@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.quantities import quantity
 from cableway.estimation.delay import DELAYS, FORGETTING, DelayEstimator
 from cableway.geometry.groups import SE2
 from cableway.tracking.setup import FITS
@@ -124,5 +125,5 @@ def _explains(
 
 def _sentence(guess: _Hypothesis, guilty: np.ndarray, apart: float) -> str:
     who = "the grippers" if guess.together else f"the {('left', 'right')[int(np.argmax(guilty))]} gripper"
-    off = f"{apart:.2f} rad" if guess.turns else f"{1000 * apart:.0f} mm"
+    off = quantity(apart, "rad" if guess.turns else "m")
     return f"{who} {guess.text}: off by {off} from the commands"

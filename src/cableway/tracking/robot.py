@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.limits import ROUNDING, limited
+from cableway.core.quantities import quantity
 from cableway.estimation.delay import DELAYS, LONGEST_DELAY, DelayEstimator
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
@@ -211,7 +212,7 @@ class FollowingError:
         lost = lost or max(self._behind, self._tried) > LONGEST_DELAY
         self._suspicions = self._suspicions + 1 if lost else 0
         if self._suspicions >= SUSPICIONS and not self._holding and not self.failed:
-            self._begin_hold(worst, f"{1000 * away[worst]:.0f} mm and {turned[worst]:.2f} rad")
+            self._begin_hold(worst, f"{quantity(away[worst])} and {quantity(turned[worst], 'rad')}")
 
     def _begin_hold(self, worst: int, off: str) -> None:
         """Make where the grippers are the target for a while; the robot has failed where that is of no use."""

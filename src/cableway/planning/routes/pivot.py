@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, PlanningError
+from cableway.core.quantities import limit_text, told_apart
 from cableway.planning.config import PivotConfig
 from cableway.planning.routes import band
 from cableway.planning.routes.pivot_grid import grid_path
@@ -64,8 +65,8 @@ def plan_pivot_path(
     for name, point, distance in zip(("start", "goal"), ends, scene.signed_distance(ends), strict=True):
         if distance < radius:
             raise PlanningError(
-                f"the {name} of the pivot path ({point[0]:.3f}, {point[1]:.3f}) is {1000 * distance:.1f} mm from the "
-                f"nearest obstacle, less than the {1000 * radius:.1f} mm required"
+                f"the {name} of the pivot path ({point[0]:.3f}, {point[1]:.3f}) is "
+                f"{told_apart(distance, radius)} from the nearest obstacle, less than the {limit_text(radius)} required"
             )
     if np.array_equal(*ends):
         return ends

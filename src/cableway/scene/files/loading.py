@@ -13,6 +13,7 @@ import numpy as np
 
 from cableway.core.checks import shown
 from cableway.core.errors import InputError, TaskError, UnknownNameError
+from cableway.core.quantities import limit_text, told_apart
 from cableway.rod.inverse import shape_between
 from cableway.scene import checks
 from cableway.scene.cable import Cable
@@ -198,7 +199,9 @@ def _shape(end: str, section: Any, cable: Cable) -> tuple[Any, Any, list[TaskErr
     left, right = poses[:, :2]
     gap, (x, y) = float(np.linalg.norm(right - left)), (left + right) / 2
     if gap > cable.length * (1 + 1e-9):
-        problem = f"are {gap:.4f} m apart, farther than the cable is long ({cable.length:g} m)"
+        problem = (
+            f"are {told_apart(gap, cable.length)} apart, farther than the cable is long ({limit_text(cable.length)})"
+        )
         return None, poses, [TaskError(problem, (end, "grippers"), at=(float(x), float(y)))]
     try:
         q = shape_between(cable.rod, poses, bend)
