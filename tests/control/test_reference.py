@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from quasi_static import straight_plan, task_for
 
-from cableway.control.reference import PlanReference, between, reference_for
+from cableway.control.reference import PlanReference, reference_for
 from cableway.core.errors import InputError
+from cableway.motion.interpolation import rows_at
 from cableway.records import Plan
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
@@ -36,10 +37,10 @@ def test_a_slower_pace_leads_through_the_same_shapes() -> None:
     reference = PlanReference(PLAN)
     rows = reference.rows(10.0, 5, rate=0.5)
     np.testing.assert_array_equal(rows, [10.0, 10.5, 11.0, 11.5, 12.0])
-    shapes = between(PLAN.shapes, rows)
+    shapes = rows_at(PLAN.shapes, rows)
     np.testing.assert_array_equal(shapes[::2], PLAN.shapes[10:13])
     np.testing.assert_allclose(shapes[1::2], (PLAN.shapes[10:12] + PLAN.shapes[11:13]) / 2, atol=1e-15)
-    np.testing.assert_array_equal(between(PLAN.poses, reference.rows(39.5, 3))[1:], PLAN.poses[[-1, -1]])
+    np.testing.assert_array_equal(rows_at(PLAN.poses, reference.rows(39.5, 3))[1:], PLAN.poses[[-1, -1]])
 
 
 def test_progress_is_monotone_from_0_to_1() -> None:

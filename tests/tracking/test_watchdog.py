@@ -16,8 +16,8 @@ from cableway.control.following import LEAST_RATE
 from cableway.control.jacobian import JacobianConfig, JacobianFeedback
 from cableway.control.limits import exceeds_limits, last_filter
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
-from cableway.control.reference import between
 from cableway.core.errors import InputError
+from cableway.motion.interpolation import rows_at
 from cableway.records import Observation, Rollout
 from cableway.report import summarize
 from cableway.rod.planar import PlanarRod
@@ -159,7 +159,7 @@ def test_the_reference_goes_on_as_far_as_the_grippers_do(made: float, rate: floa
     asking, controller = Guard(Watchdog(), OpenLoop(OPEN), TASK, 0.1), OpenLoop(OPEN)
     state = controller.init(TASK, PLAN)
     for step in range(32):
-        poses = between(PLAN.poses, state.plan.rows(state.index, 1))[0]
+        poses = rows_at(PLAN.poses, state.plan.rows(state.index, 1))[0]
         answer = asking.step(state, Observation(0.1 * step, state.reference, poses), STEP, lambda action: made * action)
         state = answer.state
         np.testing.assert_array_equal(state.tracker.commands.history[-1], answer.action)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
+from cableway.motion.interpolation import rows_at
 from cableway.records import Plan
 from cableway.scene.task import CONTROL_STEP, Task
 
@@ -43,29 +44,20 @@ class PlanReference(Checked):
 
     def shape(self, step: float) -> Float[np.ndarray, "n 2"]:
         """Keypoints [m] wanted at a control step."""
-        return between(self.plan.shapes, self.rows(step, 1))[0]
+        return rows_at(self.plan.shapes, self.rows(step, 1))[0]
 
     def shapes(self, step: float, horizon: int) -> Float[np.ndarray, "H n 2"]:
         """Keypoints [m] wanted after each of the next `horizon` actions."""
-        return between(self.plan.shapes, self.rows(step + 1, horizon))
+        return rows_at(self.plan.shapes, self.rows(step + 1, horizon))
 
     def poses(self, step: float, horizon: int) -> Float[np.ndarray, "H 2 3"]:
         """The plan's gripper poses [m, m, rad] after each of the next `horizon` actions."""
-        return between(self.plan.poses, self.rows(step + 1, horizon))
+        return rows_at(self.plan.poses, self.rows(step + 1, horizon))
 
     def actions(self, step: float, horizon: int) -> Float[np.ndarray, "H 2 3"]:
         """The plan's next `horizon` gripper motions [m, m, rad]."""
-        poses = between(self.plan.poses, self.rows(step, horizon + 1))
+        poses = rows_at(self.plan.poses, self.rows(step, horizon + 1))
         return SE2.minus(poses[1:], poses[:-1])
-
-
-def between(values: Float[np.ndarray, "t ..."], rows: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:
-    """Values at row numbers that need not be whole, linear from row to row."""
-    whole = np.floor(rows).astype(int)
-    share = (rows - whole).reshape(-1, *[1] * (values.ndim - 1))
-    if not share.any():
-        return values[whole]
-    return (1 - share) * values[whole] + share * values[np.minimum(whole + 1, len(values) - 1)]
 
 
 def reference_for(task: Task, plan: Plan, hold: float) -> PlanReference:

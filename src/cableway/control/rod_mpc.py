@@ -37,11 +37,11 @@ from cableway.control.base import Controller, Status
 from cableway.control.estimating import EstimatingState
 from cableway.control.following import LEAST_RATE
 from cableway.control.limits import span_limit, within_limits
-from cableway.control.reference import between
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import MET, EstimatorConfig
 from cableway.motion.clearance import clearances
+from cableway.motion.interpolation import rows_at
 from cableway.motion.limits import BodyPoints
 from cableway.motion.time_parametrization import gripper_effort
 from cableway.records import Observation, Plan
@@ -159,7 +159,7 @@ class RodMPC(Controller[RodMPCState]):
             float(grippers.max_step), float(grippers.max_turn), float(grippers.least_span), float(task.cable.radius)
         )
         state = RodMPCState(
-            **beginning, shapes=shapes, fits=between(shapes, beginning["plan"].rows(0, self.config.horizon + 1)),
+            **beginning, shapes=shapes, fits=rows_at(shapes, beginning["plan"].rows(0, self.config.horizon + 1)),
             clearance=_least_clearance(plan, task), limits=limits, bodies=BodyPoints.of(task),
         )  # fmt: skip
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
@@ -228,8 +228,8 @@ class RodMPC(Controller[RodMPCState]):
     def _fitted(self, state: RodMPCState) -> RodMPCState:
         """With the estimated rod's shapes nearest to the plan's next ones."""
         estimator, rows = state.estimator, state.plan.rows(state.index, self.config.horizon + 1, state.rate)
-        wanted, p = between(state.plan.plan.shapes, rows), state.estimate.theta[ROD]
-        near = between(state.shapes, rows)
+        wanted, p = rows_at(state.plan.plan.shapes, rows), state.estimate.theta[ROD]
+        near = rows_at(state.shapes, rows)
         fits = fit_along(near, state.fits[1], wanted, p, estimator.modes, estimator.rod.stride)
         return replace(state, fits=fits)
 
@@ -238,10 +238,10 @@ class RodMPC(Controller[RodMPCState]):
         config, estimator, estimate, fits = self.config, state.estimator, state.estimate, state.fits
         rod, modes, p = estimator.rod, estimator.modes, estimate.theta[ROD]
         rows = state.plan.rows(state.index, len(fits), state.rate)
-        wanted, ends = between(state.plan.plan.shapes, rows), kernels.batch_shapes(fits, p, modes, 0)[2]
+        wanted, ends = rows_at(state.plan.plan.shapes, rows), kernels.batch_shapes(fits, p, modes, 0)[2]
         commanded = state.tracker.commanded
         before = rod.group.compose(commanded, estimate.grasps)
-        clearance = np.clip(between(state.clearance, rows[1:]), config.threshold, max(config.threshold, config.far))
+        clearance = np.clip(rows_at(state.clearance, rows[1:]), config.threshold, max(config.threshold, config.far))
         now = estimate.q.copy()
         if meet_ends(now, before, p, modes) > MET:
             return np.full(rod.step_shape, np.nan)

@@ -16,9 +16,12 @@ MOST_STATIONS = 200_000
 
 
 def rows_at(rows: Float[np.ndarray, "t ..."], at: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k ..."]:
-    """Rows at fractional indices; coordinates q run straight between rows, through equilibria."""
-    index, flat = np.arange(len(rows)), rows.reshape(len(rows), -1)
-    return np.column_stack([np.interp(at, index, column) for column in flat.T]).reshape(len(at), *rows.shape[1:])
+    """Rows at fractional indices, held at the ends; coordinates q run straight between rows, through equilibria."""
+    at = np.clip(at, 0, len(rows) - 1)
+    whole = np.minimum(at.astype(int), max(0, len(rows) - 2))
+    share = (at - whole).reshape(-1, *[1] * (rows.ndim - 1))
+    first, second = rows[whole], rows[np.minimum(whole + 1, len(rows) - 1)]
+    return np.where(share < 1, first + share * (second - first), second)
 
 
 def subdivided(rows: int, pieces: int) -> Float[np.ndarray, "k"]:
