@@ -279,9 +279,8 @@ def another_plant(arrays: Arrays, rng: random.Random, task: Task) -> None:
 
 def other_commands(arrays: Arrays, rng: random.Random, task: Task) -> None:
     """Grippers that went where nobody sent them."""
-    arrays["actions"] = rng.choice(
-        [0 * arrays["actions"], -arrays["actions"], arrays["actions"][:, ::-1], 3 * arrays["actions"]]
-    )
+    actions = arrays["actions"]
+    arrays["actions"] = rng.choice([0 * actions, -actions, 3 * actions])
 
 
 def settled_at_last(arrays: Arrays, rng: random.Random, task: Task) -> None:

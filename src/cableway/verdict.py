@@ -37,6 +37,7 @@ FINDINGS = {
     "error of the rod coordinates": "the plan's rod coordinates are {value} from its shapes",
     "rod stability": "the cable is about to snap, with a stability margin of {value}",
     "curvature": "the cable bends with a curvature of {value}",
+    "sharpest bend": "the cable bends {value} times as sharply as it may",
     "distance to start": "the motion begins {value} from the task's start",
     "distance to goal": "the motion ends {value} from the task's goal",
     "distance to goal before the insertion": "the insertion begins {value} from the task's goal",

@@ -232,6 +232,15 @@ def test_pulled_past_its_length_it_says_so_and_can_start_again(task_at):
     run(plant, moves(7, 3))
 
 
+def test_held_straight_it_can_be_moved():
+    """Its grippers are just as far apart as it is long, but for rounding."""
+    start = np.column_stack([0.8 + 0.025 * np.arange(13), np.full(13, 0.8)])
+    task = Task(name="straight", scene=Scene(size=(2.0, 2.0)), cable=Cable(), start=start, goal=start + [0.0, 0.2])
+    plant, aside = CableSimulator(task), np.tile([0.0037, 0.0091, 0.0], (2, 1))
+    run(plant, np.tile(aside, (20, 1, 1)))
+    np.testing.assert_allclose(plant.measure().keypoints, start + 20 * aside[0, :2], atol=5e-4)
+
+
 def test_twisted_beyond_what_it_can_follow_it_says_that_it_slipped(task_at, bent):
     """Taut between the grippers, an end cannot turn: the grasp is lost, and the plant is as before that step."""
     taut = bent * [1, 1, 1, 0, 0, 0] + [0, 0, 0, 0, 0, 0.05]

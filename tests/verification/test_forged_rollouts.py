@@ -411,6 +411,18 @@ def test_the_true_rollout_is_accepted(rollout: Rollout, task: Task):
     assert judged(copied(rollout), task).passed
 
 
+@pytest.mark.parametrize(("share", "passed"), [(1.3, True), (1.8, False)])
+def test_a_cable_bends_no_more_sharply_than_it_may(rollout: Rollout, task: Task, share: float, passed: bool):
+    """Within half as much again, for a true cable is not the one that the plan is for."""
+    ways = np.diff(rollout.centreline, axis=1)
+    angles = np.unwrap(np.arctan2(ways[..., 1], ways[..., 0]), axis=1)
+    sharpest = np.abs(np.diff(angles, axis=1)).max() / np.linalg.norm(ways, axis=2).mean()
+    cable = replace(task.cable, min_bend_radius=float(share / sharpest))
+    object.__setattr__(bending := replace(task), "cable", cable)
+    failures = {check.name for check in judged(copied(rollout), bending).failures()}
+    assert failures == (set() if passed else {"sharpest bend"})
+
+
 @pytest.mark.parametrize("kind", [np.float32, np.longdouble])
 def test_so_it_is_in_numbers_of_another_kind(rollout: Rollout, task: Task, kind: type):
     arrays = copied(rollout)

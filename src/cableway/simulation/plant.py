@@ -27,6 +27,9 @@ SLIP_ANGLE = 0.1
 """Turn [rad] of a cable end against its gripper beyond which the grasp counts as lost."""
 
 
+ROUNDING = 1e-9
+"""Share of the cable's length by which grippers that hold it straight may be farther apart."""
+
 REFINEMENT = 5
 """Time steps in place of one where the cable is pressed into something."""
 
@@ -238,7 +241,7 @@ class CableSimulator:
         """Where an action leads the grippers; farther apart than the cable is long is an error."""
         target = self._commanded + action
         gap = float(np.linalg.norm(target[1, :2] - target[0, :2]))
-        if gap > self.cable.length:
+        if gap > (1 + ROUNDING) * self.cable.length:
             raise SimulationError(
                 f"the grippers would be {told_apart(gap, self.cable.length)} apart, farther than the cable is long "
                 f"({limit_text(self.cable.length)})"

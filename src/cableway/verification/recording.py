@@ -61,6 +61,9 @@ Measured: 0.002 where a cable snaps."""
 BEND = 20.0
 """Largest root mean square of curvature times length; measured: 7 in runs that succeed, 12 where cables snap."""
 
+SHARPER = 1.5
+"""By how much a tracked cable bends more sharply than it may; measured: 1.22, of a cable of which a third is stiff."""
+
 KINK = 40.0
 """Largest change of curvature times length from one of `PIECES` to the next: the bending moment is continuous along a
 cable. Measured: 5 in runs that succeed, 32 where grippers turn by half a turn."""
@@ -117,7 +120,7 @@ def recording_checks(rollout: Rollout, task: Task, length: float | None) -> list
         *_times(rollout),
         *_gripper_motion(rollout, task),
         *_cable_motion(rollout, truth),
-        *_bends(rollout),
+        *_bends(rollout, task.cable.min_bend_radius / truth),
         *([_rod(rollout, truth)] if plant.passed else []),
     ]
 
@@ -248,13 +251,20 @@ def _turns_along(line: Float[np.ndarray, "t m 2"]) -> tuple[Float[np.ndarray, "t
     return directions, turn(np.diff(directions, axis=1))
 
 
-def _bends(rollout: Rollout) -> list[Check]:
-    """The cable is bent as a cable can be: not wound up, and without kinks."""
+def _bends(rollout: Rollout, radius: float) -> list[Check]:
+    """The cable is bent as a cable can be: not wound up, without kinks, and not more sharply than it may be.
+
+    Args:
+        rollout: The rollout.
+        radius: Least bend radius, in lengths of the cable.
+    """
     turns = _turns_along(rollout.centreline)[1]
     curvatures = turns * (turns.shape[1] + 1)
     checks = []
     if turns.shape[1] > 0:
         checks.append(at_most("bending", np.sqrt(np.mean(curvatures**2, axis=1)), "", BEND))
+        if radius > 0:
+            checks.append(at_most("sharpest bend", radius * np.abs(curvatures).max(1), "", SHARPER))
     if turns.shape[1] > 1:
         checks.append(at_most("kink", np.abs(np.diff(curvatures, axis=1)).max(1), "", KINK))
     return checks
