@@ -187,6 +187,29 @@ def test_a_manifest_that_is_not_one_is_refused(whole, change, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        (("columns", "actions", "dtype"), "x", "manifest.columns.actions.dtype must be one of float64, int64, got 'x'"),
+        (("columns", "poses", "row_shape"), [-2, 3], "row_shape must have sizes of at least 1, got [-2, 3]"),
+        (("columns", "poses", "row_shape"), [2**60, 3], "is listed twice, or with more than the 0 transitions"),
+        (("shards", 0, "transitions"), 10**12, "shard-000000.safetensors is listed twice, or with more than"),
+        (("shards", 1, "file"), "shard-000000.safetensors", "shard-000000.safetensors is listed twice"),
+    ],
+)
+def test_a_manifest_that_promises_what_no_file_holds_is_refused(whole, place, value, message):
+    """Before anything is made as large as it says."""
+    path, (*outer, key) = whole / "manifest.json", place
+    content = inner = json.loads(path.read_text())
+    for step in outer:
+        inner = inner[step]
+    inner[key] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(FileFormatError) as caught:
+        load_transitions(whole)
+    assert message in str(caught.value)
+
+
 def test_no_manifest_and_no_json_are_refused(tmp_path, whole):
     with pytest.raises(FileFormatError, match="not a data set; one is a folder with manifest"):
         load_transitions(tmp_path)

@@ -172,6 +172,13 @@ def test_numbers_that_no_record_can_hold_are_not_seen(tmp_path: Path) -> None:
     assert np.isnan(Rollout.load(tmp_path / "rollout.npz").observed[LATER:]).all()
 
 
+@pytest.mark.parametrize("points", [0, 1])
+def test_a_centreline_is_a_line(points: int) -> None:
+    plant = Misbehaving("measure", lambda it: replace(it, centreline=it.centreline[:points]), 0)
+    with pytest.raises(InputError, match=f"the plant's measure reported a centreline of {points} points, fewer than 2"):
+        track(plant, OpenLoop(), PLAN)
+
+
 def test_a_centreline_keeps_its_number_of_points() -> None:
     rollout = track(Misbehaving("measure", lambda it: replace(it, centreline=it.centreline[:7])), OpenLoop(), PLAN)
     assert (rollout.outcome, rollout.steps) == (Outcome.PLANT_FAILED, LATER - 1)
@@ -190,7 +197,7 @@ def test_a_task_that_can_no_longer_be_read_ends_the_run() -> None:
 
     rollout = track(Hanging(TASK, START, ROD), OpenLoop(), PLAN)
     assert (rollout.outcome, rollout.steps) == (Outcome.PLANT_FAILED, LATER)
-    assert rollout.detail == "the plant's task raised OSError: no answer (test_misbehaving.py, line 185)"
+    assert rollout.detail == "the plant's task raised OSError: no answer (test_misbehaving.py, line 192)"
 
 
 def test_an_interrupt_and_errors_of_the_package_keep_their_meaning() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -16,7 +17,7 @@ from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import write_json
 from cableway.core.provenance import describe
-from cableway.core.reading import read_json
+from cableway.core.reading import LARGEST_FILE, read_json
 from cableway.scene.cable import Cable
 
 FORMAT = "cableway-transitions"
@@ -25,7 +26,7 @@ VERSION = 1
 
 MANIFEST = "manifest.json"
 
-COLUMNS: dict[str, tuple[str, str, tuple[str | int, ...]]] = {
+COLUMNS: dict[str, tuple[Literal["float64", "int64"], str, tuple[str | int, ...]]] = {
     "keypoints": ("float64", "m", ("n", 2)),
     "poses": ("float64", "m, m, rad", (2, 3)),
     "actions": ("float64", "m, m, rad", (2, 3)),
@@ -54,18 +55,31 @@ CABLE_UNITS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Column:
+class Column(Checked):
     """One array that every shard has.
 
     Attributes:
         dtype: NumPy's name of the element type.
         unit: Of the last axis.
         row_shape: Shape of the part that belongs to one transition.
+
+    Raises:
+        InputError: A size is below 1.
     """
 
-    dtype: str
+    dtype: Literal["float64", "int64"]
     unit: str
     row_shape: list[int]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if any(size < 1 for size in self.row_shape):
+            raise InputError(f"row_shape must have sizes of at least 1, got {self.row_shape!r}")
+
+    @property
+    def row_bytes(self) -> int:
+        """What one transition takes."""
+        return math.prod(self.row_shape) * np.dtype(self.dtype).itemsize
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,6 +191,14 @@ def read_manifest(folder: Path) -> Manifest:
             f"{path}: columns must be {', '.join(COLUMNS)}, and {CABLE}... for fields of the cable, "
             f"got {', '.join(manifest.columns)}"
         )
+    row, files = sum(column.row_bytes for column in manifest.columns.values()), set[str]()
+    for shard in manifest.shards:
+        if shard.transitions * row > LARGEST_FILE or shard.file in files:
+            raise FileFormatError(
+                f"{path}: {shard.file} is listed twice, or with more than the {LARGEST_FILE // row} transitions "
+                f"that a file of {LARGEST_FILE / 1e6:g} MB holds"
+            )
+        files.add(shard.file)
     return manifest
 
 

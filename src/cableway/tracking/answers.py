@@ -135,6 +135,8 @@ def _usable_measurement(answer: Any, keypoints: int, stations: int | None) -> Me
     who = "the plant's measure"
     _require_kind(answer, Measurement, who)
     points = len(answer.centreline) if stations is None and np.ndim(answer.centreline) else stations or 0
+    if np.ndim(answer.centreline) and points < 2:
+        raise InputError(f"{who} reported a centreline of {points} points, fewer than 2")
 
     def finite(name: str, *shape: int) -> Float[np.ndarray, "..."]:
         numbers = _numbers(getattr(answer, name), shape, f"{who} reported {name}")
