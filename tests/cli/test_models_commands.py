@@ -164,6 +164,7 @@ def test_models_as_a_table_has_a_row_for_each(cableway: Command, made: Path):
         ),
         ("cableway: 1\ncollection: {transitions: many}", "collection.transitions must be a whole number, got 'many'"),
         ("cableway: 1\nrobot: {}", "unknown section 'robot'; known: "),
+        (f"cableway: {'x' * 9999}", "cableway must be 1, the version of the format, got 'xxxxx"),
     ],
 )
 def test_a_recipe_with_a_mistake_is_one_sentence(cableway: Command, text: str, said: str):
@@ -173,6 +174,7 @@ def test_a_recipe_with_a_mistake_is_one_sentence(cableway: Command, text: str, s
     assert done.err.startswith("cableway: r.yaml: ")
     assert said in done.err
     assert done.err.count("\n") == 1
+    assert len(done.err) < 500
 
 
 def test_data_of_another_kind_are_refused(cableway: Command, made: Path):

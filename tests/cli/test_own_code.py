@@ -135,6 +135,7 @@ def test_a_plan_from_a_file_is_followed(cableway: Command, moved_file: Path, run
         (("--no-rehearsal",), "--no-rehearsal says how"),
         (("--out", "{folder}"), "{folder}: the plans in it would be replaced, {plan} among them"),
         (("--from", "none.npz"), "none.npz: no such file"),
+        (("--from", "circle.npz"), "'circle.npz': cannot be read: Too many levels of symbolic links"),
         (("--from", "{folder}/rollout.npz"), "rollout.npz: not a plan file: there is no array 'shapes'"),
     ],
 )
@@ -142,6 +143,7 @@ def test_what_does_not_go_with_a_plan_from_a_file(
     cableway: Command, moved_file: Path, run_folder: Path, options: tuple[str, ...], said: str
 ):
     plan = run_folder / "plan.npz"
+    Path("circle.npz").symlink_to("circle.npz")
     done = cableway("run", moved_file, "--from", plan, *(each.format(folder=run_folder) for each in options))
     assert done.status == 2
     assert said.format(plan=plan, folder=run_folder) in done.err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -68,7 +69,7 @@ class Run(PlanOptions):
         if self.plan_file is None:
             return super().folder(name)
         folder = super().folder(f"{name}-{self.plan_file.stem}")
-        if folder.resolve() == self.plan_file.resolve().parent:
+        if os.path.realpath(folder) == os.path.dirname(os.path.realpath(self.plan_file)):  # also of links in a circle
             raise InputError(f"--out {folder}: the plans in it would be replaced, {self.plan_file} among them")
         return folder
 

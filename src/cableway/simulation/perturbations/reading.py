@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cableway.core.checks import shown
 from cableway.core.configuration import faults, from_mapping
 from cableway.core.errors import InputError, TaskError
 from cableway.scene.cable import Cable
@@ -36,7 +37,7 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
     known = ("cableway", *SECTIONS)
     for key in content:
         if key not in known:
-            raise InputError(f"{path}: unknown section {key!r}; known: {', '.join(known)}")
+            raise InputError(f"{path}: unknown section {shown(key)}; known: {', '.join(known)}")
     if content.pop("cableway", None) != FORMAT_VERSION:
         raise InputError(f"{path}: cableway must be {FORMAT_VERSION}, the format version")
     if "cable" in content:
@@ -53,10 +54,10 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
 def _cable(nominal: Cable, given: Any, where: str) -> dict[str, Any]:
     """The task's cable with what the file changes; of a preset all but the length."""
     if not isinstance(given, Mapping):
-        raise InputError(f"{where} must be a mapping of keys to values, got {given!r}")
+        raise InputError(f"{where} must be a mapping of keys to values, got {shown(given)}")
     values, preset = nominal.as_dict(), given.get("preset")
     if preset is not None:
         if preset not in preset_names():
-            raise InputError(f"{where}.preset must be one of {', '.join(preset_names())}, got {preset!r}")
+            raise InputError(f"{where}.preset must be one of {', '.join(preset_names())}, got {shown(preset)}")
         values |= {**preset_values(preset), "length": nominal.length}
     return {**values, **given}

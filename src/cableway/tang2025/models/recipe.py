@@ -66,15 +66,15 @@ def read_training_config(path: Path | str) -> Recipe:
     content = read_document(Path(path)).data
     for key in content:
         if key not in SECTIONS:
-            raise InputError(f"{path}: unknown section {key!r}; known: {', '.join(SECTIONS)}")
+            raise InputError(f"{path}: unknown section {shown(key)}; known: {', '.join(SECTIONS)}")
     if content.get("cableway") != VERSION:
         raise InputError(
-            f"{path}: cableway must be {VERSION}, the version of the format, got {content.get('cableway')!r}"
+            f"{path}: cableway must be {VERSION}, the version of the format, got {shown(content.get('cableway'))}"
         )
     collection, model = content.get("collection", {}), content.get("model", {})
     for name, section in (("collection", collection), ("model", model)):
         if not isinstance(section, Mapping):
-            raise InputError(f"{path}: {name} must be a mapping of keys to values, got {section!r}")
+            raise InputError(f"{path}: {name} must be a mapping of keys to values, got {shown(section)}")
     kind = model.get("kind", "transformer")
     if str(kind) not in KINDS:
         raise InputError(f"{path}: model.kind must be one of {', '.join(sorted(KINDS))}, got {shown(kind)}")
