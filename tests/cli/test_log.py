@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -82,3 +85,24 @@ def test_a_full_disk_costs_the_log_alone(cableway: Command):
     assert done.status == 0
     assert done.out == cableway("tasks").out
     assert "the log is not whole: [Errno 28] No space left on device" in done.err
+
+
+@pytest.mark.parametrize("logged", [False, True])
+def test_what_a_library_warns_of_is_nothing_for_stderr(tmp_path: Path, logged: bool):
+    """Matplotlib cannot make its folder, and says so in three lines."""
+    (tmp_path / "file").touch()
+    command = [
+        sys.executable,
+        "-m",
+        "cableway",
+        "show",
+        "maze-1",
+        "--quiet",
+        "--out",
+        "o",
+        *["--log", "l"][: 2 * logged],
+    ]
+    variables = {**os.environ, "MPLCONFIGDIR": str(tmp_path / "file" / "folder")}
+    done = subprocess.run(command, cwd=tmp_path, env=variables, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert not logged or "WARNING matplotlib" in (tmp_path / "l").read_text()

@@ -1,6 +1,7 @@
 """`--log FILE`: what a command does, with times, for who looks for what went wrong.
 
-The package logs by `logging` of the standard library, below the name "cableway"; this is the one handler for it.
+The package logs by `logging` of the standard library, below the name "cableway"; this is the one handler for it, and
+for what libraries warn of.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from cableway.core.errors import CablewayError, InputError, printable
 from cableway.core.provenance import describe, versions
 
 LOGGER = logging.getLogger(__name__)
+
+_NOWHERE = logging.NullHandler()
 
 LINE = re.compile(rb"\d{4}-\d\d-\d\d [\d:,]{12} INFO cableway\.")
 """How every log begins."""
@@ -50,15 +53,21 @@ class _File(logging.FileHandler):
 def logged(options: Options, arguments: list[str]) -> Iterator[None]:
     """Log what is done meanwhile to the file that the options name, if they do, after what was there before.
 
+    What libraries warn of goes there, too; without a file it goes nowhere, rather than to stderr.
+
     Raises:
         InputError: The file cannot be written, or is there and is no log.
     """
+    root, package = logging.getLogger(), logging.getLogger("cableway")
     if options.log is None:
-        yield
+        root.addHandler(_NOWHERE)
+        try:
+            yield
+        finally:
+            root.removeHandler(_NOWHERE)
         return
-    package, handler = logging.getLogger("cableway"), _opened(options.log)
-    level = package.level
-    package.addHandler(handler)
+    handler, level = _opened(options.log), package.level
+    root.addHandler(handler)
     package.setLevel(logging.DEBUG)
     try:
         _begin(options, arguments)
@@ -68,7 +77,7 @@ def logged(options: Options, arguments: list[str]) -> Iterator[None]:
         raise
     finally:
         package.setLevel(level)
-        package.removeHandler(handler)
+        root.removeHandler(handler)
         with suppress(OSError):  # what could not be written is tried again
             handler.close()
         if handler.problem:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import faulthandler
 import itertools
+import logging
 import multiprocessing
 import os
 import signal
@@ -228,6 +229,7 @@ def begin_worker(begin: Callable[[], None] | None = None) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    logging.getLogger().addHandler(logging.NullHandler())  # what libraries warn of is nothing for stderr
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if begin is not None:
         begin()
