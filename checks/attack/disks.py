@@ -71,7 +71,7 @@ def _run(line: Line, out: Path, *more: str, limit: int | None = None) -> subproc
 
 
 @contextmanager
-def _disk(kilobytes: int) -> Iterator[tuple[Path, bool]]:
+def disk(kilobytes: int) -> Iterator[tuple[Path, bool]]:
     """A folder with so much room, and whether it is a file system of its own."""
     with tempfile.TemporaryDirectory() as folder:
         mount = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", folder]
@@ -88,7 +88,7 @@ def _full(rng: random.Random, line: Line, alone: Path) -> tuple[str, list[str]]:
     sizes = sorted(path.stat().st_size for path in alone.rglob("*") if path.is_file())
     most, limits = max(sum(sizes) // 1024, 8), rng.random() < 0.3
     kilobytes = rng.choice([4, rng.randint(4, most), rng.randint(4, max(most // 4, 5)), most + 64])
-    with _disk(1_000_000 if limits else kilobytes) as (folder, mounted):
+    with disk(1_000_000 if limits else kilobytes) as (folder, mounted):
         limits = limits or not mounted
         done = _run(line, folder / "out", limit=rng.randint(1, sizes[-1]) if limits else None)
         faults = [*said_wrong(done.stderr, quiet=True), *damaged(folder)]

@@ -225,20 +225,23 @@ def _resumed(line: Line, out: Path, reference: Path) -> Iterator[str]:
             yield f"again: another {name}"
 
 
-UNEQUAL = ("seconds", "time", "machine", "date", "planning_time", "control_time", "made_now", "file", "folder")
+CLOCKED = re.compile("time|seconds|date|machine|^control_|made_now|^file$|^folder$")
 """Keys of JSON files whose values differ from run to run."""
+
+SUMMARIES = ("summary.json", "baseline.json")
+"""Files that hold times under other keys, too; they are made of the others."""
 
 
 def _content(path: Path) -> Any:
     """What two runs of a command have in common."""
-    if path.suffix == ".json":
+    if path.suffix == ".json" and path.name not in SUMMARIES:
         return _without_times(json.loads(path.read_text()))
     return path.read_bytes() if path.suffix in (".safetensors", ".yaml") else path.suffix
 
 
 def _without_times(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _without_times(each) for key, each in value.items() if key not in UNEQUAL and "time" not in key}
+        return {key: _without_times(each) for key, each in value.items() if not CLOCKED.search(key)}
     return [_without_times(each) for each in value] if isinstance(value, list) else value
 
 
