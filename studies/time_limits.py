@@ -38,8 +38,8 @@ from cableway.workflow.solve import solve
 
 CLOCKS = {"wall": time.perf_counter, "cpu": time.process_time}
 
-PATIENCE = 120.0
-"""Time [s] after which a task that still runs is given up and counted as a failure."""
+PATIENCE = 600.0
+"""Wall time [s] after which a task that still runs is given up and counted as a failure."""
 
 CLOCKWORK = ("checkpoint", "expired", "report", "<lambda>")
 """What only passes a look at the clock on."""

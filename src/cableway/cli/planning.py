@@ -39,7 +39,8 @@ class PlanOptions(TaskOptions):
     """How the pivot path is found; by default, as the planner does."""
 
     time_limit: float = 30.0
-    """Seconds after which the search for a plan stops; a search that ends earlier does not depend on it."""
+    """Seconds after which the search for a plan stops, counted from when the task has been read; files and pictures are
+    written after that. A search that ends earlier does not depend on it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
