@@ -90,6 +90,7 @@ def test_a_cable_must_end_at_its_grippers_and_point_as_they_do() -> None:
     assert said == "the camera's cable ends 50 mm from where the left gripper is reported"
     said = disagreement(mirrored(shape, poses), poses)
     assert "rad away from where the right gripper is reported to point" in said
+    assert disagreement(shape, poses + [0.0, 0.0, 0.8]) == "", "an end that is bent, no mirror image"
     hidden = shape.copy()
     hidden[[0, -1]] = np.nan
     assert disagreement(hidden, poses) == "", "what is not seen contradicts nothing"

@@ -16,7 +16,7 @@ from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.task import Grippers
 from cableway.tracking.first_motion import FirstMotion
-from cableway.tracking.setup import BENT, OFF, cable_ends, off_grippers
+from cableway.tracking.setup import BENT, OFF, cable_ends, ends_off, off_grippers
 
 FROZEN = 0.002
 """Way [m] of a gripper during which a frame that stays the same bit for bit is taken for frozen."""
@@ -142,9 +142,7 @@ class Attachment:
             self._poses.append(observation.poses)
         if not self._poses:
             return ""
-        apart, turned = (
-            off.min(axis=0) for off in SE2.distance(np.array(self._poses), cable_ends(observation.keypoints))
-        )
+        apart, turned = (off.min(axis=0) for off in ends_off(np.array(self._poses), cable_ends(observation.keypoints)))
         shown = np.isfinite(apart)
         self._off = np.where(shown, np.where((apart > OFF) | (turned > BENT), self._off + 1, 0), self._off)
         lasting = shown & (self._off >= self._most)

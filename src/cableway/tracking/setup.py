@@ -18,7 +18,8 @@ TURNED = 0.3
 BENT = 0.6
 """Angle [rad] between the cable's tangent at a gripper, by its keypoints, and the gripper, beyond which one is wrong.
 
-Grasps askew by 10 degrees, rest curvature, and noise of 2 mm leave less than a third of it second after second."""
+Grasps askew by 10 degrees, rest curvature, and noise of 2 mm leave less than a third of it as a rule, and strongly bent
+ends more than all of it: so much counts only where the mirror image points as the gripper does."""
 
 TELLING = (7, 13)
 """Keypoints from which on the tangents at the ends are known from them, and as many as noise leaves useful."""
@@ -87,11 +88,22 @@ def disagreement(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "
 
     The angles show keypoints that are mirrored about the line of the grippers.
     """
-    return off_grippers(*SE2.distance(poses, cable_ends(keypoints)))
+    return off_grippers(*ends_off(poses, cable_ends(keypoints)))
+
+
+def ends_off(
+    poses: Float[np.ndarray, "... 2 3"], ends: Float[np.ndarray, "2 3"]
+) -> tuple[Float[np.ndarray, "... 2"], Float[np.ndarray, "... 2"]]:
+    """Distances [m] of the cable's ends from the grippers, and turns [rad]; 0 where mirroring would not explain one."""
+    apart, turned = SE2.distance(poses, ends)
+    along = SE2.position(poses[..., 1, :] - poses[..., 0, :])
+    image = 2 * np.arctan2(along[..., 1], along[..., 0])[..., None] - ends[:, 2]
+    left = SE2.distance(poses, np.concatenate([poses[..., :2], image[..., None]], axis=-1))[1]
+    return apart, np.where(left < turned / 2, turned, 0.0)
 
 
 def off_grippers(apart: Float[np.ndarray, "2"], turned: Float[np.ndarray, "2"]) -> str:
-    """The sentence of `disagreement` on the distances [m] and turns [rad] of both ends; NaN where one is hidden."""
+    """The sentence of `disagreement` on what `ends_off` returned; NaN where an end is hidden."""
     side = int(np.argmax(np.nan_to_num(np.fmax(apart / OFF, turned / BENT))))
     gripper = f"from where the {SIDES[side]} gripper is reported"
     if apart[side] > OFF:
