@@ -92,7 +92,10 @@ def bunched(arrays: Arrays, rng: random.Random, task: Task) -> None:
 
 
 def level(arrays: Arrays, rng: random.Random, task: Task) -> None:
-    arrays["poses"][:, rng.choice([slice(None), 0, 1]), 2] = rng.choice([0.0, np.pi, np.pi / 2, -np.pi / 2])
+    """All angles of a gripper the same, and not as they are."""
+    angles = arrays["poses"][:, rng.randrange(2), 2]
+    same = rng.choice([0.0, np.pi, np.pi / 2, -np.pi / 2])
+    angles[:] = same + np.pi / 2 * (np.abs(np.angle(np.exp(1j * (angles - same)))).max() < 0.35)
 
 
 def turned(arrays: Arrays, rng: random.Random, task: Task) -> None:
@@ -339,6 +342,10 @@ OF_ROLLOUTS: list[Forge] = [
 OF_PLANS: list[Forge] = [other_coordinates, two_rows, one_row]
 
 
+TOO_SLIGHT: dict[str, tuple[Forge, ...]] = {"insertion-plan": (every_nth, hole), "insertion": (other_commands,)}
+"""What an insertion, of some 30 mm in 4 s, may be and keep all limits."""
+
+
 # ---------------------------------------------------------------------------------------------- honest ones
 def same(arrays: Arrays, rng: random.Random, task: Task) -> None:
     pass
@@ -504,7 +511,7 @@ def case(rng: random.Random, number: int, made: Made) -> Case:
     if number < len(FORGED) + len(UNREADABLE):
         return by_hand(number, made)
     turn = number - len(FORGED) - len(UNREADABLE)
-    task = rng.choice(TASKS)
+    task = rng.choice(TASKS[:-1])
     kind = rng.choice(KINDS if task == "insertion" else KINDS[:2])
     if turn % 8 == 0:
         return forged(HONEST[turn // 8 % len(HONEST)], rng, made, task, kind, [DONE])
@@ -513,7 +520,7 @@ def case(rng: random.Random, number: int, made: Made) -> Case:
     if turn % 8 == 2:
         return odd_metadata(rng, made, task, kind)
     own = OF_PLANS if "plan" in kind else OF_ROLLOUTS
-    either = [each for each in EITHER if not (kind == "insertion-plan" and each in (every_nth, hole))]  # slow enough
-    forge = rng.choice(either if rng.random() < 0.6 else own)
+    known, left_out = EITHER if rng.random() < 0.6 else own, TOO_SLIGHT.get(kind, ())
+    forge = rng.choice([each for each in known if each not in left_out])
     task, kind = ("open", "rollout") if forge in (looped, hairpin) else (task, kind)
     return forged(forge, rng, made, task, kind, REFUSED)
