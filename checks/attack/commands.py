@@ -39,8 +39,11 @@ ALSO = {"list": "tasks", "table": "run"}
 RESUMED = ("collect", "train", "bench")
 """Those that go on where they were interrupted, and end within a minute."""
 
-KEPT = (*RESUMED, "tasks", "plan", "run", "table", "reproduce")
-"""Those that say what they have kept."""
+KEPT = {
+    "collect": "manifest.json", "train": "*.state", "bench": "episodes/**/*.json", "reproduce": "episodes/**/*.json",
+    "tasks": "*.yaml", "plan": "report.json", "run": "report.json", "table": "report.json",
+}  # fmt: skip
+"""Files by which to see that a command that was interrupted has kept something, which it must say then."""
 
 WHOLE = {".png": b"IEND\xaeB`\x82", ".csv": b"\n", ".html": b"</html>\n", ".md": b"\n", ".yaml": b"\n"}
 """Last bytes of files that are whole."""
