@@ -115,7 +115,7 @@ def targets(rng: random.Random, made: Made) -> dict[str, Target]:
         "shard, hashed": Target(shard, made.folder / shard, card_spoilt_shard, learned, 30),
         "start": Target("m.safetensors", made.model, card_spoilt,
                         ("train", *small, "--from", "m.safetensors", "--out", "training"), 40),
-        "state": Target("training/model.safetensors.state", made.state, damaged, started, 40, False),
+        "state": Target("training/model.safetensors.state", made.state, damaged, started, 40),
         "state's header": Target("training/model.safetensors.state", made.state, card_spoilt, started, 40),
         "result": Target(result, made.folder / result, json_spoilt, bench, 30),
         "baseline": Target("baseline.json", made.bench / "baseline.json", json_spoilt,

@@ -29,8 +29,9 @@ Forge = Callable[[Arrays, random.Random, Task], Any]
 
 
 def row(arrays: Arrays, rng: random.Random) -> int:
-    """One on the way, where the grippers move."""
-    return int(len(arrays["poses"]) * rng.uniform(0.3, 0.55))
+    """One on the way, where the grippers move: not while they wait at the start or at the end."""
+    way = np.cumsum(np.linalg.norm(np.diff(np.nan_to_num(arrays["poses"]), axis=0), axis=2).max(1))
+    return int(np.searchsorted(way, rng.uniform(0.3, 0.55) * way[-1]))
 
 
 def span(arrays: Arrays, rng: random.Random, least: int = 5) -> slice:
