@@ -70,7 +70,7 @@ def test_every_check_has_a_sentence():
     inserting = replace(plan, shapes=np.stack([ported.goal] * 2), poses=plan.poses[:2], q=None, stages=None)
     checks = [
         *verify_plan(replace(plan, q=line_in_q(task.cable.rod, LOW_ARC, MOVED_ARC, len(plan.shapes))), asked).checks,
-        *verify_rollout(rollout, task).checks,
+        *verify_rollout(rollout, asked).checks,
         *verify_insertion_plan(inserting, ported).checks,
         *verify_insertion(perfect_rollout(ported, inserting), ported).checks,
         *plug_clearance(np.array([[0.1, 0.3, 0.0], [0.2, 0.3, 0.0]]), ported, 0.0, inserting=True),

@@ -249,7 +249,7 @@ def _fit(rod: PlanarRod, q: np.ndarray, target: np.ndarray, walls: Walls | None,
     """Damped Gauss-Newton steps from q towards keypoints `target`, kept stable and off walls.
 
     Note:
-        One step in four makes the cost rise, where terms begin to count, so that `cableway.rod.least_squares` would end
+        One step in five makes the cost rise, where terms begin to count, so that `cableway.rod.least_squares` would end
         elsewhere, and every frozen random task with it.
     """
     scale, loads = rod.units, rod.loads
