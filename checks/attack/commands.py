@@ -45,7 +45,7 @@ KEPT = {
 }  # fmt: skip
 """Files by which to see that a command that was interrupted has kept something, which it must say then."""
 
-WHOLE = {".png": b"IEND\xaeB`\x82", ".csv": b"\n", ".html": b"</html>\n", ".md": b"\n", ".yaml": b"\n"}
+WHOLE = {".png": b"IEND\xaeB`\x82", ".csv": b"\n", ".html": b"</html>", ".md": b"\n", ".yaml": b"\n"}
 """Last bytes of files that are whole."""
 
 

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import time
+from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 
@@ -26,6 +27,23 @@ def test_time_that_others_take_does_not_count():
     """A second of wall time in which nothing is computed, with a limit of half a second."""
     with executors.open_executor("local", 1, isolated=True) as pool:
         assert [ended.result() for _, ended in pool.as_they_end(time.sleep, [(1.0,)], time_limit=0.5)] == [None]
+
+
+def test_workers_end_where_the_end_of_their_pool_is_interrupted(monkeypatch: pytest.MonkeyPatch):
+    """Idle ones, which no one would tell any more that there is nothing to do."""
+    before, shutdown = set(multiprocessing.active_children()), ProcessPoolExecutor.shutdown
+
+    def interrupted(pool: ProcessPoolExecutor, **options: bool) -> None:
+        monkeypatch.setattr(ProcessPoolExecutor, "shutdown", shutdown)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ProcessPoolExecutor, "shutdown", interrupted)
+    with pytest.raises(KeyboardInterrupt), executors.open_executor("local", 2) as pool:  # noqa: PT012
+        assert pool.submit(sum, ([1],), None).result() == 1
+        workers = set(multiprocessing.active_children()) - before
+    for worker in workers:
+        worker.join(20)
+        assert worker.exitcode is not None
 
 
 def test_a_worker_in_the_midst_of_a_kernel_ends_when_it_is_told_to():

@@ -152,6 +152,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
 
     try:
         yield Executor(submit, count)
+        pool.shutdown()  # here, so that workers end, too, where this is interrupted
     except BrokenProcessPool:
         raise SimulationError(
             "a worker process died: out of memory, killed, or unable to import the main module "
@@ -182,7 +183,8 @@ def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator
     try:
         yield Executor(submit, count)
         pool.close()
-    finally:
+        pool.join()
+    finally:  # again, where that was interrupted
         pool.stop()
         pool.join()
 
