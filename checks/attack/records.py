@@ -343,7 +343,10 @@ OF_ROLLOUTS: list[Forge] = [
 OF_PLANS: list[Forge] = [other_coordinates, two_rows, one_row]
 
 
-TOO_SLIGHT: dict[str, tuple[Forge, ...]] = {"insertion-plan": (every_nth, hole), "insertion": (other_commands,)}
+TOO_SLIGHT: dict[str, tuple[Forge, ...]] = {
+    "insertion-plan": (every_nth, hole, straight_on),
+    "insertion": (other_commands,),
+}
 """What an insertion, of some 30 mm in 4 s, may be and keep all limits."""
 
 

@@ -91,3 +91,10 @@ def test_what_is_said_has_no_control_characters(cableway: Command):
     assert done.status == 2
     assert r"\x1b[31m.yaml" in done.err
     assert not [character for character in done.err[:-1] if not character.isprintable()]
+
+
+def test_arguments_that_cannot_be_read_are_quoted_without_what_steers_a_terminal(cableway: Command):
+    done = cableway("tasks", "maze-1", "\u202eevil")
+    assert done.status == 2
+    assert r"\u202eevil" in done.err
+    assert "\u202e" not in done.err

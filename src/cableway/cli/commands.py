@@ -18,6 +18,7 @@ from cableway.cli.show import Show
 from cableway.cli.tasks import Tasks
 from cableway.cli.train import Train
 from cableway.cli.warm_up import WarmUp
+from cableway.core.errors import printable
 
 DESCRIPTION = """A cable's way through clutter: plan how two grippers lead a cable past obstacles, and lead it there.
 
@@ -33,6 +34,13 @@ def parse(arguments: list[str]) -> Options:
     Raises:
         SystemExit: It asks for help (status 0), or it cannot be read (status 2).
     """
+    shown = [printable(argument) for argument in arguments]
+    if shown != arguments:
+        _parsed(shown)  # ends here if it cannot be read, with a message that steers no terminal
+    return _parsed(arguments)
+
+
+def _parsed(arguments: list[str]) -> Options:
     return tyro.cli(
         Command,  # pyright: ignore[reportArgumentType]
         prog="cableway",

@@ -64,12 +64,12 @@ Place = tuple[str | int, ...]
 
 
 def place_text(place: Place) -> str:
-    """A place as it is written in messages.
+    """A place as it is written in messages, long keys cut short.
 
-    >>> place_text(("obstacles", 2, "size"))
-    'obstacles[2].size'
+    >>> place_text(("obstacles", 2, "size")), len(place_text(("a" * 1000,)))
+    ('obstacles[2].size', 60)
     """
-    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in place).lstrip(".")
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step:.60}" for step in place).lstrip(".")
 
 
 Point = tuple[float, float]
