@@ -30,7 +30,7 @@ napoleon_attr_annotations = False
 # Names of cableway must lead somewhere, but for these, which no user writes; names of others lead out of the site.
 INTERNAL = (
     r"(S|\w+State|PlanReference|GripperTracker|Fit|Inputs|LearnedConfig|Network|RodParameters|Windows|ConvexWorld"
-    r"|Bounds|Choice|Quantity)"
+    r"|Bounds|Choice|Quantity|HeldRod|Weights)"
 )
 nitpick_ignore_regex = [("py:.*", r"(?!cableway\.).*"), ("py:.*", rf"cableway\..*\.{INTERNAL}")]
 

@@ -7,10 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from cableway.figures.style import INK, MUTED, curve_axes, new_figure, series, title
+from cableway.figures.style import INK, MUTED, curve_axes, log_axis, new_figure, series, title
 
 Share = tuple[float, float, float]
 """A share with the ends of its interval."""
+
+BESIDE = 5
+"""Most panels in a row."""
 
 
 def success_figure(shares: Mapping[str, Mapping[str, Share]]) -> Figure:
@@ -20,9 +23,11 @@ def success_figure(shares: Mapping[str, Mapping[str, Share]]) -> Figure:
         shares: By suite and method.
     """
     methods = list(dict.fromkeys(name for rows in shares.values() for name in rows))
-    figure = new_figure(1.8 + 1.7 * len(shares), 1.2 + 0.28 * len(methods))
-    axes = np.atleast_1d(figure.subplots(1, len(shares), sharey=True))
-    for ax, (suite, rows) in zip(axes, shares.items(), strict=True):
+    columns = min(BESIDE, len(shares))
+    lines = -(-len(shares) // columns)
+    figure = new_figure(1.8 + 1.7 * columns, lines * (1.2 + 0.28 * len(methods)))
+    axes = figure.subplots(lines, columns, sharey=True, squeeze=False).ravel()
+    for ax, (suite, rows) in zip(axes, shares.items(), strict=False):
         title(ax, suite)
         for name, (value, low, high) in rows.items():
             place = methods.index(name)
@@ -30,8 +35,10 @@ def success_figure(shares: Mapping[str, Mapping[str, Share]]) -> Figure:
             ax.plot(100 * value, place, "o", color=INK, markersize=5)
         curve_axes(ax, "success [%]", "")
         ax.set_xlim(-4, 104)
+    for ax in axes[len(shares) :]:
+        ax.set_visible(False)
     axes[0].set_yticks(range(len(methods)), methods)
-    axes[0].invert_yaxis()
+    axes[0].set_ylim(len(methods) - 0.5, -0.5)
     figure.tight_layout()
     return figure
 
@@ -57,7 +64,8 @@ def error_figure(errors: Mapping[str, Mapping[str, Sequence[float]]], bounds: Se
             ax.step(ordered[kept], shares[kept], where="post", label=name, **series(methods.index(name)))
         for bound in bounds:
             ax.axvline(1000 * bound, color=MUTED, linewidth=0.8, linestyle=":")
-        ax.set_xscale("log")
+            ax.text(1000 * bound, 2, f" {100 * bound:g} cm", fontsize=7.5, color=MUTED)
+        log_axis(ax.xaxis)
         ax.set_ylim(0, 102)
         curve_axes(ax, "stacked error [mm]", "episodes below it [%]")
     for ax in axes[len(errors) :]:
