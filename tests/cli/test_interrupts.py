@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
 from typing import Any
 
@@ -194,3 +195,23 @@ def test_an_interrupted_command_puts_things_in_order(
     monkeypatch.setattr("cableway.cli.interrupts.GRACE", 0.05)
     assert cableway("tasks") == (130, "", "cableway: interrupted\n")
     assert seen == ["in order"]
+
+
+def test_an_extension_module_is_loaded_to_its_end(cableway: Command, monkeypatch: pytest.MonkeyPatch):
+    """Some crash where an exception comes out of the Python that they call meanwhile."""
+    seen = []
+
+    class Loader(ExtensionFileLoader):
+        def exec_module(self, module: object) -> None:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.2)
+            seen.append("loaded")
+
+    def load(_: object) -> None:
+        Loader("module", "module.so").exec_module(None)
+        time.sleep(READY)
+        seen.append("went on")
+
+    monkeypatch.setattr("cableway.cli.commands.parse", load)
+    assert cableway("tasks") == (130, "", "cableway: interrupted\n")
+    assert seen == ["loaded"]

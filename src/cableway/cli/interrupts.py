@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from importlib.machinery import ExtensionFileLoader
 from types import FrameType
 from typing import Any
 
@@ -16,6 +17,9 @@ GRACE = 1.0
 """Time [s] within which what is held must look at `Interrupts.came`; after that, or at a second signal, it is
 interrupted all the same. As often it is looked whether something swallowed the interrupt, as a bare `except` does."""
 
+
+LOADING = 0.05
+"""Time [s] after which it is looked again whether an extension module is loaded, so that the interrupt may come."""
 
 CONTINUES = "and the same command continues from there"
 
@@ -105,9 +109,10 @@ class Interrupts:
             self._held = False
         held, first = self._held, not self.came
         self.came = self.came or number
+        loading = bool(_ALARMS) and _is_loading(frame)
         if first:
-            _set_alarm(GRACE)
-        if held and first:
+            _set_alarm(LOADING if loading and not held else GRACE)
+        if loading or (held and first):
             return
         raise Interrupted
 
@@ -119,6 +124,13 @@ def _set_alarm(seconds: float) -> None:
     """Have an alarm come that often, never where that is 0; Windows has none, so there only a second signal helps."""
     if sys.platform != "win32":
         signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
+
+
+def _is_loading(frame: FrameType | None) -> bool:
+    """Whether an extension module is being loaded, which an exception from the Python that it calls may crash."""
+    while frame is not None and not isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
+        frame = frame.f_back
+    return frame is not None
 
 
 def _is_handled() -> bool:
