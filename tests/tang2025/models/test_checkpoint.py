@@ -64,6 +64,16 @@ def test_a_file_cut_short_is_refused(file, cut):
         load_model(file)
 
 
+@pytest.mark.parametrize("changed", [b"made by", b""])
+def test_a_file_with_one_bit_changed_is_refused(file, changed):
+    """In its card and in its weights alike, though what is there then is as good a text and as good a number."""
+    content = bytearray(file.read_bytes())
+    content[content.index(changed) if changed else -200] ^= 1
+    file.write_bytes(content)
+    with pytest.raises(FileFormatError, match="checksum"):
+        load_model(file)
+
+
 def test_another_safetensors_file_is_refused(tmp_path):
     save_file({"w": np.zeros(3)}, tmp_path / "other.safetensors")
     with pytest.raises(FileFormatError, match="not a cableway model of kind bilstm, conv, mlp, rod, transformer"):

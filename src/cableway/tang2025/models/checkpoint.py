@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -39,6 +40,9 @@ SUFFIX = ".safetensors"
 
 METADATA_KEY = "cableway"
 """The one key of a file's metadata; with several, their order and so the file's bytes would be random."""
+
+DIGEST_KEY = "sha256"
+"""The checksum of everything else, among the metadata."""
 
 Tree = TypeVar("Tree")
 
@@ -187,7 +191,8 @@ def _read_model_metadata(path: Path) -> dict[str, Any]:
 def write_tree(path: Path, tree: Any, metadata: dict[str, Any]) -> None:
     """Write all arrays of a tree, and `metadata` as JSON, atomically."""
     arrays = {name: np.asarray(leaf) for name, leaf in _named_arrays(tree)}
-    write_bytes(Path(path), save(arrays, metadata={METADATA_KEY: json.dumps(metadata, allow_nan=False)}))
+    text = json.dumps({**metadata, DIGEST_KEY: _digest(arrays, metadata)}, allow_nan=False)
+    write_bytes(Path(path), save(arrays, metadata={METADATA_KEY: text}))
 
 
 def read_metadata(path: Path) -> dict[str, Any]:
@@ -226,7 +231,20 @@ def read_tree(path: Path, like: Tree) -> Tree:
 def _read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     arrays, header = parse_safetensors(read_bytes(path), str(path))
     metadata = parse_json(header.get(METADATA_KEY, "{}"), f"{path}: its metadata")
-    return arrays, metadata if isinstance(metadata, dict) else {}
+    if not isinstance(metadata, dict):
+        return arrays, {}
+    digest = metadata.pop(DIGEST_KEY, None)  # files of earlier releases have none
+    if digest is not None and digest != _digest(arrays, metadata):
+        raise FileFormatError(f"{path}: it is damaged: its contents do not have the checksum it was written with")
+    return arrays, metadata
+
+
+def _digest(arrays: dict[str, np.ndarray], metadata: dict[str, Any]) -> str:
+    """SHA-256 of metadata and of names, types, shapes and bytes of arrays."""
+    digest = hashlib.sha256(json.dumps(metadata, sort_keys=True).encode())
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def _is_array(leaf: Any) -> bool:
