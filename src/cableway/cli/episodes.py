@@ -59,7 +59,7 @@ class EpisodeOptions(WorkerOptions):
 
 def _kept(jobs: Sequence[Job], folder: Path) -> str:
     """How many episodes have a result, in words."""
-    from cableway.benchmark.runner import result_path
+    from cableway.benchmark.runner import read_result
 
-    ended = sum(result_path(job, folder).exists() for job in jobs)
+    ended = sum(read_result(job, folder) is not None for job in jobs)
     return f"{ended} of {len(jobs)} episodes are in {folder}, {CONTINUES}" if ended else ""

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
+from cableway.geometry.se2 import wrap_angle
 from cableway.records import Observation, Plan
 from cableway.scene.task import Task
 
@@ -98,7 +99,7 @@ def ends_off(
     apart, turned = SE2.distance(poses, ends)
     along = SE2.position(poses[..., 1, :] - poses[..., 0, :])
     image = 2 * np.arctan2(along[..., 1], along[..., 0])[..., None] - ends[:, 2]
-    left = SE2.distance(poses, np.concatenate([poses[..., :2], image[..., None]], axis=-1))[1]
+    left = SE2.distance(poses, np.concatenate([SE2.position(poses), image[..., None]], axis=-1))[1]
     return apart, np.where(left < turned / 2, turned, 0.0)
 
 
@@ -119,5 +120,5 @@ def cable_ends(keypoints: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 3"]:
     # of the two chords at each end, from the end inwards
     chords = np.diff(np.stack([keypoints[: 2 * stride + 1 : stride], keypoints[: -2 * stride - 2 : -stride]]), axis=1)
     angles = np.arctan2(chords[..., 1], chords[..., 0])
-    bend = np.remainder(angles[:, 1] - angles[:, 0] + np.pi, 2 * np.pi) - np.pi
+    bend = wrap_angle(angles[:, 1] - angles[:, 0])
     return np.column_stack([keypoints[[0, -1]], angles[:, 0] - bend / 2 + [0.0, np.pi]])
