@@ -366,6 +366,19 @@ def test_obstacles_push_away() -> None:
     assert clearances[1] > clearances[0] + 1e-4
 
 
+def test_obstacles_push_the_plug_away() -> None:
+    """A disc 1 mm beside the plug of a resting cable: the next pose of its gripper takes the plug farther from it."""
+    plug, poses, radius = Plug(length=0.04, width=0.012), PLAN.poses[0], 0.02
+    x, y, _ = SE2.compose(poses[1], np.array([0.03, plug.width / 2 + 0.001 + radius, 0.0]))
+    blocked = replace(task_for(PLAN, (Disc(center=(float(x), float(y)), radius=radius),)), plug=plug)
+    still = replace(PLAN, shapes=PLAN.shapes[[0] * 41], poses=PLAN.poses[[0] * 41])
+    controller = RodMPC(RodMPCConfig(hold=0.0))
+    action, _ = controller.step(controller.init(blocked, still), Observation(0.0, PLAN.shapes[0], poses))
+    side = SE2.compose(np.stack([poses[1], SE2.plus(poses, action)[1]]), np.array([0.03, plug.width / 2, 0.0]))
+    before, after = np.hypot(side[:, 0] - x, side[:, 1] - y)
+    assert after > before + 1e-4
+
+
 def test_a_plan_too_fast_for_the_grippers_is_followed_at_their_pace() -> None:
     """No step reaches the limits, and the cable stays on the plan instead of falling behind it."""
     slow = replace(TASK, grippers=replace(TASK.grippers, max_step=0.003))

@@ -87,8 +87,9 @@ def test_an_unknown_shipped_recipe_lists_the_known_ones():
         shipped_config("oracle")
 
 
-def test_a_training_is_kept_until_its_model_is_saved(recipe, transitions, tmp_path, monkeypatch):
-    """Interrupted while it is evaluated, it does not begin again, and ends with the model of one left alone."""
+@pytest.mark.parametrize("meanwhile", ["evaluate", "save_model"])
+def test_a_training_is_kept_until_its_model_is_saved(recipe, transitions, tmp_path, monkeypatch, meanwhile):
+    """Interrupted while it is evaluated or saved, it does not begin anew, and ends as the model of one left alone."""
     read, file, other = read_training_config(recipe), tmp_path / "tiny.safetensors", tmp_path / "other.safetensors"
     make_model_file(other, read, transitions)
 
@@ -96,7 +97,7 @@ def test_a_training_is_kept_until_its_model_is_saved(recipe, transitions, tmp_pa
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("cableway.tang2025.models.recipe.evaluate", interrupted)
+        patch.setattr(f"cableway.tang2025.models.recipe.{meanwhile}", interrupted)
         with pytest.raises(KeyboardInterrupt):
             make_model_file(file, read, transitions)
     assert not file.exists()
