@@ -105,8 +105,11 @@ def turned(arrays: Arrays, rng: random.Random, task: Task) -> None:
 
 
 def whole_turn(arrays: Arrays, rng: random.Random, task: Task) -> None:
-    """Angles that jump by a turn on the way."""
-    arrays["poses"][row(arrays, rng) :, rng.randrange(2), 2] += 2 * np.pi * sign(rng) * rng.choice([1, 2, 50])
+    """Angles that jump by turns on the way, and are not all within one, as a robot may report them, see `wrapped`."""
+    first, side, turns = row(arrays, rng), rng.randrange(2), rng.choice([1, 2, 50])
+    angles = arrays["poses"][:, side, 2]
+    up = np.ptp(angles + 2 * np.pi * turns * (np.arange(len(angles)) >= first)) > 2 * np.pi
+    angles[first:] += 2 * np.pi * turns * (1 if up else -1)
 
 
 def in_degrees(arrays: Arrays, rng: random.Random, task: Task) -> None:
@@ -231,7 +234,10 @@ def slower(arrays: Arrays, rng: random.Random, task: Task) -> None:
 
 
 def faster(arrays: Arrays, rng: random.Random, task: Task) -> None:
-    arrays["times"] = arrays["times"] * rng.choice([0.4, 0.1, 1e-3, 0, -1, 1e-300])
+    """In less time than the grippers need; an insertion in 0.4 times as long keeps their limits."""
+    step = np.linalg.norm(np.diff(arrays["poses"][..., :2], axis=0), axis=2).max()
+    much = [0.4] if step > 0.5 * task.grippers.max_step else []
+    arrays["times"] = arrays["times"] * rng.choice([*much, 0.1, 1e-3, 0, -1, 1e-300])
 
 
 def odd_times(arrays: Arrays, rng: random.Random, task: Task) -> None:
@@ -376,6 +382,13 @@ def turned_wholly(arrays: Arrays, rng: random.Random, task: Task) -> None:
     arrays["poses"][:, rng.randrange(2), 2] += 2 * np.pi * rng.choice([-3, -1, 1, 5])
 
 
+def wrapped(arrays: Arrays, rng: random.Random, task: Task) -> None:
+    """All angles of a gripper within one turn, as robots report them: they may jump on the way."""
+    if "times" in arrays:
+        angles, least = arrays["poses"][:, rng.randrange(2), 2], rng.uniform(-5.0, 0.0)
+        angles[:] = least + np.remainder(angles - least, 2 * np.pi)
+
+
 def another_note(arrays: Arrays, rng: random.Random, task: Task) -> None:
     says(arrays, note="kept by the lab", day=3)
 
@@ -405,8 +418,8 @@ def converted(arrays: Arrays, kind: Any) -> None:
 
 
 HONEST: list[Forge] = [
-    same, single, long_double, big_endian, columns_first, turned_wholly, another_note, another_array, later, blind,
-    no_coordinates,
+    same, single, long_double, big_endian, columns_first, turned_wholly, wrapped, another_note, another_array, later,
+    blind, no_coordinates,
 ]  # fmt: skip
 
 
