@@ -91,6 +91,7 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         (["reproduce", "--size", "huge"], "unknown size 'huge'; known: full, quick"),
         (["train"], "runs/collect: not a data set; one is a folder with manifest.json, made by cableway collect"),
         (["models", "none.safetensors"], "none.safetensors: no such file"),
+        (["models", "no\nne.safetensors"], r"no\nne.safetensors: no such file"),
     ],
 )
 def test_a_mistake_is_status_2_and_one_sentence(cableway: Command, arguments: list[str], sentence: str):

@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if INTERRUPTS.came:
         sentence, status = INTERRUPTS.sentence, INTERRUPTS.status
     if sentence:
-        print(printable(f"cableway: {sentence}"), file=sys.stderr)
+        print(printable(f"cableway: {sentence}").replace("\n", r"\n"), file=sys.stderr)
     return status
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -12,8 +13,10 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from safetensors.numpy import load_file, save_file
 
 from cableway.core.errors import FileFormatError, InputError
+from cableway.tang2025.models.checkpoint import METADATA_KEY, read_metadata
 from cableway.tang2025.models.dataset import select
 from cableway.tang2025.models.evaluation import baselines, evaluate, window_errors
 from cableway.tang2025.models.learned import LearnedModel, Normalization
@@ -73,9 +76,16 @@ def test_the_state_of_another_training_is_refused(small, transitions, tmp_path):
     fewer = select(transitions, transitions.episode < 12)
     with pytest.raises(InputError, match="other data"):
         train(small, fewer, SHORT, state_file=state_file)
-    state_file.write_bytes(state_file.read_bytes()[:-100])
+    whole = state_file.read_bytes()
+    state_file.write_bytes(whole[:-100])
     with pytest.raises(FileFormatError, match="not a readable safetensors file"):
         train(small, transitions, SHORT, state_file=state_file)
+    state_file.write_bytes(whole)
+    for changed in ({"identity": 1000.0}, {"identity": {"model": 1}}, {"history": 3}, {"history": [{"epoch": "one"}]}):
+        metadata = json.dumps({**read_metadata(state_file), **changed})
+        save_file(load_file(state_file), spoilt := tmp_path / "spoilt.safetensors", metadata={METADATA_KEY: metadata})
+        with pytest.raises(FileFormatError, match=f"its metadata.{next(iter(changed))}"):
+            train(small, transitions, SHORT, state_file=spoilt)
 
 
 def test_progress_rises_to_one_and_tells_loss_and_validation_error(small, transitions):

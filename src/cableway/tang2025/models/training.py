@@ -27,6 +27,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from cableway.core.checks import Bounds, Checked, NotNegative, Positive
+from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError
 from cableway.records import Transitions
 from cableway.tang2025.models import dataset
@@ -56,6 +57,21 @@ class EpochRecord:
     epoch: int
     loss: float
     validation_error: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _StateMetadata:
+    """What the file of a state says beside its arrays.
+
+    Attributes:
+        format: `FORMAT`.
+        identity: What makes it this training, by name.
+        history: See `TrainingState`.
+    """
+
+    format: str
+    identity: dict[str, str]
+    history: tuple[EpochRecord, ...]
 
 
 @dataclass(frozen=True)
@@ -289,12 +305,8 @@ def _shardings(count: int) -> tuple[NamedSharding, NamedSharding]:
 
 def _write_state(path: Path, state: TrainingState, identity: dict[str, str]) -> None:
     """Write a state atomically; `identity` says which training it belongs to."""
-    metadata: dict[str, Any] = {
-        "format": FORMAT,
-        "identity": identity,
-        "history": [asdict(row) for row in state.history],
-    }
-    write_tree(path, (state.model, state.best, state.optimizer), metadata)
+    metadata = _StateMetadata(format=FORMAT, identity=identity, history=state.history)
+    write_tree(path, (state.model, state.best, state.optimizer), asdict(metadata))
 
 
 def _read_state(path: Path, like: TrainingState, identity: dict[str, str]) -> TrainingState:
@@ -304,19 +316,18 @@ def _read_state(path: Path, like: TrainingState, identity: dict[str, str]) -> Tr
         FileFormatError: The file is damaged or holds something else.
         InputError: It belongs to another training.
     """
-    metadata = read_metadata(path)
-    if metadata.get("format") != FORMAT:
+    content = read_metadata(path)
+    if content.get("format") != FORMAT:
         raise FileFormatError(f"{path}: not the state of a training")
-    found = metadata.get("identity", {})
-    other = [name for name in identity if found.get(name) != identity[name]]
+    try:
+        metadata = from_mapping(_StateMetadata, content, "its metadata")
+    except InputError as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    other = [name for name in identity if metadata.identity.get(name) != identity[name]]
     if other:
         raise InputError(f"{path} belongs to another training (other {' and '.join(other)}); remove it to start afresh")
-    try:
-        history = tuple(EpochRecord(**row) for row in metadata["history"])
-    except (KeyError, TypeError):
-        raise FileFormatError(f"{path}: its learning curve is damaged") from None
     model, best, optimizer = read_tree(path, (like.model, like.best, like.optimizer))
-    return TrainingState(model, best, optimizer, history)
+    return TrainingState(model, best, optimizer, metadata.history)
 
 
 @cache
