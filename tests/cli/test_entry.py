@@ -100,6 +100,14 @@ def test_a_mistake_is_status_2_and_one_sentence(cableway: Command, arguments: li
     assert not Path("runs").exists(), "a mistake leaves nothing behind"
 
 
+def test_a_mistake_of_any_length_is_one_short_sentence(cableway: Command):
+    done = cableway("plan", "x" * 100_000)
+    assert done.status == 2
+    assert done.err.startswith("cableway: unknown task 'xxx")
+    assert done.err.endswith(f"known: {', '.join(task_names())}\n")
+    assert len(done.err) < 1000
+
+
 def test_an_unknown_model_lists_those_there_are(cableway: Command):
     done = cableway("run", "maze-1", "--model", "convolution")
     assert done.status == 2

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses: succeeded; done, but the task did not succeed; the input was wrong; ctrl-c (a SIGTERM: 143)."""
 
+LONGEST = 980
+"""Letters of a sentence, by and large."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.
@@ -39,8 +42,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if INTERRUPTS.came:
         sentence, status = INTERRUPTS.sentence, INTERRUPTS.status
     if sentence:
-        print(printable(f"cableway: {sentence}").replace("\n", r"\n"), file=sys.stderr)
+        print(f"cableway: {_one_line(sentence)}", file=sys.stderr)
     return status
+
+
+def _one_line(sentence: str) -> str:
+    """A sentence without what steers a terminal; its middle is left out where it quotes something that long."""
+    text = printable(sentence).replace("\n", r"\n")
+    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 2 :]}"
 
 
 def _run(arguments: list[str]) -> tuple[str, int]:
