@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import matplotlib.image
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from commands import Command
 
+from cableway.cli.options import TaskOptions
 from cableway.control.open_loop import OpenLoop
 from cableway.core.errors import SimulationError
 from cableway.core.files import read_arrays
@@ -17,6 +19,7 @@ from cableway.figures import video
 from cableway.planning import candidates
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import load_task
+from cableway.scene.task import Task
 from cableway.verification import VerificationLimits, verify_plan, verify_rollout
 from cableway.workflow import compilation
 
@@ -117,6 +120,22 @@ def test_a_task_without_a_plan_is_status_1_with_reason_and_picture(cableway: Com
     assert "failed" in done.out
     assert matplotlib.image.imread("o/plan.png").std() > 0.05
     assert "Traceback" not in done.err
+
+
+def test_reading_the_task_counts_against_the_time_limit(
+    cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """A file that takes longer to read than the limit leaves no time to search."""
+    load = TaskOptions.load
+
+    def slow(options: TaskOptions) -> Task:
+        time.sleep(0.3)
+        return load(options)
+
+    monkeypatch.setattr(TaskOptions, "load", slow)
+    done = cableway("plan", moved_file, "--time-limit", "0.2", "--out", "o")
+    assert done.status == 1
+    assert report(Path("o"))["failure"].startswith("the time limit ran out")
 
 
 def test_a_goal_that_is_missed_is_status_1(cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 from cableway.cli.planning import PlanOptions
@@ -23,4 +24,5 @@ class Plan(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        return self.solve(self.load(), track=False, rehearse=False, alternatives=self.alternatives)
+        since = time.perf_counter()
+        return self.solve(self.load(), since=since, track=False, rehearse=False, alternatives=self.alternatives)

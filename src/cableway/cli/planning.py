@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + ",package.module:Class}"
 PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
+LEAST_TIME = 1e-3
+"""Time limit [s] of a search for which reading the task left none."""
+
 UNTRACKED = "the run ended before its plan was tracked"
 
 
@@ -39,8 +43,8 @@ class PlanOptions(TaskOptions):
     """How the pivot path is found; by default, as the planner does."""
 
     time_limit: float = 30.0
-    """Seconds after which the search for a plan stops, counted from when the task has been read; files and pictures are
-    written after that. A search that ends earlier does not depend on it."""
+    """Seconds after which the search for a plan stops, reading the task included; files and pictures are written after
+    that. A search that ends earlier does not depend on it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -59,14 +63,22 @@ class PlanOptions(TaskOptions):
         pivot: Any = replace(planner.config.pivot, method=self.pivot)
         return replace(planner, config=replace(planner.config, pivot=pivot))
 
-    def solve(self, task: Task, *, video: bool = False, **options: Any) -> int:
-        """Solve the task, leave its files in the folder, show the report and return the exit status."""
+    def solve(self, task: Task, *, since: float, video: bool = False, **options: Any) -> int:
+        """Solve the task, leave its files in the folder, show the report and return the exit status.
+
+        Args:
+            task: The task.
+            since: When reading it began, by `time.perf_counter`.
+            video: Whether a video is made of the rollout.
+            options: Of `SolveOptions`.
+        """
         from cableway.core.files import only_writer
         from cableway.workflow.run import SolveOptions
         from cableway.workflow.solve import solve
 
         terminal, folder = Terminal(self), self.folder(task.name)
-        chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=self.time_limit, **options)
+        left = max(self.time_limit - (time.perf_counter() - since), LEAST_TIME)
+        chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=left, **options)
         with only_writer(folder), terminal.progress() as progress:
             run = solve(task, chosen, _shown(terminal, progress, folder, tracked=chosen.track))
             INTERRUPTS.release()

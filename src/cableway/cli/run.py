@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -78,10 +79,11 @@ class Run(PlanOptions):
         from cableway.simulation.perturbations.perturbation import Perturbation
         from cableway.simulation.perturbations.reading import read_perturbation
 
-        task = self.load()
+        since, task = time.perf_counter(), self.load()
         own = self.plant if self.plant is not None and is_plugin(self.plant) else None
         return self.solve(
             task,
+            since=since,
             video=not self.no_video,
             plan=self.plan_file,
             controller=self.controller or (DEFAULT_CONTROLLER if self.model is None else "neural-mpc"),

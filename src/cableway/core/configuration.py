@@ -11,6 +11,7 @@ import sys
 import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from cableway.core.checks import shown
@@ -121,7 +122,7 @@ def changed(kind: Any, content: Any, change: Callable[[float, tuple[Any, ...]], 
     if tagged is not None:
         kind = tagged.kinds[content["type"]]
     if is_dataclass(kind):
-        hints = get_type_hints(kind, include_extras=True)
+        hints = _hints(kind)
         return {key: changed(hints.get(key, Any), value, change) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
         kinds = _entry_kinds(kind, len(content))
@@ -162,7 +163,7 @@ def _faults_of_mapping(
     if not isinstance(content, Mapping):
         yield _must_be(wanted, content, place)
         return
-    hints = get_type_hints(cls, include_extras=True)
+    hints = _hints(cls)
     known = [*extra, *(entry.name for entry in fields(cls))]
     for key in content:
         if key not in known:
@@ -220,6 +221,12 @@ def _faults_of_list(kind: Any, content: Any, place: Place, wanted: str, least: i
         return
     for i, (entry_kind, entry) in enumerate(zip(kinds, content, strict=True)):
         yield from faults(entry_kind, entry, (*place, i))
+
+
+@cache
+def _hints(cls: type) -> dict[str, Any]:
+    """Types of the fields of a dataclass, with their annotations."""
+    return get_type_hints(cls, include_extras=True)
 
 
 def _entry_kinds(kind: Any, count: int) -> tuple[Any, ...]:
