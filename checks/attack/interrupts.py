@@ -1,10 +1,11 @@
 """Every command, interrupted at random moments: SIGINT to all its processes (ctrl-c) or to it alone, and SIGTERM.
 
-A third of the moments are drawn from the first seconds, a third from the whole duration, a third from the moments in
-which the command writes its files. Wrong is a status other than 130 or 143, a traceback, more than one sentence, an end
-later than five seconds after the signal, a file that is not whole or left over, a process that goes on; and, where a
-command resumes, results of the second invocation other than those of one that was left alone. A signal before the
-command's own code runs ends it as any Python program.
+A third of the moments are drawn from the first seconds, a third from the whole duration, at most `LONGEST`, a third
+from those in which the command writes its files. As many commands as there are cores run beside each other. Wrong is a
+status other than 130 or 143, a traceback, more than one sentence, an end later than five seconds after the signal, a
+file that is not whole or left over, a process that goes on; and, where a command resumes, results of the second
+invocation other than those of one that was left alone. A signal before the command's own code runs ends it as any
+Python program.
 
 `python -m checks.attack.interrupts SEED COUNT [NAMES]`
 """
@@ -21,7 +22,8 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,8 +34,11 @@ from checks.attack.commands import KEPT, RESUMED, Line, damaged, prepared, said_
 PATIENCE = 5.0
 """[s] between a signal and the end of the command, on a machine that is not busy."""
 
-LONGEST = 40.0
+LONGEST = 15.0
 """[s] after which a signal comes at the latest."""
+
+ENOUGH = 60.0
+"""[s] for which a command is left alone, to see what it does: all but `reproduce` end before."""
 
 FIRST = 2.5
 """[s] of a command that are its first moments."""
@@ -57,21 +62,19 @@ class Timed:
 def attack(seed: int, count: int, names: str = "") -> list[str]:
     """What was wrong in `count` interrupts of the commands by turns; each is printed as it comes."""
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it, and all below
-    rng, found = random.Random(seed), []
+    found: list[str] = []
     tally: Counter[tuple[str, str]] = Counter()
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(cores()) as pool:
         lines = prepared(Path(folder), names)
         timed = {line.name: _left_alone(line, Path(folder) / "alone" / line.name) for line in lines}
-        for turn in range(count):
-            line, round_ = lines[turn % len(lines)], turn // len(lines)
-            moment, sent = MOMENTS[round_ % 3], SIGNALS[(round_ // 3 + turn) % 3]
-            case, faults = _interrupted(rng, line, timed[line.name], moment, sent)
-            tally[line.name, "wrong" if faults else "right"] += 1
+        turns = (_Turn(seed, turn, lines[turn % len(lines)], turn // len(lines)) for turn in range(count))
+        for done, (turn, case, faults) in enumerate(pool.map(lambda turn: _interrupted(turn, timed), turns), start=1):
+            tally[turn.line.name, "wrong" if faults else "right"] += 1
             if faults:
                 found.append(f"{case}: {'; '.join(faults)}")
                 print(found[-1], flush=True)
-            elif turn % 20 == 19:
-                print(f"{turn + 1} of {count}, {len(found)} wrong", flush=True)
+            if done % 20 == 0:
+                print(f"{done} of {count}, {len(found)} wrong", flush=True)
     for line in lines:
         wrong, right = tally[line.name, "wrong"], tally[line.name, "right"]
         print(f"{line.name} ({timed[line.name].seconds:.1f} s): {wrong} wrong of {wrong + right}")
@@ -79,10 +82,10 @@ def attack(seed: int, count: int, names: str = "") -> list[str]:
 
 
 def _left_alone(line: Line, out: Path) -> Timed:
-    """A command as it is here and now, with warm caches, for at most `LONGEST`."""
+    """A command as it is here and now, with warm caches, for at most `ENOUGH`."""
     begun, process = time.monotonic(), _begin(line, out)
     seen: set[str] = set()
-    while process.poll() is None and time.monotonic() - begun < LONGEST:
+    while process.poll() is None and time.monotonic() - begun < ENOUGH:
         seen |= _names(out)
         time.sleep(0.002)
     if process.poll() is None:
@@ -106,11 +109,21 @@ def _names(out: Path) -> set[str]:
     return {str(Path(place) / name) for place, _, names in os.walk(out) for name in names}
 
 
-def _interrupted(
-    rng: random.Random, line: Line, timed: Timed, moment: str, sent: tuple[str, signal.Signals]
-) -> tuple[str, list[str]]:
-    """One interrupt: its description, and what was wrong."""
-    (whom, number), quiet, again = sent, rng.random() < 0.5, rng.random() < 0.4
+@dataclass(frozen=True)
+class _Turn:
+    """One interrupt of an attack: which, of what command, and how many that has had before."""
+
+    seed: int
+    number: int
+    line: Line
+    round: int
+
+
+def _interrupted(turn: _Turn, timed_all: Mapping[str, Timed]) -> tuple[_Turn, str, list[str]]:
+    """Carry out one interrupt: its description, and what was wrong."""
+    rng, line, timed = random.Random(f"{turn.seed} {turn.number}"), turn.line, timed_all[turn.line.name]
+    moment, (whom, number) = MOMENTS[turn.round % 3], SIGNALS[(turn.round // 3 + turn.number) % 3]
+    quiet, again = rng.random() < 0.5, rng.random() < 0.4
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         process = _begin(line, out, *["--quiet"] * quiet)
@@ -129,13 +142,13 @@ def _interrupted(
         if line.name in RESUMED and again and not faults:
             faults += _resumed(line, out, timed.out)
     case = f"{line.name}: {number.name} to {'it and all its processes' if whom == 'group' else 'it alone'}"
-    return f"{case} after {after:.2f} s ({moment})", faults
+    return turn, f"{case} after {after:.2f} s ({moment})", faults
 
 
 def _wait(process: subprocess.Popen[bytes], out: Path, rng: random.Random, timed: Timed, moment: str) -> None:
     """Until the moment has come."""
     if moment != "writing":
-        most = timed.seconds if moment == "any" else min(FIRST, timed.seconds)
+        most = min(LONGEST if moment == "any" else FIRST, timed.seconds)
         time.sleep(rng.uniform(0.05, most))
         return
     seen, wanted, later, begun = set[str](), rng.randint(1, max(timed.files, 1)), rng.uniform(0, 0.05), time.monotonic()
