@@ -114,7 +114,7 @@ def test_records_show_themselves_on_one_line(task: cw.Task):
         assert shown.startswith(f"{type(record).__name__}(")
         assert "\n" not in shown
         assert len(shown) < 240, shown
-    assert repr(task) == "Task('insertion', cable 0.21 m, 6 obstacles in 0.7 m x 0.7 m)"
+    assert repr(task) == "Task('insertion', cable 210 mm, 6 obstacles in 700 x 700 mm)"
     assert repr(plan).startswith("Plan(60 steps, shapes (61, 13, 2), poses (61, 2, 3)")
     assert "settled, 60 steps in 6.0 s" in repr(rollout)
     assert repr(report) == "Report('moved', success, shape error 0.00 mm)"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.quantities import place, quantity
 from cableway.geometry.groups import SE2
 from cableway.records import Rollout
 from cableway.tracking.loop import TRIAL, WAITING
@@ -57,11 +58,11 @@ class Commands:
 
     def rows(self) -> list[tuple[str, str]]:
         """Names and values as text with units."""
-        left, right = (f"({x:.3f}, {y:.3f}) m, {np.degrees(turn):.1f} degrees" for x, y, turn in self.first)
+        left, right = (f"{place(pose[:2])}, {quantity(pose[2], 'rad')}" for pose in self.first)
         return [
             ("would be sent", f"{self.count} commands in {self.duration:.1f} s"),
-            ("greatest speeds", f"{1000 * self.speed:.1f} mm/s, {np.degrees(self.turn_rate):.1f} degrees/s"),
-            ("grippers stay in", "x {:.3f} to {:.3f} m, y {:.3f} to {:.3f} m".format(*self.box)),
+            ("greatest speeds", f"{quantity(self.speed, 'm/s')}, {quantity(self.turn_rate, 'rad/s')}"),
+            ("grippers stay in", f"{place(self.box[::2])} to {place(self.box[1::2])}"),
             ("first pose, left", left),
             ("first pose, right", right),
         ]

@@ -160,7 +160,7 @@ class Report(Brief):
         rows = []
         if self.gripper_travel is not None:
             left, right = self.gripper_travel
-            rows.append(("gripper travel, left and right", f"{left:.3f} m, {right:.3f} m"))
+            rows.append(("gripper travel, left and right", f"{quantity(left)}, {quantity(right)}"))
         if self.plan_steps is not None:
             rows.append(("plan", f"{self.plan_steps} steps"))
         if self.steps is not None:

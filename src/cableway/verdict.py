@@ -36,7 +36,7 @@ FINDINGS = {
     "rod deviation": "the cable would stray {value} from the planned shape",
     "error of the rod coordinates": "the plan's rod coordinates are {value} from its shapes",
     "rod stability": "the cable is about to snap, with a stability margin of {value}",
-    "curvature": "the cable bends with a curvature of {value}",
+    "bend radius": "the cable bends to a radius of {value}",
     "sharpest bend": "the cable bends {value} times as sharply as it may",
     "distance to start": "the motion begins {value} from the task's start",
     "distance to goal": "the motion ends {value} from the task's goal",

@@ -17,7 +17,7 @@ def test_a_plan_and_a_rollout_are_exported(cableway: Command, run_folder: Path):
     plan = Plan.load(run_folder / "plan.npz")
     done = cableway("export", run_folder / "plan.npz")
     assert done.status == 0
-    assert "limit 0.133 m/s" in done.out
+    assert "limit 133 mm/s" in done.out
     lines = Path("runs/export/moved-plan.csv").read_text().splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert [float(row["left_x"]) for row in rows] == plan.poses[:, 0, 0].tolist()

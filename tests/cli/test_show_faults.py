@@ -134,11 +134,11 @@ def obstacle_outside(content: Content) -> None:
 
 
 CASES: list[tuple[Callable[[Content], None], str, tuple[float, float] | None]] = [
-    (overlapping_disc, r"start overlaps obstacles\[0\] \(disc .*\) by 0.1 mm", (0.35, 0.25)),
+    (overlapping_disc, r"start overlaps obstacles\[0\] \(disc .*\) by 0.10 mm", (0.35, 0.25)),
     (overlapping_box, r"start overlaps obstacles\[0\] \(box .*\) by 14.0 mm", (0.35, 0.1)),
     (gripper_in_wall, "start has its left gripper in the left wall by 2.0 mm", (0.0, 0.1)),
-    (outside, r"goal\[9\] at \(0.725, 0.5\) lies outside the workspace", (0.725, 0.5)),
-    (far_outside, r"goal\[0\] at \(40, 0.5\) lies outside the workspace", (40.0, 0.5)),
+    (outside, r"goal\[9\] at \(725, 500\) mm lies outside the workspace", (0.725, 0.5)),
+    (far_outside, r"goal\[0\] at \(40000, 500\) mm lies outside the workspace", (40.0, 0.5)),
     (too_long, "start is 330 mm long, more than 2% off cable.length 300 mm", (0.365, 0.1)),
     (uneven, "start is not at equal arc length: keypoints 6 and 7", (0.3685, 0.1)),
     (too_few, "start has 9 keypoints, not the 13 of cable.keypoints", None),

@@ -20,6 +20,7 @@ from problems import beside_disc
 from recorded import moved_aside, moved_plan, perfect_rollout
 
 from cableway.core.errors import PlanningError
+from cableway.core.quantities import place, quantity
 from cableway.figures import style
 from cableway.figures.learning import learning_figure
 from cableway.figures.plan import attempt_figure, plan_figure, spread_rows
@@ -146,7 +147,7 @@ def test_the_curves_of_a_plan_are_its_clearance_and_its_gripper_motion():
     least = 1000 * float(PLANNED.scene.clearance(smooth(PLAN.shapes), PLANNED.cable.radius).min())
     cable = next(line for line in clearance.lines if str(line.get_label()).startswith("cable"))
     assert np.min(cable.get_ydata()) == pytest.approx(least)
-    assert cable.get_label() == f"cable, least {least:.1f} mm"
+    assert cable.get_label() == f"cable, least {quantity(least / 1000)}"
     moves = np.linalg.norm(np.diff(PLAN.poses[:, 0, :2], axis=0), axis=1) / PLANNED.grippers.max_step
     left = next(line for line in motion.lines if line.get_label() == "left, move")
     np.testing.assert_allclose(left.get_ydata(), 100 * moves)
@@ -191,7 +192,7 @@ def test_a_gap_that_is_too_narrow_is_marked():
     attempt = caught.value.attempt
     (at,) = rings(attempt_figure(task, attempt).axes[0])
     assert tuple(at) == attempt.at
-    assert f"at ({at[0]:.3f}, {at[1]:.3f})" in attempt.reason
+    assert f"at {place(at)}" in attempt.reason
     assert 0 < task.scene.signed_distance(at) < 0.007
 
 

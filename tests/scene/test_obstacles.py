@@ -97,7 +97,7 @@ def test_a_polygon_does_not_keep_the_array_it_was_given():
         (lambda: Polygon(vertices=[[0, 1], [1]]), "^vertices must be rows of 2 numbers, got "),  # pyright: ignore
         (lambda: Polygon(vertices=[[0, 0], [1, 0], [0, np.inf]]), r"^vertices\[2\]\[1\] must be finite, got inf$"),  # pyright: ignore
         (lambda: Scene((0.7, -1.0)), r"^workspace.size\[1\] must be positive, got -1.0$"),
-        (lambda: Scene((0.7, 0.7), (Disc(center=(0.1, 0.1), radius=0.2),)), r"^obstacles\[0\] \(disc at .*100.0 mm$"),
+        (lambda: Scene((0.7, 0.7), (Disc(center=(0.1, 0.1), radius=0.2),)), r"^obstacles\[0\] \(disc at .*100 mm$"),
     ],
 )  # fmt: skip
 def test_obstacles_that_are_none_are_refused(make, said: str):  # pyright: ignore[reportMissingParameterType]
@@ -131,11 +131,11 @@ def test_a_single_point_is_as_deep_as_its_signed_distance(inside: list[Obstacle]
 
 def test_things_have_names_for_messages():
     scene = Scene((0.7, 0.7), (Box(center=(0.1, 0.2), size=(0.1, 0.1)), Disc(center=(0.5, 0.5), radius=0.1)))
-    assert scene.name_of(1) == "obstacles[1] (disc at (0.500, 0.500))"
+    assert scene.name_of(1) == "obstacles[1] (disc at (500, 500) mm)"
     assert [scene.name_of(i) for i in range(2, 6)] == [
         "the left wall",
         "the bottom wall",
         "the right wall",
         "the top wall",
     ]
-    assert describe(scene.obstacles[0]) == "box at (0.100, 0.200)"
+    assert describe(scene.obstacles[0]) == "box at (100, 200) mm"

@@ -80,7 +80,7 @@ def test_what_is_smaller_than_the_plug_does_not_hide_in_it(insertion: Task):
 def test_a_goal_must_be_before_the_port(insertion: Task):
     assert insertion.port is not None
     port = replace(insertion.port, position=(0.575, 0.48))
-    with pytest.raises(TaskError, match=r"^goal must have its right end at \(0\.5200, 0\.4800\), 0\.00 degrees, "):
+    with pytest.raises(TaskError, match=r"^goal must have its right end at \(520, 480\) mm, 0\.00 degrees, "):
         replace(insertion, port=port)
     with pytest.raises(TaskError, match=r"^goal must have its right end at .* 88\.6 degrees off$"):
         replace(insertion, port=Port(position=(0.52, 0.525), angle=np.pi / 2, standoff=0.015, depth=0.01))

@@ -290,18 +290,17 @@ def without_line(text: str) -> str:
     ("change", "said"),
     [
         (at("cableway", ...), "cableway is missing; it must be the format version, 1"),
-        (at("start", ...), "start is missing; it must be a list of keypoints [x, y] in metres, or a mapping of "
+        (at("start", ...), "start is missing; it must be a list of keypoints [x, y], or a mapping of "
          "grippers and bend"),
-        (at("obstacles", 0, "size", ...), "obstacles[0].size is missing; it must be [width, height] in metres"),
+        (at("obstacles", 0, "size", ...), "obstacles[0].size is missing; it must be [width, height]"),
         (at("obstacles", 1, "vertices", ...), "obstacles[1].vertices is missing; it must be a list of at least 3 "
-         "points [x, y] in metres"),
-        (at("obstacles", 2, "radius", ...), "obstacles[2].radius is missing; it must be a length in metres"),
+         "points [x, y]"),
+        (at("obstacles", 2, "radius", ...), "obstacles[2].radius is missing; it must be a length"),
         (at("obstacles", 2, "type", ...), "obstacles[2].type must be one of box, polygon, disc; it is missing"),
-        (at("goal", {"bend": "left"}), "goal.grippers is missing; it must be two poses [x, y, theta], left then right, "
-         "in metres and radians"),
+        (at("goal", {"bend": "left"}), "goal.grippers is missing; it must be two poses [x, y, theta], left then right"),
         (at("goal", {"grippers": ARCH}), "goal must have either bend or keypoints in addition to grippers"),
-        (at("plug", "width", ...), "plug.width is missing; it must be a length in metres"),
-        (at("port", "angle", ...), "port.angle is missing; it must be an angle in radians"),
+        (at("plug", "width", ...), "plug.width is missing; it must be a length"),
+        (at("port", "angle", ...), "port.angle is missing; it must be an angle"),
         (at("plug", ...), "port needs a plug"),
     ],
 )  # fmt: skip
@@ -319,10 +318,10 @@ def test_a_missing_key_is_told_what_it_must_be(tmp_path: Path, change: Any, said
         (at("name", "../up"), "name must be letters, digits, spaces or any of . _ + -, got '../up'"),
         (at("description", ["a"]), "description must be a text, got ['a']"),
         (at("workspace", [0.7, 0.7]), "workspace must be a mapping, got [0.7, 0.7]"),
-        (at("workspace", "size", 0.7), "workspace.size must be [width, height] in metres, got 0.7"),
-        (at("cable", "length", "0.3 m"), "cable.length must be a length in metres, got '0.3 m'"),
-        (at("cable", "length", None), "cable.length must be a length in metres, got nothing"),
-        (at("cable", "length", True), "cable.length must be a length in metres, got True"),
+        (at("workspace", "size", 0.7), "workspace.size must be [width, height], got 0.7"),
+        (at("cable", "length", "0.3 m"), "cable.length must be a length, got '0.3 m'"),
+        (at("cable", "length", None), "cable.length must be a length, got nothing"),
+        (at("cable", "length", True), "cable.length must be a length, got True"),
         (at("cable", "keypoints", 13.5), "cable.keypoints must be a whole number, got 13.5"),
         (at("cable", "preset", 3), "cable.preset must be the name of a preset, got 3"),
         (at("cable", "stiffness_profile", 2.0), "cable.stiffness_profile must be a list of factors, got 2.0"),
@@ -334,16 +333,16 @@ def test_a_missing_key_is_told_what_it_must_be(tmp_path: Path, change: Any, said
         (at("obstacles", 1, 7), "obstacles[1] must be a mapping with the key type and those of that type, got 7"),
         (at("obstacles", 0, "type", "cone"), "obstacles[0].type must be one of box, polygon, disc; got 'cone'"),
         (at("obstacles", 0, "type", [1]), "obstacles[0].type must be one of box, polygon, disc; got [1]"),
-        (at("obstacles", 0, "size", [0.1]), "obstacles[0].size must be [width, height] in metres, got 1 values"),
-        (at("obstacles", 0, "size", 1, "a"), "obstacles[0].size[1] must be a length in metres, got 'a'"),
+        (at("obstacles", 0, "size", [0.1]), "obstacles[0].size must be [width, height], got 1 values"),
+        (at("obstacles", 0, "size", 1, "a"), "obstacles[0].size[1] must be a length, got 'a'"),
         (at("obstacles", 1, "vertices", 2, 0.1), "obstacles[1].vertices[2] must be two numbers [x, y], got 0.1"),
-        (at("start", 5), "start must be a list of keypoints [x, y] in metres, or a mapping of grippers and bend, "
+        (at("start", 5), "start must be a list of keypoints [x, y], or a mapping of grippers and bend, "
          "got 5"),
         (at("start", 3, [0.1, 0.1, 0.0]), "start[3] must be two numbers [x, y], got 3 values"),
         (at("start", 3, 1, "low"), "start[3][1] must be a number, got 'low'"),
         (at("goal", {"grippers": ARCH, "bend": "up"}), "goal.bend must be left or right, got 'up'"),
         (at("goal", {"grippers": ARCH[:1], "bend": "left"}), "goal.grippers must be two poses [x, y, theta], left then "
-         "right, in metres and radians, got 1 values"),
+         "right, got 1 values"),
         (at("goal", {"grippers": [ARCH[0], [0, 1]], "bend": "left"}), "goal.grippers[1] must be three numbers "
          "[x, y, theta], got 2 values"),
         (at("goal", {"grippers": [ARCH[0], [0, 1, "up"]], "bend": "left"}), "goal.grippers[1][2] must be a number, "
@@ -439,8 +438,8 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
         (at("cable", "stiffness_profile", [1, 0]), "cable.stiffness_profile[1] must be positive, got 0.0"),
         (at("cable", "stiffness_profile", [1] * 201), "cable.stiffness_profile must be a list of 1 to 200 numbers, "
          "got 201"),
-        (at("cable", "rest_curvature", [0, -60]), "cable.rest_curvature[1] must be from -41.89 to 41.89 1/m (2 full "
-         "turns), got -60.0"),
+        (at("cable", "rest_curvature", [0, -60]), "cable.rest_curvature[1] must be at most 2 full turns, "
+         "41.89 1/m, either way, got -60.0 1/m"),
         (at("cable", "preset", "uzb"), f"cable.preset must be one of {', '.join(PRESETS)}, got 'uzb'"),
         (at("grippers", "max_step", 0), "grippers.max_step must be positive, got 0.0"),
         (at("grippers", "max_acceleration", 0), "grippers.max_acceleration must be positive, got 0.0"),
@@ -452,15 +451,15 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
         (at("port", "depth", -1), "port.depth must be not negative, got -1.0"),
         # obstacles
         (at("obstacles", 0, "size", [0.1, -0.1]), "obstacles[0].size[1] must be positive, got -0.1"),
-        (at("obstacles", 0, "size", [0.1, 1e-8]), "obstacles[0].size is degenerate: it gives an area of 1e-09 m^2, "
-         "below 1e-08"),
+        (at("obstacles", 0, "size", [0.1, 1e-8]), "obstacles[0].size is degenerate: it gives an area of 0.001 mm², "
+         "below 0.01 mm²"),
         (at("obstacles", 2, "radius", 0), "obstacles[2].radius must be positive, got 0.0"),
-        (at("obstacles", 2, "radius", 1e-6), "obstacles[2].radius is degenerate: it gives an area of 3.1e-12 m^2, "
-         "below 1e-08"),
+        (at("obstacles", 2, "radius", 1e-6), "obstacles[2].radius is degenerate: it gives an area of 3.142e-06 mm², "
+         "below 0.01 mm²"),
         (at("obstacles", 1, "vertices", [[0.1, 0.3], [0.2, 0.3]]), "obstacles[1].vertices must be at least 3 points, "
          "got 2"),
         (at("obstacles", 1, "vertices", [[0.1, 0.3], [0.2, 0.3], [0.3, 0.3]]), "obstacles[1].vertices is degenerate: "
-         "it gives an area of 0 m^2, below 1e-08"),
+         "it gives an area of 0 mm², below 0.01 mm²"),
         (at("obstacles", 1, "vertices", [[0.1, 0.3], [0.2, 0.3], [0.2, 0.3], [0.1, 0.4]]), "obstacles[1].vertices "
          "repeats the point 1 as point 2"),
         (at("obstacles", 1, "vertices", [[0.1, 0.3], [0.2, 0.3], [0.13, 0.33], [0.1, 0.4]]), "obstacles[1].vertices "
@@ -469,46 +468,46 @@ UNEVEN = [[x + (0.02 if i == 6 else 0.0), y] for i, (x, y) in enumerate(row(0.2,
          "is not convex at point 1; split it into convex parts"),
         (at("obstacles", 1, "vertices", [[0.15, 0.4], [0.12, 0.3], [0.2, 0.36], [0.1, 0.36], [0.18, 0.3]]),
          "obstacles[1].vertices is not convex, its edges cross; split it into convex parts"),
-        (at("obstacles", 0, "center", [0.35, 0.7]), "obstacles[0] (box at (0.350, 0.700)) reaches outside the "
-         "workspace of 0.7 m x 0.7 m, by 39.3 mm"),
-        (at("obstacles", 2, "center", [0.55, 0.68]), "obstacles[2] (disc at (0.550, 0.680)) reaches outside the "
-         "workspace of 0.7 m x 0.7 m, by 20.0 mm"),
-        (at("obstacles", 2, "center", [-0.1, 0.3]), "obstacles[2] (disc at (-0.100, 0.300)) lies wholly outside the "
-         "workspace of 0.7 m x 0.7 m, by 140.0 mm"),
+        (at("obstacles", 0, "center", [0.35, 0.7]), "obstacles[0] (box at (350, 700) mm) reaches outside the "
+         "workspace of 700 x 700 mm, by 39.3 mm"),
+        (at("obstacles", 2, "center", [0.55, 0.68]), "obstacles[2] (disc at (550, 680) mm) reaches outside the "
+         "workspace of 700 x 700 mm, by 20.0 mm"),
+        (at("obstacles", 2, "center", [-0.1, 0.3]), "obstacles[2] (disc at (-100, 300) mm) lies wholly outside the "
+         "workspace of 700 x 700 mm, by 140 mm"),
         # shapes in the scene
-        (at("start", row(0.45, 0.1)), "start[11] at (0.725, 0.1) lies outside the workspace of 0.7 m x 0.7 m"),
+        (at("start", row(0.45, 0.1)), "start[11] at (725, 100) mm lies outside the workspace of 700 x 700 mm"),
         (at("start", row(0.2, 0.002)), "start overlaps the bottom wall by 2.0 mm"),
-        (at("goal", row(0.2, 0.3)), "goal overlaps obstacles[1] (polygon at (0.150, 0.333)) by 4.0 mm"),
-        (at("goal", row(0.34, 0.392)), "goal overlaps obstacles[2] (disc at (0.550, 0.350)) by 2.0 mm"),
-        (at("grippers", "radius", 0.2), "start has its left gripper in the bottom wall by 100.0 mm"),
+        (at("goal", row(0.2, 0.3)), "goal overlaps obstacles[1] (polygon at (150, 333.3) mm) by 4.0 mm"),
+        (at("goal", row(0.34, 0.392)), "goal overlaps obstacles[2] (disc at (550, 350) mm) by 2.0 mm"),
+        (at("grippers", "radius", 0.2), "start has its left gripper in the bottom wall by 100 mm"),
         (at("goal", {"grippers": [[0.4, 0.65, 1.4], [0.6, 0.65, -1.4]], "bend": "left"}),
-         "goal keypoint 3 at (0.43278, 0.716062) lies outside the workspace of 0.7 m x 0.7 m"),
+         "goal keypoint 3 at (432.8, 716.1) mm lies outside the workspace of 700 x 700 mm"),
         # gripper poses
         (at("goal", {"grippers": [[0.1, 0.1, 0], [0.5, 0.1, 0]], "bend": "left"}),
          "goal.grippers are 400 mm apart, farther than the cable is long (300 mm)"),
         (at("goal", {"grippers": [[0.2, 0.6, 0], [0.5, 0.6, 0]], "bend": "left"}),
-         "goal.bend asks for a bend to the left, but no stable shape of the cable between these grippers lies on that "
-         "side: try the other side, other poses, or keypoints"),
+         "goal.bend asks for a bend to the left, but no stable shape of the cable (300 mm) between these grippers "
+         "(300 mm apart) lies on that side: try the other side, other poses, or keypoints"),
         (at("goal", {"grippers": [[0.2, 0.6, 0], [0.5, 0.6, 0.5]], "keypoints": row(0.2, 0.6)}),
-         "goal.grippers do not fit the keypoints: the right pose is less than 0.1 mm and 29 degrees off that end of "
+         "goal.grippers do not fit the keypoints: the right pose is less than 0.1 mm and 28.6 degrees off that end of "
          "the cable"),
         (at("goal", {"grippers": [[0.2, 0.62, 0], [0.5, 0.6, 0]], "keypoints": row(0.2, 0.6)}),
-         "goal.grippers do not fit the keypoints: the left pose is 20.0 mm and 0 degrees off that end of the cable"),
+         "goal.grippers do not fit the keypoints: the left pose is 20.0 mm and 0.00 degrees off that end of the cable"),
         (at("goal", {"grippers": ARCH, "keypoints": [[0.8, 0.1], *row(0.2, 0.6)[1:]]}),
-         "goal.keypoints[0] at (0.8, 0.1) lies outside the workspace of 0.7 m x 0.7 m"),
+         "goal.keypoints[0] at (800, 100) mm lies outside the workspace of 700 x 700 mm"),
     ],
 )  # fmt: skip
 def test_a_task_that_contradicts_itself(tmp_path: Path, change: Any, said: str):
     assert without_line(complaint(write(tmp_path, change))) == said
 
 
-@pytest.mark.parametrize(("height", "depth"), [(0.383, 1.0), (0.362, 22.0), (0.3179, 1.9)])
-def test_an_overlap_is_as_deep_as_the_cable_must_move(tmp_path: Path, height: float, depth: float):
+@pytest.mark.parametrize(("height", "depth"), [(0.383, "1.00"), (0.362, "22.0"), (0.3179, "1.9")])
+def test_an_overlap_is_as_deep_as_the_cable_must_move(tmp_path: Path, height: float, depth: str):
     def change(content: dict[str, Any]) -> None:
         content["obstacles"] = [{"type": "box", "center": [0.35, 0.35], "size": [0.2, 0.06]}]
         content["goal"] = row(0.3, height)
 
-    said = f"goal overlaps obstacles[0] (box at (0.350, 0.350)) by {depth} mm"
+    said = f"goal overlaps obstacles[0] (box at (350, 350) mm) by {depth} mm"
     assert without_line(complaint(write(tmp_path, change))) == said
 
 

@@ -139,7 +139,8 @@ def test_speeds_stand_for_steps_of_a_tenth_of_a_second(tmp_path: Path):
          "give one of them"),
         (at("grippers", "max_turn_speed", 1), "grippers.max_turn_speed and grippers.max_turn say the same twice: "
          "give one of them"),
-        (at("grippers", {"max_speed": 200}), "grippers.max_speed must be from 0.0001 to 10 m/s, got 200.0"),
+        (at("grippers", {"max_speed": 200}), "grippers.max_speed must be from 0.0001 to 10 m/s, got 200.0: if "
+         "that is in millimetres or centimetres, say `units: mm` or `units: cm`"),
         # lengths
         (at("workspace", "size", [700, 700]), "workspace.size[0] must be from 0.01 to 50 m, got 700.0: if that is in "
          "millimetres or centimetres, say `units: mm` or `units: cm`"),
@@ -185,3 +186,32 @@ def test_a_number_that_no_task_means_is_told_the_bounds_and_the_likely_unit(tmp_
     name, _, rest = complaint(write(tmp_path, change)).partition(": ")
     assert name.removeprefix("task.yaml:").isdigit()
     assert rest == said
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (at("workspace", "size", [0.7, 700]), "workspace.size[0] must be from 10 to 50000 mm, got 0.7: if that is in "
+         "metres, say `units: m`"),
+        (at("obstacles", 2, "radius", -40), "obstacles[2].radius must be positive, got -40.0"),
+        (at("grippers", {"max_speed": 20000}), "grippers.max_speed must be from 0.1 to 10000 mm/s, got 20000.0"),
+        (at("port", "angle", 1000), "port.angle must be from -721.927 to 721.927 deg, got 1000.0"),
+        (at("cable", "yield_curvature", 200), "cable.yield_curvature must be from 0 to 100 1/mm, got 200.0"),
+    ],
+)  # fmt: skip
+def test_a_number_of_a_file_is_quoted_as_it_stands_there(tmp_path: Path, change: Change, said: str):
+    """With its bounds in the file's own units."""
+    content = rescaled(VALID, 1000.0, 180 / math.pi) | {"units": "mm", "angles": "deg"}
+    change(content)
+    (tmp_path / "task.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    assert complaint(tmp_path / "task.yaml").partition(": ")[2] == said
+
+
+@pytest.mark.parametrize(("units", "per_metre"), [("m", 1.0), ("cm", 100.0), ("mm", 1000.0)])
+def test_what_is_said_of_a_task_does_not_depend_on_the_units_of_its_file(tmp_path: Path, units: str, per_metre: float):
+    """Places and distances are in millimetres, so that they are the same for a file and the one that a run writes."""
+    content = copy.deepcopy(VALID)
+    at("goal", row(0.34, 0.392))(content)
+    (tmp_path / "task.yaml").write_text(yaml.safe_dump(rescaled(content, per_metre, 1.0) | {"units": units}))
+    said = "goal overlaps obstacles[2] (disc at (550, 350) mm) by 2.0 mm"
+    assert complaint(tmp_path / "task.yaml").partition(": ")[2] == said

@@ -87,9 +87,9 @@ def test_a_cable_must_end_at_its_grippers_and_point_as_they_do() -> None:
     assert disagreement(shape + 0.01 + noise, poses + [0.0, 0.0, np.radians(10)]) == ""
     assert disagreement(shape, poses + [[0.0, 0.0, 2 * np.pi], [0.0, 0.0, -4 * np.pi]]) == ""
     said = disagreement(shape + [0.0, 0.05], poses)
-    assert said == "the camera's cable ends 50 mm from where the left gripper is reported"
+    assert said == "the camera's cable ends 50.0 mm from where the left gripper is reported"
     said = disagreement(mirrored(shape, poses), poses)
-    assert "rad away from where the right gripper is reported to point" in said
+    assert "degrees away from where the right gripper is reported to point" in said
     assert disagreement(shape, poses + [0.0, 0.0, 0.8]) == "", "an end that is bent, no mirror image"
     hidden = shape.copy()
     hidden[[0, -1]] = np.nan

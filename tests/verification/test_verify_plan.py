@@ -229,7 +229,7 @@ def test_optional_limits_are_judged_where_the_task_has_them(good):
     object.__setattr__(judged := replace(task), "grippers", apart)
     assert failed(plan, judged) == {"gripper separation"}
     object.__setattr__(judged := replace(task), "cable", Cable(min_bend_radius=0.2))
-    assert failed(plan, judged) == {"curvature"}
+    assert failed(plan, judged) == {"bend radius"}
 
 
 def test_a_plan_for_another_cable_is_refused(good):

@@ -294,6 +294,6 @@ def test_a_model_of_another_cable_is_named_before_anything_moves():
     learned = {"controller": "neural-mpc", "model": "conv"}
     said = "; ".join(_other_cable(other, SolveOptions(**learned)))
     assert said.startswith("The model conv is of another cable than the task's, to which --adapt ")
-    assert said.endswith(": bending stiffness 0.001 N m² instead of 0.005.")
+    assert said.endswith(": bending stiffness 0.001 N m² instead of 0.005 N m².")
     assert "--adapt" not in "; ".join(_other_cable(other, SolveOptions(adapt=True, **learned)))
     assert _other_cable(same, SolveOptions(**learned)) == _other_cable(other, SolveOptions()) == []

@@ -15,6 +15,7 @@ from cableway.benchmark.suites import Episode
 from cableway.commands import stopping_time
 from cableway.control.base import Controller
 from cableway.core.errors import InputError
+from cableway.core.quantities import quantity
 from cableway.outcome import Outcome
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Attempt, Plan
@@ -292,7 +293,7 @@ def _detail(report: Report) -> str:
     if report.success:
         return ""
     clearance = min(report.min_clearance, report.gripper_clearance)
-    figures = f"final error {1000 * report.shape_error:.1f} mm, clearance {1000 * clearance:.1f} mm"
+    figures = f"final error {quantity(report.shape_error)}, clearance {quantity(clearance)}"
     return f"{report.failure}; {figures}"
 
 

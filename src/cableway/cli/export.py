@@ -13,7 +13,7 @@ from cableway.cli.options import Flag, Maybe, Options
 from cableway.cli.outputs import TASK
 from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
-from cableway.core.quantities import quantity
+from cableway.core.quantities import limit_text, quantity
 
 if TYPE_CHECKING:
     from cableway.scene.task import Task
@@ -78,6 +78,6 @@ def _rows(trajectory: Trajectory, path: Path) -> list[tuple[str, str]]:
         ("off the rows", f"at most {quantity(off['distance'])}, {quantity(off['turn'], 'rad')}"),
     ]
     for name, unit in units.items():
-        limit = "none" if limits[name] is None else f"{limits[name]:.4g} {unit}"
-        rows.append((name.replace("_", " "), f"{reached[name]:.4g} {unit}, limit {limit}"))
+        limit = "none" if limits[name] is None else limit_text(limits[name], unit)
+        rows.append((name.replace("_", " "), f"{quantity(reached[name], unit)}, limit {limit}"))
     return [*rows, ("use", header["use"])]

@@ -13,6 +13,7 @@ from cableway.cli.interrupts import INTERRUPTS
 from cableway.cli.options import LARGEST_SEED, Flag, Maybe, Options, option
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
+from cableway.core.quantities import limit_text
 
 if TYPE_CHECKING:
     from cableway.scene.task import Task
@@ -101,6 +102,6 @@ def _row(task: Task) -> dict[str, Any]:
 def _table(tasks: Sequence[Task]) -> Any:
     table = columns("task", "cable", "obstacles", "description")
     for task in tasks:
-        cable = f"{task.cable.length:.3g} m, {2000 * task.cable.radius:.3g} mm"
+        cable = f"{limit_text(task.cable.length)}, {limit_text(2 * task.cable.radius)}"
         table.add_row(Text(task.name), cable, str(len(task.scene.obstacles)), Text(task.description))
     return table

@@ -106,28 +106,32 @@ def faults(kind: Any, content: Any, place: Place = (), wanted: str = "") -> Iter
         yield _must_be("a whole number of at most 19 digits", content, place)
 
 
-def changed(kind: Any, content: Any, change: Callable[[float, tuple[Any, ...]], float]) -> Any:
+def changed(
+    kind: Any, content: Any, change: Callable[[float, tuple[Any, ...], Place], float], place: Place = ()
+) -> Any:
     """Plain data without faults with each number changed.
 
     Args:
         kind: Its type.
         content: The data.
-        change: Gives the new number for one, and for the annotations of its type.
+        change: Gives the new number for one, for the annotations of its type, and for its place.
+        place: Where the data stands.
     """
     notes = getattr(kind, "__metadata__", ())
     kind, _, _, tagged = _unwrapped(kind, "")
     if get_origin(kind) in (Union, types.UnionType):
         arms = (arm for arm in get_args(kind) if not any(faults(arm, content)))
-        return changed(Annotated[(next(arms), *notes)] if notes else next(arms), content, change)
+        return changed(Annotated[(next(arms), *notes)] if notes else next(arms), content, change, place)
     if tagged is not None:
         kind = tagged.kinds[content["type"]]
     if is_dataclass(kind):
         hints = _hints(kind)
-        return {key: changed(hints.get(key, Any), value, change) for key, value in content.items()}
+        return {key: changed(hints.get(key, Any), value, change, (*place, key)) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
         kinds = _entry_kinds(kind, len(content))
-        return [changed(entry, value, change) for entry, value in zip(kinds, content, strict=True)]
-    return change(content, notes) if kind is float else content
+        pairs = zip(kinds, content, strict=True)
+        return [changed(entry, value, change, (*place, i)) for i, (entry, value) in enumerate(pairs)]
+    return change(content, notes, place) if kind is float else content
 
 
 def _unwrapped(kind: Any, wanted: str) -> tuple[Any, str, int, Tagged | None]:

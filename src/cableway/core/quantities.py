@@ -1,11 +1,21 @@
-"""Quantities as people read them: lengths in millimetres, angles in degrees, no more digits than they need."""
+"""Quantities as people read them: lengths and places in millimetres, angles in degrees, no more digits than they need.
+
+Whatever says a number in a sentence, a report or a picture takes it from here; arrays, files and arguments are in SI
+units.
+"""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
-SHOWN = {"m": (" mm", 1000.0), "rad": (" degrees", math.degrees(1.0)), "1": ("%", 100.0)}
+SHOWN = {
+    **{f"m{per}": (f" mm{per}", 1000.0) for per in ("", "/s", "/s²", "/s³")},
+    **{f"rad{per}": (f" degrees{per}", math.degrees(1.0)) for per in ("", "/s", "/s²", "/s³")},
+    "m²": (" mm²", 1e6),
+    "1": ("%", 100.0),
+}
 """Unit and factor to it by the SI unit, "1" for a share; others are shown as they are."""
 
 MOST_DECIMALS = 6
@@ -22,13 +32,12 @@ def quantity(value: float, unit: str = "m") -> str:
 
 
 def limit_text(limit: float, unit: str = "m") -> str:
-    """A limit in SI units, without digits that say nothing.
+    """A limit, or a size as it was given, in SI units, without digits that say nothing.
 
-    >>> limit_text(0.002), limit_text(0.02, "1"), limit_text(20.0, "")
-    ('2 mm', '2%', '20')
+    >>> limit_text(0.002), limit_text(12.3456), limit_text(0.02, "1"), limit_text(20.0, "")
+    ('2 mm', '12346 mm', '2%', '20')
     """
-    name, factor = _shown(unit)
-    return f"{factor * limit:.4g}{name}"
+    return f"{_limit(limit, unit)}{_shown(unit)[0]}"
 
 
 def told_apart(value: float, limit: float, unit: str = "m") -> str:
@@ -37,13 +46,36 @@ def told_apart(value: float, limit: float, unit: str = "m") -> str:
     >>> told_apart(0.004824, 0.002), told_apart(0.0020004, 0.002)
     ('4.8 mm', '2.0004 mm')
     """
-    beside = float(f"{_shown(unit)[1] * limit:.4g}")
+    beside = float(_limit(limit, unit))
     texts = [_text(value, unit, more) for more in range(MOST_DECIMALS)]
     return next((text for text in texts if float(re.split("[ %]", text)[0]) != beside), texts[0])
 
 
+def place(point: Sequence[float]) -> str:
+    """Where on the table, from coordinates [m].
+
+    >>> place((0.35, -0.00001)), place((0.2, 0.17346))
+    ('(350, 0) mm', '(200, 173.5) mm')
+    """
+    return "({:g}, {:g}) mm".format(*(round(1000 * float(each), 1) + 0.0 for each in point))
+
+
+def size_text(size: tuple[float, float]) -> str:
+    """Width and height [m].
+
+    >>> size_text((0.7, 0.45))
+    '700 x 450 mm'
+    """
+    return f"{_limit(size[0], 'm')} x {limit_text(size[1])}"
+
+
 def _shown(unit: str) -> tuple[str, float]:
     return SHOWN.get(unit, (f" {unit}".rstrip(), 1.0))
+
+
+def _limit(limit: float, unit: str) -> str:
+    shown = _shown(unit)[1] * limit
+    return f"{shown:.4g}" if not abs(shown) >= 1e4 else f"{shown:.0f}"
 
 
 def _text(value: float, unit: str, more: int) -> str:

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from cableway.core.quantities import quantity
 from cableway.figures import scene, style
 from cableway.figures.marks import LINE, Mark, draw_marks, marks_of, sentence_lines, write_lines
 from cableway.records import Attempt, PaperStages, Plan
@@ -210,7 +211,7 @@ def draw_clearance(
     """Clearance [m] of the cable's surface and of the gripper discs over time [s], in millimetres."""
     curves = ((grippers, style.RIGHT, 1.3, "grippers"), (cable, style.INK, 1.7, "cable"))
     for curve, color, width, name in curves:
-        ax.plot(times, 1000 * curve, color=color, linewidth=width, label=f"{name}, least {1000 * curve.min():.1f} mm")
+        ax.plot(times, 1000 * curve, color=color, linewidth=width, label=f"{name}, least {quantity(curve.min())}")
     ax.axhline(0, color=style.BAD, linewidth=1.0, linestyle="--")
     low, high = min(0.0, cable.min(), grippers.min()), max(cable.max(), grippers.max(), 0.01)
     ax.set_ylim(1000 * (low - 0.05 * (high - low)), 1000 * (high + 0.05 * (high - low)))

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
+from cableway.core.quantities import quantity
 from cableway.figures import scene, style
 from cableway.figures.marks import LINE, draw_marks, marks_of, sentence_lines, write_lines
 from cableway.figures.plan import (
@@ -135,7 +136,7 @@ def draw_errors(
     least = 1e-4
     curves = ((to_reference, style.LEFT, 1.3, "to the reference"), (to_goal, style.INK, 1.7, "to the goal"))
     for curve, color, width, name in curves:
-        label = f"{name}, final {1000 * curve[-1]:.2f} mm"
+        label = f"{name}, final {quantity(curve[-1])}"
         ax.plot(times[: len(curve)], 1000 * np.maximum(curve, least), color=color, linewidth=width, label=label)
     ax.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=1.0, linestyle="--")
     ax.annotate(

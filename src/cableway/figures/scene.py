@@ -17,6 +17,7 @@ from matplotlib.patches import Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path
 
 from cableway.core.errors import TaskError, printable
+from cableway.core.quantities import limit_text, size_text
 from cableway.figures import style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.geometry import polyline, se2
@@ -34,7 +35,7 @@ LEAST_PANEL = 1.8
 
 
 def draw_scene(ax: Axes, task: Draft) -> None:
-    """Workspace, obstacles and port, in metres at equal scale."""
+    """Workspace, obstacles and port, drawn in metres at equal scale; the axes say millimetres."""
     width, height = task.scene.size
     ax.set_aspect("equal")
     ax.set_xlim(0, width)
@@ -44,8 +45,9 @@ def draw_scene(ax: Axes, task: Draft) -> None:
     ax.add_patch(walls)
     if task.port is not None:
         _draw_port(ax, task)
-    ax.set_xlabel("x [m]", fontsize=9, color=style.MUTED)
-    ax.set_ylabel("y [m]", fontsize=9, color=style.MUTED)
+    for axis, name in ((ax.xaxis, "x"), (ax.yaxis, "y")):
+        axis.set_label_text(f"{name} [mm]", fontsize=9, color=style.MUTED)
+        axis.set_major_formatter(lambda metres, _: f"{1000 * metres:g}")
     ax.tick_params(colors=style.MUTED, labelsize=8.5, length=3)
     for spine in ax.spines.values():
         spine.set_visible(False)
@@ -191,7 +193,7 @@ def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
     Each of `faults` is a sentence above the panel, with its number in a red ring at its place.
     """
     low, high = _view(task) if faults else (np.zeros(2), np.array(task.scene.size))
-    (width, height), (across, up) = _panel(*(high - low)), task.scene.size
+    width, height = _panel(*(high - low))
     wide = max(width, 4.5) + 1.0
     lines = sentence_lines([fault.sentence for fault in faults], wide - 1.0)
     tall = height + 1.9 + LINE * len(lines)
@@ -206,7 +208,8 @@ def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
     draw_marks(ax, [Mark(fault.sentence, fault.at) for fault in faults])
     write_lines(figure, 0.7, lines)
     cable = task.cable
-    facts = f"cable {cable.length:.3g} m long, {2000 * cable.radius:.3g} mm thick · workspace {across:g} m x {up:g} m"
+    facts = f"cable {limit_text(cable.length)} long, {limit_text(2 * cable.radius)} thick"
+    facts += f" · workspace {size_text(task.scene.size)}"
     text = "\n".join([*textwrap.wrap(printable(task.description), 88), facts])
     figure.text(0.5, 0.12 / tall, text, fontsize=8.5, color=style.MUTED, ha="center", va="bottom", parse_math=False)
     return figure

@@ -82,18 +82,18 @@ class Cable:
         TaskError: A value is not finite or out of range.
     """
 
-    length: Annotated[float, "a length in metres", Quantity("m", 0.01, 10.0)] = 0.3
-    radius: Annotated[float, "a length in metres", Quantity("m", 5e-5, 0.1)] = 0.004
+    length: Annotated[float, "a length", Quantity("m", 0.01, 10.0)] = 0.3
+    radius: Annotated[float, "a length", Quantity("m", 5e-5, 0.1)] = 0.004
     keypoints: Annotated[int, "a whole number"] = 13
     bending_stiffness: Annotated[float, "a number in N m^2", Quantity("N m^2", 1e-8, 1e3)] = 1e-3
     stiffness_profile: Annotated[tuple[float, ...], "a list of factors", 1] = (1.0,)
-    rest_curvature: Annotated[tuple[Curvature, ...], "a list of numbers in 1/m", 1] = (0.0,)
-    yield_curvature: Annotated[float, "a number in 1/m", Quantity("1/m", 0.0, 1e5)] = 0.0
+    rest_curvature: Annotated[tuple[Curvature, ...], "a list of numbers", 1] = (0.0,)
+    yield_curvature: Annotated[float, "a number", Quantity("1/m", 0.0, 1e5)] = 0.0
     damping_time: Annotated[float, "a number in seconds", Quantity("s", 1e-3, 1e2)] = 0.1
     linear_density: Annotated[float, "a number in kg/m", Quantity("kg/m", 1e-5, 1e2)] = 0.03
     friction: Annotated[float, "a Coulomb coefficient", Quantity("", 0.0, 10.0)] = 0.0
     drag: Annotated[float, "a number in N s/m^2", Quantity("N s/m^2", 0.0, 1e3)] = 0.0
-    min_bend_radius: Annotated[float, "a length in metres", Quantity("m", 0.0, 10.0)] = 0.0
+    min_bend_radius: Annotated[float, "a length", Quantity("m", 0.0, 10.0)] = 0.0
     preset: Annotated[str | None, "the name of a preset"] = None
 
     def __post_init__(self) -> None:
@@ -112,7 +112,7 @@ class Cable:
         for i, value in enumerate(self.rest_curvature):
             if abs(value) > tightest:
                 raise TaskError(
-                    f"must be from {-tightest:.4g} to {tightest:.4g} 1/m ({MOST_TURNS:g} full turns), got {value!r}",
+                    f"must be at most {MOST_TURNS:g} full turns, {tightest:.4g} 1/m, either way, got {value!r} 1/m",
                     ("cable", "rest_curvature", i),
                 )
 

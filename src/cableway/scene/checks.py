@@ -24,7 +24,10 @@ AngleUnit = Literal["rad", "deg"]
 PER_UNIT = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "rad": 1.0, "deg": 180.0 / math.pi}
 """How many of a unit make a metre or a radian."""
 
-SPELT = {"cm": "centimetres", "mm": "millimetres", "deg": "degrees"}
+UNITS = {"units": ("m", "mm", "cm"), "angles": ("rad", "deg")}
+"""What a file may say of them, by the key that says it."""
+
+SPELT = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "rad": "radians", "deg": "degrees"}
 
 LARGEST = 1e6
 """No number of a task is larger, in its unit; beyond it products of a few of them overflow."""
@@ -68,20 +71,29 @@ class Quantity:
 
     def _meant(self, number: float) -> str:
         """The unit that a number out of bounds seems to be given in, and how a file says so."""
-        key, units = {"m": ("units", ("mm", "cm")), "rad": ("angles", ("deg",))}.get(self.unit, ("", ()))
-        found = [unit for unit in units if self.least <= number / PER_UNIT[unit] <= self.most]
+        own = self.unit.partition("/")[0]
+        key, units = next(((key, units) for key, units in UNITS.items() if own in units), ("", ()))
+        found = [u for u in units if self.least <= number * PER_UNIT[own] / PER_UNIT[u] <= self.most]
         names, keys = (" or ".join(each) for each in ((SPELT[u] for u in found), (f"`{key}: {u}`" for u in found)))
         return f": if that is in {names}, say {keys}" if found else ""
 
-    def read(self, number: float, lengths: str, angles: str) -> float:
+    def read(self, number: float, place: Place, lengths: str, angles: str) -> float:
         """A number of a file in units of its own, in metres and radians.
 
         What is made of lengths, angles and times alone is converted; forces, masses and factors stay as they are.
+
+        Raises:
+            TaskError: It is out of bounds; the message has number and bounds in the file's units.
         """
-        numerator, _, denominator = self.unit.partition("/")
+        numerator, per, denominator = self.unit.partition("/")
         if numerator in ("m", "rad"):
-            return number / PER_UNIT[lengths if numerator == "m" else angles]
-        return number * PER_UNIT[lengths] if denominator == "m" and numerator == "1" else number
+            unit = lengths if numerator == "m" else angles
+            factor, unit = PER_UNIT[unit], unit + per + denominator
+        elif self.unit == "1/m":
+            factor, unit = 1 / PER_UNIT[lengths], f"1/{lengths}"
+        else:
+            factor, unit = 1.0, self.unit
+        return Quantity(unit, factor * self.least, factor * self.most)(number, place) / factor
 
 
 WORKSPACE = Quantity("m", 0.01, 50.0)
@@ -95,9 +107,9 @@ ANGLE = Quantity("rad", -12.6, 12.6)
 """Of an obstacle, a port or a gripper: two turns either way, as gripper angles run on."""
 
 Coordinate = Annotated[float, COORDINATE]
-Radians = Annotated[float, "an angle in radians", ANGLE]
-Point = Annotated[tuple[Coordinate, Coordinate], "[x, y] in metres"]
-Extent = Annotated[float, "a length in metres", EXTENT]
+Radians = Annotated[float, "an angle", ANGLE]
+Point = Annotated[tuple[Coordinate, Coordinate], "[x, y]"]
+Extent = Annotated[float, "a length", EXTENT]
 
 XY = (COORDINATE, COORDINATE)
 POSE = (COORDINATE, COORDINATE, ANGLE)

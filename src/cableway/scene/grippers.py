@@ -14,7 +14,7 @@ from cableway.scene import checks
 from cableway.scene.bodies import RIGHT, Body
 from cableway.scene.checks import Quantity
 
-PlugLength = Annotated[float, "a length in metres", Quantity("m", 1e-4, 1.0)]
+PlugLength = Annotated[float, "a length", Quantity("m", 1e-4, 1.0)]
 
 RAMPS = ("max_acceleration", "max_turn_acceleration", "max_jerk", "max_turn_jerk")
 """Limits of grippers that are not set by default."""
@@ -42,10 +42,10 @@ class Grippers:
         second and third differences of the rows, with the first and last row repeated before and after.
     """
 
-    radius: Annotated[float, "a length in metres", Quantity("m", 1e-4, 0.5)] = 0.004
-    max_step: Annotated[float, "a length in metres", Quantity("m", 1e-5, 1.0)] = 0.0133
-    max_turn: Annotated[float, "an angle in radians", Quantity("rad", 1e-4, math.pi)] = 0.133
-    separation: Annotated[float, "a length in metres", Quantity("m", 0.0, 10.0)] = 0.0
+    radius: Annotated[float, "a length", Quantity("m", 1e-4, 0.5)] = 0.004
+    max_step: Annotated[float, "a length", Quantity("m", 1e-5, 1.0)] = 0.0133
+    max_turn: Annotated[float, "an angle", Quantity("rad", 1e-4, math.pi)] = 0.133
+    separation: Annotated[float, "a length", Quantity("m", 0.0, 10.0)] = 0.0
     max_acceleration: Annotated[float | None, "a number", Quantity("m/s^2", 1e-3, 1e3)] = None
     max_turn_acceleration: Annotated[float | None, "a number", Quantity("rad/s^2", 1e-2, 1e4)] = None
     max_jerk: Annotated[float | None, "a number", Quantity("m/s^3", 1e-3, 1e5)] = None
@@ -120,8 +120,8 @@ class Port:
 
     position: checks.Point
     angle: checks.Radians
-    standoff: Annotated[float, "a length in metres", Quantity("m", 0.0, 1.0)]
-    depth: Annotated[float, "a length in metres", Quantity("m", 0.0, 1.0)]
+    standoff: Annotated[float, "a length", Quantity("m", 0.0, 1.0)]
+    depth: Annotated[float, "a length", Quantity("m", 0.0, 1.0)]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", checks.pair(self.position, ("port", "position"), checks.COORDINATE))

@@ -10,6 +10,7 @@ import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import TaskError
+from cableway.core.quantities import limit_text, place
 from cableway.geometry import polyline, se2
 from cableway.scene import checks
 
@@ -35,7 +36,7 @@ class Box:
     """
 
     center: checks.Point
-    size: Annotated[tuple[checks.Extent, checks.Extent], "[width, height] in metres"]
+    size: Annotated[tuple[checks.Extent, checks.Extent], "[width, height]"]
     angle: checks.Radians = 0.0
 
     def __post_init__(self) -> None:
@@ -126,7 +127,8 @@ def displaced(obstacle: Obstacle, by: tuple[float, float]) -> Obstacle:
 
 def _require_area(area: float, name: str) -> None:
     if area < MINIMUM_AREA:
-        raise TaskError(f"is degenerate: it gives an area of {area:.2g} m^2, below {MINIMUM_AREA:g}", (name,))
+        found, least = limit_text(area, "m²"), limit_text(MINIMUM_AREA, "m²")
+        raise TaskError(f"is degenerate: it gives an area of {found}, below {least}", (name,))
 
 
 def _area(vertices: Float[np.ndarray, "k 2"]) -> float:
@@ -161,6 +163,5 @@ def to_shapely(obstacle: Obstacle) -> shapely.Polygon:
 
 
 def describe(obstacle: Obstacle) -> str:
-    """A few words for messages, such as 'box at (0.350, 0.300)'."""
-    x, y = obstacle.vertices.mean(axis=0)
-    return f"{type(obstacle).__name__.lower()} at ({x:.3f}, {y:.3f})"
+    """A few words for messages, such as 'box at (350, 300) mm'."""
+    return f"{type(obstacle).__name__.lower()} at {place(obstacle.vertices.mean(axis=0))}"

@@ -12,6 +12,7 @@ import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import Point, TaskError
+from cableway.core.quantities import quantity, size_text
 from cableway.geometry import convex
 from cableway.scene import checks
 from cableway.scene.obstacles import Disc, Obstacle, describe, displaced, to_shapely
@@ -67,14 +68,13 @@ class Scene:
         beyond = float(max(-low.min(), (high - self.size).max()))
         if beyond <= WALL_TOLERANCE:
             return None
-        width, height = self.size
         whole = bool((high <= 0).any() or (low >= self.size).any())
         extreme = np.where(high - self.size > -low, high, low)  # of each axis the side that reaches farther
         middle = (low + high) / 2
         x, y = np.where((extreme < 0) | (extreme > self.size), np.clip(extreme, 0, self.size), middle)
         return TaskError(
             f"({describe(obstacle)}) {'lies wholly' if whole else 'reaches'} outside the workspace of "
-            f"{width:g} m x {height:g} m, by {1000 * beyond:.1f} mm",
+            f"{size_text(self.size)}, by {quantity(beyond)}",
             ("obstacles", index),
             at=(float(x), float(y)),
         )

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from cableway.core.brief import Brief
 from cableway.core.errors import InputError, TaskError
+from cableway.core.quantities import limit_text, size_text
 from cableway.rod.inverse import fit_keypoints, stable_near
 from cableway.rod.planar import PlanarRod
 from cableway.scene import checks, validity
@@ -142,11 +143,10 @@ class Task(Draft):
             raise faults[0].of(self, faults[1:])
 
     def _facts(self) -> Iterator[str]:
-        width, height = self.scene.size
         obstacles = len(self.scene.obstacles)
         yield repr(self.name)
-        yield f"cable {self.cable.length:g} m"
-        yield f"{obstacles} obstacle{'s'[: obstacles != 1]} in {width:g} m x {height:g} m"
+        yield f"cable {limit_text(self.cable.length)}"
+        yield f"{obstacles} obstacle{'s'[: obstacles != 1]} in {size_text(self.scene.size)}"
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the task to a YAML file; see `save_task`."""

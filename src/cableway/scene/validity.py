@@ -9,7 +9,7 @@ import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import Point, TaskError
-from cableway.core.quantities import limit_text, quantity, told_apart
+from cableway.core.quantities import limit_text, place, quantity, size_text, told_apart
 from cableway.geometry import polyline, se2
 from cableway.geometry.groups import SE2
 from cableway.rod.inverse import fit_keypoints
@@ -86,7 +86,7 @@ def pose_faults(
         if away[i] > POSE_TOLERANCE[0] or turned[i] > POSE_TOLERANCE[1]:
             yield TaskError(
                 f"do not fit the keypoints: the {side} pose is {_millimetres(away[i])} and "
-                f"{np.degrees(turned[i]):.0f} degrees off that end of the cable",
+                f"{quantity(turned[i], 'rad')} off that end of the cable",
                 (f"{end}_poses",),
                 at=_point(poses[i]),
             )
@@ -107,10 +107,9 @@ def port_faults(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> Iterato
     wanted = port.pose(plug, -port.standoff)
     away, turned = SE2.distance(pose, wanted)
     if away > PORT_TOLERANCE or turned > POSE_TOLERANCE[1]:
-        x, y, angle = wanted
         yield TaskError(
-            f"must have its right end at ({x:.4f}, {y:.4f}), {quantity(angle, 'rad')}, where the plug is port.standoff "
-            f"before the port; it is {_millimetres(float(away))} and {quantity(float(turned), 'rad')} off",
+            f"must have its right end at {place(wanted[:2])}, {quantity(wanted[2], 'rad')}, where the plug is "
+            f"port.standoff before the port; it is {_millimetres(away)} and {quantity(turned, 'rad')} off",
             ("goal",),
             at=_point(pose),
         )
@@ -137,8 +136,7 @@ def _outside(end: str, shape: Float[np.ndarray, "n 2"], scene: Scene) -> Iterato
     if outside.any():
         i = int(np.argmax(outside))
         yield TaskError(
-            f"at ({shape[i, 0]:g}, {shape[i, 1]:g}) lies outside the workspace of "
-            f"{scene.size[0]:g} m x {scene.size[1]:g} m",
+            f"at {place(shape[i])} lies outside the workspace of {size_text(scene.size)}",
             (end, i),
             at=_point(shape[i]),
         )
@@ -177,9 +175,8 @@ def _touching_itself(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) ->
     apart[np.abs(arc[:, None] - arc) < np.pi * cable.radius] = np.inf
     if apart.min() < 2 * cable.radius:
         one, other = np.unravel_index(np.argmin(apart), apart.shape)
-        x, y = curve[one]
         yield TaskError(
-            f"touches itself near ({x:.3f}, {y:.3f}): its centre line comes within {_millimetres(float(apart.min()))} "
+            f"touches itself near {place(curve[one])}: its centre line comes within {_millimetres(float(apart.min()))} "
             f"of itself, less than twice cable.radius {limit_text(cable.radius)}",
             (end,),
             at=_point((curve[one] + curve[other]) / 2),
@@ -228,4 +225,4 @@ def _point(point: Float[np.ndarray, "..."]) -> Point:
 
 
 def _millimetres(distance: float) -> str:
-    return f"{1000 * distance:.1f} mm" if distance >= 5e-5 else "less than 0.1 mm"
+    return quantity(distance) if distance >= 5e-5 else "less than 0.1 mm"

@@ -170,7 +170,7 @@ class CableSimulator:
                 self._chain.restore(self._fine.save())
             if clearance < -self.cable.radius:
                 raise SimulationError(
-                    f"the cable was pressed {-1000 * clearance:.1f} mm into an obstacle or wall, more than its radius"
+                    f"the cable was pressed {quantity(-clearance)} into an obstacle or wall, more than its radius"
                 )
         except SimulationError as error:
             self._chain.restore(before)
@@ -252,7 +252,7 @@ class CableSimulator:
         """Clearances at the start; an overlap of the cable is an error."""
         cable, discs = self._clearances(self._chain.polylines(coordinates[None]))
         if cable < 0:
-            raise SimulationError(f"the cable overlaps the scene by {-1000 * cable:.2f} mm at the start")
+            raise SimulationError(f"the cable overlaps the scene by {quantity(-cable)} at the start")
         return cable, discs
 
     def _clearances(self, lines: Float[np.ndarray, "k v 2"]) -> tuple[float, float]:

@@ -26,6 +26,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked
 from cableway.core.errors import InputError, SimulationError
+from cableway.core.quantities import quantity
 from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
 from cableway.records import Measurement, Observation
@@ -224,9 +225,7 @@ class TablePlant:
             if np.abs(self._line() - before).max() < REST * self.control_step:
                 break
         if min(self._clearances) <= 0:
-            raise SimulationError(
-                f"the cable touches something at the start, {1000 * -min(self._clearances):.1f} mm deep"
-            )
+            raise SimulationError(f"the cable touches something at the start, {quantity(-min(self._clearances))} deep")
 
     def _lay(self, line: Float[np.ndarray, "v 2"]) -> None:
         """Lay the chain along a planar curve of its length."""
@@ -258,7 +257,7 @@ class TablePlant:
             raise SimulationError(f"the simulation diverged: {' '.join(messages[:1]) or 'a state is not finite'}")
         slip = np.linalg.norm(lines[-1][[0, -1]] - data.mocap_pos[:, :2], axis=1).max()
         if slip > SLIP_DISTANCE:
-            raise SimulationError(f"the cable slipped in a gripper by {1000 * slip:.1f} mm, pulled or pressed too hard")
+            raise SimulationError(f"the cable slipped in a gripper by {quantity(slip)}, pulled or pressed too hard")
         cable = float(self._scene.clearance(np.array(lines), self.cable.radius).min())
         return min(cable, deepest), float(
             self._scene.signed_distance(np.array(discs)).min()

@@ -15,6 +15,7 @@ from scipy.interpolate import PchipInterpolator
 from cableway.control.base import Contact
 from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
+from cableway.core.quantities import place
 from cableway.estimation.gating import LEAST_SHARE, connected, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
@@ -105,8 +106,7 @@ class Recovery(Checked):
 
 def held_up(contact: Contact) -> str:
     """What a report says of a contact that nobody expected."""
-    x, y = contact.place
-    return f"something unknown seems to hold the cable near ({x:.3f}, {y:.3f})"
+    return f"something unknown seems to hold the cable near {place(contact.place)}"
 
 
 class Watch:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.quantities import quantity
 from cableway.geometry.groups import SE2
 from cableway.geometry.se2 import wrap_angle
 from cableway.records import Observation, Plan
@@ -62,7 +63,7 @@ def _explained(points: Float[np.ndarray, "k 2"], wanted: Float[np.ndarray, "k 2"
     name = min(mistakes, key=lambda name: _mean_distance(mistakes[name], wanted))
     if _mean_distance(mistakes[name], wanted) > FITS * off:
         return ""
-    return f"{what} {name}: they are {off:.3g} m off the start of the plan"
+    return f"{what} {name}: they are {quantity(off)} off the start of the plan"
 
 
 def _explained_poses(poses: Float[np.ndarray, "2 3"], wanted: Float[np.ndarray, "2 3"], task: Task) -> str:
@@ -108,8 +109,12 @@ def off_grippers(apart: Float[np.ndarray, "2"], turned: Float[np.ndarray, "2"]) 
     side = int(np.argmax(np.nan_to_num(np.fmax(apart / OFF, turned / BENT))))
     gripper = f"from where the {SIDES[side]} gripper is reported"
     if apart[side] > OFF:
-        return f"the camera's cable ends {1000 * apart[side]:.0f} mm {gripper}"
-    return f"the camera's cable points {turned[side]:.2f} rad away {gripper} to point" if turned[side] > BENT else ""
+        return f"the camera's cable ends {quantity(apart[side])} {gripper}"
+    return (
+        f"the camera's cable points {quantity(turned[side], 'rad')} away {gripper} to point"
+        if turned[side] > BENT
+        else ""
+    )
 
 
 def cable_ends(keypoints: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 3"]:

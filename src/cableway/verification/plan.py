@@ -319,5 +319,6 @@ def _optional(plan: Plan, followed: Followed, task: Task) -> list[Check]:
     """What only some tasks ask for."""
     checks = []
     if task.cable.min_bend_radius > 0:
-        checks.append(at_most("curvature", followed.curvature, "1/m", 1 / task.cable.min_bend_radius))
+        radius = 1 / np.maximum(followed.curvature, 1e-9)
+        checks.append(at_least("bend radius", radius, "m", task.cable.min_bend_radius))
     return checks

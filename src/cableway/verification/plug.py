@@ -10,6 +10,7 @@ import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import InputError
+from cableway.core.quantities import quantity
 from cableway.outcome import PORT_ANGLE, PORT_DEPTH, PORT_LATERAL
 from cableway.records import Check
 from cableway.scene.task import Task
@@ -47,11 +48,11 @@ class Inserted:
     def __str__(self) -> str:
         pairs = [("at the port", self.lateral_at_mouth, self.angle_at_mouth), ("at the end", self.lateral, self.angle)]
         parts = [
-            f"{1000 * lateral:.2f} mm and {np.degrees(angle):.2f} degrees off {where}"
+            f"{quantity(lateral)} and {quantity(angle, 'rad')} off {where}"
             for where, lateral, angle in pairs
             if lateral is not None and angle is not None
         ]
-        return f"{'yes' if self.inserted else 'no'}, {1000 * self.depth:.1f} mm deep, {', '.join(parts)}"
+        return f"{'yes' if self.inserted else 'no'}, {quantity(self.depth)} deep, {', '.join(parts)}"
 
 
 def require_port(task: Task) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from cableway.core.compiled import clock
 from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningInterrupted
 from cableway.core.provenance import describe
-from cableway.core.quantities import quantity
+from cableway.core.quantities import limit_text, quantity
 from cableway.core.time_limit import OutOfTime, time_limit
 from cableway.motion.resampling import smoothed
 from cableway.motion.time_parametrization import gripper_effort
@@ -142,11 +142,10 @@ def _given(given: Plan | Path | str, task: Task, options: SolveOptions, planner:
 
 def _ranked(task: Task, plans: Sequence[Plan], wanted: int) -> tuple[str, ...]:
     """By what alternatives are ranked, and how many there are, for the reader of the report."""
-    each = [f"{travel:.3f} m and {quantity(clearance)}"
+    each = [f"{quantity(travel)} and {quantity(clearance)}"
             for travel, clearance in (travel_and_clearance(plan, task) for plan in plans)]  # fmt: skip
-    ranked = (
-        f"Plans, best first, by travel of both grippers + {CLEARANCE_WEIGHT:g} m² / least clearance: {'; '.join(each)}."
-    )
+    ranked_by = f"travel of both grippers + {limit_text(CLEARANCE_WEIGHT, 'm²')} / least clearance"
+    ranked = f"Plans, best first, by {ranked_by}: {'; '.join(each)}."
     return (ranked,) if len(plans) == wanted else (f"{len(plans)} of {wanted} alternatives were found.", ranked)
 
 
@@ -250,7 +249,7 @@ def _other_cable(task: Task, options: SolveOptions) -> list[str]:
     name = options.model or entry.model
     learned: Mapping[str, Any] = resolve_name(entry.cable)(name)
     differing = [
-        f"{field.replace('_', ' ')} {learned[field]:g} {unit}".rstrip() + f" instead of {own:g}"
+        f"{field.replace('_', ' ')} {limit_text(learned[field], unit)} instead of {limit_text(own, unit)}"
         for field, unit in LEARNED.items()
         if field in learned and not math.isclose(own := getattr(task.cable, field), learned[field], rel_tol=0.01)
     ]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, PlanningError
-from cableway.core.quantities import limit_text, told_apart
+from cableway.core.quantities import limit_text, place, told_apart
 from cableway.planning.config import PivotConfig
 from cableway.planning.routes import band
 from cableway.planning.routes.pivot_grid import grid_path
@@ -65,7 +65,7 @@ def plan_pivot_path(
     for name, point, distance in zip(("start", "goal"), ends, scene.signed_distance(ends), strict=True):
         if distance < radius:
             raise PlanningError(
-                f"the {name} of the pivot path ({point[0]:.3f}, {point[1]:.3f}) is "
+                f"the {name} of the pivot path {place(point)} is "
                 f"{told_apart(distance, radius)} from the nearest obstacle, less than the {limit_text(radius)} required"
             )
     if np.array_equal(*ends):

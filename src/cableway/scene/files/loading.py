@@ -13,13 +13,13 @@ import numpy as np
 
 from cableway.core.checks import shown
 from cableway.core.errors import InputError, TaskError, UnknownNameError
-from cableway.core.quantities import limit_text, told_apart
+from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.rod.inverse import shape_between
 from cableway.scene import checks
 from cableway.scene.cable import Cable
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
-from cableway.scene.files.schema import GrippersSection, validate
+from cableway.scene.files.schema import validate
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
 from cableway.scene.scene import Scene
@@ -169,12 +169,12 @@ def _grippers(section: Mapping[str, Any]) -> Grippers:
     """Grippers with a largest step and turn in place of the speeds that a file may give."""
     given = dict(section)
     for step, speed in (("max_step", "max_speed"), ("max_turn", "max_turn_speed")):
-        value, place = given.pop(speed, None), ("grippers", speed)
+        value = given.pop(speed, None)
         if value is None:
             continue
         if step in given:
-            raise TaskError(f"and grippers.{step} say the same twice: give one of them", place)
-        given[step] = CONTROL_STEP * checks.quantities(GrippersSection)[speed](value, place)
+            raise TaskError(f"and grippers.{step} say the same twice: give one of them", ("grippers", speed))
+        given[step] = CONTROL_STEP * value
     return Grippers(**given)
 
 
@@ -207,8 +207,8 @@ def _shape(end: str, section: Any, cable: Cable) -> tuple[Any, Any, list[TaskErr
         q = shape_between(cable.rod, poses, bend)
     except InputError:
         problem = (
-            f"asks for a bend to the {bend}, but no stable shape of the cable between these grippers lies on that "
-            "side: try the other side, other poses, or keypoints"
+            f"asks for a bend to the {bend}, but no stable shape of the cable ({limit_text(cable.length)}) between "
+            f"these grippers ({quantity(gap)} apart) lies on that side: try the other side, other poses, or keypoints"
         )
         return None, poses, [TaskError(problem, (end, "bend"), at=(float(x), float(y)))]
     return cable.rod.at_keypoints(cable.rod.shapes(q[None])[0])[0], poses, []

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from cableway.core.configuration import Tagged, changed, faults
-from cableway.core.errors import TaskError
+from cableway.core.errors import Place, TaskError
 from cableway.scene import checks
 from cableway.scene.cable import Cable
 from cableway.scene.checks import AngleUnit, LengthUnit, Quantity
@@ -37,7 +37,7 @@ TurnSpeed = Annotated[float | None, "a number", Quantity("rad/s", 1e-3, 10 * mat
 class WorkspaceSection:
     """The key `workspace`."""
 
-    size: Annotated[tuple[Side, Side], "[width, height] in metres"] = Scene.size
+    size: Annotated[tuple[Side, Side], "[width, height]"] = Scene.size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,16 +52,16 @@ class GrippersSection(Grippers):
 class PolygonSection:
     """An obstacle of type `polygon`."""
 
-    vertices: Annotated[list[Point], "a list of at least 3 points [x, y] in metres"]
+    vertices: Annotated[list[Point], "a list of at least 3 points [x, y]"]
 
 
 @dataclass(frozen=True)
 class PosesSection:
     """A shape given by gripper poses and a side, or by keypoints together with the poses that make them."""
 
-    grippers: Annotated[tuple[Pose, Pose], "two poses [x, y, theta], left then right, in metres and radians"]
+    grippers: Annotated[tuple[Pose, Pose], "two poses [x, y, theta], left then right"]
     bend: Annotated[Literal["left", "right"] | None, "left or right"] = None
-    keypoints: Annotated[list[Point] | None, "a list of points [x, y] in metres"] = None
+    keypoints: Annotated[list[Point] | None, "a list of points [x, y]"] = None
 
 
 AnyObstacle = Annotated[
@@ -69,7 +69,7 @@ AnyObstacle = Annotated[
     "a mapping with the key type and those of that type",
     Tagged({"box": Box, "polygon": PolygonSection, "disc": Disc}),
 ]
-Shape = Annotated[list[Point] | PosesSection, "a list of keypoints [x, y] in metres, or a mapping of grippers and bend"]
+Shape = Annotated[list[Point] | PosesSection, "a list of keypoints [x, y], or a mapping of grippers and bend"]
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ def validate(document: Document) -> Mapping[str, Any]:
     """The content of a task file with every key and type checked, in metres and radians whatever its units are.
 
     Raises:
-        TaskError: The format version is another one, or a key is unknown, missing or of the wrong type; where there
-            are several faults, an unknown key before others and the one that stands first.
+        TaskError: The format version is another one, or a key is unknown, missing, of the wrong type or out of bounds;
+            where there are several faults, an unknown key before others and the one that stands first.
     """
     version = document.data.get("cableway", FORMAT_VERSION)
     if isinstance(version, int) and not isinstance(version, bool) and version != FORMAT_VERSION:
@@ -109,8 +109,11 @@ def validate(document: Document) -> Mapping[str, Any]:
         raise document.locate(TaskError(first.problem, first.place))
     lengths, angles = document.data.get("units", "m"), document.data.get("angles", "rad")
 
-    def read(number: float, notes: tuple[Any, ...]) -> float:
+    def read(number: float, notes: tuple[Any, ...], place: Place) -> float:
         quantity = next((note for note in notes if isinstance(note, Quantity)), None)
-        return number if quantity is None else quantity.read(number, lengths, angles)
+        return number if quantity is None else quantity.read(number, place, lengths, angles)
 
-    return changed(TaskFile, document.data, read)
+    try:
+        return changed(TaskFile, document.data, read)
+    except TaskError as error:
+        raise document.locate(error) from None

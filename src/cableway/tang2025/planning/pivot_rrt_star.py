@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, PlanningError
+from cableway.core.quantities import limit_text
 from cableway.geometry import convex
 from cableway.planning.config import PivotConfig
 from cableway.planning.routes import band
@@ -59,12 +60,12 @@ def rrt_star_path(
         util.setLogLevel(level)
     if path is None:
         raise PlanningError(
-            f"RRT* found no path for the cable's centre that keeps {1000 * radius:.1f} mm from the obstacles in "
+            f"RRT* found no path for the cable's centre that keeps {limit_text(radius)} from the obstacles in "
             f"{config.iterations} iterations"
         )
     path[0], path[-1] = start, goal
     if scene.clearance(path[None], radius)[0] < 0:
-        raise PlanningError(f"RRT* returned a path that does not keep {1000 * radius:.1f} mm from the obstacles")
+        raise PlanningError(f"RRT* returned a path that does not keep {limit_text(radius)} from the obstacles")
     return subdivide(path, config.resolution)
 
 
