@@ -9,6 +9,7 @@ import problems
 import pytest
 
 from cableway.planning.routes.infeasibility import _widest_way, find_blockage
+from cableway.scene.obstacles import Box
 
 
 @pytest.mark.parametrize("name", problems.SOLVABLE)
@@ -26,6 +27,16 @@ def test_a_gap_too_narrow_for_a_gripper_is_found_with_its_width_and_place(gap, b
         assert found.widest == pytest.approx(gap, abs=0.004)
         assert found.place == pytest.approx([0.3, 0.36], abs=0.02)
         assert "left gripper" in str(found)
+
+
+def test_a_gap_at_a_wall_is_found_in_the_gap_and_not_elsewhere_along_that_wall():
+    """In the open, a way along the wall is no wider than the gap, and as wide as any other."""
+    task = problems.task_between(
+        problems.LOW_ARC, problems.HIGH_ARC, (Box(center=(0.355, 0.36), size=(0.69, 0.03)),), name="at-a-wall"
+    )
+    found = find_blockage(task, 0.004)
+    assert found is not None
+    assert found.place == pytest.approx([0.005, 0.36], abs=0.005)
 
 
 def test_clearance_counts():

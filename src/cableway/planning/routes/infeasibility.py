@@ -19,6 +19,7 @@ from jaxtyping import Float
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
+from cableway.core.quantities import limit_text, place
 from cableway.core.time_limit import checkpoint
 from cableway.planning.routes.pivot import pivot_keypoint
 from cableway.scene.scene import Scene
@@ -33,6 +34,9 @@ DISTANCES = 3e8
 
 COARSE = 0.004
 """Spacing of the grid that is looked at first [m]."""
+
+TIE = 1e-6
+"""Weight of an edge's wider node against its nearer one."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +58,11 @@ class Blockage:
     place: Float[np.ndarray, "2"]
 
     def __str__(self) -> str:
-        x, y = self.place
         wide = f"about {1000 * self.widest:.0f} mm wide" if self.widest > 0 else "closed"
         return (
-            f"{self.who} needs a route {1000 * (self.thick + 2 * self.clearance):.0f} mm wide from start to goal "
-            f"({1000 * self.thick:.0f} mm and {1000 * self.clearance:.0f} mm of clearance on either side), "
-            f"and the widest one is {wide} at ({x:.3f}, {y:.3f})"
+            f"{self.who} needs a route {limit_text(self.thick + 2 * self.clearance)} wide from start to goal "
+            f"({limit_text(self.thick)} and {limit_text(self.clearance)} of clearance on either side), "
+            f"and the widest one is {wide} at {place(self.place)}"
         )
 
 
@@ -160,7 +163,7 @@ def _narrowest(grid: _Grid, body: _Body, clearance: float) -> tuple[float, tuple
     along = distance.ravel()[path[1:-1]]
     first = int(np.argmin(along))
     wider = np.flatnonzero(along[first:] > along[first] + 1e-9)
-    length = int(wider[0]) if len(wider) and along[first] > 0 else 1  # of a gap that is as narrow for some way
+    length = int(wider[0]) if len(wider) else 1  # of a place that is as narrow for some way
     at = path[1 + first + (length - 1) // 2]
     i, j = np.unravel_index(at, distance.shape)
     return float(distance[i, j]), (int(i), int(j))
@@ -169,7 +172,8 @@ def _narrowest(grid: _Grid, body: _Body, clearance: float) -> tuple[float, tuple
 def _widest_way(distance: np.ndarray, start: int, goal: int) -> np.ndarray:
     """Nodes, as indices into the flat grid, of the path whose least distance is greatest.
 
-    It is the one in a spanning tree of the greatest edges, where an edge is as wide as the nearer of its nodes.
+    It is the one in a spanning tree of the greatest edges, where an edge is as wide as the nearer of its nodes. Of
+    equal edges the one that leads away from obstacles is greater, so that the path follows no wall in the open.
     """
     index, flat = np.arange(distance.size).reshape(distance.shape), distance.ravel()
     pairs = [
@@ -179,7 +183,7 @@ def _widest_way(distance: np.ndarray, start: int, goal: int) -> np.ndarray:
         (index[1:, :-1], index[:-1, 1:]),
     ]
     one, other = (np.concatenate([pair[side].ravel() for pair in pairs]) for side in range(2))
-    narrowness = 1.0 + flat.max() - np.minimum(flat[one], flat[other])
+    narrowness = 1.0 + flat.max() - np.minimum(flat[one], flat[other]) - TIE * np.maximum(flat[one], flat[other])
     graph = sparse.coo_matrix((narrowness, (one, other)), (flat.size, flat.size))
     tree = csgraph.minimum_spanning_tree(graph)
     before = csgraph.breadth_first_order(tree, start, directed=False, return_predecessors=True)[1]
