@@ -85,15 +85,22 @@ class Quantity:
         Raises:
             TaskError: It is out of bounds; the message has number and bounds in the file's units.
         """
-        numerator, per, denominator = self.unit.partition("/")
-        if numerator in ("m", "rad"):
-            unit = lengths if numerator == "m" else angles
-            factor, unit = PER_UNIT[unit], unit + per + denominator
-        elif self.unit == "1/m":
-            factor, unit = 1 / PER_UNIT[lengths], f"1/{lengths}"
-        else:
-            factor, unit = 1.0, self.unit
-        return Quantity(unit, factor * self.least, factor * self.most)(number, place) / factor
+        quantity, factor = _in_units(self, lengths, angles)
+        return quantity(number, place) / factor
+
+
+@cache
+def _in_units(quantity: Quantity, lengths: str, angles: str) -> tuple[Quantity, float]:
+    """A quantity in other units, and how many of them make its own."""
+    numerator, per, denominator = quantity.unit.partition("/")
+    if numerator in ("m", "rad"):
+        unit = lengths if numerator == "m" else angles
+        factor, unit = PER_UNIT[unit], unit + per + denominator
+    elif quantity.unit == "1/m":
+        factor, unit = 1 / PER_UNIT[lengths], f"1/{lengths}"
+    else:
+        factor, unit = 1.0, quantity.unit
+    return Quantity(unit, factor * quantity.least, factor * quantity.most), factor
 
 
 WORKSPACE = Quantity("m", 0.01, 50.0)
