@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 SHOWN = {
     **{f"m{per}": (f" mm{per}", 1000.0) for per in ("", "/s", "/s²", "/s³")},
@@ -51,7 +51,7 @@ def told_apart(value: float, limit: float, unit: str = "m") -> str:
     return next((text for text in texts if float(re.split("[ %]", text)[0]) != beside), texts[0])
 
 
-def place(point: Sequence[float]) -> str:
+def place(point: Iterable[float]) -> str:
     """Where on the table, from coordinates [m].
 
     >>> place((0.35, -0.00001)), place((0.2, 0.17346))

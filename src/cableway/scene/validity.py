@@ -105,7 +105,7 @@ def plug_faults(end: str, pose: Float[np.ndarray, "3"], plug: Plug, scene: Scene
 def port_faults(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> Iterator[TaskError]:
     """Whether a right end `pose` [m, m, rad] of the goal brings the plug `standoff` before the mouth and in line."""
     wanted = port.pose(plug, -port.standoff)
-    away, turned = SE2.distance(pose, wanted)
+    away, turned = map(float, SE2.distance(pose, wanted))
     if away > PORT_TOLERANCE or turned > POSE_TOLERANCE[1]:
         yield TaskError(
             f"must have its right end at {place(wanted[:2])}, {quantity(wanted[2], 'rad')}, where the plug is "
