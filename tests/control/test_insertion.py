@@ -13,9 +13,9 @@ from cableway.control.insertion import InsertionConfig, InsertionController
 from cableway.core.errors import InputError
 from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.planning.insertion import plan_insertion
-from cableway.records import INSERTION, Plan, Rollout
+from cableway.records import INSERTION, Estimate, Plan, Rollout
 from cableway.scene.files.loading import load_task
-from cableway.scene.task import Task
+from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator
@@ -60,6 +60,34 @@ def test_held_askew_it_goes_in_because_the_grasp_is_estimated(before: Task, inse
     assert verify_insertion(askew, before).passed
     blindly = inserted(before, insertion, ASKEW, EstimatorConfig.nominal(), keypoint_noise=0.001, measurement_delay=0.1)
     assert not measure_insertion(blindly.poses[:, 1], before).inserted
+
+
+def test_what_the_run_to_the_port_learned_is_kept(before: Task, insertion: Plan):
+    """Held askew by 5 mm and 6 degrees, more than one shape tells: told the grasp, the controller aligns the plug."""
+    grasp = GraspConfig(right=(0.0, 0.005, 0.1))
+    turn = {"right grasp y": 0.005, "right grasp turn": 0.1}
+    known = {name: Estimate(value, 1e-3, nominal=0.0, prior=1.0) for name, value in turn.items()}
+    plants = [GraspedCable(CableSimulator(before), grasp) for _ in range(2)]
+    told = insert_plug(plants[0], insertion, controller=InsertionController(known=known))
+    untold = insert_plug(plants[1], insertion)
+    off = [measure_insertion(each.poses[:, 1], before).lateral for each in (told, untold)]
+    assert off[0] < 0.5 * off[1]
+
+
+def test_a_plug_that_is_not_aligned_yet_waits_before_the_port(before: Task, insertion: Plan):
+    """Grippers that turn slowly need longer than the hold; the plan goes on once the plug is aligned."""
+    slow = replace(before, grippers=replace(before.grippers, max_turn=0.0005))
+    known = {"right grasp turn": Estimate(0.1, 1e-3, nominal=0.0, prior=1.0)}
+    controller = InsertionController(known=known)
+    state = controller.init(slow, insertion)
+    frame, held = CableSimulator(slow).reset(), state.plan.held_steps
+    indices = []
+    for _ in range(3 * held):
+        action, state = controller.step(state, frame)
+        frame = replace(frame, time=frame.time + CONTROL_STEP, poses=frame.poses + action)
+        indices.append(state.index)
+    assert indices[held + 5] < held
+    assert indices[-1] > held
 
 
 def test_in_the_port_it_goes_straight(before: Task, askew: Rollout):

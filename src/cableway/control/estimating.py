@@ -51,7 +51,11 @@ class EstimatingState(FollowerState):
 
     @staticmethod
     def estimating(
-        task: Task, plan: Plan, config: EstimatingConfig, shape: Float[np.ndarray, "d"] | None = None
+        task: Task,
+        plan: Plan,
+        config: EstimatingConfig,
+        shape: Float[np.ndarray, "d"] | None = None,
+        known: Mapping[str, Estimate] | None = None,
     ) -> dict[str, Any]:
         """The fields of all of these before the first step, as `FollowerState.beginning` those of followers.
 
@@ -60,6 +64,7 @@ class EstimatingState(FollowerState):
             plan: To follow.
             config: With the settings of the estimation and the hold [s].
             shape: Of the task's rod in the plan's first row, if it is known.
+            known: What was estimated of the cable before, by name.
 
         Raises:
             InputError: Task and plan differ in their number of keypoints.
@@ -69,7 +74,7 @@ class EstimatingState(FollowerState):
         estimator = RodEstimator(rod, config.estimator, CONTROL_STEP, trust)
         if shape is None:
             shape = rod.continued(fit_keypoints(rod, plan.shapes[0])[0], plan.poses[0])
-        return {**beginning, "estimator": estimator, "estimate": estimator.start(shape)}
+        return {**beginning, "estimator": estimator, "estimate": estimator.start(shape, known)}
 
     def knowing(self, earlier: EstimatingState) -> Self:
         """The state before the first step of another plan, with what was estimated until then."""

@@ -87,17 +87,18 @@ class FollowerState(ControllerState):
         return Status.UNSEEN if self.tracker.steps_without_keypoints else Status.TRACKING
 
     def sending(
-        self, action: Float[np.ndarray, "2 3"], status: Status, max_span: float
+        self, action: Float[np.ndarray, "2 3"], status: Status, max_span: float, waits: bool = False
     ) -> tuple[Float[np.ndarray, "2 3"], Self]:
-        """The action within the limits, and the state after it; where the grippers are stopped the reference waits.
+        """The action within the limits, and the state after it.
 
         Args:
             action: (2, 3) gripper motion [m, m, rad].
             status: How it came about.
             max_span: Largest distance [m] between the grippers.
+            waits: Whether the reference waits, as it does in any case where the grippers are stopped.
         """
         action = within_limits(action, self.tracker.commanded, self.task.grippers, max_span)
-        return action, self._sent(action, status, waiting=status in (Status.STOPPED, Status.UNEXPLAINED))
+        return action, self._sent(action, status, waits or status in (Status.STOPPED, Status.UNEXPLAINED))
 
     def stopping(self, status: Status = Status.STOPPED) -> tuple[Float[np.ndarray, "2 3"], Self]:
         """Grippers that stand still, and the state after that."""

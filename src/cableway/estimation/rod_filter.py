@@ -10,6 +10,7 @@ What remains of the difference, low-pass filtered, is the output offset.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -161,11 +162,15 @@ class RodEstimator:
         """Whether parameters are estimated, and not the output offset alone."""
         return bool(self._prior.any())
 
-    def start(self, q: Float[np.ndarray, "d"]) -> RodEstimate:
-        """Nothing known but the first shape q."""
+    def start(self, q: Float[np.ndarray, "d"], known: Mapping[str, Estimate] | None = None) -> RodEstimate:
+        """The first shape q, and what was estimated of the parameters before, each by itself; by default nothing."""
         keypoints = self.rod.at_keypoints(self.rod.shapes(q[None])[0])[0]
+        theta, variance = self._nominal.copy(), np.ones(PARAMETERS)
+        for k, name in enumerate(material.NAMES):
+            if known and name in known and self._prior[k] > 0:
+                theta[k], variance[k] = known[name].value, (known[name].deviation / self._prior[k]) ** 2
         surprise = Surprise.none(keypoints, self.rod.length)
-        return RodEstimate(self._nominal, np.eye(PARAMETERS), np.array(q, float), np.zeros_like(keypoints), surprise)
+        return RodEstimate(theta, np.diag(variance), np.array(q, float), np.zeros_like(keypoints), surprise)
 
     def estimates(self, estimate: RodEstimate) -> dict[str, Estimate]:
         """The parameters by name."""

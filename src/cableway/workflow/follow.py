@@ -8,6 +8,7 @@ from typing import Any
 
 from cableway.commands import Commands
 from cableway.control.base import Controller
+from cableway.control.insertion import InsertionController
 from cableway.core.errors import ControlError, SimulationError, TrackingInterrupted
 from cableway.core.plugins import is_plugin, load_plugin
 from cableway.core.provenance import versions
@@ -68,8 +69,8 @@ def follow(
         )  # fmt: skip
         if run.insertion_plan is not None and may_insert(rollout, task):
             insertion = insert_plug(
-                plant, run.insertion_plan, watchdog=watchdog, seed=options.seed,
-                progress=lambda _, share: listener.progress("insertion", share),
+                plant, run.insertion_plan, controller=InsertionController(known=rollout.estimated()),
+                watchdog=watchdog, seed=options.seed, progress=lambda _, share: listener.progress("insertion", share),
             )  # fmt: skip
     except (SimulationError, ControlError) as error:
         failed = Outcome.CONTROLLER_FAILED if isinstance(error, ControlError) else Outcome.PLANT_FAILED
