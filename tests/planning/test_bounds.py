@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +16,11 @@ from cableway.core.errors import PlanningError
 from cableway.core.time_limit import OutOfTime, time_limit
 from cableway.motion import time_parametrization
 from cableway.motion.interpolation import MOST_STATIONS, evenly_moved
-from cableway.motion.time_parametrization import MOST_ROWS, with_ramps
+from cableway.motion.time_parametrization import MOST_ROWS, require_rows, with_ramps
 from cableway.outcome import Outcome
-from cableway.planning import rrt_connect
+from cableway.planning import candidates, rrt_connect
 from cableway.planning.config import PivotConfig
-from cableway.planning.projection import USUAL_RAMPS, ProjectionConfig, project
+from cableway.planning.projection import USUAL_RAMPS, ProjectedTrajectory, ProjectionConfig, project
 from cableway.planning.routes import pivot_grid
 from cableway.planning.routes.infeasibility import find_blockage
 from cableway.planning.routes.passages import find_passages
@@ -144,6 +145,22 @@ def test_a_plan_with_too_many_rows_is_refused_in_a_sentence(max_step: float):
     slow = replace(TASK, grippers=replace(TASK.grippers, max_step=max_step))
     with pytest.raises(PlanningError, match=rf"takes \d+ control steps, \d+ minutes.* has at most {MOST_ROWS}$"):
         cw.plan(slow)
+
+
+def test_after_a_motion_with_too_many_rows_another_is_tried(plan: cw.Plan, monkeypatch: pytest.MonkeyPatch):
+    """A trajectory that leads to no motion in time says nothing of the others."""
+    calls = count()
+
+    def first_too_long(*args: Any) -> ProjectedTrajectory:
+        if next(calls) == 0:
+            require_rows(MOST_ROWS + 1)
+        return project(*args)
+
+    monkeypatch.setattr(candidates, "project", first_too_long)
+    found = cw.plan(TASK)
+    assert found.verdict is not None
+    assert found.verdict.passed
+    assert found.metadata["initial_trajectory"] != plan.metadata["initial_trajectory"]
 
 
 def test_an_insertion_with_too_many_rows_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch):

@@ -119,7 +119,10 @@ class Search:
     def _project(self, initial: InitialTrajectory) -> Plan | Attempt:
         task, config = self.task, self.config
         self.report("projection", 0.0)
-        projected = project(initial.shapes, task, config.projection, lambda share: self.report("projection", share))
+        try:
+            projected = project(initial.shapes, task, config.projection, lambda share: self.report("projection", share))
+        except PlanningError as error:
+            return Attempt(str(error), initial.shapes, stages=initial.stages)
         self.report("projection", 1.0)
         found = self._judge(projected, initial)
         if isinstance(found, Plan) or config.projection.kind != "replan":
