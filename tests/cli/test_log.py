@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import re
@@ -15,7 +16,7 @@ from commands import Command
 from cableway.cli import show
 from cableway.core.provenance import versions
 
-RECORD = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (DEBUG|INFO|ERROR) cableway\.[\w.]+: \S")
+RECORD = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (DEBUG|INFO|ERROR) cableway\.[\w.]+\[\d+\]: \S")
 
 
 def records(path: Path) -> list[str]:
@@ -38,6 +39,20 @@ def test_a_run_is_logged_from_its_options_to_its_end(cableway: Command, moved_fi
     assert places == sorted(places)
 
 
+def test_what_a_run_is_made_with_is_logged_as_its_report_has_it(cableway: Command, moved_file: Path):
+    """Before it is used, so that it is there where the run does not come to a report."""
+    options = ("--controller", "rod-jacobian", "--no-video", "--quiet")
+    cableway("run", moved_file, *options, "--out", "o", "--log", "log.txt")
+    made_by = json.loads(Path("o/report.json").read_text())["configuration"]
+    text = Path("log.txt").read_text()
+    logged = {name: json.loads(found) for name, found in re.findall(r": (planner|plant|tracking): (\{.*\})\n", text)}
+    assert logged["planner"] == made_by["plan"]["planner"]
+    assert logged["plant"] == made_by["rollout"]["plant"]
+    assert logged["tracking"] == {name: made_by["rollout"][name] for name in logged["tracking"]}
+    assert logged["tracking"].keys() > {"controller", "recovery", "track"}
+    assert text.index(": tracking: {") < text.index("from 0.0 s on: tracking")
+
+
 def test_why_nothing_came_of_it_is_logged(cableway: Command, sealed_file: Path):
     cableway("plan", sealed_file, "--quiet", "--log", "log.txt")
     text = Path("log.txt").read_text()
@@ -51,7 +66,7 @@ def test_a_log_goes_on_with_the_next_command(cableway: Command):
     assert cableway("show", "nothing", "--log", "log.txt").status == 2
     after = records(Path("log.txt"))
     assert after[: len(before)] == before
-    assert " ERROR cableway.cli.log: unknown task 'nothing'" in after[-1]
+    assert re.search(r" ERROR cableway\.cli\.log\[\d+\]: unknown task 'nothing'", after[-1])
 
 
 def test_a_defect_is_logged_with_its_traceback(cableway: Command, monkeypatch: pytest.MonkeyPatch):

@@ -2,15 +2,41 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
+import re
 import signal
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import pytest
 
 from cableway.core import executors
+from cableway.core.logs import LogFile
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[Path]:
+    """The file that this process logs to."""
+    handler = LogFile(tmp_path / "log.txt")
+    logging.getLogger().addHandler(handler)
+    yield tmp_path / "log.txt"
+    logging.getLogger().removeHandler(handler)
+    handler.close()
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+def test_workers_log_to_the_file_of_the_process_that_began_them(log: Path, isolated: bool):
+    """Each record with the number of its process; records below the level of the root count, too."""
+    with executors.open_executor("local", 2, isolated=isolated) as pool:
+        for text in ("one", "two"):
+            pool.submit(logging.getLogger("cableway.worker").debug, (text,), None).result()
+    found = sorted(re.findall(r"DEBUG cableway\.worker\[(\d+)\]: (\w+)\n", log.read_text()), key=lambda pair: pair[1])
+    assert [text for _, text in found] == ["one", "two"]
+    assert str(os.getpid()) not in {process for process, _ in found}
 
 
 @pytest.mark.parametrize(

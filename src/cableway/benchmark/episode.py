@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
@@ -28,6 +29,8 @@ from cableway.workflow.compilation import EXAMPLE
 from cableway.workflow.registry import require_extras
 from cableway.workflow.run import Run
 from cableway.workflow.solve import solve
+
+LOGGER = logging.getLogger(__name__)
 
 STRICT_ERROR = 0.01
 """Stacked shape error [m] below which an episode is a success by the strict rule."""
@@ -167,6 +170,7 @@ def run_job(job: Job) -> Scored:
     Raises:
         CablewayError: The method or the task cannot be loaded. What a method raises comes through.
     """
+    LOGGER.info("%s, %s of %s", job.method, job.episode.name, job.episode.suite)
     warm_up(job.source)
     reference = reference_time()
     scored = _score(job)

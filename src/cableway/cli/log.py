@@ -10,14 +10,14 @@ import json
 import logging
 import platform
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from cableway.cli.interrupts import INTERRUPTS
 from cableway.cli.options import Options
-from cableway.core.errors import CablewayError, InputError, printable
+from cableway.core.errors import CablewayError, InputError
+from cableway.core.logs import LogFile
 from cableway.core.provenance import describe, versions
 
 LOGGER = logging.getLogger(__name__)
@@ -26,27 +26,6 @@ _NOWHERE = logging.NullHandler()
 
 LINE = re.compile(rb"\d{4}-\d\d-\d\d [\d:,]{12} INFO cableway\.")
 """How every log begins."""
-
-
-class _File(logging.FileHandler):
-    """Writes records to a file, each on lines of its own, until that fails.
-
-    Attributes:
-        problem: Why not everything was written, "" where it was.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, encoding="utf-8")
-        self.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-        self.problem = ""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """The record without control characters; what is not its first line is indented."""
-        return printable(super().format(record)).replace("\n", "\n    ")
-
-    def handleError(self, record: logging.LogRecord) -> None:
-        """Remember why a record could not be written."""
-        self.problem = self.problem or str(sys.exc_info()[1])
 
 
 @contextmanager
@@ -86,13 +65,13 @@ def logged(options: Options, arguments: list[str]) -> Iterator[None]:
             Terminal(options).note(f"{options.log}: the log is not whole: {handler.problem}")
 
 
-def _opened(path: Path) -> _File:
+def _opened(path: Path) -> LogFile:
     try:
         if path.is_file() and path.stat().st_size:
             with open(path, "rb") as file:
                 if not LINE.match(file.read(100)):
                     raise InputError(f"--log {path}: the file exists and is no log of cableway; give another name")
-        return _File(path)
+        return LogFile(path)
     except OSError as error:
         raise InputError(f"--log {path}: the file cannot be written: {error.strerror}") from None
 

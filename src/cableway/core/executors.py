@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import faulthandler
 import itertools
-import logging
 import multiprocessing
 import os
 import signal
@@ -21,6 +20,7 @@ from typing import Any, Protocol, TypeVar
 
 from cableway.core.errors import InputError, SimulationError, UnknownNameError, said
 from cableway.core.extras import require
+from cableway.core.logs import log_file, log_to
 
 PATIENCE = 4.0
 """Wall time that an isolated local call may take, in units of its limit of processor time."""
@@ -144,7 +144,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
         yield Executor(_Later, 1)
         return
     before = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin_worker)
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin_worker, (log_file(),))
 
     def submit(function: Callable[..., Any], arguments: tuple[Any, ...], _: float | None) -> Any:
         with _deaf_to_interrupts():
@@ -173,7 +173,7 @@ def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator
 
     count = workers or cores()
     context: Any = multiprocessing.get_context("spawn")
-    pool = pebble.ProcessPool(count, context=context, initializer=begin_worker, initargs=[begin])
+    pool = pebble.ProcessPool(count, context=context, initializer=begin_worker, initargs=[log_file(), begin])
 
     def submit(function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> Any:
         most = None if limit is None else PATIENCE * limit
@@ -224,14 +224,14 @@ def _deaf_to_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def begin_worker(begin: Callable[[], None] | None = None) -> None:
+def begin_worker(log: str | None, begin: Callable[[], None] | None = None) -> None:
     """In a worker: an interrupt is for the main process, and a main process that was killed takes its workers along.
 
     A worker that is to end does so in the midst of a kernel, too, which a handler written in Python would wait for.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    logging.getLogger().addHandler(logging.NullHandler())  # what libraries warn of is nothing for stderr
+    log_to(log)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if begin is not None:
         begin()

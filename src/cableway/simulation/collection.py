@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -28,6 +29,8 @@ from cableway.datasets.writing import DatasetWriter, Origin, open_writer
 from cableway.scene.files.loading import load_task
 from cableway.scene.scene import Scene
 from cableway.simulation.episodes import CollectionConfig, Collector, Episode
+
+LOGGER = logging.getLogger(__name__)
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
@@ -79,6 +82,7 @@ def collect(
         StorageError: There is no room for the next shard; what is complete stays.
     """
     job = _Job.of(config)
+    LOGGER.info("collection: %s", json.dumps(job.origin.config))
     with open_executor(executor, workers) as pool, open_writer(Path(folder), job.origin) as writer:
         missing = (first for first in itertools.count(0, config.shard_episodes) if writer.shard(first) is None)
         chunks = ((job, *chunk) for first in missing for chunk in _chunks(first, config.shard_episodes))
@@ -179,4 +183,6 @@ def _collector(job: _Job) -> Collector:
 
 def _simulate(job: _Job, begin: int, end: int) -> list[Episode]:
     collector = _collector(job)
-    return [collector.episode(number) for number in range(begin, end)]
+    episodes = [collector.episode(number) for number in range(begin, end)]
+    LOGGER.debug("episodes %d to %d ended: %s", begin, end - 1, ", ".join(each.ended for each in episodes))
+    return episodes

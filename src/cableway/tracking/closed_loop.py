@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 from collections.abc import Callable
@@ -80,12 +81,14 @@ def track(
         )
     loop = Loop(plant, controller, plan, config, watchdog or Watchdog())
     watch = Watch(recovery, plant.control_step) if recovery is not None else None
+    settings = _settings(controller, config, recovery, seed)
+    LOGGER.info("tracking: %s", json.dumps(settings))
     try:
         ending = _lead(loop, watch, progress)
     except KeyboardInterrupt:
         stopped = Ending(Outcome.INTERRUPTED, "from the keyboard")
-        raise TrackingInterrupted(_record(loop, watch, _metadata(controller, config, stopped, seed))) from None
-    return _record(loop, watch, _metadata(controller, config, ending, seed))
+        raise TrackingInterrupted(_record(loop, watch, stopped, settings)) from None
+    return _record(loop, watch, ending, settings)
 
 
 def _lead(loop: Loop, watch: Watch | None, progress: Progress | None) -> Ending:
@@ -108,13 +111,13 @@ def _lead(loop: Loop, watch: Watch | None, progress: Progress | None) -> Ending:
     return ending
 
 
-def _record(loop: Loop, watch: Watch | None, metadata: dict[str, Any]) -> Rollout:
+def _record(loop: Loop, watch: Watch | None, ending: Ending, settings: dict[str, Any]) -> Rollout:
     """The rollout so far."""
-    LOGGER.info("ended after %.1f s: %s; %s", loop.time, metadata["outcome"], metadata["detail"] or "no detail")
+    LOGGER.info("ended after %.1f s: %s; %s", loop.time, ending.outcome.value, ending.detail or "no detail")
     recovered = watch.recovered if watch is not None else []
     suspected = [[*disc.center, disc.radius] for disc in loop.suspected]
     happened = {"recovered": recovered, "suspected": suspected, "watchdog": loop.guard.record()}
-    return loop.log.rollout(metadata | happened)
+    return loop.log.rollout({**settings, "outcome": ending.outcome.value, "detail": ending.detail, **happened})
 
 
 def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
@@ -141,12 +144,12 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
     return ending
 
 
-def _metadata(controller: Controller[Any], config: TrackConfig, ending: Ending, seed: int) -> dict[str, Any]:
+def _settings(controller: Controller[Any], config: TrackConfig, recovery: Recovery | None, seed: int) -> dict[str, Any]:
+    recovers = {} if recovery is None else {name: value for name, value in vars(recovery).items() if name != "replan"}
     return {
         "seed": seed,
-        "outcome": ending.outcome.value,
-        "detail": ending.detail,
         "control_step": controller.control_step,
         "controller": {"name": type(controller).__name__, "config": describe(controller.config)},
         "track": describe(config),
+        "recovery": recovers or None,
     }

@@ -18,6 +18,7 @@ from cableway.control.rod_mpc import RodMPC
 from cableway.core.compiled import compiled_among, is_compiled, kernels_below, mark_compiled, watched
 from cableway.core.executors import cores
 from cableway.core.kernel_cache import trusted_folder
+from cableway.core.logs import log_file, log_to
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Plan
 from cableway.scene.files.loading import load_task
@@ -64,7 +65,7 @@ when they are needed."""
 
 COMPILING = "Compiling kernels; this happens once, the next run finds them in your cache folder."
 
-AHEAD = "from cableway.workflow.compilation import compile_ahead; compile_ahead()"
+AHEAD = "import sys; from cableway.workflow.compilation import compile_ahead; compile_ahead(*sys.argv[1:])"
 
 
 @cache
@@ -81,8 +82,9 @@ def compile_tracking() -> None:
     mark_compiled(TRACKING)
 
 
-def compile_ahead() -> None:
-    """What a second process compiles."""
+def compile_ahead(log: str | None = None) -> None:
+    """What a second process compiles, with the file that it logs to."""
+    log_to(log)
     task, plan = _standing()
     verify_plan(plan, task)
     compile_tracking()
@@ -125,10 +127,9 @@ class Compilation:
             self._listener.emit(Note(COMPILING))
             self._tell()
         if TRACKING in self._stages and self._is_missing(TRACKING) and _can_share():
-            nowhere = subprocess.DEVNULL
-            self._second = subprocess.Popen(
-                [sys.executable, "-c", AHEAD], stdin=nowhere, stdout=nowhere, stderr=nowhere
-            )
+            nowhere, log = subprocess.DEVNULL, log_file()
+            command = [sys.executable, "-c", AHEAD, *([log] if log else [])]
+            self._second = subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere)
         if PLANNING not in self._stages:
             return ()
         with watched(self._tell):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -32,6 +34,8 @@ from cableway.workflow.registry import Planner, controller_entry
 from cableway.workflow.rehearsal import rehearsed_plan
 from cableway.workflow.run import Run, SolveOptions
 
+LOGGER = logging.getLogger(__name__)
+
 
 def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str, ...] = ()) -> Run:
     """Plan a task.
@@ -50,6 +54,7 @@ def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str
         KeyboardInterrupt: The search was interrupted from the keyboard; the listener has what came closest.
     """
     planner, insertion_plan = options.resolved_planner(), None
+    LOGGER.info("planner: %s", json.dumps(describe(planner.config)))
     notes = (*_warnings(task, options, listener), *notes)
     timer = StageTimer(listener.progress)
     common: dict[str, Any] = {"timings": timer.seconds, "seed": options.seed, "limits": planner.limits}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import json
+import logging
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +24,8 @@ from cableway.workflow.find import search
 from cableway.workflow.own_plant import OwnPlant
 from cableway.workflow.registry import controller_entry, controller_is_compiled, make_controller
 from cableway.workflow.run import Run, SolveOptions
+
+LOGGER = logging.getLogger(__name__)
 
 COMPILING = "Compiling the controller; this happens once, the next run finds it in your cache folder."
 
@@ -58,7 +62,8 @@ def follow(
     assert run.plan is not None
     task, perturbation, watchdog = run.task, options.perturbation, Watchdog(deadline=options.deadline)
     rollout = insertion = problem = None
-    actual, notes = task, ()
+    actual, notes, made_by = task, (), _made_by(task, options, own)
+    LOGGER.info("plant: %s", json.dumps(made_by["plant"]))
     try:
         actual = perturbation.true_task(task)
         plant = own or perturbation.build(task, options.seed)
@@ -84,7 +89,6 @@ def follow(
         problem = (Outcome.INTERRUPTED, "the run was interrupted")
     elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
-    made_by = _made_by(task, options, own)
     rollout, insertion = _with(rollout, made_by), _with(insertion, made_by)
     run = replace(run, rollout=rollout, insertion=insertion)
     try:
