@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import csv
 import itertools
+import re
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,9 @@ LAB = [
 """Tasks and cables of the paper's summary: the long ones on two tasks, the short ones on the maze twice as often; and
 its three other cables, on all."""
 
+LENGTHS = (0.15, 0.3, 0.6, 0.9, 1.2, 2.0)
+"""[m]"""
+
 PATTERNS = {
     "plants": ("clutter-{}",),
     "sensing": ("clutter-{}",),
@@ -57,6 +61,7 @@ PATTERNS = {
     "faults": tuple(kind for kind in ("clutter-{}", "corridor-{}@0.06") for _ in FAULTS_SUITE),
     "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
     "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
+    "lengths": tuple(f"clutter-{{}}^{length}" for length in LENGTHS),
     "unconstrained": ("open-near-{}", "open-far-{}"),
     "lab-unconstrained": tuple(f"open-{way}-{{}}~{cable}" for way in ("near", "far") for cable in LONG),
 }
@@ -67,6 +72,7 @@ IN_TURN = {
     "sensing": SENSING_SUITE,
     "table": TABLE_SUITE,
     "faults": FAULTS_SUITE,
+    "lengths": ("nominal",) * len(LENGTHS) + ("hard",) * len(LENGTHS),
     "lab-unconstrained": ("laid",),
 }
 """Plants, in turn; otherwise the nominal one."""
@@ -115,7 +121,7 @@ def described(task: str, plant: str, seed: int) -> list[str]:
     if plant != "nominal":
         named_perturbation(plant, made, seed).build(made, seed)
     name = (
-        task.replace("@", "-").replace("~", "-")
+        re.sub("[@~^]", "-", task)
         + ("" if plant == "nominal" else f"-{plant}")
         + (f"-s{seed}" if seed else "")
     )

@@ -23,6 +23,7 @@ from cableway.scene.files.saving import task_text
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import RENAMED
 from cableway.tasks.generation import END_DECIMALS, random_task
+from cableway.tasks.scaling import scaled
 
 SIZES = ("quick", "standard", "full")
 """Names of the sizes."""
@@ -36,7 +37,8 @@ class Episode:
         suite: Name of its suite.
         name: Its own name, unique in the suite.
         task: A task of the catalogue, or the kind and seed of a random one, with the width of its passage after "@";
-            after "~" the preset and the length of another cable, which starts and ends in the same shapes, scaled.
+            after "^" the length [m] of its cable, to which all is scaled; after "~" the preset and the length of
+            another cable, which starts and ends in the same shapes, scaled.
         plant: Name of the plant.
         seed: Of the planner and of the noise.
         digest: First half of the SHA-256 of the task's YAML, in hexadecimal digits.
@@ -108,6 +110,7 @@ SUITES = {
         Suite("table", 1, "clutter, dense and mazes; the cable in space on a table", "plant", (12, 102, 306)),
         Suite("faults", 1, "clutter and corridors; faults of robot, camera, controller and scene", "plant",
               (20, 120, 520)),
+        Suite("lengths", 1, "clutter; cables of 0.15 to 2 m, everything on the table scaled", "cable", (12, 96, 480)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
         Suite("lab-constrained", 1, "the paper's three tasks with obstacles, cables of its seven kinds, placed and "
               "measured as in a laboratory", "task", (21, 84, 1008)),
@@ -156,7 +159,7 @@ def kind_of(task: str) -> str:
     >>> kind_of("slot-20001@0.025"), kind_of("maze-1"), kind_of("real-maze~rubber-0.17")
     ('slot 25 mm', 'maze-1', 'real-maze')
     """
-    task = task.partition("~")[0]
+    task = task.partition("~")[0].partition("^")[0]
     if task in task_names():
         return task
     name, _, width = task.partition("@")
@@ -164,12 +167,13 @@ def kind_of(task: str) -> str:
 
 
 def cable_of(task: str) -> str:
-    """The preset that a task names.
+    """The preset that a task names, or the length of its cable.
 
-    >>> cable_of("open-far-20001~usb-0.34"), cable_of("maze-1")
-    ('usb', '')
+    >>> cable_of("open-far-20001~usb-0.34"), cable_of("clutter-20004^1.2"), cable_of("maze-1")
+    ('usb', '1.2 m', '')
     """
-    return task.partition("~")[2].rpartition("-")[0]
+    length = task.partition("^")[2]
+    return f"{length} m" if length else task.partition("~")[2].rpartition("-")[0]
 
 
 def make_task(reference: str) -> Task:
@@ -179,12 +183,15 @@ def make_task(reference: str) -> Task:
         InputError: There is none.
     """
     base, _, cable = reference.partition("~")
+    base, _, length = base.partition("^")
     if base in task_names():
         task = load_task(base)
     else:
         name, _, width = base.partition("@")
         kind, _, seed = name.rpartition("-")
         task = random_task(int(seed), kind, width=float(width) if width else None)
+    if length:
+        task = replace(scaled(task, float(length) / task.cable.length), name=reference.replace("^", "-"))
     if not cable:
         return task
     preset, _, length = cable.rpartition("-")

@@ -36,7 +36,7 @@ class Bench(EpisodeOptions):
 
     suites: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SUITES")]
     """Names, separated by commas, or all: paper, clutter, dense, corridors, mazes, plants, sensing, table, faults,
-    unconstrained, lab-constrained, lab-unconstrained, lab-drawn, blocked."""
+    lengths, unconstrained, lab-constrained, lab-unconstrained, lab-drawn, blocked."""
 
     size: Annotated[str, tyro.conf.arg(metavar="{quick,standard,full}")] = "quick"
     """How many episodes of each suite."""
