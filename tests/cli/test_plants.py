@@ -98,6 +98,8 @@ def test_of_a_preset_all_but_the_length_is_taken(write):
         ("cableway: 1\nsensing: {drop_rate: often}", "sensing.drop_rate must be a number, got 'often'"),
         ("cableway: 1\nsimulation: {time_step: 0.003}", "must divide the control step"),
         ("cableway: 1\nsimulation: {control_step: 0.05}", "control_step must be 0.1 s, the step of the controllers"),
+        ("cableway: 1\npegs: [[330, 330, 15]]", r"center\[0\] must be from -50 to 50 m, got 330.0$"),
+        ("cableway: 1\npegs: [[0.35, 0.14, 0.02]]", r"pegs as here, start overlaps obstacles\[0\] \(disc at "),
         ("[1", "not valid YAML"),
     ],
 )
@@ -134,4 +136,4 @@ def test_a_file_can_displace_start_and_obstacles(write):
     np.testing.assert_allclose(plant.reset().keypoints, true.start, atol=1e-4)
     assert perturbation.as_dict(task)["start"] == [[0.003, 0, 0.02], [0, 0.003, 0]]
     with pytest.raises(InputError, match=f"one displacement for each of the task's {count} obstacles"):
-        read_perturbation(write(f"cableway: 1\nobstacles: {[[0.0, 0.0]] * (count + 1)}"), task).true_task(task)
+        read_perturbation(write(f"cableway: 1\nobstacles: {[[0.0, 0.0]] * (count + 1)}"), task)

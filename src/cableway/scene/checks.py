@@ -41,11 +41,13 @@ class Quantity:
         unit: As messages write it; "" for a factor.
         least: Smallest value; above zero for what must be positive.
         most: Largest value.
+        of_file: Whether the number stands in a task file, which may say what unit it is in.
     """
 
     unit: str
     least: float = -LARGEST
     most: float = LARGEST
+    of_file: bool = False
 
     def __call__(self, value: Any, place: Place) -> float:
         """`value` as a float within the bounds.
@@ -73,7 +75,7 @@ class Quantity:
         """The unit that a number out of bounds seems to be given in, and how a file says so."""
         own = self.unit.partition("/")[0]
         key, units = next(((key, units) for key, units in UNITS.items() if own in units), ("", ()))
-        found = [u for u in units if self.least <= number * PER_UNIT[own] / PER_UNIT[u] <= self.most]
+        found = [u for u in units if self.of_file and self.least <= number * PER_UNIT[own] / PER_UNIT[u] <= self.most]
         names, keys = (" or ".join(each) for each in ((SPELT[u] for u in found), (f"`{key}: {u}`" for u in found)))
         return f": if that is in {names}, say {keys}" if found else ""
 
@@ -100,7 +102,7 @@ def _in_units(quantity: Quantity, lengths: str, angles: str) -> tuple[Quantity, 
         factor, unit = 1 / PER_UNIT[lengths], f"1/{lengths}"
     else:
         factor, unit = 1.0, quantity.unit
-    return Quantity(unit, factor * quantity.least, factor * quantity.most), factor
+    return Quantity(unit, factor * quantity.least, factor * quantity.most, of_file=True), factor
 
 
 WORKSPACE = Quantity("m", 0.01, 50.0)

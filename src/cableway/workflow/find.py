@@ -31,7 +31,7 @@ from cableway.scene.task import Task
 from cableway.verification import kind_of, require_verified
 from cableway.workflow.events import Listener, Note, Planned
 from cableway.workflow.registry import Planner, controller_entry
-from cableway.workflow.rehearsal import rehearsed_plan
+from cableway.workflow.rehearsal import Rehearsed, rehearsed_plan
 from cableway.workflow.run import Run, SolveOptions
 
 LOGGER = logging.getLogger(__name__)
@@ -183,8 +183,7 @@ def _rehearsed(plan: Plan) -> tuple[str, ...]:
         return ()
     if not record["plans"]:
         return ("The time limit ran out in the rehearsal of the plan on the simulated cable.",)
-    deviation, clearance = (quantity(record[name]) for name in ("deviation", "clearance"))
-    went = f"largest deviation {deviation}, clearance {clearance}, final error {quantity(record['shape_error'])}"
+    went = Rehearsed(record["deviation"], record["clearance"], record["shape_error"])
     if record["passed"]:
         return (f"Plan {record['plans']} of those rehearsed on the simulated cable: {went}.",)
     return (f"None of {record['plans']} plans passed rehearsal on the simulated cable; the best one: {went}.",)

@@ -21,6 +21,7 @@ from cableway.control.base import Controller
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.checks import Checked, Positive
 from cableway.core.errors import PlanningError, SimulationError
+from cableway.core.quantities import quantity
 from cableway.core.time_limit import OutOfTime, checkpoint
 from cableway.records import Plan
 from cableway.scene.files.loading import TaskSource, as_task
@@ -64,6 +65,10 @@ class Rehearsed:
     deviation: float
     clearance: float
     shape_error: float
+
+    def __str__(self) -> str:
+        clearance, error = quantity(self.clearance), quantity(self.shape_error)
+        return f"largest deviation {quantity(self.deviation)}, clearance {clearance}, final error {error}"
 
     def passes(self, config: RehearsalConfig) -> bool:
         """Whether it is good enough."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from cableway.core.checks import shown
 from cableway.core.configuration import faults, from_mapping
-from cableway.core.errors import InputError, TaskError
+from cableway.core.errors import InputError, SimulationError, TaskError
 from cableway.scene.cable import Cable
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
@@ -30,7 +30,7 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
 
     Raises:
         FileFormatError: The file is missing or not YAML.
-        InputError: A section or key is unknown, or a value is not allowed.
+        InputError: A section or key is unknown, or a value is not allowed, or makes a task that cannot be.
     """
     document = read_document(path)
     content = document.data
@@ -48,6 +48,10 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
     if perturbation.simulation.control_step != CONTROL_STEP:
         raise InputError(f"{path}: simulation.control_step must be {CONTROL_STEP} s, the step of the controllers")
     note = f"The plant is perturbed as {path.name} says; planner and controller know only the task."
+    try:
+        perturbation.true_task(task)
+    except (InputError, SimulationError) as error:
+        raise InputError(f"{path}: with start, obstacles and pegs as here, {error}") from None
     return replace(perturbation, notes=(note,))
 
 
