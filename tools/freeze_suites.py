@@ -120,11 +120,7 @@ def described(task: str, plant: str, seed: int) -> list[str]:
         raise InputError(f"the ends of {task} have {1000 * room:.1f} mm of clearance")
     if plant != "nominal":
         named_perturbation(plant, made, seed).build(made, seed)
-    name = (
-        re.sub("[@~^]", "-", task)
-        + ("" if plant == "nominal" else f"-{plant}")
-        + (f"-s{seed}" if seed else "")
-    )
+    name = re.sub("[@~^]", "-", task) + ("" if plant == "nominal" else f"-{plant}") + (f"-s{seed}" if seed else "")
     return [name, task, plant, str(seed), task_digest(task, made)]
 
 
