@@ -183,7 +183,7 @@ def _rehearsed(plan: Plan) -> tuple[str, ...]:
         return ()
     if not record["plans"]:
         return ("The time limit ran out in the rehearsal of the plan on the simulated cable.",)
-    went = Rehearsed(record["deviation"], record["clearance"], record["shape_error"])
+    went = Rehearsed(**{field: record[field] for field in ("deviation", "clearance", "shape_error")})
     if record["passed"]:
         return (f"Plan {record['plans']} of those rehearsed on the simulated cable: {went}.",)
     return (f"None of {record['plans']} plans passed rehearsal on the simulated cable; the best one: {went}.",)
