@@ -19,7 +19,7 @@ from jaxtyping import Float
 from cableway.core.brief import Brief
 from cableway.core.errors import FileFormatError, InputError, Point
 from cableway.core.files import ArrayRecord, check_shapes
-from cableway.core.quantities import quantity
+from cableway.core.quantities import estimate_text, quantity
 from cableway.outcome import Outcome
 from cableway.rod.held_rod import HeldRod
 from cableway.verdict import Check as Check
@@ -270,6 +270,9 @@ class Estimate:
     def differs(self) -> bool:
         """Whether it is off by more than two standard deviations from its nominal value."""
         return abs(self.value - self.nominal) > 2 * self.deviation
+
+    def __str__(self) -> str:
+        return estimate_text(self.value, self.deviation, self.unit)
 
 
 @dataclass(frozen=True, repr=False)

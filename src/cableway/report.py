@@ -14,7 +14,7 @@ from cableway.commands import Commands
 from cableway.core.brief import Brief
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
-from cableway.core.quantities import quantity
+from cableway.core.quantities import limit_text, quantity
 from cableway.geometry.groups import SE2
 from cableway.judge import judge as judge
 from cableway.metrics import METRICS
@@ -211,8 +211,7 @@ def _found(estimates: Mapping[str, Estimate]) -> list[tuple[str, str]]:
     rows = []
     for name, found in estimates.items():
         if found.differs:
-            text = f"{found.value:.4g} ± {found.deviation:.2g} {found.unit}".rstrip()
-            rows.append((f"estimated {name}", f"{text}, nominal {found.nominal:.4g}"))
+            rows.append((f"estimated {name}", f"{found}, nominal {limit_text(found.nominal, found.unit)}"))
     return rows or [("estimates", f"none of {len(estimates)} estimates differs by two standard deviations")]
 
 

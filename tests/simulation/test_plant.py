@@ -209,8 +209,8 @@ def test_a_gripper_led_into_a_wall_is_reported_then_refused(task_at):
         (np.zeros(6), r"shape \(2, 3\), got \(6,\)"),
         (np.full((2, 3), np.nan), "finite"),
         (np.full((2, 3), np.inf), "finite"),
-        (np.array([[0.0, 0.2, 0.0], [0.0, 0.0, 0.0]]), "left gripper's step of 0.2 m exceeds"),
-        (np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -3.0]]), "right gripper's turn of 3 rad exceeds"),
+        (np.array([[0.0, 0.2, 0.0], [0.0, 0.0, 0.0]]), "left gripper's step of 200 mm exceeds"),
+        (np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -3.0]]), "right gripper's turn of 172 degrees exceeds"),
     ],
 )
 def test_a_bad_action_is_refused_and_changes_nothing(task_at, action, message):
@@ -253,7 +253,7 @@ def test_twisted_beyond_what_it_can_follow_it_says_that_it_slipped(task_at, bent
 
 def test_an_overlap_at_the_start_is_refused(task_at):
     task = task_at(*over_a_corner(Cable(), 0.5))
-    with pytest.raises(SimulationError, match=r"overlaps the scene by 4\.50 mm at the start"):
+    with pytest.raises(SimulationError, match=r"overlaps the scene by 4\.5 mm at the start"):
         CableSimulator(task, cable=Cable(radius=0.009))
 
 

@@ -88,8 +88,8 @@ def test_what_does_not_belong_together_is_refused(rollout: Rollout) -> None:
 def test_the_report_says_what_was_found(rollout: Rollout) -> None:
     report = summarize(TASK, PLAN, rollout)
     rows = dict(report.rows())
-    assert rows["estimated length"].startswith("0.3058 ± 0.00")
-    assert rows["estimated length"].endswith(" m, nominal 0.3")
+    assert rows["estimated length"].startswith("305.")
+    assert rows["estimated length"].endswith(" mm, nominal 300 mm")
     content = json.loads(json.dumps(report.as_dict(), allow_nan=False))
     assert content["estimates"]["length"]["value"] == rollout.estimated()["length"].value
     same = track(QuasiStaticPlant(TASK, START, PlanarRod(0.3)), RodMPC(RodMPCConfig(hold=0.0)), PLAN)

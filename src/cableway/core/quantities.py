@@ -21,12 +21,15 @@ SHOWN = {
 MOST_DECIMALS = 6
 """Of a value that is told from its limit."""
 
+BEYOND = 1e9
+"""From here on numbers are nobody's measurement, and written with an exponent."""
+
 
 def quantity(value: float, unit: str = "m") -> str:
     """A measured value in SI units, to a tenth of a millimetre or degree, finer only below one.
 
-    >>> quantity(0.004824), quantity(0.00033), quantity(-0.1357), quantity(0.21, "rad"), quantity(3.0, "")
-    ('4.8 mm', '0.33 mm', '-136 mm', '12.0 degrees', '3')
+    >>> quantity(0.004824), quantity(0.00033), quantity(-12.357), quantity(0.21, "rad"), quantity(1e300)
+    ('4.8 mm', '0.33 mm', '-12357 mm', '12.0 degrees', '1e+303 mm')
     """
     return _text(value, unit, 0)
 
@@ -49,6 +52,17 @@ def told_apart(value: float, limit: float, unit: str = "m") -> str:
     beside = float(_limit(limit, unit))
     texts = [_text(value, unit, more) for more in range(MOST_DECIMALS)]
     return next((text for text in texts if float(re.split("[ %]", text)[0]) != beside), texts[0])
+
+
+def estimate_text(value: float, deviation: float, unit: str = "m") -> str:
+    """An estimate and its standard deviation, to two digits of that.
+
+    >>> estimate_text(0.2971, 0.0004), estimate_text(0.616, 0.14, "")
+    ('297.10 ± 0.40 mm', '0.62 ± 0.14')
+    """
+    name, factor = _shown(unit)
+    decimals = min(max(1 - math.floor(math.log10(max(factor * deviation, 1e-3))), 0), 3)
+    return f"{factor * value:.{decimals}f} ± {factor * deviation:.{decimals}f}{name}"
 
 
 def place(point: Iterable[float]) -> str:
@@ -74,15 +88,15 @@ def _shown(unit: str) -> tuple[str, float]:
 
 
 def _limit(limit: float, unit: str) -> str:
-    shown = _shown(unit)[1] * limit
-    return f"{shown:.4g}" if not abs(shown) >= 1e4 else f"{shown:.0f}"
+    shown = _shown(unit)[1] * float(limit)
+    return f"{shown:.0f}" if 1e4 <= abs(shown) < BEYOND else f"{shown:.4g}"
 
 
 def _text(value: float, unit: str, more: int) -> str:
     """The value with so many digits more than usual."""
     name, factor = _shown(unit)
-    shown = factor * value
-    if unit not in SHOWN:
+    shown = factor * float(value)  # which overflows to infinity without a warning
+    if unit not in SHOWN or abs(shown) >= BEYOND:
         return f"{shown:.{3 + more}g}{name}"
     decimals = 2 if abs(shown) < 1 else 1 if abs(shown) < 100 else 0
     return f"{shown:.{decimals + more}f}{name}"

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from cableway.core.quantities import quantity
+from cableway.core.quantities import limit_text, quantity
 from cableway.figures import scene, style
 from cableway.figures.marks import LINE, draw_marks, marks_of, sentence_lines, write_lines
 from cableway.figures.plan import (
@@ -29,7 +29,7 @@ from cableway.figures.plan import (
 )
 from cableway.figures.replanning import change_of, draw_actual_scene, draw_left, left_of, stops_of
 from cableway.outcome import SUCCESS_ERROR
-from cableway.records import Estimate, Plan, Rollout, Verdict
+from cableway.records import Plan, Rollout, Verdict
 from cableway.scene.task import Task
 
 SHAPES_SHOWN = 12
@@ -140,7 +140,7 @@ def draw_errors(
         ax.plot(times[: len(curve)], 1000 * np.maximum(curve, least), color=color, linewidth=width, label=label)
     ax.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=1.0, linestyle="--")
     ax.annotate(
-        f"success below {100 * SUCCESS_ERROR:g} cm", (0, 1000 * SUCCESS_ERROR), xycoords=("axes fraction", "data"),
+        f"success below {limit_text(SUCCESS_ERROR)}", (0, 1000 * SUCCESS_ERROR), xycoords=("axes fraction", "data"),
         xytext=(4, 3), textcoords="offset points", fontsize=8, color=style.BAD,
     )  # fmt: skip
     ax.set_yscale("log")
@@ -163,19 +163,7 @@ def draw_estimates(ax: Axes, rollout: Rollout, names: Sequence[str]) -> None:
         estimate, look, column = found[name], style.series(number), list(found).index(name)
         away = (rollout.estimates[:, column] - estimate.nominal) / estimate.prior
         width = rollout.deviations[:, column] / estimate.prior
-        ax.plot(rollout.times[1:], away, linewidth=1.6, label=last_value(name, estimate), **look)
+        ax.plot(rollout.times[1:], away, linewidth=1.6, label=f"{name} {estimate}", **look)
         ax.fill_between(rollout.times[1:], away - width, away + width, color=look["color"], alpha=0.15, linewidth=0)
     style.curve_axes(ax, "time [s]", "distance from the prior [standard deviations]")
     style.title(ax, "estimates that moved", legend=2)
-
-
-def last_value(name: str, estimate: Estimate) -> str:
-    """Name, value and standard deviation of an estimate; metres as millimetres.
-
-    >>> last_value("length", Estimate(0.2971, 0.0004, 0.3, 0.006, "m"))
-    'length 297.10 ± 0.40 mm'
-    """
-    scale, unit = (1000.0, "mm") if estimate.unit == "m" else (1.0, estimate.unit)
-    value, deviation = scale * estimate.value, scale * estimate.deviation
-    decimals = int(np.clip(1 - np.floor(np.log10(max(deviation, 1e-3))), 0, 3))
-    return f"{name} {value:.{decimals}f} ± {deviation:.{decimals}f} {unit}".rstrip()

@@ -53,7 +53,8 @@ def plan_insertion(task: TaskSource, limits: VerificationLimits | None = None) -
         poses = _poses(task, share)
         led = lead(task.cable.rod, task.goal_equilibrium, poses)
         if led.snap is not None:
-            reasons.append(f"the cable snaps at row {led.snap:.1f} of {len(poses) - 1} if the left gripper {name}")
+            steps = f"{led.snap:.1f} of {len(poses) - 1} control steps"
+            reasons.append(f"the cable snaps after {steps} if the left gripper {name}")
             continue
         made_by = {"part": INSERTION, "left gripper": name, "versions": versions()}
         plan = Plan.of(task.cable.rod, led.q, made_by)

@@ -286,9 +286,8 @@ def checked_action(action: Any, config: PlantConfig) -> Float[np.ndarray, "2 3"]
     ):
         if values.max() > limit:
             side = ("left", "right")[int(np.argmax(values))]
-            raise SimulationError(
-                f"the {side} gripper's {name} of {values.max():.4g} {unit} exceeds the plant's {limit:g} {unit}"
-            )
+            found, most = told_apart(values.max(), limit, unit), limit_text(limit, unit)
+            raise SimulationError(f"the {side} gripper's {name} of {found} exceeds the plant's {most}")
     return action
 
 
