@@ -210,6 +210,8 @@ def test_a_file_that_is_too_large(tmp_path: Path):
         (b"? [1, 2]\n: 3\n", "task.yaml:1: not valid YAML: found unhashable key"),
         (b"name: !!timestamp x\n", "task.yaml: not valid YAML: a value does not match its tag"),
         (b"[" * 500, "task.yaml: not valid YAML: nested too deeply"),
+        (b"PK\x03\x04", "task.yaml: not valid YAML: it is not text in UTF-8, or has control characters"),
+        (b"name: caf\xe9\n", "task.yaml: not valid YAML: it is not text in UTF-8, or has control characters"),
     ],
 )
 def test_a_file_that_is_no_yaml_mapping(tmp_path: Path, content: bytes, said: str):
@@ -547,6 +549,16 @@ def test_an_unknown_task_is_told_the_names():
         load_task("")
     with pytest.raises(UnknownNameError, match=r"unknown task '\.\./x'"):
         catalogue_file("../x")
+
+
+def test_a_file_that_is_named_without_its_ending_is_pointed_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A task of the catalogue comes first."""
+    write(tmp_path, at("name", "mine")).rename(tmp_path / "mine.yml")
+    (tmp_path / "maze-1.yaml").write_text("no task")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"named 'mine'; for the file that is here, write mine\.yml$"):
+        load_task("mine")
+    assert load_task("maze-1").name == "maze-1"
 
 
 def test_an_unknown_preset_is_told_the_names():

@@ -135,6 +135,8 @@ def read_document(path: Path) -> Document:
         raise FileFormatError(f"{path}{line}: not valid YAML: {one_line(error.problem or error.context)}") from None
     except RecursionError:
         raise FileFormatError(f"{path}: not valid YAML: nested too deeply") from None
+    except yaml.reader.ReaderError:
+        raise FileFormatError(f"{path}: not valid YAML: it is not text in UTF-8, or has control characters") from None
     except yaml.YAMLError as error:
         raise FileFormatError(f"{path}: not valid YAML: {one_line(error)}") from None
     except (ValueError, TypeError, AttributeError, LookupError, OverflowError):

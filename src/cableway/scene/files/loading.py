@@ -108,6 +108,9 @@ def _task_path(source: str | os.PathLike[str]) -> Path:
     separators = {os.sep, os.altsep or os.sep}
     if source.endswith(SUFFIXES) or any(separator in source for separator in separators):
         return Path(source)
+    meant = next((source + suffix for suffix in SUFFIXES if os.path.isfile(source + suffix)), None)
+    if meant and source not in task_names():
+        raise InputError(f"no task of the catalogue is named {source!r}; for the file that is here, write {meant}")
     return catalogue_file(source)
 
 
