@@ -70,7 +70,7 @@ class EstimatingState(FollowerState):
             InputError: Task and plan differ in their number of keypoints.
         """
         beginning, rod = FollowerState.beginning(task, plan, config.hold), task.cable.rod
-        trust = min(1.0, (task.cable.frequency / QUASI_STATIC) ** 3)
+        trust = min(1.0, (task.cable.frequency / QUASI_STATIC) ** 4)
         estimator = RodEstimator(rod, config.estimator, CONTROL_STEP, trust)
         if shape is None:
             shape = rod.continued(fit_keypoints(rod, plan.shapes[0])[0], plan.poses[0])

@@ -18,7 +18,7 @@ end poses once all that was sent is done, and s_ref,k the plan's shapes:
 
 Every q is an equilibrium, so the model has no state of its own: a late frame is compared with the gripper
 poses of its own time (`tracker`), and the cable's lag is part of b. A long cable swings about its equilibria, and
-feedback that takes the swing for an error drives it: below `QUASI_STATIC` a frame counts with the third power of the
+feedback that takes the swing for an error drives it: below `QUASI_STATIC` a frame counts with the fourth power of the
 frequency of the first bending mode.
 
 Note:

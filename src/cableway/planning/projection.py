@@ -29,6 +29,7 @@ from cableway.planning.trajectory_optimization import TrajectoryOptimizationConf
 from cableway.rod import inverse
 from cableway.rod.lag import lag
 from cableway.rod.planar import PlanarRod
+from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP, Task
 
 Kind = Literal["replan", "optimize", "fit", "none"]
@@ -206,7 +207,7 @@ def step_evenly(
 ) -> tuple[Float[np.ndarray, "K+1 dof"], Float[np.ndarray, "K+1"]]:
     """The same polyline in q with rows none of which asks more than `LIMIT_SHARE` of the limits.
 
-    The motion begins and ends at rest, with `USUAL_RAMPS` where the task limits neither acceleration nor jerk.
+    The motion begins and ends at rest, see `_with_ramps`.
 
     Returns:
         q (K+1, dof) and the fractional index of each row in the q given.
@@ -217,10 +218,28 @@ def step_evenly(
     trailing = np.minimum(lag(rod, q), MOST_LAG) * config.damping_time / CONTROL_STEP / config.lag
     effort = _effort(rod.at_keypoints(stations), poses, task, config)
     effort = np.max([effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES), _slack_effort(poses, task)], axis=0)
-    grippers = task.grippers if task.grippers.has_ramps else replace(task.grippers, **USUAL_RAMPS)
+    grippers = _with_ramps(task)
     poses_at = lambda places: rod.shapes(rows_at(q, places))[1]  # noqa: E731
     at = with_ramps(fine, effort, LIMIT_SHARE, poses_at, grippers, task.cable.keypoints)
     return rows_at(q, at), at
+
+
+def _with_ramps(task: Task) -> Grippers:
+    """The grippers, with `USUAL_RAMPS` where the task limits neither acceleration nor jerk.
+
+    A cable that swings is brought to full speed in one period of its first mode: what a constant acceleration begins
+    to swing it ends after a whole period (Singer and Seering 1990, "Preshaping command inputs to reduce system
+    vibration", with a ramp for the impulses).
+    """
+    grippers = task.grippers if task.grippers.has_ramps else replace(task.grippers, **USUAL_RAMPS)
+    if not (period := task.cable.swing_period):
+        return grippers
+    move, turn = (most / CONTROL_STEP / period for most in (grippers.max_step, grippers.max_turn))
+    return replace(
+        grippers,
+        max_acceleration=min(grippers.max_acceleration or np.inf, move),
+        max_turn_acceleration=min(grippers.max_turn_acceleration or np.inf, turn),
+    )
 
 
 def _effort(

@@ -132,6 +132,11 @@ class Cable:
             FIRST_MODE**2 / (2 * np.pi * self.length**2) * float(np.sqrt(self.bending_stiffness / self.linear_density))
         )
 
+    @property
+    def swing_period(self) -> float:
+        """Of the first bending mode [s] of a cable that swings about its equilibria; 0 for one that does not."""
+        return 1 / self.frequency if self.frequency < QUASI_STATIC else 0.0
+
     def friction_number(self, friction: float) -> float:
         """mu rho g L^3 / EI: the friction over the length, against what bends the cable to that size.
 

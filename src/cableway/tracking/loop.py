@@ -161,7 +161,7 @@ class Loop:
         self._taken_back = False
         self.plan = plan
         self.state = _begun(controller, plant.task, plan)
-        self._rule = StopRule(config, plan, plant.control_step)
+        self._rule = StopRule(config, plan, plant.control_step, plant.task.cable.swing_period)
         self._gate, self._silence, self._attachment = MessageGate(), Silence(), Attachment(plant.control_step)
         self._slack = Slack(plant.task.cable)
         self._see(plant.reset())
@@ -233,7 +233,7 @@ class Loop:
         """Go on with another plan."""
         self.plan, self._followed = plan, len(self.log.reference) - 1
         self.state = self._controller.resume(self.state, task, plan)
-        self._rule = StopRule(self._config, plan, self.plant.control_step)
+        self._rule = StopRule(self._config, plan, self.plant.control_step, self.task.cable.swing_period)
 
     def look_round(self) -> None:
         """Give controller and watchdog the scene as it is known, where it is another one than last time."""

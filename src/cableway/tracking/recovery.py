@@ -24,7 +24,7 @@ from cableway.records import Observation, Plan
 from cableway.rod.inverse import nearest_shapes
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
-from cableway.scene.task import Task
+from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import BLOCKED, LOST, Loop
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
@@ -79,7 +79,8 @@ class Recovery(Checked):
             there is no way.
         times: Recoveries in one run, after which it ends.
         start: Mean distance [m] of the keypoints from the plan's first shape from which the cable lies elsewhere.
-        deviation: Mean distance [m] of the keypoints from their reference from which the cable is not on its plan.
+        deviation: Mean distance [m] of the keypoints from their reference from which the cable is not on its plan; its
+            swing comes on top.
         beside: The same where a keypoint is farther from its reference than anything is from an obstacle.
         patience: Time [s] for which that must be so.
         goal: Mean distance [m] of the keypoints from the plan's last shape from which a cable at rest has missed it.
@@ -107,6 +108,13 @@ class Recovery(Checked):
 def held_up(contact: Contact) -> str:
     """What a report says of a contact that nobody expected."""
     return f"something unknown seems to hold the cable near {place(contact.place)}"
+
+
+def swing(task: Task) -> float:
+    """How far [m] a cable that swings is from its equilibria where the grippers come to full speed in one period of its
+    first mode, as plans have it: acceleration over the square of the angular frequency; 0 for others.
+    """
+    return task.grippers.max_step / CONTROL_STEP * task.cable.swing_period / (4 * np.pi**2)
 
 
 class Watch:
@@ -156,14 +164,15 @@ class Watch:
         each = [_distances(observation, reference, task) for reference in references]
         distances = min(each, key=_mean)
         if len(distances):
-            far = _mean(distances) > self._recovery.deviation
-            close = _mean(distances) > self._recovery.beside and _clearance(observation, task) < distances.max()
+            off = _mean(distances) - swing(task)
+            far = off > self._recovery.deviation
+            close = off > self._recovery.beside and _clearance(observation, task) < distances.max()
             self._off = self._off + 1 if far or close else 0
         return self._off >= self._patience
 
     def is_off_goal(self, observation: Observation, plan: Plan, task: Task) -> bool:
         """Whether the cable came to rest away from where the plan ends; hidden keypoints do not count."""
-        return _mean(_distances(observation, plan.shapes[-1], task)) > self._recovery.goal
+        return _mean(_distances(observation, plan.shapes[-1], task)) - swing(task) > self._recovery.goal
 
     def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
         """Whether what is left of a plan after a share of it leads into something."""

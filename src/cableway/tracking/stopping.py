@@ -44,13 +44,20 @@ class TrackConfig(Checked):
 
 
 class StopRule:
-    """Decides after each step whether the run is over."""
+    """Decides after each step whether the run is over.
 
-    def __init__(self, config: TrackConfig, plan: Plan, control_step: float) -> None:
+    Args:
+        config: When that is.
+        plan: The plan.
+        control_step: Time [s] between two calls.
+        swing_period: Of the cable [s]; one that swings is waited for at least one period, and three at most.
+    """
+
+    def __init__(self, config: TrackConfig, plan: Plan, control_step: float, swing_period: float = 0.0) -> None:
         self._config, self._goal = config, plan.shapes[-1]
         self._most_steps = plan.steps + math.ceil(config.overtime / control_step)
-        self._settle_steps = math.ceil(config.settle_time / control_step)
-        self._patience_steps = max(1, math.ceil(config.patience / control_step))
+        self._settle_steps = math.ceil(max(config.settle_time, 3 * swing_period) / control_step)
+        self._patience_steps = max(1, math.ceil(max(config.patience, swing_period) / control_step))
         self._steps = 0
         self._errors: list[float] = []
 
