@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -67,12 +68,16 @@ def test_an_interrupted_collection_says_what_it_keeps(cableway: Command, made: P
 
 
 def test_an_interrupted_training_says_what_it_keeps(cableway: Command, made: Path, monkeypatch: pytest.MonkeyPatch):
-    command = ("train", "--config", made / "recipe.yaml", "--data", made / "data", "--out", "m", "--quiet")
+    common = ("--quiet", "--log", "log.txt")
+    command = ("train", "--config", made / "recipe.yaml", "--data", made / "data", "--out", "m", *common)
     with monkeypatch.context() as patch:
         patch.setattr("cableway.tang2025.models.recipe.evaluate", interrupt)
         kept = "the training so far is in m/model.safetensors.state, and the same command continues from there"
         assert cableway(*command) == (130, "", f"cableway: interrupted; {kept}\n")
+    (logged,) = re.findall(r" training: (\{.*\})\n", Path("log.txt").read_text())
     assert cableway(*command) == (0, "", "")
+    card = read_card("m/model.safetensors")
+    assert json.loads(logged) == {name: card[name] for name in ("model", "training")}
     assert Path("m/model.safetensors").read_bytes() == (made / "small.safetensors").read_bytes()
     assert not list(Path("m").glob("*.state"))
 

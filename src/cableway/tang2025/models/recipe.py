@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import logging
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +21,8 @@ from cableway.tang2025.models.evaluation import baselines, evaluate
 from cableway.tang2025.models.learned import LearnedConfig, LearnedModel
 from cableway.tang2025.models.networks import KINDS
 from cableway.tang2025.models.training import Progress, TrainingConfig, train
+
+LOGGER = logging.getLogger(__name__)
 
 CONFIGS = Path(__file__).parent / "configs"
 """Folder of the configurations that the shipped weights were made from."""
@@ -140,6 +144,8 @@ def make_model(
     Returns:
         The model and its card, plain data that `cableway.tang2025.models.checkpoint.save_model` stores with it.
     """
+    settings = {"model": describe(recipe.model), "training": describe(recipe.training)}
+    LOGGER.info("training: %s", json.dumps(settings))
     result = train(recipe.model, data, recipe.training, start=start, state_file=state_file, progress=progress)
     table = evaluate({"model": result.model, **baselines()}, result.validation_data)
     card = {
@@ -152,8 +158,7 @@ def make_model(
             "held_out_transitions": len(result.validation_data),
             "metadata": describe(data.metadata),
         },
-        "model": describe(recipe.model),
-        "training": describe(recipe.training),
+        **settings,
         "history": [asdict(row) for row in result.history],
         "errors": {name: [asdict(row) for row in rows] for name, rows in table.items()},
         "versions": versions(),
