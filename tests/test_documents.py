@@ -111,7 +111,7 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
         elif "collection:" in block:
             collections += Collect(config=path).configuration() != CollectionConfig()
         else:
-            plants += read_perturbation(path, cableway.load_task("single-obstacle-1")).cable != cableway.Cable()
+            plants += read_perturbation(path, cableway.load_task("multi-obstacle-1")).cable != cableway.Cable()
     assert tasks + plants + collections == len(whole_files())
     assert min(tasks, plants, collections) > 0
 
