@@ -40,8 +40,9 @@ def touching(*times: float) -> Rollout:
         ((2.0, 2.1, 4.0), 2.5, True),
         ((2.0,), 1.0, False),
         ((2.0, 6.0), None, False),
+        (tuple(np.arange(2.0, 5.5, 0.1)), None, False),
     ],
-    ids=["none", "unknown", "known meanwhile", "known before", "again"],
+    ids=["none", "unknown", "known meanwhile", "known before", "again", "not left"],
 )
 def test_only_the_first_touch_of_something_unknown_is_unavoidable(
     times: tuple[float, ...], revealed: float | None, unavoidable: bool

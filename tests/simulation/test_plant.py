@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cableway.core.errors import InputError, SimulationError
+from cableway.core.errors import InputError, PressedError, SimulationError
 from cableway.geometry import polyline, se2
 from cableway.records import Measurement
 from cableway.scene.cable import Cable
@@ -200,6 +200,15 @@ def test_a_gripper_led_into_a_wall_is_reported_then_refused(task_at):
     assert "slipped" in message or "pressed" in message
     assert observation[-1].gripper_clearance < 0.001
     assert all(row.clearance > -plant.cable.radius for row in observation)
+
+
+def test_a_cable_pressed_deeper_than_its_radius_in_one_step_is_refused_with_how_deep(task_at):
+    """So a step of which there is no record, as the plant stays as it was, still says what it touched."""
+    plant = CableSimulator(task_at(*over_a_corner(Cable(), 0.95)))
+    with pytest.raises(PressedError, match="mm into an obstacle") as refused:
+        plant.step(np.tile([0.0, 0.02, 0.0], (2, 1)))
+    assert refused.value.clearance < -plant.cable.radius
+    assert plant.measure().clearance > 0
 
 
 # ---------------------------------------------------------------- refusals

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,15 @@ from cableway.control.base import Controller
 from cableway.control.jacobian import JacobianFeedback
 from cableway.control.open_loop import OpenLoop
 from cableway.control.rod_mpc import RodMPC
-from cableway.core.errors import Cancelled, InputError, PlanningError, SimulationError, TrackingInterrupted
+from cableway.core.errors import (
+    Cancelled,
+    InputError,
+    PlanningError,
+    PressedError,
+    SimulationError,
+    TrackingInterrupted,
+)
+from cableway.judge import judge
 from cableway.outcome import Outcome
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.rod.planar import PlanarRod
@@ -129,6 +138,15 @@ def test_a_run_ends_with_what_was_recorded_and_says_what_the_plant_did(what: str
     assert rollout.status[-1].endswith("; then the plant failed")
 
 
+def test_what_the_step_touched_that_failed_is_on_record() -> None:
+    """A contact counts as one, too, where the plant cannot go on from it."""
+    plant = Misbehaving("step", raising(PressedError("pressed in", -0.005)))
+    rollout = track(plant, OpenLoop(), PLAN)
+    assert (rollout.outcome, rollout.detail) == (Outcome.PLANT_FAILED, "pressed in")
+    assert rollout.clearance[-1] == rollout.least_clearance == -0.005
+    assert judge(TASK, rollout)[0] is Outcome.CONTACT
+
+
 @pytest.mark.parametrize(("what", "said"), CASES)
 def test_so_it_does_while_a_new_plan_is_looked_for(what: str, said: str) -> None:
     """The cable does not lie at the plan's start, so that the run begins with a recovery."""
@@ -197,7 +215,9 @@ def test_a_task_that_can_no_longer_be_read_ends_the_run() -> None:
 
     rollout = track(Hanging(TASK, START, ROD), OpenLoop(), PLAN)
     assert (rollout.outcome, rollout.steps) == (Outcome.PLANT_FAILED, LATER)
-    assert rollout.detail == "the plant's task raised OSError: no answer (test_misbehaving.py, line 192)"
+    assert re.fullmatch(
+        r"the plant's task raised OSError: no answer \(test_misbehaving\.py, line \d+\)", rollout.detail
+    )
 
 
 def test_an_interrupt_and_errors_of_the_package_keep_their_meaning() -> None:

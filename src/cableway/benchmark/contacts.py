@@ -11,11 +11,11 @@ from cableway.records import Rollout
 from cableway.scene.task import Task
 
 LETTING_GO = 3.0
-"""Time [s] without contact after which a touch is another one: a contact is noticed in 1 s, and left in 1.5 s."""
+"""Time [s] after the first touch in which it must be over: a contact is noticed in 1 s, and left in 1.5 s."""
 
 
 def is_unavoidable(rollout: Rollout, task: Task, revealed: float | None) -> bool:
-    """Whether something was touched that was yet to be revealed, and nothing else, nor that again.
+    """Whether something was touched that was yet to be revealed, and nothing else, nor that for long or again.
 
     Args:
         rollout: The record, with the clearance from what is really there.
@@ -27,6 +27,6 @@ def is_unavoidable(rollout: Rollout, task: Task, revealed: float | None) -> bool
         return False
     known = task.scene.clearance(rollout.centreline, task.cable.radius).min()
     known = min([known, *(body_clearance(body, rollout.poses, task.scene).min() for body in task.bodies)])
-    again = np.diff(touched).max(initial=0.0) > LETTING_GO
+    lasting = touched[-1] - touched[0] > LETTING_GO
     step = float(rollout.times[1] - rollout.times[0])
-    return bool(known > 0 and not again and touched[0] <= (math.inf if revealed is None else revealed + step))
+    return bool(known > 0 and not lasting and touched[0] <= (math.inf if revealed is None else revealed + step))

@@ -170,5 +170,17 @@ class SimulationError(CablewayError):
     """The simulated plant cannot go on: an overlap at the start, a slipped grasp, a diverged state."""
 
 
+class PressedError(SimulationError):
+    """The cable was pressed too far into something.
+
+    Attributes:
+        clearance: The least on the way there [m], below zero.
+    """
+
+    def __init__(self, message: str, clearance: float) -> None:
+        super().__init__(message)
+        self.clearance = clearance
+
+
 class ControlError(CablewayError):
     """A controller could not produce a usable action."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.checks import Checked, Positive
-from cableway.core.errors import InputError, SimulationError
+from cableway.core.errors import InputError, PressedError, SimulationError
 from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import nearest_equilibrium
@@ -168,16 +168,19 @@ class CableSimulator:
                 self._fine.restore(before)
                 clearance, gripper_clearance = self._lead(self._fine, target, REFINEMENT * self.config.substeps)
                 self._chain.restore(self._fine.save())
-            if clearance < -self.cable.radius:
-                raise SimulationError(
-                    f"the cable was pressed {quantity(-clearance)} into an obstacle or wall, more than its radius"
-                )
         except SimulationError as error:
             self._chain.restore(before)
-            raise SimulationError(f"{error} (step {self._steps + 1}, t = {self.time:.1f} s)") from None
+            raise SimulationError(f"{error} {self._step_text()}") from None
+        if clearance < -self.cable.radius:
+            self._chain.restore(before)
+            depth = f"{quantity(-clearance)} into an obstacle or wall, more than its radius"
+            raise PressedError(f"the cable was pressed {depth} {self._step_text()}", clearance)
         self._commanded, self._steps = target, self._steps + 1
         self._clearance, self._gripper_clearance = clearance, gripper_clearance
         return self._observe()
+
+    def _step_text(self) -> str:
+        return f"(step {self._steps + 1}, t = {self.time:.1f} s)"
 
     def _lead(self, chain: Chain, target: Float[np.ndarray, "2 3"], substeps: int) -> tuple[float, float]:
         """Lead the grippers to a target; the least clearances of cable and gripper discs on the way.

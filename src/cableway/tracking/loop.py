@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState
 from cableway.control.limits import last_filter
-from cableway.core.errors import CablewayError, ControlError, SimulationError, raised, said
+from cableway.core.errors import CablewayError, ControlError, PressedError, SimulationError, raised, said
 from cableway.estimation.delay import LONGEST_DELAY
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
@@ -82,8 +82,11 @@ class Log:
         self.status.append(status)
 
     def end_early(self, error: SimulationError) -> Ending:
-        """Leave out the step that failed and say so in the status of the one before."""
+        """Leave out the step that failed, but not what it touched, and say so in the status of the one before."""
         self.status.pop()
+        if isinstance(error, PressedError):
+            last = self.measured[-1]
+            self.measured[-1] = replace(last, clearance=min(last.clearance, error.clearance))
         if self.status:
             self.status[-1] += THEN_FAILED
         return Ending(Outcome.PLANT_FAILED, str(error))
