@@ -46,6 +46,7 @@ class Surprise:
             alone [m], low-passed and smoothed along the cable.
         predicted: (n, 2) keypoints of the last corrected prediction [m].
         late: By how many ways from frame to frame the last one was taken later than expected.
+        way: The mean way [m] of a keypoint between the last two frames.
         jitter: How far [m] that put the cable, of late, from where the frame before would have had it.
     """
 
@@ -53,6 +54,7 @@ class Surprise:
     differences: Float[np.ndarray, "2 n 2"]
     predicted: Float[np.ndarray, "n 2"]
     late: float = 0.0
+    way: float = 0.0
     jitter: float = 0.0
 
     @classmethod
@@ -81,16 +83,18 @@ class Surprise:
             corrected: (n, 2) predicted with what was learned from it [m].
         """
         way = expected - self.predicted
-        late = _lateness(keypoints - expected, way)
-        differs = abs(late - self.late) * float(np.linalg.norm(way, axis=1).mean())
+        late, far = _lateness(keypoints - expected, way), float(np.linalg.norm(way, axis=1).mean())
+        # a way that is short says little of when a frame was taken, and may not speak for a long one after it
+        differs = abs(late - self.late) * min(far, self.way)
         newest = keypoints - np.stack([expected + offset, corrected])
-        far = np.linalg.norm(newest, axis=-1) / (STRAY * self.limits[:, None])
-        newest /= np.maximum(far, 1.0)[..., None]
+        strayed = np.linalg.norm(newest, axis=-1) / (STRAY * self.limits[:, None])
+        newest /= np.maximum(strayed, 1.0)[..., None]
         return replace(
             self,
             differences=self.differences + GAIN * (_smoothed(newest) - self.differences),
             predicted=corrected,
             late=late,
+            way=far,
             jitter=max(differs, JITTER_KEPT * self.jitter),
         )
 

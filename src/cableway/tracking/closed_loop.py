@@ -133,7 +133,7 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
     if watch is None:
         return ending
     if ending is None and not loop.waits and watch.is_lost(loop.observation, loop.recent_references, loop.task):
-        return watch.recover(loop, Outcome.LEFT_PLAN)
+        return watch.avoid(loop, None)
     if (
         ending is not None
         and ending.outcome is Outcome.SETTLED

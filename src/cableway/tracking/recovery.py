@@ -21,11 +21,12 @@ from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
+from cableway.rod.contact import contact_on
 from cableway.rod.inverse import nearest_shapes
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
-from cableway.tracking.loop import BLOCKED, LOST, Loop
+from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOST, Loop
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
 
@@ -70,9 +71,10 @@ class Recovery(Checked):
     then what that cable can come nearest to the task's. With that cable the controller's way along the rest of a plan
     is looked at every `foresight` seconds: where it would fold or touch something there, a plan is made at once.
 
-    Where something unknown seems to hold the cable, the grippers first take back their motions of the last `BACK`
-    seconds, and the new plan leads round a disc that is supposed to stand there. Where there is no plan from where the
-    cable is, they go back in the same way and it is tried again, up to `ATTEMPTS` times.
+    Where something unknown seems to hold the cable, as the controller has it or as it lies once it has left its plan,
+    the grippers first take back their motions of the last `BACK` seconds, and the new plan leads round a disc that is
+    supposed to stand there. Where there is no plan from where the cable is, or it touches something there, they go back
+    in the same way and it is tried again, up to `ATTEMPTS` times.
 
     Attributes:
         replan: Plans a task that starts where the cable is, given the plan that was left. Raises `PlanningError` where
@@ -180,19 +182,42 @@ class Watch:
             self._checked = plan, task.scene, clearances(plan.shapes, plan.poses, task).min(axis=1)
         return float(self._checked[2][round(progress * plan.steps) :].min()) < -self._recovery.room
 
-    def avoid(self, loop: Loop, contact: Contact) -> Ending | None:
-        """Go back from something that nobody knew of, and replan round where it seems to be.
+    def avoid(self, loop: Loop, contact: Contact | None) -> Ending | None:
+        """Stop and look, go back from something that nobody knew of, and replan round where it seems to be.
+
+        Args:
+            loop: The run.
+            contact: As the controller has it; None where the cable has only left its plan. Where nothing is seen to
+                hold it then, either, a plan is made from where it is. Of a cable that swings that cannot be seen.
 
         Returns:
             How the run ended, if it did.
         """
+        status, steps = (LOST, self._rest) if contact is None else (BACKING_OFF, self._rest // 2)
+        seen = self._rested(loop, status, steps)
+        if not isinstance(seen, Ending) and not loop.task.cable.swing_period:
+            poses, rod = loop.poses, loop.task.cable.rod
+            found = loop.compute(lambda: contact_on(rod, seen, poses), status)
+            if isinstance(found, Ending):
+                return found
+            contact = contact if found is None else Contact(*found)
+        if contact is None:
+            return self.recover(loop, Outcome.LEFT_PLAN, seen=seen)
+        if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
+            return seen
         ending = loop.back_off(math.ceil(BACK / loop.plant.control_step))
         if ending is not None:
             return ending
         ending = self.recover(loop, Outcome.BLOCKED_WAY, contact)
         return ending and Ending(ending.outcome, f"{held_up(contact)}; {ending.detail}")
 
-    def recover(self, loop: Loop, why: Outcome | None, contact: Contact | None = None) -> Ending | None:
+    def recover(
+        self,
+        loop: Loop,
+        why: Outcome | None,
+        contact: Contact | None = None,
+        seen: Float[np.ndarray, "n 2"] | Ending | None = None,
+    ) -> Ending | None:
         """Stand still, replan from where the cable is and follow the new plan; how the run ended, if it did.
 
         Where no plan is found the grippers go back the way they came, and it is tried again from there.
@@ -201,36 +226,40 @@ class Watch:
             loop: The run.
             why: How the run ends where it cannot go on; None where the first plan may still be followed.
             contact: With something unknown, to plan round.
+            seen: Where the cable lies [m], or why that is not known, if the grippers stand still already.
         """
         LOGGER.info("at %.1f s: replanning: %s", loop.time, why or "the way ahead, or the end, is not as planned")
         if len(self.recovered) >= self._recovery.times:
             return Ending(why, f"already replanned {len(self.recovered)} times") if why else None
-        ending = self._replan(loop, why, contact)
+        ending = self._replan(loop, why, contact, seen, first=True)
         for _ in range(ATTEMPTS - 1):
             if ending is None or why is None or ending.outcome is not why:
                 break
             ending = loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._replan(loop, why, contact)
         return ending if ending is None or why is not None or ending.outcome is not Outcome.NO_PLAN else None
 
-    def _replan(self, loop: Loop, why: Outcome | None, contact: Contact | None) -> Ending | None:
-        """One attempt of `recover`, from where the cable is; "no plan" where it failed and `why` is None."""
-        frames, failed, reported = [], why or Outcome.NO_PLAN, False
-        status = BLOCKED if why is Outcome.BLOCKED_WAY else LOST
-        for _ in range(self._rest):
-            ending = loop.stand(status)
-            if ending is not None:
-                return ending
-            frames.append(connected(loop.observation.keypoints, loop.task.cable))
-            reported = reported or poses_usable(loop.observation)
-        if not reported:
-            return Ending(failed, "the robot reports no gripper poses")
-        if np.isfinite(frames).any(axis=(0, 2)).mean() < LEAST_SHARE:
-            return Ending(failed, "too little of the cable is observed")
-        keypoints = _at_rest(frames, loop.poses)
+    def _replan(
+        self,
+        loop: Loop,
+        why: Outcome | None,
+        contact: Contact | None,
+        seen: Float[np.ndarray, "n 2"] | Ending | None = None,
+        first: bool = False,
+    ) -> Ending | None:
+        """One attempt of `recover`, from where the cable is; "no plan" where it failed and `why` is None.
+
+        The first one fails, too, where the cable touches something and may go back.
+        """
+        failed, status = why or Outcome.NO_PLAN, BLOCKED if why is Outcome.BLOCKED_WAY else LOST
+        keypoints = self._rested(loop, status, self._rest) if seen is None else seen
+        if isinstance(keypoints, Ending):
+            return keypoints._replace(outcome=failed) if keypoints.outcome is Outcome.NO_PLAN else keypoints
         if contact is not None:
             loop.suspected.extend(_suspected(contact, keypoints, loop.task))
         if wrong := disagreement(keypoints, loop.poses):
             return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
+        if first and why is not None and clearances(keypoints[None], loop.poses[None], loop.task).min() < LEAST_ROOM:
+            return Ending(failed, "the cable touches something")
         try:
             found = loop.compute(lambda: self._plan_from(loop, keypoints, why is None), status)
             if isinstance(found, Ending):
@@ -245,6 +274,21 @@ class Watch:
         self.recovered.append(loop.time)
         LOGGER.info("from %.1f s on: a new plan of %d steps", loop.time, loop.plan.steps)
         return None
+
+    def _rested(self, loop: Loop, status: str, steps: int) -> Float[np.ndarray, "n 2"] | Ending:
+        """Where the cable lies [m] after the grippers have stood still for a while; "no plan" where it is not seen."""
+        frames, reported = [], False
+        for _ in range(max(1, steps)):
+            ending = loop.stand(status)
+            if ending is not None:
+                return ending
+            frames.append(connected(loop.observation.keypoints, loop.task.cable))
+            reported = reported or poses_usable(loop.observation)
+        if not reported:
+            return Ending(Outcome.NO_PLAN, "the robot reports no gripper poses")
+        if np.isfinite(frames).any(axis=(0, 2)).mean() < LEAST_SHARE:
+            return Ending(Outcome.NO_PLAN, "too little of the cable is observed")
+        return _at_rest(frames, loop.poses)
 
     def _plan_from(self, loop: Loop, keypoints: Float[np.ndarray, "n 2"], may_stay: bool) -> tuple[Task, Plan]:
         """A plan from there, and its task: for the cable as it turned out to be, or else for the task's own.

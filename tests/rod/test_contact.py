@@ -1,0 +1,56 @@
+"""Where something holds a cable that lies still, against the simulator, which shares no code with it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cableway.geometry import polyline
+from cableway.records import Measurement
+from cableway.rod.contact import contact_on
+from cableway.scene.cable import Cable
+from cableway.scene.obstacles import Disc
+from cableway.scene.scene import Scene
+from cableway.scene.task import Task
+from cableway.simulation.plant import CableSimulator
+
+CABLE = Cable()
+RADIUS = 0.006
+PLACES = [0.3, 0.5, 0.75]
+"""Shares of the cable's length."""
+
+
+def led_over_a_peg(share: float, way: float = 0.03) -> tuple[Measurement, np.ndarray]:
+    """A bent cable at rest after both grippers moved by some `way` [m] across a peg, and the peg's middle [m]."""
+    q = np.array([0.35, 0.3, 0.0, -10.0, 0.0, -1.5])
+    stations = CABLE.rod.shapes(q[None])[0][0]
+    touch = polyline.point_at(stations, np.array([share * CABLE.length]))[0]
+    middle = touch + [0.0, RADIUS + CABLE.radius + 0.002]
+    shape = CABLE.rod.at_keypoints(stations[None])[0]
+    peg = Disc(center=(float(middle[0]), float(middle[1])), radius=RADIUS)
+    plant = CableSimulator(Task(name="peg", scene=Scene(obstacles=(peg,)), cable=CABLE, start=shape, goal=shape))
+    for step in (*np.full(10, way / 10), *np.zeros(10)):
+        plant.step(np.tile([0.0, step, 0.0], (2, 1)))
+    return plant.measure(), middle
+
+
+@pytest.mark.parametrize("share", PLACES)
+def test_the_contact_is_found_where_it_is(share: float) -> None:
+    """To half the distance of two keypoints, with the noise of some frames; its force points away from the peg."""
+    truth, middle = led_over_a_peg(share)
+    noise = np.random.default_rng(0).normal(0.0, 0.0005, truth.keypoints.shape)
+    found = contact_on(CABLE.rod, truth.keypoints + noise, truth.poses)
+    assert found is not None
+    place, direction = found
+    assert np.linalg.norm(place - (RADIUS + CABLE.radius) * direction - middle) < CABLE.length / 12 / 2
+
+
+def test_a_cable_that_nothing_touches_is_not_held() -> None:
+    truth, _ = led_over_a_peg(0.5, way=0.0)
+    assert contact_on(CABLE.rod, truth.keypoints, truth.poses) is None
+
+
+def test_one_contact_does_not_explain_a_shape_that_no_cable_has() -> None:
+    truth, _ = led_over_a_peg(0.5)
+    zigzag = 0.01 * np.where(np.arange(13) % 2, 1.0, -1.0)[:, None]
+    assert contact_on(CABLE.rod, truth.keypoints + zigzag, truth.poses) is None
