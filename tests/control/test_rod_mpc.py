@@ -28,7 +28,6 @@ from cableway.rod import material
 from cableway.rod.fitting import fit_along
 from cableway.rod.inverse import fit_keypoints, shape_between
 from cableway.rod.kernels import batch_shapes
-from cableway.rod.lag import damped
 from cableway.rod.material import CURVATURE, GRASPS, LENGTH, STIFFNESS
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
@@ -388,25 +387,6 @@ def test_a_plan_too_fast_for_the_grippers_is_followed_at_their_pace() -> None:
     assert 0.9 * MOST_EFFORT * 0.003 < np.median(steps[:40]) < steps.max() < 0.003
     assert np.linalg.norm(rollout.keypoints - rollout.reference, axis=2).max() < 0.002
     assert rollout.outcome is Outcome.SETTLED
-
-
-def test_a_cable_that_relaxes_slowly_is_led_more_slowly_towards_a_fold_beside_an_obstacle() -> None:
-    """The elastic rod stays 5 mm from a disc that a damped rod, led as fast as planned, comes into."""
-    start = np.array([0.3, 0.3, 0.2, -20.0, 9.0, 1.0])
-    plan = straight_plan(ROD, start, start + [0.0, 0.0, 0.0, -16.0, 0.0, 2.0], steps=4)
-    line, elastic = (rows[0] for rows in (ROD.shapes(start[None])[0], fit_keypoints(ROD, plan.shapes[-1])))
-    for step in SE2.minus(plan.poses[1:], plan.poses[:-1]):
-        line = damped(line, step)
-    apart = line - ROD.shapes(elastic[None])[0][0]
-    farthest = int(np.argmax(np.linalg.norm(apart, axis=1)))
-    radius, cable = 0.02, replace(TASK.cable, damping_time=0.8)
-    x, y = line[farthest] + (radius + cable.radius - 0.001) * apart[farthest] / np.linalg.norm(apart[farthest])
-    task = task_for(plan, (Disc(center=(float(x), float(y)), radius=radius),))
-    slow = SensedPlant(CableSimulator(task, cable=cable), SensingConfig(measurement_delay=0.1))
-    rollout = track(slow, RodMPC(), plan)
-    assert rollout.outcome is Outcome.SETTLED
-    assert rollout.least_clearance > 0.004
-    assert rollout.shape_error(task.goal) < 0.003
 
 
 @pytest.mark.parametrize(

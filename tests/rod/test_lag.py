@@ -1,4 +1,4 @@
-"""How far a rod trails behind: not at all in rigid motion, as far as a simulated one; how damping alone moves it."""
+"""How far a rod trails behind: not at all in rigid motion, and as far as a simulated one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cableway.geometry.groups import SE2
-from cableway.rod.lag import damped, lag
+from cableway.rod.lag import lag
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene
@@ -86,63 +86,3 @@ def test_a_stiff_half_trails_as_a_chain_of_it_does():
     wanted = np.linalg.norm(np.cumsum(behind[:, None] * across, axis=0), axis=1).max()
     assert lag(rod, q)[0] == pytest.approx(wanted, rel=1e-4)
     assert lag(PlanarRod(0.3), q)[0] != pytest.approx(wanted, rel=0.05)
-
-
-MOVED = np.array([[0.002, 0.001, 0.05], [-0.001, 0.002, -0.06]])
-
-
-def chain(pose: np.ndarray, bends: np.ndarray, length: float) -> np.ndarray:
-    """Hinges and right end (x, y, angle) of links that begin at `pose`, the first and last half as long."""
-    links = np.full(len(bends) + 1, length / len(bends))
-    links[[0, -1]] /= 2
-    angles = pose[2] + np.concatenate([[0.0], np.cumsum(bends)])
-    places = pose[:2] + np.cumsum(links[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0)
-    return np.column_stack([places, angles])
-
-
-def test_a_damped_rod_is_carried_rigidly_and_held_by_its_ends():
-    stations, poses = (rows[0] for rows in PlanarRod(0.3).shapes(START[None]))
-    turn = 0.2
-    c, s = np.cos(turn), np.sin(turn)
-    carried = (stations - stations[0]) @ np.array([[c, s], [-s, c]]) + stations[0] + [0.01, -0.02]
-    rigid = np.column_stack([carried[[0, -1]] - stations[[0, -1]], [turn, turn]])
-    np.testing.assert_allclose(damped(stations, rigid), carried, atol=1e-4)
-    moved = damped(stations, MOVED)
-    np.testing.assert_allclose(moved[[0, -1]], stations[[0, -1]] + MOVED[:, :2], atol=1e-12)
-    ends = np.diff(moved, axis=0)[[0, -1]]
-    np.testing.assert_allclose(np.arctan2(ends[:, 1], ends[:, 0]), poses[:, 2] + MOVED[:, 2], atol=2e-3)
-
-
-def test_a_damped_rod_changes_its_bends_as_little_as_its_ends_allow():
-    """Against the pseudo-inverse of the ends by the bends, for small steps."""
-    rod, moved = PlanarRod(0.3), 0.01 * MOVED
-    stations, poses = (rows[0] for rows in rod.shapes(START[None]))
-    links = np.diff(stations[[0, *range(1, len(stations), 2), -1]], axis=0)
-    bends, pose = np.diff(np.arctan2(links[:, 1], links[:, 0])), poses[0] + moved[0]
-
-    def end(bends: np.ndarray) -> np.ndarray:
-        return chain(pose, bends, rod.length)[-1]
-
-    by_bends = np.column_stack([(end(bends + e) - end(bends - e)) / 2e-6 for e in 1e-6 * np.eye(rod.hinges)])
-    least = bends + np.linalg.pinv(by_bends) @ (poses[1] + moved[1] - end(bends))
-    np.testing.assert_allclose(damped(stations, moved)[1::2], chain(pose, least, rod.length)[:-1, :2], atol=2e-7)
-
-
-def test_a_simulated_cable_that_relaxes_slowly_moves_as_a_damped_rod():
-    """Towards a fold, where the elastic rod does not; one that relaxes at once goes with the elastic rod."""
-    q = np.array([0.3, 0.3, 0.2, -20.0, 9.0, 1.0]) + np.linspace(0, 1, 9)[:, None] * [0, 0, 0, -16.0, 0.0, 2.0]
-    off = {}
-    for tau in (0.01, 30.0):
-        cable = Cable(damping_time=tau)
-        stations, poses = cable.rod.shapes(q)
-        shapes, line = cable.rod.at_keypoints(stations), stations[0]
-        plant = CableSimulator(Task(name="damped", scene=Scene(), cable=cable, start=shapes[0], goal=shapes[-1]))
-        plant.reset()
-        for step in SE2.minus(poses[1:], poses[:-1]):
-            seen, line = plant.step(step).keypoints, damped(line, step)
-        expected = np.stack([shapes[-1], line[:: cable.rod.stride]])
-        off[tau] = np.linalg.norm(seen - expected, axis=2).max(axis=1)
-    apart = np.linalg.norm(shapes[-1] - line[:: cable.rod.stride], axis=1).max()
-    assert apart > 0.005
-    assert off[0.01][0] < 0.05 * apart
-    assert off[30.0][1] < 0.05 * apart

@@ -15,8 +15,6 @@ end poses once all that was sent is done, and s_ref,k the plan's shapes:
              + w_b max(0, step - largest)^2                           limits of the grippers
 
    least, R counting a turn of 1 rad as `turn_lever`; then lead the grippers so that the rod's ends come to e(q_1).
-3. *Slow down.* Make a part of that motion where a rod that damping holds back (`rod.lag.damped`) would come too near to
-   obstacles.
 
 Every q is an equilibrium, so the model has no state of its own: a late frame is compared with the gripper
 poses of its own time (`tracker`), and the cable's lag is part of b. A long cable swings about its equilibria, and
@@ -50,7 +48,6 @@ from cableway.records import Observation, Plan
 from cableway.rod import kernels
 from cableway.rod.fitting import fit_along, meet_ends
 from cableway.rod.inverse import fit_keypoints, fit_sequence
-from cableway.rod.lag import damped
 from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
 from cableway.scene.task import Task
@@ -75,9 +72,6 @@ SURE = 2.0
 
 MOST_EFFORT = 0.85
 """Share of the grippers' limits that the fitted motion may take; plans take 70% at most."""
-
-SHARES = (1.0, 0.5)
-"""Of an action, tried before it is cut to `LEAST_RATE`."""
 
 SETTLING = 0.25
 """Share of a correction that is made while the estimates settle."""
@@ -196,9 +190,6 @@ class RodMPC(Controller[RodMPCState]):
             return state.sending(state.plan.actions(state.index, 1)[0], status, max_span=0.0)
         if state.index < state.plan.held_steps:
             action = SETTLING * action
-        else:
-            share = self._safe_share(state, action)
-            action, state = share * action, replace(state, rate=share * state.rate)
         return state.sending(action, state.tracking_status, max_span)
 
     def _span_limit(self, state: RodMPCState) -> float:
@@ -227,22 +218,6 @@ class RodMPC(Controller[RodMPCState]):
         if state.index < state.plan.held_steps or effort <= MOST_EFFORT:
             return whole
         return self._fitted(replace(state, rate=max(LEAST_RATE, MOST_EFFORT / effort)))
-
-    def _safe_share(self, state: RodMPCState, action: Float[np.ndarray, "2 3"]) -> float:
-        """Share of an action after which a cable that damping holds back is no nearer to obstacles than `threshold`.
-
-        The newest frame was taken some steps ago. Since then the cable has followed the grippers as the elastic rod
-        does, or has hardly changed its bends, or something in between; near a fold that makes a great difference.
-        """
-        rod, estimate, commanded = state.estimator.rod, state.estimate, state.tracker.commanded
-        stations, poses = kernels.batch_shapes(estimate.q[None], estimate.theta[ROD], state.estimator.modes, 0)[::2]
-        ends = rod.group.compose(np.stack([commanded, rod.group.plus(commanded, action)]), estimate.grasps)
-        seen, step = stations[0] + _at_stations(estimate.offset, rod.stride), rod.group.minus(ends[1], ends[0])
-        line = damped(seen, rod.group.minus(ends[0], poses[0]))
-        lines = np.array([line, *(damped(line, share * step) for share in SHARES)])
-        kept = state.task.scene.clearance(lines, state.task.cable.radius)
-        safe = kept[1:] >= min(self.config.threshold, float(kept[0]))
-        return SHARES[int(np.argmax(safe))] if safe.any() else LEAST_RATE
 
     def _effort(self, state: RodMPCState) -> float:
         """Share of the grippers' limits that the motion from fit to fit takes."""

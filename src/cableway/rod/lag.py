@@ -7,9 +7,6 @@ plus d, where on the changes that keep the ends in place (C d = 0)
 
 (`cableway.rod.planar` has the symbols; k_j are the factors on the stiffness of the hinges, 1 for a uniform rod). A rod
 near a fold, where K is nearly singular, trails far behind.
-
-Without knowing tau, a rod that its grippers lead for a while is somewhere between the equilibrium that it comes to in
-the end and the shape to which damping alone lets it change, `damped`.
 """
 
 from __future__ import annotations
@@ -36,38 +33,6 @@ def lag(rod: PlanarRod, q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t-1"]
     solved = np.linalg.solve(_border(rod, middle, along), np.pad(moment, ((0, 0), (0, 2)))[..., None])[:, :-2, 0]
     across = np.stack([-along[..., 1], along[..., 0]], axis=2) * rod.length / rod.hinges
     return np.linalg.norm(np.cumsum(solved[..., None] * across, axis=1), axis=2).max(1)
-
-
-def damped(stations: Float[np.ndarray, "s 2"], moved: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "s 2"]:
-    """Stations [m] of a uniform rod that nothing but damping bends, after a step (2, 3) of its ends [m, m, rad].
-
-    Of all changes of the bends that bring the ends there they are those with the least sum of squares, which are linear
-    in the place of the hinge, l_0 + l_x x + l_y y; to second order, by the midpoint rule.
-    """
-    return _bent(stations, _bent(stations, stations, moved / 2), moved)
-
-
-def _bent(
-    stations: Float[np.ndarray, "s 2"], at: Float[np.ndarray, "s 2"], moved: Float[np.ndarray, "2 3"]
-) -> Float[np.ndarray, "s 2"]:
-    """Stations [m] after the changes of the bends that are least where the stations are `at`."""
-    pieces, there = np.diff(stations, axis=0), np.diff(at, axis=0)
-    bends = np.zeros((len(pieces), 3))
-    bends[1::2] = np.column_stack([np.ones(len(pieces) // 2), at[1::2] - at.mean(axis=0)])
-    turned = np.cumsum(bends, axis=0)
-    wanted = moved[1] - moved[0]
-    wanted[:2] -= moved[0, 2] * _across(there).sum(axis=0)
-    found = np.linalg.lstsq(np.vstack([_across(there).T @ turned, turned[-1]]), wanted, rcond=1e-9)[0]
-    turns = (moved[0, 2] + turned @ found)[:, None]
-    line = stations[0] + moved[0, :2] + np.cumsum(np.cos(turns) * pieces + np.sin(turns) * _across(pieces), axis=0)
-    line = np.vstack([stations[0] + moved[0, :2], line])
-    missed = stations[-1] + moved[1, :2] - line[-1]
-    return line + np.linspace(0.0, 1.0, len(line))[:, None] * missed
-
-
-def _across(pieces: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
-    """Each turned by a quarter, to the left."""
-    return np.column_stack([-pieces[:, 1], pieces[:, 0]])
 
 
 def _links(stations: Float[np.ndarray, "t s 2"]) -> Float[np.ndarray, "t l 2"]:
