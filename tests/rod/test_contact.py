@@ -50,6 +50,19 @@ def test_a_cable_that_nothing_touches_is_not_held() -> None:
     assert contact_on(CABLE.rod, truth.keypoints, truth.poses) is None
 
 
+def test_a_contact_whose_place_is_not_known_is_none() -> None:
+    """A cable that is hardly bent is explained by contacts far apart; their mean is 42 mm from the peg."""
+    truth, _ = led_over_a_peg(0.3, way=0.005)
+    assert contact_on(CABLE.rod, truth.keypoints, truth.poses) is None
+
+
+def test_a_contact_that_explains_little_more_than_none_is_none() -> None:
+    """Noise of 1.5 mm is fitted best by a contact 33 mm from the peg, which is hardly touched."""
+    truth, _ = led_over_a_peg(0.15, way=0.008)
+    noise = np.random.default_rng(1).normal(0.0, 0.0015, truth.keypoints.shape)
+    assert contact_on(CABLE.rod, truth.keypoints + noise, truth.poses) is None
+
+
 def test_one_contact_does_not_explain_a_shape_that_no_cable_has() -> None:
     truth, _ = led_over_a_peg(0.5)
     zigzag = 0.01 * np.where(np.arange(13) % 2, 1.0, -1.0)[:, None]

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cableway.control.base import ControllerState, Status
 from cableway.core.errors import InputError
 from cableway.planning.planner import plan as find_plan
+from cableway.records import Observation, Plan
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import load_task
@@ -17,6 +19,8 @@ from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.table_plant import TableConfig
 from cableway.tasks.generation import random_task
 from cableway.tasks.scaling import scaled
+from cableway.tracking.recovery import Recovery, Watch, swing
+from cableway.tracking.stopping import StopRule, TrackConfig
 from cableway.workflow.events import Note
 from cableway.workflow.run import SolveOptions
 from cableway.workflow.solve import solve
@@ -68,6 +72,35 @@ def test_a_swing_at_the_end_is_waited_for_and_not_replanned_from() -> None:
     assert done.success
     assert done.rollout is not None
     assert done.rollout.metadata["recovered"] == []
+
+
+def test_what_a_swing_of_that_size_may_be_taken_for() -> None:
+    """A cable of 1.2 m may be 7.5 mm farther from its plan and from its goal than one that does not swing."""
+    task = scaled(random_task(301, "clutter"), 4.0)
+    assert swing(task) == pytest.approx(0.133 / task.cable.frequency / (4 * np.pi**2))
+    assert swing(random_task(301, "clutter")) == 0.0
+    poses = np.zeros((2, 3))
+    plan = Plan(np.stack([task.start, task.goal]), np.stack([poses, poses]))
+    for more, told in ((-1e-4, False), (1e-4, True)):
+        watch = Watch(Recovery(replan=lambda *_: plan, beside=1.0), CONTROL_STEP)
+        off = [task.goal + [0.0, limit + swing(task) + more] for limit in (0.01, 0.018)]
+        assert watch.is_off_goal(Observation(0.0, off[0], poses), plan, task) == told
+        assert [watch.is_lost(Observation(0.0, off[1], poses), task.goal[None], task) for _ in range(2)][-1] == told
+
+
+def test_a_swing_is_waited_for_up_to_three_periods() -> None:
+    """Errors that go on falling for longer than the usual five seconds, from one period to the next."""
+    plan = Plan(np.zeros((2, 13, 2)), np.zeros((2, 2, 3)))
+    steps = {}
+    for period in (0.0, 6.0):
+        rule = StopRule(TrackConfig(), plan, CONTROL_STEP, period)
+        state = ControllerState(status=Status.TRACKING, reference=plan.shapes[1], progress=1.0)
+        for step in range(1, 400):
+            seen = Observation(0.0, plan.shapes[0] + 0.1 * 0.99**step, plan.poses[0])
+            if rule.outcome(state, seen) is not None:
+                steps[period] = step
+                break
+    assert steps == {0.0: 51, 6.0: 181}
 
 
 def test_a_task_is_scaled_with_all_that_lies_on_the_table() -> None:

@@ -214,6 +214,19 @@ def test_what_would_be_sent_includes_the_insertion():
     )
 
 
+def test_an_insertion_begins_with_what_the_run_to_the_port_estimated():
+    """What is known to half its prior deviation by then is known before the port from the first step on."""
+    run = solve(load_task("insertion"), SolveOptions())
+    assert run.rollout is not None
+    assert run.insertion is not None
+    assert run.insertion.deviations is not None
+    first = dict(zip(run.rollout.estimated(), run.insertion.deviations[0], strict=True))
+    known = [name for name, found in run.rollout.estimated().items() if found.deviation < 0.5 * found.prior]
+    assert known
+    for name in known:
+        assert first[name] < 0.6 * run.rollout.estimated()[name].prior
+
+
 def test_a_planner_may_be_a_function_and_its_failure_is_a_value():
     def nothing(task: cw.Task, seed: int) -> Plan:
         raise PlanningError("walled in", outcome="infeasible")

@@ -3,6 +3,9 @@
 On either side of the contact the cable is an equilibrium of a shorter rod, clamped in its gripper. Both have the pose
 and the moment at the contact in common, and their forces differ by that of the contact: twelve coordinates under ten
 conditions, so that two numbers explain all keypoints, once for each keypoint at which the contact may be.
+
+Note:
+    Not in the paper (Tang et al.), whose scenes are known.
 """
 
 from __future__ import annotations
@@ -76,7 +79,6 @@ def _free(
     rod: PlanarRod, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]
 ) -> tuple[float, Float[np.ndarray, "6"]]:
     """Squared residuals of the rod under no contact, and its coordinates."""
-
     from scipy.optimize import least_squares  # here, as in `Task.resumed_from`: most runs never need it
 
     def residuals(q: np.ndarray) -> np.ndarray:
