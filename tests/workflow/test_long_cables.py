@@ -67,6 +67,19 @@ def test_grippers_take_a_period_of_its_swing_to_come_to_full_speed() -> None:
     assert np.linalg.norm(changes, axis=2).max() <= allowed
 
 
+def test_slow_grippers_lead_a_cable_that_swings() -> None:
+    """At 5 mm/s, a ramp of 6 s would be below the least acceleration that a task may ask for."""
+    task = scaled(random_task(302, "clutter"), 2.0 / 0.3)
+    assert find_plan(replace(task, grippers=replace(task.grippers, max_step=0.0005))).steps > 0
+
+
+def test_what_is_put_down_to_a_swing_is_bounded() -> None:
+    """However slowly a cable swings, it is no more than 35 mm from its plan by that."""
+    slow = replace(random_task(301, "clutter").cable, length=10.0, bending_stiffness=1e-6)
+    assert slow.frequency < 1e-4
+    assert swing(replace(scaled(random_task(301, "clutter"), 10.0 / 0.3), cable=slow)) < 0.035
+
+
 def test_a_swing_at_the_end_is_waited_for_and_not_replanned_from() -> None:
     done = solve(scaled(random_task(302, "clutter"), 2.0 / 0.3), SolveOptions())
     assert done.success

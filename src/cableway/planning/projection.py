@@ -29,6 +29,7 @@ from cableway.planning.trajectory_optimization import TrajectoryOptimizationConf
 from cableway.rod import inverse
 from cableway.rod.lag import lag
 from cableway.rod.planar import PlanarRod
+from cableway.scene.checks import quantities
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP, Task
 
@@ -234,12 +235,11 @@ def _with_ramps(task: Task) -> Grippers:
     grippers = task.grippers if task.grippers.has_ramps else replace(task.grippers, **USUAL_RAMPS)
     if not (period := task.cable.swing_period):
         return grippers
-    move, turn = (most / CONTROL_STEP / period for most in (grippers.max_step, grippers.max_turn))
-    return replace(
-        grippers,
-        max_acceleration=min(grippers.max_acceleration or np.inf, move),
-        max_turn_acceleration=min(grippers.max_turn_acceleration or np.inf, turn),
-    )
+    slower = {}
+    for name, most in (("max_acceleration", grippers.max_step), ("max_turn_acceleration", grippers.max_turn)):
+        least = quantities(Grippers)[name].least
+        slower[name] = min(getattr(grippers, name) or np.inf, max(most / CONTROL_STEP / period, least))
+    return replace(grippers, **slower)
 
 
 def _effort(

@@ -41,6 +41,10 @@ FIRST_MODE = 4.730
 QUASI_STATIC = 2.0
 """Frequency [Hz] of the first bending mode from which a cable moves as its equilibria do. Slower ones swing."""
 
+LONGEST_SWING = 10.0
+"""Period [s] that is allowed for at most: what waits for a swing has to end, and what is put down to it is to be small.
+Nothing slower than 6 s was tried."""
+
 GRAVITY = 9.81
 """[m/s^2]."""
 
@@ -134,8 +138,10 @@ class Cable:
 
     @property
     def swing_period(self) -> float:
-        """Of the first bending mode [s] of a cable that swings about its equilibria; 0 for one that does not."""
-        return 1 / self.frequency if self.frequency < QUASI_STATIC else 0.0
+        """Of the first bending mode [s] of a cable that swings about its equilibria, at most `LONGEST_SWING`; 0 for one
+        that does not.
+        """
+        return min(1 / self.frequency, LONGEST_SWING) if self.frequency < QUASI_STATIC else 0.0
 
     def friction_number(self, friction: float) -> float:
         """mu rho g L^3 / EI: the friction over the length, against what bends the cable to that size.
