@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import re
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -70,6 +71,34 @@ def test_workers_end_where_the_end_of_their_pool_is_interrupted(monkeypatch: pyt
     for worker in workers:
         worker.join(20)
         assert worker.exitcode is not None
+
+
+class _InterruptingBegin:
+    """Interrupts the process that begins workers while it hands them this; another thread of it receives the signal."""
+
+    handed = 0
+
+    def __call__(self) -> None: ...
+
+    def __reduce__(self) -> tuple[type, tuple[()]]:
+        type(self).handed += 1
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.05)
+        return _InterruptingBegin, ()
+
+
+def test_an_interrupt_comes_after_the_workers_have_begun():
+    """All of them, so that none finds the process gone that was telling it what to do."""
+    over = threading.Event()
+    threading.Thread(target=over.wait, daemon=True).start()
+    with (
+        pytest.raises(KeyboardInterrupt),
+        executors.open_executor("local", 2, isolated=True, begin=_InterruptingBegin()) as pool,
+    ):
+        pool.submit(sum, ([1],), None)
+    over.set()
+    assert _InterruptingBegin.handed == 2
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_a_worker_in_the_midst_of_a_kernel_ends_when_it_is_told_to():
