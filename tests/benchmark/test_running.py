@@ -15,9 +15,10 @@ from cableway.benchmark.gate import baseline, regressions
 from cableway.benchmark.methods import BUILT_IN, load_method, method_names
 from cableway.benchmark.runner import picture_path, read_result, result_path, run_jobs
 from cableway.benchmark.suites import Episode, frozen_episodes
-from cableway.benchmark.summary import missed_steps
+from cableway.benchmark.summary import commits_text, missed_steps
 from cableway.cli import main
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
+from cableway.core.provenance import commit
 from cableway.metrics import METRICS
 
 FILE = Path(__file__).with_name("methods_for_tests.py")
@@ -186,12 +187,14 @@ def test_the_command_runs_resumes_and_leaves_everything(
     assert result_path(job("sound"), folder).stat().st_mtime_ns == before
     shown = json.loads(capsys.readouterr().out)
     figures = shown["suites"]["unconstrained"]["methods"]
+    assert shown["commits"] == {commit() or "": 2}
     assert figures["sound"]["metrics"]["success"]["value"] == 1.0
     assert figures["raises"]["outcomes"] == {"crashed": 1}
     assert figures["raises"]["differences"]["success"]["value"] == -1.0
     page = (folder / "report.html").read_text()
     assert "http" not in page.replace("https://", "http")
     assert f"--episodes {EPISODE.name}" in page
+    assert commits_text(shown["commits"]) in page
     assert (folder / "failures/unconstrained/raises" / f"{EPISODE.name}.png").exists()
     assert f"failures/unconstrained/raises/{EPISODE.name}.png" in page
     rows = (folder / "results.csv").read_text().splitlines()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
 from dataclasses import dataclass
 from enum import Enum
 from importlib import metadata
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from cableway.core import provenance
-from cableway.core.provenance import describe, versions
+from cableway.core.provenance import WITH_CHANGES, commit_of, describe, versions
 from cableway.planning.config import PlannerConfig
 
 
@@ -70,3 +71,32 @@ def test_every_field_of_the_planners_configuration_is_described():
 def test_what_is_no_configuration_is_refused():
     with pytest.raises(TypeError, match="set is not a configuration value"):
         describe({"a": {1, 2}})
+
+
+def test_the_commit_of_a_checkout_says_whether_its_source_was_changed(tmp_path: Path):
+    """A file outside `src` changes nothing that runs; an untracked one in it may."""
+
+    def git(*arguments: str) -> str:
+        author = ("-c", "user.name=a", "-c", "user.email=a@b.example")
+        return subprocess.check_output(["git", "-C", tmp_path, *author, *arguments], text=True).strip()
+
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "module.py").write_text("A = 1\n")
+    assert commit_of(tmp_path) is None
+    git("init", "--quiet")
+    assert commit_of(tmp_path) is None, "nothing committed yet"
+    git("add", "src")
+    git("commit", "--quiet", "-m", "first")
+    (tmp_path / "notes.txt").write_text("")
+    assert commit_of(tmp_path) == git("rev-parse", "HEAD")
+    (tmp_path / "src" / "other.py").write_text("")
+    assert commit_of(tmp_path) == git("rev-parse", "HEAD") + WITH_CHANGES
+    (tmp_path / "src" / "other.py").unlink()
+    (tmp_path / "src" / "module.py").write_text("A = 2\n")
+    assert commit_of(tmp_path) == git("rev-parse", "HEAD") + WITH_CHANGES
+
+
+def test_without_git_there_is_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / ".git").mkdir()
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert commit_of(tmp_path) is None

@@ -16,6 +16,7 @@ from cableway.benchmark.suites import Episode
 from cableway.commands import stopping_time
 from cableway.control.base import Controller
 from cableway.core.errors import InputError
+from cableway.core.provenance import commit
 from cableway.core.quantities import quantity
 from cableway.outcome import Outcome
 from cableway.planning.planner import plan as find_plan
@@ -60,6 +61,7 @@ class Result:
         seed: Of planner and noise.
         digest: Of the task.
         made_by: What else it depends on, see `methods.made_by`.
+        commit: At which cableway was, see `core.provenance.commit`; None where it is not run from a checkout.
         outcome: Value of an `Outcome`.
         detail: Why it was no success, in a sentence.
         success: As `cableway.report.judge` has it; of a blocked task: the planner said that no plan exists.
@@ -94,6 +96,7 @@ class Result:
     seed: int
     digest: str
     made_by: str
+    commit: str | None = None
     outcome: str
     detail: str = ""
     success: bool = False
@@ -141,6 +144,7 @@ class Job:
         source: The method, as for `load_method`.
         method: Its name.
         made_by: What a result depends on beside the episode, see `methods.made_by`.
+        commit: At which cableway is as the job is made.
         deadline: Wall time [s] after which a control step counts as missed; never where None.
     """
 
@@ -148,6 +152,7 @@ class Job:
     source: str
     method: str
     made_by: str
+    commit: str | None = None
     deadline: float | None = None
 
 
@@ -161,7 +166,7 @@ def jobs_of(source: str, episodes: Iterable[Episode], deadline: float | None = N
     Watchdog(deadline=deadline)  # checks it
     method, maker = load_method(source), made_by(source) + ("" if deadline is None else f", deadline {deadline:g} s")
     require_extras(*(name for name in (method.planner, method.controller) if isinstance(name, str)))
-    return [Job(episode, source, method.name, maker, deadline) for episode in episodes]
+    return [Job(episode, source, method.name, maker, commit(), deadline) for episode in episodes]
 
 
 def run_job(job: Job) -> Scored:
@@ -244,7 +249,7 @@ def _controller(source: str) -> Controller[Any]:
 
 def _known(job: Job) -> dict[str, Any]:
     given = asdict(job.episode)
-    return {"episode": given.pop("name"), "method": job.method, "made_by": job.made_by, **given}
+    return {"episode": given.pop("name"), "method": job.method, "made_by": job.made_by, "commit": job.commit, **given}
 
 
 def _certified(job: Job, run: Run) -> Result:

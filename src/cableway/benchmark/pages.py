@@ -8,7 +8,7 @@ from typing import Any
 
 from cableway.benchmark.episode import Job, Result
 from cableway.benchmark.runner import picture_path
-from cableway.benchmark.summary import Results, each_of
+from cableway.benchmark.summary import Results, commits_text, each_of
 from cableway.benchmark.tables import sentence, suite_tables
 from cableway.core.templates import render
 from cableway.metrics import METRICS
@@ -34,8 +34,8 @@ def report_page(
         pictures: Names of figures in the folder.
     """
     suites = [
-        {"name": name, "description": sentence(name), "tables": suite_tables(name, rows)}
-        for name, rows in results.items()
+        {"name": name, "description": sentence(name), "tables": suite_tables(name, figures)}
+        for name, figures in about["suites"].items()
     ]
     return render(
         "report.html.jinja",
@@ -49,6 +49,7 @@ def report_page(
         metrics=[metric for metric in METRICS.values() if metric.title],
         command=command,
         pictures=pictures,
+        commits=commits_text(about["commits"]),
         **{key: about[key] for key in ("versions", "machine", "size")},
     )
 

@@ -1,4 +1,4 @@
-"""A run's figures as plain data: what `summary.json` holds, and one line for each episode."""
+"""A run's figures as plain data: what `summary.json` holds, of which tables are made, and one line for each episode."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import io
 import os
 import platform
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
@@ -54,8 +55,9 @@ def machine() -> dict[str, Any]:
 
 def summary(results: Results, methods: Sequence[Method], size: str, configuration: Mapping[str, Any]) -> dict[str, Any]:
     """All figures with their intervals, by suite, method and group."""
-    content: dict[str, Any] = {
+    return {
         "versions": versions(),
+        "commits": commits(results),
         "machine": machine(),
         "size": size,
         "configuration": dict(configuration),
@@ -64,16 +66,35 @@ def summary(results: Results, methods: Sequence[Method], size: str, configuratio
             for metric in METRICS.values()
         },
         "methods": {method.name: method.description for method in methods},
-        "suites": {},
+        "suites": {suite: suite_figures(suite, rows) for suite, rows in results.items()},
     }
-    for suite, rows in results.items():
-        first = next(iter(rows.values()))
-        content["suites"][suite] = {
-            "version": SUITES[suite].version,
-            "plants": {name: variant(name).description for name in dict.fromkeys(result.plant for result in first)},
-            "methods": {name: _figures(found) | _against(found, first) for name, found in rows.items()},
-        }
-    return content
+
+
+def suite_figures(suite: str, rows: Mapping[str, Sequence[Result]]) -> dict[str, Any]:
+    """Figures of one suite by method, and what is different in each plant."""
+    first = next(iter(rows.values()))
+    return {
+        "version": SUITES[suite].version,
+        "plants": {name: variant(name).description for name in dict.fromkeys(result.plant for result in first)},
+        "methods": {name: _figures(found) | _against(found, first) for name, found in rows.items()},
+    }
+
+
+def commits(results: Results) -> dict[str, int]:
+    """Number of episodes by the commit that they were run at, "" where none was recorded, as outside a checkout."""
+    return dict(Counter(result.commit or "" for result in each_of(results)))
+
+
+def commits_text(about: Mapping[str, int]) -> str:
+    """Commits in words.
+
+    >>> commits_text({"889c4151b2c3d4e5f6": 12}), commits_text({"889c4151b2c3d4e5f6 with changes": 2, "": 1})
+    ('commit 889c4151b2', 'commit 889c4151b2 with changes (2 episodes), no commit recorded (1 episode)')
+    """
+    names = {name: re.sub(r"^(\w{10})\w*", r"commit \1", name) or "no commit recorded" for name in about}
+    if len(names) == 1:
+        return next(iter(names.values()))
+    return ", ".join(f"{names[name]} ({count} episode{'s' * (count != 1)})" for name, count in about.items())
 
 
 def _figures(results: Sequence[Result]) -> dict[str, Any]:

@@ -1,16 +1,13 @@
-"""Tables of a run, for Markdown and for the report."""
+"""Tables of a run, for Markdown and for the report: made of what `summary.json` holds, so that they say the same."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from cableway.benchmark.episode import Result
-from cableway.benchmark.statistics import Estimate, difference, estimate, quantiles
 from cableway.benchmark.suites import SUITES
-from cableway.benchmark.summary import Results, by_group
 from cableway.metrics import METRICS, Metric
-from cableway.simulation.perturbations.variants import variant
 
 COLUMNS = ("success", "strict", "strict_reachable", "survived", "contact", "avoidable_contact", "shape_error",
            "above_least_achievable", "deviation", "clearance", "planning_time", "control_time", "control_p99",
@@ -40,12 +37,16 @@ class Table:
         return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def markdown(results: Results, size: str) -> str:
-    """All tables of a run."""
+def markdown(about: Mapping[str, Any]) -> str:
+    """All tables of a run.
+
+    Args:
+        about: `summary.summary` of the run.
+    """
     parts = []
-    for suite, rows in results.items():
-        parts.append(f"## {suite}, {size}\n\n{sentence(suite)}\n")
-        parts += [f"### {suite}: {table.title}\n\n{table.markdown()}" for table in suite_tables(suite, rows)]
+    for suite, figures in about["suites"].items():
+        parts.append(f"## {suite}, {about['size']}\n\n{sentence(suite)}\n")
+        parts += [f"### {suite}: {table.title}\n\n{table.markdown()}" for table in suite_tables(suite, figures)]
     return "\n".join(parts)
 
 
@@ -55,66 +56,62 @@ def sentence(suite: str) -> str:
     return f"{text[0].upper()}{text[1:]}. Version {SUITES[suite].version}."
 
 
-def suite_tables(suite: str, rows: Mapping[str, Sequence[Result]]) -> list[Table]:
-    """Methods against metrics, their differences to the first, and the groups of each."""
-    tables = [_figures("methods", "method", rows)]
-    if SUITES[suite].groups == "plant":
-        tables.append(_plants(next(iter(rows.values()))))
-    if len(rows) > 1:
-        tables.append(_differences(rows))
-    groups = {name: by_group(results) for name, results in rows.items()}
-    tables += [_figures(name, SUITES[suite].groups, found) for name, found in groups.items() if len(found) > 1]
-    return tables
+def suite_tables(suite: str, figures: Mapping[str, Any]) -> list[Table]:
+    """Methods against metrics, their differences to the first, and the groups of each.
+
+    Args:
+        suite: Its name.
+        figures: `summary.suite_figures` of it.
+    """
+    methods, by = figures["methods"], SUITES[suite].groups
+    tables = [_figures("methods", "method", methods)]
+    if by == "plant":
+        tables.append(Table("plants", (("plant", "what differs"), *figures["plants"].items())))
+    if len(methods) > 1:
+        tables.append(_differences(methods))
+    return tables + [_figures(name, by, found["groups"]) for name, found in methods.items() if len(found["groups"]) > 1]
 
 
-def _plants(results: Sequence[Result]) -> Table:
-    """What is different in each plant."""
-    return Table(
-        "plants", (("plant", "what differs"), *((name, variant(name).description) for name in by_group(results)))
-    )
-
-
-def _figures(title: str, first: str, rows: Mapping[str, Sequence[Result]]) -> Table:
+def _figures(title: str, first: str, rows: Mapping[str, Mapping[str, Any]]) -> Table:
     shown = [METRICS[name] for name in COLUMNS]
-    shown = [metric for metric in shown if any(_adds(metric, results) for results in rows.values())]
+    shown = [metric for metric in shown if any(_adds(metric, found) for found in rows.values())]
     lines = [(first, "n", *(metric.head for metric in shown))]
-    for name, results in rows.items():
-        lines.append((name, str(len(results)), *(_cell(metric, results) for metric in shown)))
+    for name, found in rows.items():
+        lines.append((name, str(found["episodes"]), *(_cell(metric, found) for metric in shown)))
     return Table(title, tuple(lines))
 
 
-def _differences(rows: Mapping[str, Sequence[Result]]) -> Table:
+def _differences(methods: Mapping[str, Mapping[str, Any]]) -> Table:
     """How much more each method has than the first one, in the same episodes."""
-    first, *others = rows
+    first, *others = methods
     shown = [METRICS[name] for name in COMPARED]
     lines = [("method", "n", *(metric.head for metric in shown))]
     for name in others:
-        found = [difference(metric, rows[name], rows[first]) for metric in shown]
-        count = str(max((each.n for each in found if each is not None), default=0))
+        found = [methods[name]["differences"].get(metric.key) for metric in shown]
+        count = str(max((each["n"] for each in found if each is not None), default=0))
         lines.append((name, count, *(_interval(metric, each) for metric, each in zip(shown, found, strict=True))))
     return Table(f"differences to {first} in the same episodes", tuple(lines))
 
 
-def _adds(metric: Metric, results: Sequence[Result]) -> bool:
+def _adds(metric: Metric, row: Mapping[str, Any]) -> bool:
     """Whether a column shows something that the others do not."""
-    found = estimate(metric, results)
-    return found is not None and (metric.key != "strict_reachable" or found.n < len(results))
+    found = row["metrics"].get(metric.key)
+    return found is not None and (metric.key != "strict_reachable" or found["n"] < row["episodes"])
 
 
-def _cell(metric: Metric, results: Sequence[Result]) -> str:
+def _cell(metric: Metric, row: Mapping[str, Any]) -> str:
     """A share with its interval, and of how many where not of all; or median / 95th percentile / worst."""
-    spread = quantiles(metric, results)
-    if spread is None:
-        found = estimate(metric, results)
-        of = f" of {found.n}" if metric.is_share and found is not None and found.n < len(results) else ""
+    found = row["metrics"].get(metric.key)
+    if found is None or metric.is_share:
+        of = f" of {found['n']}" if found is not None and found["n"] < row["episodes"] else ""
         return _interval(metric, found) + of
-    return " / ".join(number(metric.scale * value) for value in spread.values())
+    return " / ".join(number(metric.scale * found[key]) for key in ("median", "p95", "worst"))
 
 
-def _interval(metric: Metric, found: Estimate | None) -> str:
+def _interval(metric: Metric, found: Mapping[str, float] | None) -> str:
     if found is None:
         return "-"
-    value, low, high = (number(metric.scale * each) for each in (found.value, found.low, found.high))
+    value, low, high = (number(metric.scale * found[key]) for key in ("value", "low", "high"))
     return f"{value} ({low} to {high})"
 
 

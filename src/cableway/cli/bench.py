@@ -122,7 +122,7 @@ class Bench(EpisodeOptions):
             command=f"cableway {shlex.join(sys.argv[1:])}",
             pictures=_write_pictures(results, folder),
         )
-        for name, text in ((CSV, csv_text(found)), (TABLES, markdown(results, self.size)), (PAGE, page)):
+        for name, text in ((CSV, csv_text(found)), (TABLES, markdown(about)), (PAGE, page)):
             write_text(folder / name, text)
         write_json(folder / SUMMARY, about)
         write_json(folder / BASELINE, baseline(found))

@@ -37,9 +37,9 @@ class Reproduce(EpisodeOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
-        from cableway.benchmark.summary import machine
+        from cableway.benchmark.summary import commits, machine
         from cableway.core.files import only_writer, write_json, write_text
-        from cableway.core.provenance import versions
+        from cableway.core.provenance import commit, versions
         from cableway.tang2025.reproduction.page import reproduction_page, reproduction_text
 
         if self.size not in SIZES:
@@ -51,6 +51,8 @@ class Reproduce(EpisodeOptions):
             sections = self._sections(results, folder, progress)
             about = {
                 "versions": versions(),
+                "commit": commit(),
+                "commits": commits(results),
                 "machine": machine(),
                 "size": self.size,
                 "configuration": self._configuration(),

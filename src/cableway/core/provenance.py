@@ -1,16 +1,18 @@
-"""Where a result comes from: versions of what made it, and configurations as plain data."""
+"""Where a result comes from: versions and commit of what made it, and configurations as plain data."""
 
 from __future__ import annotations
 
 import math
+import os
 import platform
 import re
+import subprocess
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from importlib import metadata
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,8 @@ from cableway.core.extras import EXTRAS
 
 PACKAGE = "cableway"
 NOT_INSTALLED = "not installed"
+WITH_CHANGES = " with changes"
+"""After a commit from which the source differs."""
 
 
 def versions() -> dict[str, str]:
@@ -46,6 +50,35 @@ def _version(name: str) -> str:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return NOT_INSTALLED
+
+
+@cache
+def commit() -> str | None:
+    """The commit of the checkout that cableway runs from, see `commit_of`; None where it is installed elsewhere."""
+    return commit_of(Path(__file__).resolve().parents[3])
+
+
+def commit_of(root: Path) -> str | None:
+    """The commit that a checkout is at, and `WITH_CHANGES` where anything below its `src` differs from it.
+
+    Args:
+        root: The checkout's folder; None comes back where it is none, or where git does not say.
+    """
+    if not (root / ".git").exists():
+        return None
+    found, changed = _git(root, "rev-parse", "HEAD"), _git(root, "status", "--porcelain", "--", "src")
+    return found and found + (WITH_CHANGES if changed != "" else "")
+
+
+def _git(root: Path, *arguments: str) -> str | None:
+    """What git prints, None where it fails or there is none."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    command = ["git", "--no-optional-locks", "-C", str(root), *arguments]
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=30.0)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def describe(config: Any) -> Any:

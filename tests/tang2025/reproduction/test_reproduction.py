@@ -17,7 +17,10 @@ from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.reproduction import paper, reproduction
 from cableway.tang2025.reproduction.page import Section, median_worst, reproduction_page, reproduction_text, spread
 
-ABOUT = {"versions": {"cableway": "0"}, "machine": machine(), "size": "quick", "configuration": {"data_seeds": [1, 2]}}
+ABOUT = {
+    "versions": {"cableway": "0"}, "commit": "a" * 40, "commits": {"a" * 40: 3}, "machine": machine(), "size": "quick",
+    "configuration": {"data_seeds": [1, 2]},
+}  # fmt: skip
 
 
 def result(suite: str, task: str, error: float, method: str = "cableway", clearance: float | None = 0.008) -> Result:
@@ -86,7 +89,9 @@ def test_pages_hold_every_section_and_escape_what_they_show():
     assert "&lt;b&gt;A &amp; B&lt;/b&gt;" in page
     assert 'src="one.png"' in page
     assert "http" not in page.split("</style>")[-1]
-    assert "`cableway reproduce --size quick`. Versions: cableway 0." in text
+    assert "`cableway reproduce --size quick`, commit aaaaaaaaaa (episodes: commit aaaaaaaaaa)." in " ".join(
+        text.split()
+    )
     assert "![one.png](one.png)" in text
     assert max(map(len, (line for line in text.splitlines() if line.startswith("word")))) <= 120
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cableway.benchmark.episode import Result
+from cableway.benchmark.summary import commits_text
 from cableway.benchmark.tables import Table, number
 from cableway.core.templates import render
 from cableway.tang2025.reproduction.paper import Spread
@@ -58,17 +59,22 @@ def reproduction_page(sections: Sequence[Section], about: Mapping[str, Any]) -> 
 
     Args:
         sections: In order.
-        about: "versions", "machine", "size" and "configuration".
+        about: "versions", "commit", "commits", "machine", "size" and "configuration".
     """
     packages = ("cableway.benchmark", "cableway.tang2025.reproduction")
-    return render("reproduction.html.jinja", *packages, sections=sections, **about)
+    return render("reproduction.html.jinja", *packages, sections=sections, made=_made_at(about), **about)
+
+
+def _made_at(about: Mapping[str, Any]) -> str:
+    """Commits of the page and of the episodes in it."""
+    return f"{commits_text({about['commit'] or '': 1})} (episodes: {commits_text(about['commits'])})"
 
 
 def reproduction_text(sections: Sequence[Section], about: Mapping[str, Any]) -> str:
     """The same as Markdown."""
     machine, (first, second) = about["machine"], about["configuration"]["data_seeds"]
     made = (
-        f"Made by `cableway reproduce --size {about['size']}`. Versions: "
+        f"Made by `cableway reproduce --size {about['size']}`, {_made_at(about)}. Versions: "
         f"{', '.join(f'{package} {version}' for package, version in about['versions'].items())}. Machine: "
         f"{machine['system']}, {machine['processor']}, {machine['cores']} cores, ten million additions in a plain "
         f"Python loop take {machine['ten_million_additions']} s. Seeds: of episodes, those in their suites' lists; of "
