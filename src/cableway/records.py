@@ -54,12 +54,14 @@ class PaperStages(Brief):
         passages: (Q, 2, 2) ends of the passages that the pivot path traverses, in that order [m].
         path_set: (n, M, 2) keypoint paths [m].
         progress: (T+1, n) sigma of each keypoint along its path, 0 at the start, 1 at the goal, never falling.
+        metadata: How it was made, for that of the plan: `ipopt` has status, iterations and whether it converged.
     """
 
     pivot: Float[np.ndarray, "P 2"]
     passages: Float[np.ndarray, "Q 2 2"]
     path_set: Float[np.ndarray, "n M 2"]
     progress: Float[np.ndarray, "T+1 n"]
+    metadata: dict[str, Any] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         check_shapes(self)

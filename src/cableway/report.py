@@ -269,7 +269,7 @@ def summarize(
         task=task.name, outcome=outcome, failure=failure or None,
         planning_time=None if timings is None else float(sum(timings.values())), stage_times=timings,
         insertion=None if insertion is None else measure_insertion(insertion.poses[:, 1], task),
-        notes=(*notes, *_planned_anew(rollout), *_missed(rollout)),
+        notes=tuple(dict.fromkeys((*notes, *_unconverged(plan, attempt), *_planned_anew(rollout), *_missed(rollout)))),
         **_made_by(seed, configuration, plan=plan, rollout=rollout, insertion_plan=insertion_plan, insertion=insertion),
         **verdicts,
         **({} if plan is None else {"plan_steps": plan.steps, "gripper_travel": _travel((rollout or plan).poses)}),
@@ -337,6 +337,16 @@ def _control_time(seconds: Float[np.ndarray, "K"]) -> ControlTime | None:
         return None
     median, p99, most = np.percentile(seconds, [50, 99, 100])
     return ControlTime(median=float(median), p99=float(p99), max=float(most))
+
+
+def _unconverged(plan: Plan | None, attempt: Attempt | None) -> tuple[str, ...]:
+    """That the deformation is no minimum, in a sentence, where Ipopt stopped before it had found one."""
+    stages = None if attempt is None else attempt.stages
+    made_by = plan.metadata if plan is not None else {} if stages is None else stages.metadata
+    ended = made_by.get("ipopt")
+    if not isinstance(ended, Mapping) or ended.get("converged", True):
+        return ()
+    return (f"Ipopt stopped after {ended.get('iterations')} iterations without converging ({ended.get('status')}).",)
 
 
 def _planned_anew(rollout: Rollout | None) -> tuple[str, ...]:

@@ -140,7 +140,9 @@ class Search:
         return again if isinstance(again, Plan) or _faults(again) < _faults(found) else found
 
     def _judge(self, projected: ProjectedTrajectory, initial: InitialTrajectory) -> Plan | Attempt:
-        plan = Plan(projected.shapes, projected.poses, projected.q, initial.stages_at(projected.places))
+        stages = initial.stages_at(projected.places)
+        made_by = {} if stages is None else stages.metadata
+        plan = Plan(projected.shapes, projected.poses, projected.q, stages, made_by)
         self.report("verification", 0.0)
         verdict = verify_plan(plan, self.task, self.config.limits)
         self.report("verification", 1.0)

@@ -113,7 +113,9 @@ def search(
         attempt = error.attempt
         if not options.follow_unverified or attempt is None or attempt.poses is None:
             raise
-        return Plan(attempt.shapes, attempt.poses, stages=attempt.stages, metadata={"unverified": attempt.reason})
+        made_by = {} if attempt.stages is None else attempt.stages.metadata
+        metadata = {**made_by, "unverified": attempt.reason}
+        return Plan(attempt.shapes, attempt.poses, stages=attempt.stages, metadata=metadata)
 
 
 def _plans(task: Task, options: SolveOptions, planner: Planner, timer: StageTimer) -> Sequence[Plan]:

@@ -249,7 +249,9 @@ def limits(rows: list[list[float]], low: float, high: float, bound: float = 10.0
 
 def test_ipopt_projects_onto_a_plane():
     found = minimize(quadratic(np.array([1.0, 2.0, 3.0])), limits([[1.0, 1.0, 1.0]], 0.0, 0.0), np.zeros(3), 50)
-    assert found == pytest.approx([-1.0, 0.0, 1.0], abs=1e-6)
+    assert found.x == pytest.approx([-1.0, 0.0, 1.0], abs=1e-6)
+    assert found.converged
+    assert 0 < found.iterations < 50
 
 
 def test_ipopt_minimises_rosenbrock_with_its_full_hessian():
@@ -262,7 +264,10 @@ def test_ipopt_minimises_rosenbrock_with_its_full_hessian():
         np.array([1, 1, 0]),
     )
     found = minimize(rosenbrock, limits([[1.0, 0.0]], -10.0, 10.0), np.array([-1.2, 1.0]), 60)
-    assert found == pytest.approx([1.0, 1.0], abs=1e-4)
+    assert found.x == pytest.approx([1.0, 1.0], abs=1e-4)
+    assert found.converged
+    stopped = minimize(rosenbrock, limits([[1.0, 0.0]], -10.0, 10.0), np.array([-1.2, 1.0]), 5)
+    assert (stopped.converged, stopped.status, stopped.iterations) == (False, "Maximum_Iterations_Exceeded", 5)
 
 
 def test_limits_that_contradict_each_other_are_a_planning_error():

@@ -49,7 +49,7 @@ class PaperChain:
         return paths
 
     def deformation(self, guess: Guess) -> tuple[Float[np.ndarray, "t n 2"], PaperStages]:
-        """The shapes [m] optimised from a first guess, and all that was made on the way.
+        """The shapes [m] optimised from a first guess, and all that was made on the way, with how Ipopt ended.
 
         Raises:
             PlanningError: Ipopt failed.
@@ -58,4 +58,6 @@ class PaperChain:
         self.progress("initial trajectory", 0.0)
         made = optimize_deformation(paths, self.task.cable, self.config.deformation, guess)
         self.progress("initial trajectory", 1.0)
-        return made.shapes, PaperStages(paths.pivot, paths.passages, paths.paths, made.progress)
+        ended = {"status": made.status, "iterations": made.iterations, "converged": made.converged}
+        made_by = {"ipopt": ended}
+        return made.shapes, PaperStages(paths.pivot, paths.passages, paths.paths, made.progress, metadata=made_by)

@@ -49,7 +49,8 @@ class DeformationConfig(Checked):
         upper_bound: ub, most progress of a keypoint in a step; paper's table: 0.1.
         interpolation: "spline": a C2 cubic spline through each path; "sigmoid": the paper's weighted segments.
         sharpness: a of the paper's sigmoid, per segment.
-        iterations: Iterations allowed to Ipopt; when they are used up, the last iterate is taken.
+        iterations: Iterations allowed to Ipopt; when they are used up, the last iterate is taken and the report says
+            so.
     """
 
     steps: Annotated[int, Bounds(2, 10000)] = 50
@@ -97,6 +98,7 @@ def paper_planner() -> PaperPlannerConfig:
             lower_bound=0.01,
             upper_bound=0.1,
             interpolation="sigmoid",
+            iterations=1000,
         ),
         initial_trajectories=("uniform",),
         projection=ProjectionConfig(kind="none"),

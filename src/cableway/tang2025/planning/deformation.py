@@ -34,10 +34,16 @@ class DeformationSequence:
     Attributes:
         shapes: (T+1, n, 2) [m].
         progress: (T+1, n): sigma of each keypoint along its path, 0 at the start, 1 at the goal, never falling.
+        status: Ipopt's return code.
+        iterations: How many it took.
+        converged: Whether the sequence is a local minimum; else it is Ipopt's last iterate.
     """
 
     shapes: Float[np.ndarray, "t n 2"]
     progress: Float[np.ndarray, "t n"]
+    status: str
+    iterations: int
+    converged: bool
 
 
 def optimize_deformation(
@@ -96,10 +102,10 @@ def optimize_deformation(
     found = minimize(objective, _limits(n, config), inner.ravel(), config.iterations)
     if progress:
         progress("deformation", 1.0)
-    sigma = np.maximum.accumulate(np.clip(at(found), 0.0, 1.0), axis=0)
+    sigma = np.maximum.accumulate(np.clip(at(found.x), 0.0, 1.0), axis=0)
     shapes = curves(sigma)[0]
     shapes[0], shapes[-1] = path_set.paths[:, 0], path_set.paths[:, -1]
-    return DeformationSequence(shapes, sigma)
+    return DeformationSequence(shapes, sigma, found.status, found.iterations, found.converged)
 
 
 def first_guess(path_set: PathSet, cable: Cable, config: DeformationConfig, guess: Guess) -> Float[np.ndarray, "t n"]:

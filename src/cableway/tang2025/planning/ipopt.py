@@ -16,13 +16,11 @@ from jaxtyping import Float, Int
 
 from cableway.core.errors import PlanningError
 
-USABLE = (
-    "Solve_Succeeded",
-    "Solved_To_Acceptable_Level",
-    "Maximum_Iterations_Exceeded",
-    "Search_Direction_Becomes_Too_Small",
-)
-"""Return codes after which the last iterate is taken, if it is feasible."""
+CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+"""Return codes after which the last iterate is a local minimum."""
+
+STOPPED = ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small")
+"""Return codes after which the last iterate is taken, if it is feasible, although it is no local minimum."""
 
 OPTIONS = {
     "print_time": False,
@@ -83,14 +81,34 @@ class LinearLimits:
         return max(float(part.max(initial=0.0)) for part in parts)
 
 
+@dataclass(frozen=True)
+class Minimum:
+    """What Ipopt found.
+
+    Attributes:
+        x: (m,) the last iterate; feasible.
+        status: Ipopt's return code.
+        iterations: How many it took.
+    """
+
+    x: Float[np.ndarray, "m"]
+    status: str
+    iterations: int
+
+    @property
+    def converged(self) -> bool:
+        """Whether x is a local minimum."""
+        return self.status in CONVERGED
+
+
 def minimize(
     objective: Objective,
     limits: LinearLimits,
     start: Float[np.ndarray, "m"],
     iterations: int,
     tolerance: float = 1e-6,
-) -> Float[np.ndarray, "m"]:
-    """A local minimum near `start`, or the last iterate when the iterations are used up.
+) -> Minimum:
+    """A local minimum near `start`, or the last iterate where Ipopt stops before, as when the iterations are used up.
 
     Args:
         objective: f with its derivatives.
@@ -121,9 +139,11 @@ def minimize(
         answer = solver(x0=start, lbx=limits.lower, ubx=limits.upper, lbg=limits.row_lower, ubg=limits.row_upper)
     except RuntimeError as error:
         raise PlanningError(f"Ipopt failed: {error}") from error
-    found, status = answer["x"].full().ravel(), solver.stats()["return_status"]
-    if status not in USABLE or not np.isfinite(found).all() or limits.violation(found) > tolerance:
-        raise PlanningError(f"Ipopt found no feasible answer ({status})")
+    stats = solver.stats()
+    found = Minimum(answer["x"].full().ravel(), stats["return_status"], stats["iter_count"])
+    usable = found.status in CONVERGED + STOPPED and np.isfinite(found.x).all()
+    if not usable or limits.violation(found.x) > tolerance:
+        raise PlanningError(f"Ipopt found no feasible answer ({found.status})")
     return found
 
 
