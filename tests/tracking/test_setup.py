@@ -84,16 +84,17 @@ def test_a_cable_must_end_at_its_grippers_and_point_as_they_do() -> None:
     """Turned grasps and noise are allowed; keypoints mirrored about the line of the grippers are not."""
     shape, poses = PLAN.shapes[0], PLAN.poses[0]
     noise = np.random.default_rng(0).normal(0.0, 0.002, shape.shape)
-    assert disagreement(shape + 0.01 + noise, poses + [0.0, 0.0, np.radians(10)]) == ""
-    assert disagreement(shape, poses + [[0.0, 0.0, 2 * np.pi], [0.0, 0.0, -4 * np.pi]]) == ""
-    said = disagreement(shape + [0.0, 0.05], poses)
+    assert disagreement(shape + 0.01 + noise, poses + [0.0, 0.0, np.radians(10)], shape) == ""
+    assert disagreement(shape, poses + [[0.0, 0.0, 2 * np.pi], [0.0, 0.0, -4 * np.pi]], shape) == ""
+    said = disagreement(shape + [0.0, 0.05], poses, shape)
     assert said == "the camera's cable ends 50.0 mm from where the left gripper is reported"
-    said = disagreement(mirrored(shape, poses), poses)
+    said = disagreement(mirrored(shape, poses), poses, shape)
     assert "degrees away from where the right gripper is reported to point" in said
-    assert disagreement(shape, poses + [0.0, 0.0, 0.8]) == "", "an end that is bent, no mirror image"
+    bent = mirrored(shape, poses) + [0.0, 0.002]
+    assert disagreement(bent, poses, mirrored(shape, poses)) == "", "where it should be, whatever its ends look like"
     hidden = shape.copy()
     hidden[[0, -1]] = np.nan
-    assert disagreement(hidden, poses) == "", "what is not seen contradicts nothing"
+    assert disagreement(hidden, poses, shape) == "", "what is not seen contradicts nothing"
 
 
 @pytest.mark.parametrize("keypoints", [3, 6, 7, 12, 13, 26, 200])

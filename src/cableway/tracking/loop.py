@@ -334,6 +334,6 @@ class Loop:
         except SimulationError as error:
             return self.log.end_early(error)
         self._silence.noted(self.observation, now)
-        lost = self._silence.lasting(now, never=True) or self._attachment.lost(self.observation)
+        lost = self._silence.lasting(now, never=True) or self._attachment.lost(self.observation, self.state.reference)
         failure = self._robot.error if self._robot.failed else lost
         return Ending(Outcome.PLANT_FAILED, failure) if failure else None

@@ -256,7 +256,7 @@ class Watch:
             return keypoints._replace(outcome=failed) if keypoints.outcome is Outcome.NO_PLAN else keypoints
         if contact is not None:
             loop.suspected.extend(_suspected(contact, keypoints, loop.task))
-        if wrong := disagreement(keypoints, loop.poses):
+        if wrong := disagreement(keypoints, loop.poses, loop.state.reference):
             return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
         if first and why is not None and clearances(keypoints[None], loop.poses[None], loop.task).min() < LEAST_ROOM:
             return Ending(failed, "the cable touches something")

@@ -16,7 +16,7 @@ from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.task import Grippers
 from cableway.tracking.first_motion import FirstMotion
-from cableway.tracking.setup import BENT, OFF, cable_ends, ends_off, off_grippers
+from cableway.tracking.setup import BENT, OFF, ends_off, off_grippers
 
 FROZEN = 0.002
 """Way [m] of a gripper during which a frame that stays the same bit for bit is taken for frozen."""
@@ -136,13 +136,18 @@ class Attachment:
         self._poses: deque[np.ndarray] = deque(maxlen=SEEN_LATE + 1)
         self._off = np.zeros(2, int)
 
-    def lost(self, observation: Observation) -> str:
-        """A sentence on the end that is elsewhere, after an observation; "" for none."""
+    def lost(self, observation: Observation, reference: Float[np.ndarray, "n 2"]) -> str:
+        """A sentence on the end that is elsewhere, after an observation; "" for none.
+
+        Args:
+            observation: The newest one.
+            reference: (n, 2) where the keypoints should be [m].
+        """
         if poses_usable(observation):
             self._poses.append(observation.poses)
         if not self._poses:
             return ""
-        apart, turned = (off.min(axis=0) for off in ends_off(np.array(self._poses), cable_ends(observation.keypoints)))
+        apart, turned = ends_off(observation.keypoints, np.array(self._poses), reference)
         shown = np.isfinite(apart)
         self._off = np.where(shown, np.where((apart > OFF) | (turned > BENT), self._off + 1, 0), self._off)
         lasting = shown & (self._off >= self._most)

@@ -21,7 +21,7 @@ BENT = 0.6
 """Angle [rad] between the cable's tangent at a gripper, by its keypoints, and the gripper, beyond which one is wrong.
 
 Grasps askew by 10 degrees, rest curvature, and noise of 2 mm leave less than a third of it as a rule, and strongly bent
-ends more than all of it: so much counts only where the mirror image points as the gripper does."""
+ends more than all of it: so much counts only where the keypoints are mirrored, see `ends_off`."""
 
 TELLING = (7, 13)
 """Keypoints from which on the tangents at the ends are known from them, and as many as noise leaves useful."""
@@ -85,23 +85,35 @@ def _mean_distance(points: Float[np.ndarray, "k 2"], wanted: Float[np.ndarray, "
     return float(there.mean()) if len(there) else np.inf
 
 
-def disagreement(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> str:
-    """A sentence where the ends of a cable are not in its grippers, or point elsewhere than those; "" where they are.
+def disagreement(
+    keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], reference: Float[np.ndarray, "n 2"]
+) -> str:
+    """A sentence where the ends of a cable are not in its grippers, or its keypoints are mirrored; "" for neither.
 
-    The angles show keypoints that are mirrored about the line of the grippers.
+    Args:
+        keypoints: (n, 2) as observed [m], NaN where hidden.
+        poses: (2, 3) grippers [m, m, rad].
+        reference: (n, 2) where the keypoints should be [m].
     """
-    return off_grippers(*ends_off(poses, cable_ends(keypoints)))
+    return off_grippers(*ends_off(keypoints, poses[None], reference))
 
 
 def ends_off(
-    poses: Float[np.ndarray, "... 2 3"], ends: Float[np.ndarray, "2 3"]
-) -> tuple[Float[np.ndarray, "... 2"], Float[np.ndarray, "... 2"]]:
-    """Distances [m] of the cable's ends from the grippers, and turns [rad]; 0 where mirroring would not explain one."""
-    apart, turned = SE2.distance(poses, ends)
-    along = SE2.position(poses[..., 1, :] - poses[..., 0, :])
-    image = 2 * np.arctan2(along[..., 1], along[..., 0])[..., None] - ends[:, 2]
-    left = SE2.distance(poses, np.concatenate([SE2.position(poses), image[..., None]], axis=-1))[1]
-    return apart, np.where(left < turned / 2, turned, 0.0)
+    keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "k 2 3"], reference: Float[np.ndarray, "n 2"]
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Least distance [m] and turn [rad] of each end of the cable from poses of its gripper, the newest last.
+
+    A turn counts only where the keypoints are mirrored: mirrored about the line of the grippers, they would be nearer
+    to where they should be, and turned less than half as far. Strongly bent ends are turned as far.
+    """
+    apart, turned = (off.min(axis=0) for off in SE2.distance(poses, cable_ends(keypoints)))
+    left, right = SE2.position(poses[-1])
+    along = (right - left) / max(np.linalg.norm(right - left), 1e-9)
+    from_left = keypoints - left
+    image = left + 2 * (from_left @ along)[:, None] * along - from_left
+    left_over = SE2.distance(poses, cable_ends(image))[1].min(axis=0)
+    is_mirrored = _mean_distance(image, reference) < _mean_distance(keypoints, reference)
+    return apart, np.where(is_mirrored & (left_over < turned / 2), turned, 0.0)
 
 
 def off_grippers(apart: Float[np.ndarray, "2"], turned: Float[np.ndarray, "2"]) -> str:
