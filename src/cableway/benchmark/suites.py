@@ -123,6 +123,10 @@ SUITES = {
 }  # fmt: skip
 """Suites by name."""
 
+PLANNER_SUITES = frozenset({"paper", "clutter", "dense", "corridors", "mazes", "sensing", "unconstrained", "blocked"})
+"""Suites that judge planners alone: the cable is the nominal one, so that a plan succeeds in open loop, too, or there
+is no plan. The others judge controllers."""
+
 
 def get_suite(name: str) -> Suite:
     """The suite of a name.

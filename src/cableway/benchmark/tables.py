@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from cableway.benchmark.suites import SUITES
+from cableway.benchmark.suites import PLANNER_SUITES, SUITES
 from cableway.metrics import METRICS, Metric
 
 COLUMNS = ("success", "strict", "strict_reachable", "survived", "contact", "avoidable_contact", "shape_error",
@@ -53,7 +53,8 @@ def markdown(about: Mapping[str, Any]) -> str:
 def sentence(suite: str) -> str:
     """What a suite is."""
     text = SUITES[suite].description
-    return f"{text[0].upper()}{text[1:]}. Version {SUITES[suite].version}."
+    judged = " It judges planners, not controllers." if suite in PLANNER_SUITES else ""
+    return f"{text[0].upper()}{text[1:]}.{judged} Version {SUITES[suite].version}."
 
 
 def suite_tables(suite: str, figures: Mapping[str, Any]) -> list[Table]:
