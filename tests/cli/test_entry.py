@@ -89,7 +89,11 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         (["collect", "--transitions", "9", "--workers", "0"], "workers must be at least 1, got 0"),
         (["collect", "--executor", "cloud"], "unknown executor 'cloud'; known: local, ray"),
         (["reproduce", "--size", "huge"], "unknown size 'huge'; known: full, quick"),
-        (["train"], "runs/collect: not a data set; one is a folder with manifest.json, made by cableway collect"),
+        (
+            ["train"],
+            "runs/collect: not a data set; one is a folder with manifest.json, "
+            "or a recording ending in .csv, .npz or .yaml",
+        ),
         (["models", "none.safetensors"], "none.safetensors: no such file"),
         (["models", "no\nne.safetensors"], r"no\nne.safetensors: no such file"),
     ],

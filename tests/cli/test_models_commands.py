@@ -185,5 +185,5 @@ def test_a_recipe_with_a_mistake_is_one_sentence(cableway: Command, text: str, s
 def test_data_of_another_kind_are_refused(cableway: Command, made: Path):
     np.savez("plan.npz", shapes=np.zeros((3, 13, 2)))
     done = cableway("train", "--config", made / "recipe.yaml", "--data", "plan.npz")
-    said = "not a data set; one is a folder with manifest.json, made by cableway collect"
+    said = "a recording has the arrays times and keypoints; it has ['shapes']"
     assert done == (2, "", f"cableway: plan.npz: {said}\n")

@@ -36,7 +36,7 @@ class Evaluate(Options):
     """Shipped models (bilstm, conv, hybrid, linear, mlp, rod, transformer), or files; by default, all shipped ones."""
 
     data: tuple[Path, ...] = (Path("runs/collect"),)
-    """Data sets from `cableway collect` that the models were not trained on."""
+    """Data sets from `cableway collect`, or recordings (CSV, NPZ, YAML), that the models were not trained on."""
 
     horizon: int = 50
     """Longest horizon in control steps."""
@@ -46,12 +46,16 @@ class Evaluate(Options):
         from cableway.core.files import only_writer, write_json
         from cableway.core.provenance import versions
         from cableway.datasets.reading import load_transitions
+        from cableway.datasets.recordings import in_words, is_recording
         from cableway.tang2025.models.compilation import enable_compilation_cache
         from cableway.tang2025.models.dataset import fingerprint
         from cableway.tang2025.models.evaluation import compare
 
         terminal, folder = Terminal(self), self.folder("evaluate")
         sets = {str(path): load_transitions(path) for path in self.data}
+        recordings = {name: data.metadata["config"] for name, data in sets.items() if is_recording(name)}
+        for made in recordings.values():
+            terminal.note(in_words(made))
         models, digests = self._models(), {name: fingerprint(data) for name, data in sets.items()}
         trained_on = self._trained_on(digests)
         for name, learned in trained_on.items():
@@ -73,6 +77,7 @@ class Evaluate(Options):
                         "sha256": digests[name],
                         "trained_on_it": trained_on.get(name, []),
                         "transitions": len(data),
+                        **({"recording": recordings[name]} if name in recordings else {}),
                         "errors_mm": {model: asdict(curve) for model, curve in results[name].items()},
                     }
                     for name, data in sets.items()

@@ -22,7 +22,7 @@ class Train(Options):
     """Train a deformation model; continues an interrupted training. `--out` is a folder or a file."""
 
     data: tuple[Path, ...] = (Path("runs/collect"),)
-    """Data sets from `cableway collect`; several are mixed."""
+    """Data sets from `cableway collect`, or recordings (CSV, NPZ, YAML); several are mixed."""
 
     config: Maybe[Path] = None
     """YAML file whose sections `model` and `training` say what to train; by default, those of --model."""

@@ -180,7 +180,9 @@ def read_manifest(folder: Path) -> Manifest:
     """
     path = folder / MANIFEST
     if not path.exists():
-        raise FileFormatError(f"{folder}: not a data set; one is a folder with {MANIFEST}, made by cableway collect")
+        raise FileFormatError(
+            f"{folder}: not a data set; one is a folder with {MANIFEST}, or a recording ending in .csv, .npz or .yaml"
+        )
     try:
         manifest = from_mapping(Manifest, read_json(path), f"{path}: manifest")
     except InputError as error:

@@ -11,19 +11,27 @@ import numpy as np
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.reading import parse_safetensors, read_bytes
 from cableway.datasets.manifest import CABLE, COLUMNS, Column, Manifest, Shard, read_manifest
+from cableway.datasets.recordings import is_recording, load_recording
 from cableway.records import Transitions
 
 BUFFER = 131_072
 """Transitions that are shuffled together by default: 70 MB at 13 keypoints."""
 
 
-def load_transitions(folder: Path | str) -> Transitions:
-    """All transitions of a data set, in order.
+def load_transitions(source: Path | str) -> Transitions:
+    """All transitions of a data set or of a recording, in order.
+
+    Args:
+        source: The folder of a data set, or the CSV, NPZ or YAML file of a recording; see `load_recording`.
 
     Raises:
-        FileFormatError: The folder holds no complete data set, or a shard is missing or damaged.
+        FileFormatError: The folder holds no complete data set, a shard is missing or damaged, or the recording is not
+            what it must be.
+        TaskError: The YAML file of the recording says what no recording can have.
     """
-    folder = Path(folder)
+    folder = Path(source)
+    if is_recording(folder):
+        return load_recording(folder)
     manifest = _complete(folder)
     columns = {
         name: np.empty((manifest.transitions, *column.row_shape), column.dtype)

@@ -86,7 +86,7 @@ class Cable:
         TaskError: A value is not finite or out of range.
     """
 
-    length: Annotated[float, "a length", Quantity("m", 0.01, 10.0)] = 0.3
+    length: Annotated[float, "a length", checks.LENGTH] = 0.3
     radius: Annotated[float, "a length", Quantity("m", 5e-5, 0.1)] = 0.004
     keypoints: Annotated[int, "a whole number"] = 13
     bending_stiffness: Annotated[float, "a number in N m^2", Quantity("N m^2", 1e-8, 1e3)] = 1e-3

@@ -33,6 +33,11 @@ LARGEST = 1e6
 """No number of a task is larger, in its unit; beyond it products of a few of them overflow."""
 
 
+def length_unit(units: str) -> str:
+    """The unit of the lengths in a file: its own, or metres in one whose units are pixels."""
+    return units if units in UNITS["units"] else "m"
+
+
 @dataclass(frozen=True)
 class Quantity:
     """An annotation: what a number of a task measures, and between which bounds it is meant.
@@ -109,6 +114,9 @@ WORKSPACE = Quantity("m", 0.01, 50.0)
 """A side of the workspace."""
 
 COORDINATE = Quantity("m", -50.0, 50.0)
+LENGTH = Quantity("m", 0.01, 10.0)
+"""Of a cable."""
+
 EXTENT = Quantity("m", 1e-9, 50.0)
 """Of an obstacle."""
 

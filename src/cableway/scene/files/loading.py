@@ -116,7 +116,7 @@ def _task_path(source: str | os.PathLike[str]) -> Path:
 
 def _task(content: Mapping[str, Any], path: Path) -> Task:
     """The task that a valid file means; places in errors are those of the file."""
-    cable = _cable(content.get("cable", {}))
+    cable = cable_of_section(content.get("cable", {}))
     plug, port = content.get("plug"), content.get("port")
     scene, wrong = _scene(content)
     shapes: dict[str, Any] = {}
@@ -158,7 +158,12 @@ def _name_from(path: Path) -> str:
     return re.sub(r"[^\w .+-]", "-", path.stem).lstrip(" .+-") or "task"
 
 
-def _cable(section: Mapping[str, Any]) -> Cable:
+def cable_of_section(section: Mapping[str, Any]) -> Cable:
+    """The cable of the section `cable` of a file, whose numbers are in metres.
+
+    Raises:
+        TaskError: There is no such preset, or a value is out of range.
+    """
     name = section.get("preset")
     if name is None:
         return Cable(**section)

@@ -7,7 +7,6 @@ neighbours). What messages say a value must be stands in the annotations.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
@@ -91,8 +90,13 @@ class TaskFile:
     port: Annotated[Port | None, "a mapping"] = field(default=None, kw_only=True)
 
 
-def validate(document: Document) -> Mapping[str, Any]:
-    """The content of a task file with every key and type checked, in metres and radians whatever its units are.
+def validate(document: Document, kind: type = TaskFile) -> dict[str, Any]:
+    """The content of a task file, or of another one, with every key and type checked, in metres and radians whatever
+    its units are.
+
+    Args:
+        document: The file.
+        kind: The dataclass whose fields are its keys.
 
     Raises:
         TaskError: The format version is another one, or a key is unknown, missing, of the wrong type or out of bounds;
@@ -103,17 +107,17 @@ def validate(document: Document) -> Mapping[str, Any]:
         raise document.locate(
             TaskError(f"is {version}, but this release reads format version {FORMAT_VERSION}", ("cableway",))
         )
-    found = faults(TaskFile, document.data)
+    found = faults(kind, document.data)
     first = min(found, key=lambda fault: (not fault.unknown, document.line(fault.place)), default=None)
     if first is not None:
         raise document.locate(TaskError(first.problem, first.place))
-    lengths, angles = document.data.get("units", "m"), document.data.get("angles", "rad")
+    lengths, angles = checks.length_unit(document.data.get("units", "m")), document.data.get("angles", "rad")
 
     def read(number: float, notes: tuple[Any, ...], place: Place) -> float:
         quantity = next((note for note in notes if isinstance(note, Quantity)), None)
         return number if quantity is None else quantity.read(number, place, lengths, angles)
 
     try:
-        return changed(TaskFile, document.data, read)
+        return changed(kind, document.data, read)
     except TaskError as error:
         raise document.locate(error) from None
