@@ -174,6 +174,25 @@ def test_an_interrupt_that_something_swallows_comes_again(cableway: Command, mon
     assert time.monotonic() - begun < READY / 2
 
 
+def test_a_library_that_was_half_loaded_says_nothing_as_the_process_ends():
+    """Its clean-up fails where a part of it is missing; that of a command left alone is still heard of."""
+    begun = (
+        "import atexit, os, signal\n"
+        "from cableway.cli import commands, main\n"
+        "def clean_up(): raise NameError('clear_caches')\n"
+        "def parse(_):\n"
+        "    atexit.register(clean_up)\n"
+        "    {}\n"
+        "commands.parse = parse\n"
+        "raise SystemExit(main())\n"
+    )
+    ends = {"os.kill(os.getpid(), signal.SIGTERM)": (143, "cableway: terminated\n"), "raise SystemExit(1)": (1, None)}
+    for end, (status, said) in ends.items():
+        done = subprocess.run([sys.executable, "-c", begun.format(end)], capture_output=True, text=True, timeout=READY)
+        assert done.returncode == status
+        assert done.stderr == said if said else "NameError: clear_caches" in done.stderr
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_an_interrupted_command_puts_things_in_order(
     cableway: Command, monkeypatch: pytest.MonkeyPatch, error: type[BaseException]

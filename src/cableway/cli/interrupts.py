@@ -77,7 +77,7 @@ class Interrupts:
             return
         numbers, unraisable = (signal.SIGINT, signal.SIGTERM, *_ALARMS), sys.unraisablehook
         before = {number: signal.signal(number, self._receive) for number in numbers}
-        sys.unraisablehook = lambda args: None if args.exc_type is Interrupted else unraisable(args)
+        sys.unraisablehook = lambda args: None if self.came else unraisable(args)  # of what was left half done
         try:
             yield
         finally:
