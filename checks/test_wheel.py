@@ -97,7 +97,7 @@ def test_track_a_task(command: Path, tmp_path: Path):
 
 @pytest.mark.parametrize(
     "arguments",
-    ["plan single-obstacle-1 --planner paper", "run single-obstacle-1 --controller neural-mpc", "models"],
+    ["plan single-obstacle-1 --planner tang2025", "run single-obstacle-1 --controller neural-mpc", "models"],
 )
 def test_what_needs_the_extra_says_so_in_one_sentence(command: Path, tmp_path: Path, arguments: str):
     done = subprocess.run([command, *arguments.split()], cwd=tmp_path, capture_output=True, text=True)

@@ -179,7 +179,7 @@ def tracking() -> Figure:
 def failure() -> Figure:
     """The closest attempt of the paper's planner, and its verdict."""
     task = cw.load_task(EXAMPLE)
-    return _attempt(task, cw.PlannerConfig.named("paper"))
+    return _attempt(task, cw.PlannerConfig.named("tang2025"))
 
 
 def _attempt(task: Task, config: cw.PlannerConfig | None = None) -> Figure:

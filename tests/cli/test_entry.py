@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import problems
 import pytest
 from commands import Command
 
@@ -14,6 +15,7 @@ from cableway.core.errors import ControlError
 from cableway.core.provenance import versions
 from cableway.planning.named import PLANNERS
 from cableway.scene.files.loading import task_names
+from cableway.scene.files.saving import save_task
 
 COMMANDS = ("tasks", "show", "plan", "run", "check", "collect", "train", "evaluate", "models")
 
@@ -72,15 +74,15 @@ def test_a_command_line_that_cannot_be_read_is_status_2_and_says_what_is_known(
         (["plan", "maze-1", "--pivot", "prm"], "unknown pivot method 'prm'; known: grid, rrt_star"),
         (
             ["run", "maze-1", "--controller", "pid"],
-            "unknown controller 'pid'; known: broyden, neural-mpc, neural-mpc-paper, open-loop, rod-jacobian, rod-mpc",
+            "unknown controller 'pid'; known: broyden, neural-mpc, open-loop, rod-jacobian, rod-mpc, tang2025",
         ),
         (
             ["run", "maze-1", "--controller", "broyden", "--model", "transformer"],
-            "--model applies to neural-mpc and neural-mpc-paper only; broyden has no deformation model",
+            "--model applies to neural-mpc and tang2025 only; broyden has no deformation model",
         ),
         (
             ["run", "maze-1", "--adapt"],
-            "--adapt applies to neural-mpc and neural-mpc-paper only; rod-mpc has no learned model",
+            "--adapt applies to neural-mpc and tang2025 only; rod-mpc has no learned model",
         ),
         (["run", "maze-1", "--model", "no/such.safetensors"], "no/such.safetensors: no such file"),
         (["check", "maze-1", "plan.npz"], "plan.npz: no such file"),
@@ -158,3 +160,11 @@ def test_the_package_is_a_program_too():
     done = subprocess.run([sys.executable, "-m", package.__name__, "--version"], capture_output=True, text=True)
     assert done.returncode == 0
     assert done.stdout.startswith("cableway ")
+
+
+def test_an_old_name_is_told_once_to_who_runs_a_command(cableway: Command, tmp_path: Path):
+    """Python hides such warnings from all but tests; the command goes on with the new name."""
+    save_task(problems.free(), tmp_path / "free.yaml")
+    done = cableway("plan", tmp_path / "free.yaml", "--planner", "paper", "--pivot", "grid")
+    assert done.status == 1
+    assert done.err.count("the planner 'paper' is now 'tang2025'; the old name goes with the next release") == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import types
+import warnings
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,7 +13,8 @@ from pathlib import Path
 import pytest
 
 import cableway
-from cableway.core.deprecation import MODULES, renamed, renamed_keywords
+from cableway.benchmark.methods import load_method, made_by
+from cableway.core.deprecation import MODULES, old_names_heard, renamed, renamed_keywords, renamed_value
 from cableway.core.errors import InputError
 from cableway.outcome import Outcome
 from cableway.report import Report
@@ -125,3 +127,38 @@ def test_planning_keeps_the_names_of_its_settings():
     wanted = trajectory_optimization.TrajectoryOptimizationConfig(iterations=3)
     with pytest.warns(DeprecationWarning, match="'refinement' is now 'optimization'"):
         assert projection.ProjectionConfig(refinement=wanted).optimization is wanted  # pyright: ignore[reportCallIssue]
+
+
+def test_the_paper_s_system_keeps_its_names():
+    """Planner, controller and methods are found by the names that they had, and say those they have."""
+    from cableway.planning.config import PlannerConfig
+    from cableway.workflow.registry import controller_entry
+
+    for kind, find, names in (
+        ("planner", PlannerConfig.named, {"paper": "tang2025", "paper-refined": "tang2025-refined"}),
+        ("controller", controller_entry, {"neural-mpc-paper": "tang2025"}),
+        (
+            "method",
+            load_method,
+            {
+                "paper": "tang2025",
+                "paper-tracking": "tang2025-tracking",
+                "paper-plan": "tang2025-plan",
+                "paper-refined-plan": "tang2025-refined-plan",
+            },
+        ),
+    ):
+        for old, new in names.items():
+            with pytest.warns(DeprecationWarning, match=f"the {kind} '{old}' is now '{new}'"):
+                found = find(old)
+            assert found == find(new)
+    assert made_by("paper") == made_by("tang2025")
+
+
+def test_old_names_are_heard_once_and_other_warnings_are_left_alone():
+    with old_names_heard() as heard:
+        for _ in range(2):
+            assert renamed_value("plant", "old", {"old": "new"}) == "new"
+        with pytest.raises(DeprecationWarning, match="something else"):  # an error, as pytest has it
+            warnings.warn("something else", DeprecationWarning, stacklevel=1)
+    assert heard == ["the plant 'old' is now 'new'; the old name goes with the next release"]

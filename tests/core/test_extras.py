@@ -36,10 +36,10 @@ def test_planning_and_tracking_need_no_extra(tmp_path: Path):
 @pytest.mark.parametrize(
     "command",
     [
-        "plan single-obstacle-1 --planner paper",
+        "plan single-obstacle-1 --planner tang2025",
         "plan single-obstacle-1 --pivot rrt_star",
         "run single-obstacle-1 --controller neural-mpc",
-        "run single-obstacle-1 --controller neural-mpc-paper",
+        "run single-obstacle-1 --controller tang2025",
         "collect",
         "train",
         "evaluate",
@@ -66,10 +66,10 @@ def test_bench_says_so_before_it_begins(tmp_path: Path):
         "tdm-mpc": "neural-mpc",
         "cdm-mpc": "neural-mpc",
         "bdm-mpc": "neural-mpc",
-        "paper": "paper",
-        "paper-tracking": "neural-mpc-paper",
-        "paper-plan": "paper",
-        "paper-refined-plan": "paper-refined",
+        "tang2025": "tang2025",
+        "tang2025-tracking": "tang2025",
+        "tang2025-plan": "tang2025",
+        "tang2025-refined-plan": "tang2025-refined",
     }
     done = without_packages(code, tmp_path)
     assert set(done.stdout.splitlines()) == {f"{method}: {name} {NEEDS}" for method, name in asked.items()}

@@ -137,7 +137,7 @@ def test_what_does_not_verify_is_not_handed_on():
     assert attempt.shapes.shape[1:] == (13, 2)
 
 
-@pytest.mark.parametrize("planner", ["default", "paper-refined"])
+@pytest.mark.parametrize("planner", ["default", "tang2025-refined"])
 def test_plan_file_round_trip(tmp_path, planner):
     """A plan comes back from its file as it was."""
     found = plan(problems.free(), config=PlannerConfig.named(planner))

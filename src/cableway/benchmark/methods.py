@@ -10,6 +10,7 @@ from typing import Any
 
 from cableway.control.base import Controller
 from cableway.core.checks import require_call
+from cableway.core.deprecation import renamed_value
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.plugins import is_plugin, load_plugin, require_name
 from cableway.core.provenance import PACKAGE, versions
@@ -21,6 +22,14 @@ from cableway.workflow.run import SolveOptions
 
 GROUP = "cableway.methods"
 """Group of the entry points with which a package offers methods: each names a `Method`."""
+
+RENAMED = {
+    "paper": "tang2025",
+    "paper-tracking": "tang2025-tracking",
+    "paper-plan": "tang2025-plan",
+    "paper-refined-plan": "tang2025-refined-plan",
+}
+"""New name of each old one."""
 
 DEFAULT = "cableway"
 """The method that is run unless others are asked for."""
@@ -93,8 +102,8 @@ def load_method(source: str) -> Method:
     require_name(source)
     if is_plugin(source):
         return _require_method(load_plugin(source, Method)[0], source)
-    if source in BUILT_IN:
-        return BUILT_IN[source]
+    if (name := renamed_value("method", source, RENAMED)) in BUILT_IN:
+        return BUILT_IN[name]
     for point in metadata.entry_points(group=GROUP):
         if point.name == source:
             try:
@@ -114,7 +123,7 @@ def made_by(source: str) -> str:
     if is_plugin(source):
         file = load_plugin(source)[1]
         makers.append(f"{file.name} {hashlib.sha256(file.read_bytes()).hexdigest()[:16]}")
-    elif source not in BUILT_IN:
+    elif RENAMED.get(source, source) not in BUILT_IN:
         points = metadata.entry_points(group=GROUP, name=source)
         makers += [f"{point.dist.name} {point.dist.version}" for point in points if point.dist is not None]
     return ", ".join(makers)
@@ -146,12 +155,12 @@ def _all() -> tuple[Method, ...]:
         Method(name="open-loop", description=f"{ours}, in open loop", controller="open-loop", recovers=False),
         *(Method(name=name, description=f"{ours}, our neural MPC with {what}", controller="neural-mpc", model=model)
           for name, (what, model) in neural.items()),
-        Method(name="paper-tracking", description=f"{ours}, neural MPC as in the paper", controller="neural-mpc-paper"),
-        Method(name="paper", description=f"{paper}; neural MPC as in the paper", controller="neural-mpc-paper",
-               planner="paper", rehearses=False, recovers=False, follows_unverified=True),
+        Method(name="tang2025-tracking", description=f"{ours}, neural MPC as in the paper", controller="tang2025"),
+        Method(name="tang2025", description=f"{paper}; neural MPC as in the paper", controller="tang2025",
+               planner="tang2025", rehearses=False, recovers=False, follows_unverified=True),
         *(Method(name=f"{name}-plan", description=f"{PLANNERS[name].description}; adaptive rod MPC", planner=name,
-                 rehearses=False) for name in ("straight", "slide", "rrt-connect", "paper-refined")),
-        Method(name="paper-plan", description=f"{paper}; adaptive rod MPC", planner="paper", rehearses=False,
+                 rehearses=False) for name in ("straight", "slide", "rrt-connect", "tang2025-refined")),
+        Method(name="tang2025-plan", description=f"{paper}; adaptive rod MPC", planner="tang2025", rehearses=False,
                follows_unverified=True),
     )  # fmt: skip
 

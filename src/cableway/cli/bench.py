@@ -44,7 +44,7 @@ class Bench(EpisodeOptions):
 
     methods: str = "cableway"
     """Names, separated by commas: cableway, unrehearsed, rod-jacobian, broyden, open-loop, tdm-mpc, cdm-mpc, bdm-mpc,
-    paper-tracking, paper, straight-plan, slide-plan, rrt-connect-plan, paper-refined-plan, paper-plan;
+    tang2025, tang2025-tracking, tang2025-plan, tang2025-refined-plan, straight-plan, slide-plan, rrt-connect-plan;
     FILE.py:NAME or package.module:NAME for your own, whose code is run."""
 
     episodes: Maybe[str] = None

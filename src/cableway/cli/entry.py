@@ -67,10 +67,11 @@ def _run(arguments: list[str]) -> tuple[str, int]:
         except SystemExit as stop:  # help, or what cannot be read
             return "", stop.code if isinstance(stop.code, int) else DONE
         from cableway.cli.log import LOGGER, logged
+        from cableway.core.deprecation import old_names_heard
 
-        with logged(command, arguments):
+        with logged(command, arguments), old_names_heard() as heard:
             status = command.execute()
-            _tell_problems(command)
+            _tell_problems(command, heard)
             LOGGER.info("exit status %d", status)
         return "", status
     except SystemExit as stop:
@@ -95,11 +96,12 @@ def _run(arguments: list[str]) -> tuple[str, int]:
         return sentence, FAILED if error.errno in FULL else WRONG_INPUT
 
 
-def _tell_problems(options: Options) -> None:
-    """Say why what was compiled will be compiled again; silent where nothing was."""
+def _tell_problems(options: Options, heard: list[str]) -> None:
+    """Say which names were old, and why what was compiled will be compiled again; silent where there is nothing."""
     cache = sys.modules.get("cableway.core.user_cache")
-    if cache is not None:
+    problems = [*heard, *(cache.problems() if cache is not None else ())]
+    if problems:
         from cableway.cli.terminal import Terminal
 
-        for problem in cache.problems():
+        for problem in problems:
             Terminal(options).note(problem)

@@ -37,7 +37,7 @@ class PlanOptions(TaskOptions):
     """Options of the commands that plan."""
 
     planner: Annotated[str, tyro.conf.arg(metavar=PLANNER_NAMES)] = DEFAULT_PLANNER
-    """The planner; paper is the one of Tang et al., the others are baselines for comparison."""
+    """The planner; tang2025 is that of Tang et al., the others are baselines for comparison."""
 
     pivot: Annotated[str | None, option(metavar="{grid,rrt_star}")] = None
     """How the pivot path is found; by default, as the planner does."""

@@ -5,13 +5,17 @@ from __future__ import annotations
 import functools
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C", bound=type)
+
+GOES = "; the old name goes with the next release"
+"""How every warning of this module ends."""
 
 MODULES = {
     "benchmark.plants": "simulation.perturbations.variants",
@@ -153,6 +157,24 @@ def renamed_attributes(**names: str) -> Callable[[C], C]:
     return decorate
 
 
+@contextmanager
+def old_names_heard() -> Iterator[list[str]]:
+    """What is said meanwhile of old names, each sentence once; Python shows it only to who runs tests."""
+    heard: list[str] = []
+    with warnings.catch_warnings():
+        warnings.filterwarnings("always", f".*{GOES}$", DeprecationWarning)
+        show = warnings.showwarning
+
+        def listen(message: Warning | str, category: type[Warning], *where: Any) -> None:
+            if not str(message).endswith(GOES):
+                show(message, category, *where)
+            elif str(message) not in heard:
+                heard.append(str(message))
+
+        warnings.showwarning = listen
+        yield heard
+
+
 def renamed_value(kind: str, name: str, names: Mapping[str, str]) -> str:
     """The new name of a `kind` of thing that files and arguments may call by an old one; `names` maps old to new."""
     if name in names:
@@ -161,4 +183,4 @@ def renamed_value(kind: str, name: str, names: Mapping[str, str]) -> str:
 
 
 def _warn(what: str, stacklevel: int) -> None:
-    warnings.warn(f"{what}; the old name goes with the next release", DeprecationWarning, stacklevel=stacklevel)
+    warnings.warn(f"{what}{GOES}", DeprecationWarning, stacklevel=stacklevel)

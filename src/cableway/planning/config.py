@@ -7,9 +7,9 @@ from pkgutil import resolve_name
 from typing import Annotated, Literal, get_args
 
 from cableway.core.checks import Bounds, Checked, Choice, require_choice
-from cableway.core.deprecation import renamed, renamed_keywords
+from cableway.core.deprecation import renamed, renamed_keywords, renamed_value
 from cableway.core.errors import InputError, UnknownNameError
-from cableway.planning.named import PLANNERS
+from cableway.planning.named import PLANNERS, RENAMED
 from cableway.planning.projection import ProjectionConfig
 from cableway.planning.rrt_connect import RRTConnectConfig
 from cableway.verification import VerificationLimits
@@ -84,7 +84,7 @@ class PlannerConfig:
         Raises:
             MissingExtraError: The extra `tang2025` is not installed.
         """
-        return PlannerConfig.named("paper")
+        return PlannerConfig.named("tang2025")
 
     @staticmethod
     def named(name: str) -> PlannerConfig:
@@ -94,6 +94,7 @@ class PlannerConfig:
             UnknownNameError: There is none of that name; the message lists them.
             MissingExtraError: It is one of the paper's, and the extra `tang2025` is not installed.
         """
+        name = renamed_value("planner", name, RENAMED)
         if name not in PLANNERS:
             raise UnknownNameError("planner", name, PLANNERS)
         return resolve_name(PLANNERS[name].config)()

@@ -28,10 +28,10 @@ PLANNERS = {
     "default": PlannerEntry(
         "equilibria of the rod, searched and optimised; ours", "cableway.planning.config:PlannerConfig"
     ),
-    "paper": PlannerEntry(
+    "tang2025": PlannerEntry(
         "the paper's chain (Tang et al.)", "cableway.tang2025.planning.config:paper_planner", extra="tang2025"
     ),
-    "paper-refined": PlannerEntry(
+    "tang2025-refined": PlannerEntry(
         "the paper's chain with our trajectory optimisation",
         "cableway.tang2025.planning.config:paper_planner_refined",
         extra="tang2025",
@@ -41,3 +41,6 @@ PLANNERS = {
     "rrt-connect": PlannerEntry("RRT-Connect among equilibria, not optimised", "cableway.planning.config:rrt_connect"),
 }
 """Planners by name; the first is the default."""
+
+RENAMED = {"paper": "tang2025", "paper-refined": "tang2025-refined"}
+"""New name of each old one."""

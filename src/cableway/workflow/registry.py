@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+from cableway.core.deprecation import renamed_value
 from cableway.core.errors import InputError, UnknownNameError, raised, said
 from cableway.core.extras import require
 from cableway.core.plugins import is_plugin, load_plugin, require_name
@@ -81,9 +82,9 @@ CONTROLLERS = {
         cable=_CABLE,
         extra="tang2025",
     ),
-    "neural-mpc-paper": ControllerEntry(
+    "tang2025": ControllerEntry(
         "the paper's MPC on a learned model",
-        "cableway.tang2025.control.named:neural_mpc_paper",
+        "cableway.tang2025.control.named:tang2025",
         "transformer",
         compiled=_JAX,
         cable=_CABLE,
@@ -100,6 +101,9 @@ CONTROLLERS = {
     ),
 }
 """Controllers by name; the first is the default."""
+
+RENAMED = {"neural-mpc-paper": "tang2025"}
+"""New name of each old one."""
 
 DEFAULT_PLANNER, DEFAULT_CONTROLLER = next(iter(PLANNERS)), next(iter(CONTROLLERS))
 
@@ -192,6 +196,7 @@ def controller_entry(name: str) -> ControllerEntry:
     require_name(name)
     if is_plugin(name):
         return ControllerEntry("a user's own", name)
+    name = renamed_value("controller", name, RENAMED)
     if name not in CONTROLLERS:
         raise UnknownNameError("controller", name, CONTROLLERS)
     return CONTROLLERS[name]

@@ -48,7 +48,7 @@ def test_our_configuration_of_the_paper_has_the_papers_values():
 def test_simulated_tasks_count_failures_of_both():
     results = {
         "cableway": [result("paper", "maze-1", 0.001), result("paper", "maze-1", 0.05)],
-        "paper": [result("paper", "maze-1", 0.9, "paper", clearance=None)],
+        "tang2025": [result("paper", "maze-1", 0.9, "tang2025", clearance=None)],
     }
     found = rows(reproduction.simulated({"paper": results}))["maze-1"]
     assert found["paper, error [cm]"] == "< 2"

@@ -26,6 +26,6 @@ def neural_mpc(model: str, adapt: bool, config: MPCConfig | None = None) -> Neur
     return NeuralMPC(load_model(model), replace(config or MPCConfig(), adapt_every=ADAPT_EVERY if adapt else 0))
 
 
-def neural_mpc_paper(model: str, adapt: bool) -> NeuralMPC:
+def tang2025(model: str, adapt: bool) -> NeuralMPC:
     """The same with the paper's cost and limits."""
     return neural_mpc(model, adapt, MPCConfig.paper())

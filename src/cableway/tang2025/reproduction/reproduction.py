@@ -34,7 +34,7 @@ from cableway.tang2025.reproduction.case_studies import collected
 from cableway.tang2025.reproduction.page import LABORATORY, OnProgress, Row, Section, median_worst, spread, successes
 
 RUNS = {
-    "paper": ("cableway", "paper"),
+    "paper": ("cableway", "tang2025"),
     "lab-unconstrained": ("cableway", "tdm-mpc", "cdm-mpc", "bdm-mpc", "broyden"),
     "lab-constrained": ("cableway",),
 }
