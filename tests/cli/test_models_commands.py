@@ -132,6 +132,34 @@ def test_evaluate_compares_models_with_those_that_learn_nothing(cableway: Comman
     assert json.loads(Path("runs/evaluate/report.json").read_text()) == report
 
 
+def test_evaluate_takes_a_recording_and_says_what_it_made_of_it(cableway: Command, made: Path):
+    """Without the poses they come from the cable's ends, which for a single step is nearly the same."""
+    data = load_transitions(made / "data")
+    times, keypoints = 0.1 * np.arange(len(data)), data.keypoints
+    np.savez("r.npz", times=times, keypoints=keypoints, poses=data.poses, episode=data.episode)
+    np.savez("ends.npz", times=times, keypoints=keypoints, episode=data.episode, spare=times)
+    done = cableway("evaluate", "linear", "--data", "r.npz", "ends.npz", "--horizon", "5", "--json")
+    report, notes = json.loads(done.out), " ".join(done.err.split())
+    assert report["data"]["r.npz"]["recording"]["poses"] == "recorded"
+    assert "gripper poses from the cable's ends; length 299" in notes
+    assert "measured; not read: spare" in notes
+    curve, ends = (report["data"][name]["errors_mm"]["linear"] for name in ("r.npz", "ends.npz"))
+    assert curve["episodes"][0] == len(np.unique(data.episode))
+    assert curve["intervals"]["median"][0][0] <= curve["median"][0] <= curve["intervals"]["median"][1][0]
+    np.testing.assert_allclose(ends["mean"], curve["mean"], rtol=0.5)
+    table = cableway("evaluate", "linear", "--data", "r.npz", "--horizon", "5").out
+    assert "Stacked error in mm" in table
+    assert f"{curve['median'][0]:.2f} (" in table
+
+
+def test_a_model_is_trained_on_a_recording(cableway: Command, made: Path):
+    data = load_transitions(made / "data")
+    np.savez("r.npz", times=0.1 * np.arange(len(data)), keypoints=data.keypoints, episode=data.episode)
+    done = cableway("train", "--config", made / "recipe.yaml", "--data", "r.npz", "--out", "m.safetensors", "--quiet")
+    assert done == (0, "", "")
+    assert read_card("m.safetensors")["data"]["metadata"]["config"]["source"] == "r.npz"
+
+
 def test_evaluate_refuses_a_model_for_other_cables(cableway: Command, made: Path):
     done = cableway("evaluate", "mlp", "--data", made / "data", "--horizon", "0")
     assert (done.status, done.out) == (2, "")

@@ -10,16 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from scipy.stats import norm
 
 from cableway.benchmark.episode import Result
+from cableway.core.bootstrap import LEVEL, intervals
 from cableway.metrics import Metric
-
-LEVEL = 0.95
-"""Of all intervals."""
-
-RESAMPLES = 2000
 
 
 @dataclass(frozen=True)
@@ -60,19 +55,8 @@ def mean(values: Sequence[float], tasks: Sequence[str]) -> Estimate | None:
     """Mean with the interval that resampling the tasks gives; None of nothing."""
     if not values:
         return None
-    sums, counts = _by_task(np.asarray(values, float), tasks)
-    picks = np.random.default_rng(0).integers(len(sums), size=(RESAMPLES, len(sums)))
-    means = sums[picks].sum(axis=1) / counts[picks].sum(axis=1)
-    low, high = np.quantile(means, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
-    return Estimate(float(np.mean(values)), float(low), float(high), len(values))
-
-
-def _by_task(
-    values: Float[np.ndarray, "n"], tasks: Sequence[str]
-) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-    """Sum and number of the values of each task."""
-    _, index = np.unique(np.asarray(tasks), return_inverse=True)
-    return np.bincount(index, values), np.bincount(index).astype(float)
+    [(low, high)] = intervals(values, tasks)
+    return Estimate(float(np.mean(values)), low, high, len(values))
 
 
 def estimate(metric: Metric, results: Sequence[Result]) -> Estimate | None:

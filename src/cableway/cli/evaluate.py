@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from rich.console import Group
+from rich.markup import escape
 from rich.text import Text
 
 from cableway.cli.options import REPORT, Options, option
@@ -22,7 +24,13 @@ if TYPE_CHECKING:
 SHOWN = (1, 5, 10, 20, 30, 50)
 """Horizons [steps] in the table; the JSON file has all."""
 
-CAPTION = "Stacked error of open-loop prediction [mm]: median / mean over windows."
+FIGURES = ("median", "mean", "p95")
+"""Columns of the table."""
+
+CAPTION = (
+    "Stacked error in mm after so many steps of open-loop prediction, with 95% intervals by resampling episodes. "
+    "Windows of episodes: {counts} steps."
+)
 
 BASELINES = ("linear",)
 """Shipped models that stand in every comparison, beside those that learn nothing."""
@@ -87,7 +95,7 @@ class Evaluate(Options):
             write_json(folder / REPORT, report)
             for place, curves in enumerate(results.values(), start=1):
                 _draw(folder / ("errors.png" if len(results) == 1 else f"errors-{place}.png"), curves)
-        terminal.result(report, _table(results))
+        terminal.result(report, _tables(results))
         return 0
 
     def _trained_on(self, digests: Mapping[str, str]) -> dict[str, list[str]]:
@@ -122,18 +130,30 @@ def _draw(path: Path, curves: Mapping[str, Curve]) -> None:
     save_figure(horizon_figure(horizons, means, bands), path)
 
 
-def _table(results: Mapping[str, Mapping[str, Curve]]) -> Table:
-    shown = [h for h in SHOWN if any(h in curve.horizons for curves in results.values() for curve in curves.values())]
-    table = columns("data", "model", "seeds", *(f"{h} steps" for h in shown), caption=CAPTION)
-    for place, curves in results.items():
-        for name, curve in curves.items():
-            cells = [_cell(curve, h) for h in shown]
-            table.add_row(Text(place), Text(name), f"{curve.trainings}", *cells)
+def _tables(results: Mapping[str, Mapping[str, Curve]]) -> Group:
+    return Group(*(_table(name, curves) for name, curves in results.items()))
+
+
+def _table(data: str, curves: Mapping[str, Curve]) -> Table:
+    first = next(iter(curves.values()))
+    shown = [h for h in SHOWN if h in first.horizons]
+    counts = [f"{first.windows[h - 1]} of {first.episodes[h - 1]} at {h}" for h in shown]
+    table = columns("model", "steps", *FIGURES, caption=CAPTION.format(counts=", ".join(counts)))
+    table.title, table.title_justify = escape(data), "left"
+    for name, curve in curves.items():
+        label = f"{name} ({curve.trainings} seeds)" if curve.trainings > 1 else name
+        for place, horizon in enumerate(shown):
+            cells = [_cell(curve, figure, horizon) for figure in FIGURES]
+            table.add_row(Text("" if place else label), f"{horizon}", *cells, end_section=horizon == shown[-1])
     return table
 
 
-def _cell(curve: Curve, horizon: int) -> str:
-    if horizon not in curve.horizons:
-        return ""
-    figures = curve.at(horizon)
-    return f"{figures['median']:.2f} / {figures['mean']:.2f}"
+def _cell(curve: Curve, figure: str, horizon: int) -> str:
+    low, high = curve.interval(figure, horizon)
+    between = "" if low is None or high is None else f" ({_short(low)}-{_short(high)})"
+    return f"{_short(curve.at(horizon)[figure])}{between}"
+
+
+def _short(value: float) -> str:
+    """Three digits, of small values two decimals."""
+    return f"{value:.{0 if value >= 100 else 1 if value >= 10 else 2}f}"

@@ -7,7 +7,7 @@ import pytest
 
 from cableway.core.errors import InputError
 from cableway.tang2025.models.base import Persistence, RigidBlend
-from cableway.tang2025.models.dataset import window_starts
+from cableway.tang2025.models.dataset import select, window_starts
 from cableway.tang2025.models.evaluation import compare, training_groups
 
 
@@ -36,6 +36,20 @@ def test_seeds_are_pooled_and_their_range_is_kept(transitions):
     np.testing.assert_allclose(curves["both"].mean, pooled, rtol=1e-6)
     low, high = (np.array(edge) for edge in curves["still"].quartiles)
     assert np.all(low < high)
+
+
+def test_intervals_are_those_of_whole_episodes(transitions):
+    """Ten times the windows of each episode say no more; one episode says nothing."""
+    curve, dense = (compare({"still": [Persistence()]}, transitions, 2, stride=s)["still"] for s in (10, 1))
+    for name in ("median", "mean", "p95"):
+        low, high = curve.interval(name, 2)
+        assert low <= curve.at(2)[name] <= high
+        assert low < high
+    widths = [np.subtract(*one.interval("mean", 2)[::-1]) for one in (curve, dense)]
+    assert dense.windows[1] > 5 * curve.windows[1]
+    assert widths[1] > 0.5 * widths[0]
+    one = select(transitions, transitions.episode == transitions.episode[0])
+    assert compare({"still": [Persistence()]}, one, 2)["still"].interval("mean", 1) == (None, None)
 
 
 def test_horizons_end_with_the_longest_episode(transitions):

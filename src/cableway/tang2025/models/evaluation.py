@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from cableway.core.bootstrap import intervals
 from cableway.core.errors import InputError
 from cableway.records import Transitions
 from cableway.tang2025.models.base import DeformationModel, Persistence, RigidBlend, rollout
@@ -25,6 +26,12 @@ WINDOW_STRIDE = 10
 
 LONGEST = 50
 """Steps that models are compared over at most."""
+
+SHARES = {"median": 0.5, "p95": 0.95}
+"""Quantiles of which an interval is given."""
+
+Ends = tuple[tuple[float | None, ...], ...]
+"""Lower and upper ends of intervals, one for each horizon."""
 
 BATCH = 512
 """Windows predicted at once."""
@@ -62,6 +69,8 @@ class Curve:
         p95: 95th percentile of the same [mm].
         worst: Of the same [mm].
         keypoint_mean: Mean distance of a keypoint [mm].
+        intervals: Lower and upper ends of the 95% intervals of `median`, `mean` and `p95` [mm], by resampling the
+            episodes: windows of one episode are alike. Not known (None) of a single episode.
         quartiles: First and third quartile of the episodes' mean stacked errors [mm].
         seeds: Least and greatest of the seeds' mean stacked errors [mm].
         windows: Number of windows of each horizon, for one seed.
@@ -75,6 +84,7 @@ class Curve:
     p95: tuple[float, ...]
     worst: tuple[float, ...]
     keypoint_mean: tuple[float, ...]
+    intervals: dict[str, Ends]
     quartiles: tuple[tuple[float, ...], tuple[float, ...]]
     seeds: tuple[tuple[float, ...], tuple[float, ...]]
     windows: tuple[int, ...]
@@ -85,6 +95,11 @@ class Curve:
         """The figures at one horizon."""
         i = self.horizons.index(horizon)
         return {name: getattr(self, name)[i] for name in ("median", "mean", "p95", "worst", "keypoint_mean")}
+
+    def interval(self, name: str, horizon: int) -> tuple[float | None, float | None]:
+        """The interval of `median`, `mean` or `p95` at one horizon [mm]."""
+        low, high = (end[self.horizons.index(horizon)] for end in self.intervals[name])
+        return low, high
 
 
 def baselines() -> dict[str, DeformationModel]:
@@ -140,7 +155,7 @@ def compare(
         raise InputError(f"the longest horizon must be at least 1, got {longest!r}")
     horizons = _reached(data, range(1, longest + 1), stride)
     return {
-        name: _curve([window_errors(model, data, horizons, stride) for model in trained], horizons)
+        name: _curve([window_errors(model, data, horizons, stride) for model in trained], horizons, uncertain=True)
         for name, trained in models.items()
     }
 
@@ -207,7 +222,8 @@ def training_groups(cards: Mapping[str, Mapping[str, Any]]) -> dict[str, list[st
     return groups
 
 
-def _curve(trained: list[WindowErrors], horizons: tuple[int, ...]) -> Curve:
+def _curve(trained: list[WindowErrors], horizons: tuple[int, ...], *, uncertain: bool = False) -> Curve:
+    """The figures of all windows; with `uncertain` also their intervals, which take their time."""
     stacked = 1e3 * np.concatenate([errors.stacked for errors in trained])
     distances = 1e3 * np.concatenate([errors.mean for errors in trained])
     means = 1e3 * np.stack([np.nanmean(errors.stacked, axis=0) for errors in trained])
@@ -220,6 +236,7 @@ def _curve(trained: list[WindowErrors], horizons: tuple[int, ...]) -> Curve:
         p95=_numbers(np.nanpercentile(stacked, 95, axis=0)),
         worst=_numbers(np.nanmax(stacked, axis=0)),
         keypoint_mean=_numbers(np.nanmean(distances, axis=0)),
+        intervals=_intervals(trained, stacked) if uncertain else {},
         quartiles=(_numbers(quartiles[:, 0]), _numbers(quartiles[:, 1])),
         seeds=(_numbers(means.min(axis=0)), _numbers(means.max(axis=0))),
         windows=tuple(int(count) for count in np.isfinite(trained[0].stacked).sum(axis=0)),
@@ -237,6 +254,18 @@ def _episode_means(trained: list[WindowErrors], place: int) -> Float[np.ndarray,
         totals = np.bincount(index, errors.stacked[known, place], minlength=len(episodes))
         means.append(1e3 * totals / np.bincount(index))
     return np.concatenate(means)
+
+
+def _intervals(trained: list[WindowErrors], stacked: Float[np.ndarray, "k H"]) -> dict[str, Ends]:
+    """Intervals of mean, median and 95th percentile at each horizon, the same episodes resampled for all seeds."""
+    episodes, nothing = np.concatenate([errors.episode for errors in trained]), [(None, None)] * (1 + len(SHARES))
+    found = []
+    for column in stacked.T:
+        known = np.isfinite(column)
+        several = len(np.unique(episodes[known])) > 1
+        found.append(intervals(column[known], episodes[known], tuple(SHARES.values())) if several else nothing)
+    ends = zip(*found, strict=True)
+    return {name: tuple(zip(*each, strict=True)) for name, each in zip(("mean", *SHARES), ends, strict=True)}
 
 
 def _numbers(values: Float[np.ndarray, "H"]) -> tuple[float, ...]:
