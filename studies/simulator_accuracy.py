@@ -1,4 +1,4 @@
-"""How accurate the simulator is: the table and the pictures of `docs/simulator.md`.
+"""How accurate the simulator is: the table of `docs/results/simulator.md` and the pictures of `docs/simulator.md`.
 
     .venv/bin/python studies/simulator_accuracy.py [FOLDER]
 
@@ -30,7 +30,7 @@ def main() -> None:
         print(f"{name:14} {time.perf_counter() - start:6.1f} s", flush=True)
     for name, draw in PICTURES.items():
         save(draw(results), DOCS / "images" / f"simulator-{name}.png")
-    fill_in(DOCS / "simulator.md", table(results))
+    fill_in(DOCS / "results" / "simulator.md", table(results))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The experiments, their results in files, and the table of `docs/simulator.md`."""
+"""The experiments, their results in files, and the table of `docs/results/simulator.md`."""
 
 from __future__ import annotations
 
