@@ -1,84 +1,79 @@
-"""Turn the simulated planar cables of Yu et al. into data sets that `cableway train` and `evaluate` read.
+"""Turn the simulated planar cables of Yu et al. into recordings that `cableway evaluate` and `train` read.
 
-    .venv/bin/python studies/convert_yu2d.py FOLDER --out sets/yu2d
+    .venv/bin/python studies/convert_yu2d.py FOLDER --out runs/yu2d
 
-FOLDER holds `yu2d_1.npz`, `yu2d_2.npz`, ...: the arrays `keypoints (m, n, 2)` [m], `poses (m, 2, 3)` [m, m, rad] and
-`episode (m,)`, rows of one episode following each other in time at `dt` 0.1 s, and `length` [m]. They are the files
-`data/train_data/2D/state_*.npy` of "shape_control_DLO_2" (M. Yu et al., MIT licence), rearranged. Each becomes one data
-set, named after its length. Episodes are cut into stretches of at most `--stretch` steps, so that there are enough of
-them to hold some out; the last step of a stretch is followed by the first one of the next.
+FOLDER is `data/train_data/2D` of github.com/Mingrui-Yu/shape_control_DLO_2 (MIT licence; commit a70e16a), of which
+`state_1.npy` to `state_5.npy` are read. A row has the length, 10 keypoints in space, position and quaternion of the
+left and the right end, then velocities and targets, every 0.1 s; the plane is that of x and y. Each file becomes
+`LENGTH.npz` and its description `LENGTH.yaml`. In the first row the cable is straight from the left end to the right
+one, which says what angle an end has then; later it has turned by its quaternion. Where a keypoint moves by more than a
+tenth of the length in one step, the recording jumps, and another episode begins.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import yaml
+from jaxtyping import Float
 
-from cableway.core.errors import InputError
-from cableway.core.provenance import versions
-from cableway.datasets.manifest import columns_for
-from cableway.datasets.writing import Origin, open_writer
-from cableway.scene.cable import Cable
-from cableway.scene.task import CONTROL_STEP
+from cableway.core.errors import FileFormatError
 
+KEYPOINTS = 10
+ENDS = 1 + 3 * KEYPOINTS
+"""First column of the poses of the ends, each a position and a quaternion x, y, z, w."""
 
-def convert(source: Path, target: Path, stretch: int) -> int:
-    """Write the data set of one file and return its number of transitions."""
-    with np.load(source) as file:
-        recorded = {name: file[name] for name in ("keypoints", "poses", "episode", "length", "dt")}
-    if not np.isclose(recorded["dt"], CONTROL_STEP):
-        raise InputError(f"{source}: dt is {recorded['dt']} s, a control step is {CONTROL_STEP} s")
-    length, shapes, poses = float(recorded["length"]), recorded["keypoints"], recorded["poses"].astype(float)
-    follows = np.flatnonzero(np.diff(recorded["episode"]) == 0)
-    arrays = {
-        "keypoints": shapes[follows],
-        "poses": poses[follows],
-        "actions": _motion(poses[follows], poses[follows + 1]),
-        "next_keypoints": shapes[follows + 1],
-        "episode": _stretches(recorded["episode"][follows], stretch),
-    }
-    config = {"source": source.name, "length": length, "stretch": stretch}
-    origin = Origin(0, config, versions(), columns_for(Cable(length=length, keypoints=shapes.shape[1])))
-    with open_writer(target, origin) as writer:
-        if writer.shard(0) is None:
-            episodes = len(np.unique(arrays["episode"]))
-            writer.add(0, 0, Counter(recorded=episodes), arrays)
-        writer.finish()
-    return len(follows)
+STEP = 0.1
+"""[s] from row to row."""
+
+JUMP = 0.1
+"""Way of a keypoint in a step, over the length, that no cable of theirs goes; the largest below it is 0.0997."""
 
 
-def _motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Motion of the grippers; angles turn the short way."""
-    motion = after - before
-    motion[..., 2] -= 2 * np.pi * np.round(motion[..., 2] / (2 * np.pi))
-    return motion
+def convert(source: Path, folder: Path) -> Path:
+    """Write the recording of one file, and return its description.
+
+    Raises:
+        FileFormatError: The file holds something else.
+    """
+    state = np.load(source, allow_pickle=False)
+    if state.ndim != 2 or state.shape[1] < ENDS + 14 or not np.isfinite(state).all():
+        raise FileFormatError(f"{source}: not rows of at least {ENDS + 14} numbers: {state.dtype}{list(state.shape)}")
+    size = float(state[0, 0])
+    keypoints = state[:, 1:ENDS].reshape(-1, KEYPOINTS, 3)[..., :2].astype(float)
+    way = np.linalg.norm(np.diff(keypoints, axis=0), axis=2).max(axis=1)
+    target = folder / f"{size:g}.npz"
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez(
+        target,
+        times=STEP * np.arange(len(state)),
+        keypoints=keypoints,
+        poses=ends(state[:, ENDS : ENDS + 14].reshape(-1, 2, 7).astype(float)),
+        episode=np.cumsum(np.append(0, way > JUMP * size)),
+    )
+    description = {"cableway": 1, "file": target.name, "cable": {"length": round(size, 6)}}
+    target.with_suffix(".yaml").write_text(yaml.safe_dump(description, sort_keys=False))
+    return target.with_suffix(".yaml")
 
 
-def _stretches(episode: np.ndarray, stretch: int) -> np.ndarray:
-    """Numbers of the stretches that episodes are cut into."""
-    first = np.flatnonzero(np.diff(episode, prepend=episode[0] - 1))
-    since = np.arange(len(episode)) - first[np.searchsorted(first, np.arange(len(episode)), side="right") - 1]
-    begins = since % stretch == 0
-    return np.cumsum(begins) - 1
+def ends(poses: Float[np.ndarray, "m 2 7"]) -> Float[np.ndarray, "m 2 3"]:
+    """Poses in the plane [m, m, rad] from positions and quaternions, which turn about the third axis."""
+    first, last = poses[0, :, :2]
+    turned = 2 * np.arctan2(poses[..., 5], poses[..., 6])
+    angles = np.unwrap(turned - turned[0], axis=0) + np.arctan2(*(last - first)[::-1])
+    return np.concatenate([poses[..., :2], angles[..., None]], axis=2)
 
 
 def main() -> None:
-    """Convert every file of the folder."""
+    """Convert the five files."""
     parser = argparse.ArgumentParser(description="Convert the cables of Yu et al.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, default=Path("runs/yu2d"))
-    parser.add_argument("--stretch", type=int, default=60)
     options = parser.parse_args()
-    files = sorted(options.folder.glob("yu2d_*.npz"))
-    if not files:
-        raise SystemExit(f"{options.folder}: no files yu2d_*.npz")
-    for file in files:
-        with np.load(file) as content:
-            name = f"{float(content['length']):g}"
-        print(f"{file.name}: {convert(file, options.out / name, options.stretch)} transitions in {options.out / name}")
+    for file in (options.folder / f"state_{k}.npy" for k in range(1, 6)):
+        print(f"{file.name}: {convert(file, options.out)}")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
     .venv/bin/python studies/models.py plateau           # networks trained longer; hours of one core
     .venv/bin/python studies/models.py ship              # the shipped weights; half an hour of one core
     .venv/bin/python studies/models.py speed             # one core: taskset -c 0
-    .venv/bin/python studies/models.py yu2d --yu2d sets  # cables of Yu et al., made by studies/convert_yu2d.py
+    .venv/bin/python studies/models.py yu2d --yu2d runs/yu2d  # cables of Yu et al., made by studies/convert_yu2d.py
 
 Interrupted and started again, it goes on where it stopped. `ship` makes all shipped weights from their configurations.
 """
@@ -264,7 +264,7 @@ def draw_of(start: AdaptationState, data: Transitions, draw: int) -> tuple[float
 
 def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
     """Each length left out in turn: models trained on the others, evaluated on it."""
-    found = {path.name: load_transitions(path) for path in sorted(sets.iterdir()) if path.is_dir()}
+    found = {path.stem: load_transitions(path) for path in sorted(sets.glob("*.yaml"))}
     for left_out, data in found.items():
         training = joined([other for name, other in found.items() if name != left_out])
         models: dict[str, list[DeformationModel]] = {}

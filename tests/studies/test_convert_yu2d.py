@@ -1,4 +1,4 @@
-"""The converter keeps what was recorded: order, jumps, angles that turn the short way."""
+"""The converter keeps what was recorded: places, angles that run on, jumps."""
 
 from __future__ import annotations
 
@@ -10,34 +10,29 @@ from cableway.core.errors import InputError
 from cableway.datasets.reading import load_transitions
 
 
-def recorded(path, dt: float = 0.1) -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(0)
-    arrays = {
-        "keypoints": rng.normal(size=(9, 4, 2)),
-        "poses": rng.normal(size=(9, 2, 3)),
-        "episode": np.array([0, 0, 0, 0, 0, 0, 1, 1, 1]),
-        "length": np.array(0.4),
-        "dt": np.array(dt),
-    }
-    arrays["poses"][2, 0, 2], arrays["poses"][3, 0, 2] = 3.1, -3.1
-    np.savez(path, **arrays)
-    return arrays
-
-
 def test_transitions_follow_the_recording_and_never_cross_its_jumps(tmp_path):
-    arrays = recorded(tmp_path / "yu2d_1.npz")
-    assert convert_yu2d.convert(tmp_path / "yu2d_1.npz", tmp_path / "set", stretch=3) == 7
-    data = load_transitions(tmp_path / "set")
-    rows = np.array([0, 1, 2, 3, 4, 6, 7])
-    np.testing.assert_array_equal(data.keypoints, arrays["keypoints"][rows])
-    np.testing.assert_array_equal(data.next_keypoints, arrays["keypoints"][rows + 1])
-    np.testing.assert_array_equal(data.episode, [0, 0, 0, 1, 1, 2, 2])
-    turn = data.actions[2, 0, 2]
-    assert turn == pytest.approx(2 * np.pi - 6.2)
-    assert data.metadata["config"]["length"] == 0.4
+    """Ends that turn past half a turn, a cable along y, and a jump of half of its length after six rows."""
+    turns = np.linspace(0, 0.4, 9)[:, None] * [9.0, -1.0]
+    along = np.linspace(0, 0.4, convert_yu2d.KEYPOINTS)[:, None] * [0.0, 1.0]
+    keypoints = along + 0.01 * np.arange(9)[:, None, None] + np.where(np.arange(9) > 5, 0.2, 0.0)[:, None, None]
+    state = np.zeros((9, 117), np.float32)
+    state[:, 0] = 0.4
+    state[:, 1:31] = np.concatenate([keypoints, np.full((9, 10, 1), 0.3)], axis=2).reshape(9, 30)
+    for side, column in enumerate((31, 38)):
+        state[:, column : column + 2] = keypoints[:, -side]
+        state[:, column + 5], state[:, column + 6] = np.sin(turns[:, side] / 2), np.cos(turns[:, side] / 2)
+    np.save(tmp_path / "state_1.npy", state)
+    data = load_transitions(convert_yu2d.convert(tmp_path / "state_1.npy", tmp_path / "set"))
+    kept = np.array([0, 1, 2, 3, 4, 6, 7])
+    np.testing.assert_allclose(data.keypoints, keypoints[kept], atol=1e-6)
+    np.testing.assert_allclose(data.next_keypoints, keypoints[kept + 1], atol=1e-6)
+    np.testing.assert_array_equal(data.episode, [0, 0, 0, 0, 0, 1, 1])
+    np.testing.assert_allclose(data.actions[..., 2], np.diff(turns, axis=0)[kept], atol=1e-6)
+    np.testing.assert_allclose(np.sin(data.poses[..., 2]), np.sin(np.pi / 2 + turns[kept]), atol=1e-6)
+    assert data.metadata["config"]["cable"]["length"] == pytest.approx(0.4)
 
 
-def test_another_time_step_is_refused(tmp_path):
-    recorded(tmp_path / "yu2d_1.npz", dt=0.05)
-    with pytest.raises(InputError, match=r"dt is 0.05 s, a control step is 0.1 s"):
-        convert_yu2d.convert(tmp_path / "yu2d_1.npz", tmp_path / "set", stretch=3)
+def test_another_file_is_refused(tmp_path):
+    np.save(tmp_path / "state_1.npy", np.zeros((3, 20)))
+    with pytest.raises(InputError, match="not rows of at least 45 numbers"):
+        convert_yu2d.convert(tmp_path / "state_1.npy", tmp_path / "set")

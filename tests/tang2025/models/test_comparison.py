@@ -48,6 +48,11 @@ def test_intervals_are_those_of_whole_episodes(transitions):
     widths = [np.subtract(*one.interval("mean", 2)[::-1]) for one in (curve, dense)]
     assert dense.windows[1] > 5 * curve.windows[1]
     assert widths[1] > 0.5 * widths[0]
+    blend = compare({"blend": [RigidBlend()]}, transitions, 2)["blend"]
+    assert blend.above_blend == (0.0, 0.0) == blend.interval("above_blend", 1)
+    np.testing.assert_allclose(curve.above_blend, np.subtract(curve.mean, blend.mean), rtol=1e-6)
+    low, high = curve.interval("above_blend", 2)
+    assert 0 < low < curve.above_blend[1] < high, "standing still is worse, and by the same windows surely so"
     one = select(transitions, transitions.episode == transitions.episode[0])
     assert compare({"still": [Persistence()]}, one, 2)["still"].interval("mean", 1) == (None, None)
 

@@ -69,8 +69,10 @@ class Curve:
         p95: 95th percentile of the same [mm].
         worst: Of the same [mm].
         keypoint_mean: Mean distance of a keypoint [mm].
-        intervals: Lower and upper ends of the 95% intervals of `median`, `mean` and `p95` [mm], by resampling the
-            episodes: windows of one episode are alike. Not known (None) of a single episode.
+        above_blend: Mean difference to the stacked error of the rigid blend in the same windows [mm]; below 0 where the
+            model predicts better.
+        intervals: Lower and upper ends of the 95% intervals of `median`, `mean`, `p95` and `above_blend` [mm], by
+            resampling the episodes: windows of one episode are alike. Not known (None) of a single episode.
         quartiles: First and third quartile of the episodes' mean stacked errors [mm].
         seeds: Least and greatest of the seeds' mean stacked errors [mm].
         windows: Number of windows of each horizon, for one seed.
@@ -84,6 +86,7 @@ class Curve:
     p95: tuple[float, ...]
     worst: tuple[float, ...]
     keypoint_mean: tuple[float, ...]
+    above_blend: tuple[float, ...]
     intervals: dict[str, Ends]
     quartiles: tuple[tuple[float, ...], tuple[float, ...]]
     seeds: tuple[tuple[float, ...], tuple[float, ...]]
@@ -154,8 +157,9 @@ def compare(
     if longest < 1:
         raise InputError(f"the longest horizon must be at least 1, got {longest!r}")
     horizons = _reached(data, range(1, longest + 1), stride)
+    blend = window_errors(RigidBlend(), data, horizons, stride)
     return {
-        name: _curve([window_errors(model, data, horizons, stride) for model in trained], horizons, uncertain=True)
+        name: _curve([window_errors(model, data, horizons, stride) for model in trained], horizons, blend)
         for name, trained in models.items()
     }
 
@@ -222,10 +226,11 @@ def training_groups(cards: Mapping[str, Mapping[str, Any]]) -> dict[str, list[st
     return groups
 
 
-def _curve(trained: list[WindowErrors], horizons: tuple[int, ...], *, uncertain: bool = False) -> Curve:
-    """The figures of all windows; with `uncertain` also their intervals, which take their time."""
+def _curve(trained: list[WindowErrors], horizons: tuple[int, ...], blend: WindowErrors | None = None) -> Curve:
+    """The figures of all windows; with the errors of the rigid blend also those beside it, and all intervals."""
     stacked = 1e3 * np.concatenate([errors.stacked for errors in trained])
     distances = 1e3 * np.concatenate([errors.mean for errors in trained])
+    above = np.zeros((0, 0)) if blend is None else stacked - 1e3 * np.tile(blend.stacked, (len(trained), 1))
     means = 1e3 * np.stack([np.nanmean(errors.stacked, axis=0) for errors in trained])
     per_episode = [_episode_means(trained, i) for i in range(len(horizons))]
     quartiles = np.array([np.percentile(values, [25, 75]) for values in per_episode])
@@ -236,7 +241,8 @@ def _curve(trained: list[WindowErrors], horizons: tuple[int, ...], *, uncertain:
         p95=_numbers(np.nanpercentile(stacked, 95, axis=0)),
         worst=_numbers(np.nanmax(stacked, axis=0)),
         keypoint_mean=_numbers(np.nanmean(distances, axis=0)),
-        intervals=_intervals(trained, stacked) if uncertain else {},
+        above_blend=() if blend is None else _numbers(np.nanmean(above, axis=0)),
+        intervals={} if blend is None else _intervals(trained, stacked, above),
         quartiles=(_numbers(quartiles[:, 0]), _numbers(quartiles[:, 1])),
         seeds=(_numbers(means.min(axis=0)), _numbers(means.max(axis=0))),
         windows=tuple(int(count) for count in np.isfinite(trained[0].stacked).sum(axis=0)),
@@ -256,16 +262,26 @@ def _episode_means(trained: list[WindowErrors], place: int) -> Float[np.ndarray,
     return np.concatenate(means)
 
 
-def _intervals(trained: list[WindowErrors], stacked: Float[np.ndarray, "k H"]) -> dict[str, Ends]:
-    """Intervals of mean, median and 95th percentile at each horizon, the same episodes resampled for all seeds."""
-    episodes, nothing = np.concatenate([errors.episode for errors in trained]), [(None, None)] * (1 + len(SHARES))
-    found = []
-    for column in stacked.T:
-        known = np.isfinite(column)
-        several = len(np.unique(episodes[known])) > 1
-        found.append(intervals(column[known], episodes[known], tuple(SHARES.values())) if several else nothing)
+def _intervals(
+    trained: list[WindowErrors], stacked: Float[np.ndarray, "k H"], above: Float[np.ndarray, "k H"]
+) -> dict[str, Ends]:
+    """Intervals of the figures at each horizon, the same episodes resampled for all seeds."""
+    names, episodes = ("mean", *SHARES, "above_blend"), np.concatenate([errors.episode for errors in trained])
+    found: list[list[tuple[float | None, float | None]]] = []
+    for errors, differences in zip(stacked.T, above.T, strict=True):
+        known = np.isfinite(errors)
+        among = episodes[known]
+        if len(np.unique(among)) > 1:
+            found.append(
+                [
+                    *intervals(errors[known], among, tuple(SHARES.values())),
+                    *intervals(differences[known], among),
+                ]
+            )
+        else:
+            found.append([(None, None)] * len(names))
     ends = zip(*found, strict=True)
-    return {name: tuple(zip(*each, strict=True)) for name, each in zip(("mean", *SHARES), ends, strict=True)}
+    return {name: tuple(zip(*each, strict=True)) for name, each in zip(names, ends, strict=True)}
 
 
 def _numbers(values: Float[np.ndarray, "H"]) -> tuple[float, ...]:
