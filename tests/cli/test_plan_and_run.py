@@ -109,6 +109,23 @@ def test_json_is_the_report_alone(cableway: Command, moved_file: Path):
     assert "track" in done.err
 
 
+def test_vector_graphics_are_made_told_and_cleared(cableway: Command, moved_file: Path):
+    """Another run in the folder leaves no picture of the earlier one."""
+    done = cableway("plan", moved_file, "--vector", "svg", "--out", "o")
+    assert done.status == 0
+    assert names(Path("o")) == PLANNED | {"plan.svg"}
+    assert "plan.npz, plan.png, plan.svg" in done.err
+    assert cableway("plan", moved_file, "--vector", "pdf", "--out", "o").status == 0
+    assert names(Path("o")) == PLANNED | {"plan.pdf"}
+
+
+def test_what_was_found_out_about_the_cable_is_a_picture_of_its_own(cableway: Command, moved_file: Path):
+    """Only where an estimate moved: of the nominal cable there is none."""
+    Path("soft.yaml").write_text("cableway: 1\ncable: {length: 0.303, stiffness_profile: [0.5, 2.0]}\n")
+    assert cableway("run", moved_file, "--plant", "soft.yaml", "--no-video", "--out", "o").status == 0
+    assert names(Path("o")) == TRACKED - {"rollout.mp4"} | {"estimates.png"}
+
+
 def test_a_task_without_a_plan_is_status_1_with_reason_and_picture(cableway: Command, sealed_file: Path):
     done = cableway("run", sealed_file, "--controller", "open-loop", "--out", "o")
     assert done.status == 1

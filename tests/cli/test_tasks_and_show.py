@@ -36,11 +36,21 @@ def test_show_draws_the_task_and_says_where(cableway: Command):
     assert matplotlib.image.imread("runs/maze-1/task.png").std() > 0.05
 
 
-@pytest.mark.parametrize(("out", "path"), [("here", "here/task.png"), ("a/b.png", "a/b.png")])
+@pytest.mark.parametrize(
+    ("out", "path"), [("here", "here/task.png"), ("a/b.png", "a/b.png"), ("b.svg", "b.svg"), ("b.PDF", "b.PDF")]
+)
 def test_show_writes_to_a_folder_or_a_file(cableway: Command, out: str, path: str):
     assert cableway("show", "maze-1", "--quiet", "--out", out) == (0, "", "")
     assert Path(path).is_file()
     assert [p for p in Path().rglob("*") if p.is_file()] == [Path(path)]
+
+
+def test_vector_graphics_stand_beside_the_picture(cableway: Command):
+    assert cableway("show", "maze-1", "--vector", "pdf", "--out", "here") == (0, "here/task.png\n", "")
+    assert sorted(path.name for path in Path("here").iterdir()) == ["task.pdf", "task.png"]
+    assert Path("here/task.pdf").read_bytes().startswith(b"%PDF")
+    done = cableway("show", "maze-1", "--vector", "eps")
+    assert (done.status, done.err) == (2, "cableway: unknown vector format 'eps'; known: pdf, svg\n")
 
 
 def test_show_takes_a_file(cableway: Command):

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import io
+import itertools
+import os
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
+from xml.etree import ElementTree
 
 import matplotlib.image
 import numpy as np
@@ -19,13 +23,14 @@ from matplotlib.figure import Figure
 from problems import beside_disc
 from recorded import moved_aside, moved_plan, perfect_rollout
 
-from cableway.core.errors import PlanningError
+from cableway.core.errors import InputError, PlanningError
 from cableway.core.quantities import place, quantity
 from cableway.figures import style
-from cableway.figures.learning import learning_figure
-from cableway.figures.plan import attempt_figure, plan_figure, spread_rows
+from cableway.figures.learning import horizon_figure, learning_figure
+from cableway.figures.plan import alternatives_figure, attempt_figure, plan_figure, spread_rows
 from cableway.figures.rollout import rollout_figure, stacked_errors
 from cableway.figures.scene import cable_path, draw_cable, smooth, task_figure
+from cableway.figures.stages import tasks_over_time_figure
 from cableway.planning.planner import plan
 from cableway.records import Attempt, PaperStages
 from cableway.scene.obstacles import Disc
@@ -39,6 +44,7 @@ STAGES = cast(PaperStages, PLAN.stages)
 
 def pixels(figure: Figure) -> np.ndarray:
     """The picture (height, width, 3) with colours from 0 to 1, top row first, one pixel to the dot."""
+    figure.set_dpi(300)
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=figure.dpi)
     file.seek(0)
@@ -138,7 +144,7 @@ def test_the_picture_of_a_plan_shows_its_parts():
     assert is_colour(colour_at(figure, initial, *STAGES.pivot[20]), style.PIVOT)
     line = smooth(PLAN.shapes[-1])
     along = (line[31] - line[30]) / np.linalg.norm(line[31] - line[30])
-    beside = line[30] + 0.0025 * np.array([-along[1], along[0]])
+    beside = line[30] + 0.0021 * np.array([-along[1], along[0]])
     assert is_colour(colour_at(figure, shapes, *beside), style.GOAL), "the last shape has the colour of the goal"
 
 
@@ -225,11 +231,23 @@ def test_a_contact_in_a_rollout_is_marked_where_it_was():
     assert not len(rings(rollout_figure(moved, touched).axes[0]))
 
 
+def test_a_goal_that_was_missed_is_marked_where_the_cable_is_farthest_from_it():
+    """Not where it was reached, whatever else failed."""
+    missed = moved_aside(perfect_rollout(PLANNED, PLAN), 0.02)
+    figure = rollout_figure(PLANNED, missed, failure="the goal was missed")
+    away = np.linalg.norm(missed.keypoints[-1] - PLANNED.goal, axis=1)
+    (at,) = rings(figure.axes[0])
+    assert np.linalg.norm(at - PLANNED.goal[np.argmax(away)]) == pytest.approx(away.max())
+    assert any(f"ends {quantity(away.max())} from its goal" in text.get_text() for text in figure.texts)
+    reached = rollout_figure(PLANNED, perfect_rollout(PLANNED, PLAN), failure="contact")
+    assert not len(rings(reached.axes[0]))
+
+
 def test_the_picture_of_a_rollout_shows_errors_and_clearance():
     rollout = moved_aside(perfect_rollout(PLANNED, PLAN), 0.004)
     figure = rollout_figure(PLANNED, rollout)
     assert not_blank(figure)
-    errors, clearance = figure.axes[-2:]
+    _, errors, clearance, *_ = figure.axes
     goal = next(line for line in errors.lines if str(line.get_label()).startswith("to the goal"))
     stacked = 1000 * np.linalg.norm(rollout.keypoints - PLANNED.goal, axis=(1, 2))
     np.testing.assert_allclose(goal.get_ydata(), np.maximum(stacked, 0.1))
@@ -268,11 +286,77 @@ def test_rows_shown_begin_and_end_with_the_motion_and_are_spread_over_it():
     assert spread_rows(np.repeat(PLAN.shapes[:1], 5, axis=0), 12).tolist() == [0, 4]
 
 
-def test_the_same_plan_gives_the_same_file(tmp_path: Path):
-    for name in ("a.png", "b.png"):
-        style.save_figure(plan_figure(PLANNED, PLAN), tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.png"]
+@pytest.mark.parametrize("ending", style.FORMATS)
+def test_the_same_plan_gives_the_same_file(ending: str, tmp_path: Path):
+    """In another process, too, whose hashes of texts are others."""
+    for name in ("a", "b"):
+        style.save_figure(plan_figure(PLANNED, PLAN), tmp_path / f"{name}{ending}")
+    code = (
+        "import sys; from pathlib import Path; from recorded import moved_plan\n"
+        "from cableway.figures import plan, style\n"
+        "style.save_figure(plan.plan_figure(*moved_plan()), Path(sys.argv[1]))"
+    )
+    subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / f"c{ending}")], cwd=Path(__file__).parents[1], check=True,
+        env={**os.environ, "PYTHONHASHSEED": "7"},
+    )  # fmt: skip
+    contents = [path.read_bytes() for path in sorted(tmp_path.iterdir())]
+    assert len(contents) == 3
+    assert len(set(contents)) == 1
+
+
+def test_vector_graphics_have_the_width_of_two_columns_and_need_no_font(tmp_path: Path):
+    """Letters are outlines in SVG, and embedded TrueType, not type 3, in PDF."""
+    for ending in (".svg", ".pdf"):
+        style.save_figure(plan_figure(PLANNED, PLAN), tmp_path / f"plan{ending}")
+    drawing = ElementTree.parse(tmp_path / "plan.svg").getroot()
+    assert float(drawing.attrib["width"].removesuffix("pt")) == pytest.approx(72 * style.DOUBLE)
+    kinds = {element.tag.partition("}")[2] for element in drawing.iter()}
+    assert {"path", "use"} <= kinds
+    assert "text" not in kinds
+    page = (tmp_path / "plan.pdf").read_bytes()
+    start = int(page.rstrip().splitlines()[-2])
+    assert page[start:].startswith(b"xref")
+    assert b"/FontFile2" in page
+    assert b"/Type3" not in page
+    assert b"Date" not in page
+
+
+def test_a_picture_in_another_format_is_refused(tmp_path: Path):
+    with pytest.raises(InputError, match=r"plan.jpg: .* ends in .png, .svg, .pdf"):
+        style.save_figure(plan_figure(PLANNED, PLAN), tmp_path / "plan.jpg")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("figure", "letters"),
+    [
+        (lambda: plan_figure(PLANNED, PLAN), "abcd"),
+        (lambda: rollout_figure(PLANNED, perfect_rollout(PLANNED, PLAN)), "abc"),
+        (lambda: alternatives_figure(PLANNED, [PLAN.shapes] * 5), "abcde"),
+        (lambda: learning_figure((3.0, 2.0), (2.0, 1.0)), "ab"),
+        (lambda: tasks_over_time_figure([(PLANNED, perfect_rollout(PLANNED, PLAN))] * 6), "abcdef"),
+    ],
+)
+def test_panels_have_letters_in_the_order_of_reading(figure: Callable[[], Figure], letters: str):
+    drawn = figure()
+    where = {}
+    for ax in drawn.axes:
+        where |= {text.get_text(): ax.get_position() for text in ax.texts if text.get_gid() == style.LETTER}
+    assert "".join(where) == letters
+    corners = [(-round(box.y1, 3), round(box.x0, 3)) for box in where.values()]
+    assert corners == sorted(corners) or letters == "abc", "a rollout has a scene on the left, b above c on the right"
+
+
+def test_names_at_the_ends_of_curves_are_apart_and_in_their_order():
+    curves = {f"model {k}": [1.0, 2.0, 10.0 + 0.001 * k] for k in range(6)}
+    figure = horizon_figure((1, 2, 3), curves, {})
+    (ax,) = figure.axes
+    places = {text.get_text(): text.get_window_extent() for text in ax.texts}
+    assert sorted(curves, key=lambda name: places[name].y0) == list(curves)
+    ordered = [places[name] for name in curves]
+    assert all(low.y1 - 2 <= high.y0 for low, high in itertools.pairwise(ordered))
+    assert ordered[0].x1 < figure.bbox.x1
 
 
 def test_drawing_leaves_matplotlibs_window_system_alone():

@@ -80,6 +80,18 @@ def suite_figures(suite: str, rows: Mapping[str, Sequence[Result]]) -> dict[str,
     }
 
 
+def success_shares(about: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, float, float]]]:
+    """Shares of success with the ends of their intervals, by suite and method, of what `summary` says."""
+    return {
+        suite: {
+            name: (share["value"], share["low"], share["high"])
+            for name, figures in found["methods"].items()
+            if (share := figures["metrics"].get("success"))
+        }
+        for suite, found in about["suites"].items()
+    }
+
+
 def commits(results: Results) -> dict[str, int]:
     """Number of episodes by the commit that they were run at, "" where none was recorded, as outside a checkout."""
     return dict(Counter(result.commit or "" for result in each_of(results)))

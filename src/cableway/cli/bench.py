@@ -121,7 +121,7 @@ class Bench(EpisodeOptions):
             folder,
             about=about,
             command=f"cableway {shlex.join(sys.argv[1:])}",
-            pictures=_write_pictures(results, folder),
+            pictures=self._write_pictures(results, about, folder),
         )
         for name, text in ((CSV, csv_text(found)), (TABLES, markdown(about)), (PAGE, page)):
             write_text(folder / name, text)
@@ -129,33 +129,22 @@ class Bench(EpisodeOptions):
         write_json(folder / BASELINE, baseline(found))
         return about
 
+    def _write_pictures(self, results: Results, about: Mapping[str, Any], folder: Path) -> list[str]:
+        """Draw shares of success and distributions of the error; names of the files."""
+        from cableway.benchmark.summary import success_shares
+        from cableway.figures.benchmark import error_figure, success_figure
+        from cableway.outcome import SUCCESS_ERROR
 
-def _write_pictures(results: Results, folder: Path) -> list[str]:
-    """Draw shares of success and distributions of the error; names of the files."""
-    from cableway.benchmark.statistics import estimate
-    from cableway.figures.benchmark import error_figure, success_figure
-    from cableway.figures.style import save_figure
-    from cableway.metrics import METRICS
-    from cableway.outcome import SUCCESS_ERROR
-
-    shares = {
-        suite: {
-            name: (share.value, share.low, share.high)
-            for name, each in rows.items()
-            if (share := estimate(METRICS["success"], each)) is not None
+        self.draw(success_figure(success_shares(about)), folder / SUCCESS_PICTURE)
+        errors = {
+            suite: {name: [_error(result) for result in each] for name, each in rows.items()}
+            for suite, rows in results.items()
+            if any(result.shape_error is not None for each in rows.values() for result in each)
         }
-        for suite, rows in results.items()
-    }
-    save_figure(success_figure(shares), folder / SUCCESS_PICTURE)
-    errors = {
-        suite: {name: [_error(result) for result in each] for name, each in rows.items()}
-        for suite, rows in results.items()
-        if any(result.shape_error is not None for each in rows.values() for result in each)
-    }
-    if not errors:
-        return [SUCCESS_PICTURE]
-    save_figure(error_figure(errors, (0.01, SUCCESS_ERROR)), folder / ERROR_PICTURE)
-    return [SUCCESS_PICTURE, ERROR_PICTURE]
+        if not errors:
+            return [SUCCESS_PICTURE]
+        self.draw(error_figure(errors, (0.01, SUCCESS_ERROR)), folder / ERROR_PICTURE)
+        return [SUCCESS_PICTURE, ERROR_PICTURE]
 
 
 def _missed(results: Results) -> list[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from cableway.cli.interrupts import CONTINUES, INTERRUPTS
-from cableway.cli.options import WorkerOptions
+from cableway.cli.options import PictureOptions, WorkerOptions
 from cableway.cli.terminal import OnProgress
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EpisodeOptions(WorkerOptions):
+class EpisodeOptions(PictureOptions, WorkerOptions):
     """Options of the commands that run episodes."""
 
     seed: tyro.conf.Suppress[None] = None

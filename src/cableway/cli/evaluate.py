@@ -12,10 +12,11 @@ from rich.console import Group
 from rich.markup import escape
 from rich.text import Text
 
-from cableway.cli.options import REPORT, Options, option
+from cableway.cli.options import REPORT, PictureOptions, option
 from cableway.cli.terminal import Terminal, columns
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.table import Table
 
     from cableway.tang2025.models.base import DeformationModel
@@ -37,7 +38,7 @@ BASELINES = ("linear",)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Options):
+class Evaluate(PictureOptions):
     """Open-loop error of models on data sets against the horizon; models that differ in their seed are one."""
 
     models: Annotated[tyro.conf.Positional[tuple[str, ...]], option(metavar="[MODEL ...]")] = ()
@@ -94,7 +95,7 @@ class Evaluate(Options):
             }
             write_json(folder / REPORT, report)
             for place, curves in enumerate(results.values(), start=1):
-                _draw(folder / ("errors.png" if len(results) == 1 else f"errors-{place}.png"), curves)
+                self.draw(_figure(curves), folder / ("errors.png" if len(results) == 1 else f"errors-{place}.png"))
         terminal.result(report, _tables(results))
         return 0
 
@@ -120,14 +121,13 @@ class Evaluate(Options):
         }
 
 
-def _draw(path: Path, curves: Mapping[str, Curve]) -> None:
+def _figure(curves: Mapping[str, Curve]) -> Figure:
     from cableway.figures.learning import horizon_figure
-    from cableway.figures.style import save_figure
 
     horizons = next(iter(curves.values())).horizons
     means = {name: curve.mean for name, curve in curves.items()}
     bands = {name: curve.quartiles for name, curve in curves.items()}
-    save_figure(horizon_figure(horizons, means, bands), path)
+    return horizon_figure(horizons, means, bands)
 
 
 def _tables(results: Mapping[str, Mapping[str, Curve]]) -> Group:

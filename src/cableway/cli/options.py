@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import tyro
 
-from cableway.core.errors import InputError, TaskError
+from cableway.core.errors import InputError, TaskError, UnknownNameError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from cableway.scene.task import Task
 
 REPORT = "report.json"
 """Name of the file of a command's figures."""
+
+VECTOR = ("svg", "pdf")
+"""Formats of vector graphics."""
 
 LARGEST_SEED = 2**31 - 1
 """What the narrowest random generator in use takes: OMPL's and JAX's keys are 32 bits."""
@@ -77,11 +82,33 @@ class Options:
             with only_writer(folder := self.folder(name)):
                 write_json(folder / REPORT, report)
 
-    def target(self, name: str, default: str) -> Path:
-        """The one file of a command: `--out` itself where it ends as `default` does, else `default` in the folder."""
-        if self.out is not None and self.out.suffix.lower() == Path(default).suffix:
+    def target(self, name: str, default: str, *others: str) -> Path:
+        """The one file of a command: `--out` itself where it ends as `default` or `others` do, else `default` in the
+        folder."""
+        if self.out is not None and self.out.suffix.lower() in (Path(default).suffix, *others):
             return self.out
         return self.folder(name) / default
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureOptions(Options):
+    """Options of the commands that draw."""
+
+    vector: Annotated[str | None, option(metavar="{svg,pdf}")] = None
+    """Write pictures as vector graphics, too, beside the PNG files; by default, as PNG alone."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.vector not in (None, *VECTOR):
+            raise UnknownNameError("vector format", self.vector, VECTOR)
+
+    def draw(self, figure: Figure, path: Path) -> None:
+        """Write a picture to a file, and to another one beside it where `--vector` asks for it."""
+        from cableway.figures.style import save_figure
+
+        save_figure(figure, path)
+        if self.vector is not None:
+            save_figure(figure, path.with_suffix(f".{self.vector}"))
 
 
 @dataclass(frozen=True, kw_only=True)

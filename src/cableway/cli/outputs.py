@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cableway.cli.options import REPORT
+from cableway.cli.options import REPORT, VECTOR
 
 if TYPE_CHECKING:
     from cableway.cli.terminal import Terminal
@@ -15,7 +16,7 @@ TASK = "task.yaml"
 PLAN, PLAN_PICTURE = "plan.npz", "plan.png"
 ALTERNATIVES_PICTURE = "alternatives.png"
 ROLLOUT, ROLLOUT_PICTURE, VIDEO = "rollout.npz", "rollout.png", "rollout.mp4"
-REPLANNING_PICTURE = "replanning.png"
+REPLANNING_PICTURE, ESTIMATES_PICTURE = "replanning.png", "estimates.png"
 INSERTION_PLAN, INSERTION, INSERTION_PICTURE = "insertion-plan.npz", "insertion.npz", "insertion.png"
 
 PUSH_0_1 = "push.npz"
@@ -23,8 +24,9 @@ PUSH_0_1 = "push.npz"
 
 ALL = (
     REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, INSERTION_PLAN, ROLLOUT, ROLLOUT_PICTURE, VIDEO,
-    REPLANNING_PICTURE, INSERTION, INSERTION_PICTURE,
+    REPLANNING_PICTURE, ESTIMATES_PICTURE, INSERTION, INSERTION_PICTURE,
 )  # fmt: skip
+"""In the order in which they are told; beside a picture there may be the same as vector graphics."""
 
 
 def alternative(place: int) -> str:
@@ -38,14 +40,22 @@ def alternative(place: int) -> str:
 
 def clear(folder: Path) -> None:
     """Remove what an earlier run left, so that a folder never mixes two runs."""
-    for path in (*(folder / name for name in (*ALL, PUSH_0_1)), *folder.glob("plan-*.npz")):
+    for path in (*(folder / name for name in (*_names(), PUSH_0_1)), *folder.glob("plan-*.npz")):
         path.unlink(missing_ok=True)
 
 
 def listed(folder: Path) -> str:
     """Which files there are, in words."""
     others = sorted(path.name for path in folder.glob("plan-*.npz"))
-    return f"in {folder}: {', '.join([*(name for name in ALL if (folder / name).exists()), *others])}"
+    return f"in {folder}: {', '.join([*(name for name in _names() if (folder / name).exists()), *others])}"
+
+
+def _names() -> Iterator[str]:
+    """All names, those of vector graphics included."""
+    for name in ALL:
+        yield name
+        if name.endswith(".png"):
+            yield from (name.removesuffix("png") + ending for ending in VECTOR)
 
 
 def announce(terminal: Terminal, folder: Path, report: Report) -> None:

@@ -13,13 +13,15 @@ import tyro
 
 from cableway.cli import outputs
 from cableway.cli.interrupts import INTERRUPTS
-from cableway.cli.options import TaskOptions, option
+from cableway.cli.options import PictureOptions, TaskOptions, option
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
 from cableway.planning.named import PLANNERS
 from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, Planner, make_planner
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from cableway.scene.task import Task
     from cableway.workflow.events import OnEvent
     from cableway.workflow.run import Run
@@ -29,11 +31,14 @@ PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
 LEAST_TIME = 1e-3
 """Time limit [s] of a search for which reading the task left none."""
 
+Draw = Callable[["Figure", Path], None]
+"""Writes a picture to a file."""
+
 UNTRACKED = "the run ended before its plan was tracked"
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanOptions(TaskOptions):
+class PlanOptions(PictureOptions, TaskOptions):
     """Options of the commands that plan."""
 
     planner: Annotated[str, tyro.conf.arg(metavar=PLANNER_NAMES)] = DEFAULT_PLANNER
@@ -80,7 +85,7 @@ class PlanOptions(TaskOptions):
         left = max(self.time_limit - (time.perf_counter() - since), LEAST_TIME)
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=left, **options)
         with only_writer(folder), terminal.progress() as progress:
-            run = solve(task, chosen, _shown(terminal, progress, folder, tracked=chosen.track))
+            run = solve(task, chosen, _shown(terminal, progress, folder, self.draw, tracked=chosen.track))
             INTERRUPTS.release()
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video
@@ -91,7 +96,7 @@ class PlanOptions(TaskOptions):
         return 0 if run.success else 1
 
 
-def _shown(terminal: Terminal, progress: OnProgress, folder: Path, *, tracked: bool) -> OnEvent:
+def _shown(terminal: Terminal, progress: OnProgress, folder: Path, draw: Draw, *, tracked: bool) -> OnEvent:
     """Shows a run at the terminal and leaves its files in a folder as they come.
 
     The folder stays as it was until there is something to write, so that an interrupt costs nothing. From then on an
@@ -108,15 +113,15 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path, *, tracked: b
             case Planned(run):
                 INTERRUPTS.hold()
                 INTERRUPTS.kept = partial(outputs.listed, folder)
-                write_plans(folder, run, tracked=tracked)
+                write_plans(folder, run, draw, tracked=tracked)
             case Finished(run):
-                _write_rollouts(folder, run)
+                _write_rollouts(folder, run, draw)
         return CANCEL if INTERRUPTS.came else None
 
     return on_event
 
 
-def write_plans(folder: Path, run: Run, *, tracked: bool) -> None:
+def write_plans(folder: Path, run: Run, draw: Draw, *, tracked: bool) -> None:
     """Write the plans, or where there is none a picture of the closest attempt.
 
     Until a plan has been tracked, the report calls the run interrupted: so it is right however the run ends.
@@ -136,18 +141,19 @@ def write_plans(folder: Path, run: Run, *, tracked: bool) -> None:
     outputs.write_report(folder, stopped(run, UNTRACKED).report if tracked and run.plan is not None else run.report)
     attempt = run.attempt or Attempt(reason=run.report.failure or "")
     _draw(
+        draw,
         folder / outputs.PLAN_PICTURE,
         lambda: attempt_figure(run.task, attempt) if run.plan is None else plan_figure(run.task, run.plan),
     )
     if run.alternatives:
         shapes = [each.shapes for each in plans]
-        _draw(folder / outputs.ALTERNATIVES_PICTURE, lambda: alternatives_figure(run.task, shapes))
+        _draw(draw, folder / outputs.ALTERNATIVES_PICTURE, lambda: alternatives_figure(run.task, shapes))
 
 
-def _write_rollouts(folder: Path, run: Run) -> None:
+def _write_rollouts(folder: Path, run: Run, draw: Draw) -> None:
     from cableway.figures.insertion import insertion_figure
     from cableway.figures.replanning import replanning_figure
-    from cableway.figures.rollout import rollout_figure
+    from cableway.figures.rollout import estimates_figure, rollout_figure
 
     plan, rollout, insertion = run.plan, run.rollout, run.insertion
     if rollout is not None:
@@ -157,20 +163,20 @@ def _write_rollouts(folder: Path, run: Run) -> None:
     outputs.write_report(folder, run.report)
     if rollout is not None:
         _draw(
+            draw,
             folder / outputs.ROLLOUT_PICTURE,
             lambda: rollout_figure(
                 run.task, rollout, plan=plan, failure=run.report.failure, verdict=run.report.rollout_verdict
             ),
         )
+        _draw(draw, folder / outputs.ESTIMATES_PICTURE, lambda: estimates_figure(rollout))
         if plan is not None and rollout.metadata.get("recovered"):
-            _draw(folder / outputs.REPLANNING_PICTURE, lambda: replanning_figure(run.task, plan, rollout))
+            _draw(draw, folder / outputs.REPLANNING_PICTURE, lambda: replanning_figure(run.task, plan, rollout))
     if insertion is not None:
-        _draw(folder / outputs.INSERTION_PICTURE, lambda: insertion_figure(run.task, insertion))
+        _draw(draw, folder / outputs.INSERTION_PICTURE, lambda: insertion_figure(run.task, insertion))
 
 
-def _draw(path: Path, figure: Callable[[], Any]) -> None:
-    """Make a picture, unless somebody waits for the command to end."""
-    from cableway.figures.style import save_figure
-
-    if not INTERRUPTS.came:
-        save_figure(figure(), path)
+def _draw(draw: Draw, path: Path, figure: Callable[[], Figure | None]) -> None:
+    """Make a picture where there is something to draw, unless somebody waits for the command to end."""
+    if not INTERRUPTS.came and (made := figure()) is not None:
+        draw(made, path)

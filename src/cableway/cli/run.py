@@ -18,7 +18,7 @@ from cableway.workflow.registry import DEFAULT_CONTROLLER
 @dataclass(frozen=True, kw_only=True)
 class Run(PlanOptions):
     """Plan a task and track the plan: the files of `plan`, and rollout.npz, rollout.png, rollout.mp4; replanning.png
-    where a new plan was made on the way."""
+    where a new plan was made on the way, estimates.png where the cable was found to differ."""
 
     plan_file: Annotated[Path | None, option(name="from", metavar="PLAN.npz")] = None
     """Track this plan of the task, such as one of `plan --alternatives`, instead of seeking one, as by default."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rich.text import Text
 
 from cableway.cli.interrupts import INTERRUPTS
-from cableway.cli.options import LARGEST_SEED, Flag, Maybe, Options, option
+from cableway.cli.options import LARGEST_SEED, Flag, Maybe, PictureOptions, option
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 from cableway.core.quantities import limit_text
@@ -22,7 +22,7 @@ PICTURE = "tasks.png"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tasks(Options):
+class Tasks(PictureOptions):
     """List the tasks of the catalogue; or, with --random, write random tasks to YAML files and draw them."""
 
     out: Maybe[Path] = None
@@ -49,6 +49,8 @@ class Tasks(Options):
             raise InputError(f"--seed and --count exceed the largest seed {LARGEST_SEED}")
         if self.random is None and (self.count != 1 or self.width is not None or self.picture):
             raise InputError("--count, --width and --picture need --random")
+        if self.vector is not None and not self.picture:
+            raise InputError("--vector needs --picture")
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
@@ -80,9 +82,8 @@ class Tasks(Options):
                 progress("tasks", (k + 1) / self.count)
             if self.picture:
                 from cableway.figures.scene import tasks_figure
-                from cableway.figures.style import save_figure
 
-                save_figure(tasks_figure(tasks), folder / PICTURE)
+                self.draw(tasks_figure(tasks), folder / PICTURE)
         terminal.note(f"in {folder}")
         terminal.result({"tasks": rows}, _table(tasks))
         return 0

@@ -8,17 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cableway.cli.interrupts import CONTINUES, INTERRUPTS
 from cableway.cli.models import HORIZONS, error_at
-from cableway.cli.options import Maybe, Options, option
+from cableway.cli.options import Maybe, PictureOptions, option
 from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from cableway.tang2025.models.learned import LearnedModel
     from cableway.tang2025.models.recipe import Recipe
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(Options):
+class Train(PictureOptions):
     """Train a deformation model; continues an interrupted training. `--out` is a folder or a file."""
 
     data: tuple[Path, ...] = (Path("runs/collect"),)
@@ -57,7 +59,8 @@ class Train(Options):
             card = make_model_file(
                 path, recipe, data, start=start, progress=lambda words, share: progress(f"train: {words}", share)
             )
-            page, picture = write_card(path), _draw(path.with_suffix(".png"), card["history"])
+            page, picture = write_card(path), path.with_suffix(".png")
+            self.draw(_figure(card["history"]), picture)
         errors = {f"{steps}": error_at(card, steps) for steps in HORIZONS}
         report = {
             "file": str(path), "card": str(page), "picture": str(picture), "kind": card["kind"],
@@ -89,10 +92,8 @@ class Train(Options):
         return recipe if start is None else replace(recipe, model=start.config)
 
 
-def _draw(path: Path, history: list[dict[str, Any]]) -> Path:
+def _figure(history: list[dict[str, Any]]) -> Figure:
     """The learning curve."""
     from cableway.figures.learning import learning_figure
-    from cableway.figures.style import save_figure
 
-    save_figure(learning_figure([row["loss"] for row in history], [row["validation_error"] for row in history]), path)
-    return path
+    return learning_figure([row["loss"] for row in history], [row["validation_error"] for row in history])

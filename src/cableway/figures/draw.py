@@ -24,10 +24,10 @@ def draw(task: TaskSource, record: Plan | Rollout | Attempt | None = None, *, pa
     Args:
         task: The task, or its name or file.
         record: A plan, a rollout, also of an insertion, or the `attempt` of a `PlanningError`; None for the task alone.
-        path: A PNG file that the picture is written to, too.
+        path: A file that the picture is written to, too: PNG, SVG or PDF by its ending.
 
     Raises:
-        InputError: There is no such task, or the record is none of these.
+        InputError: There is no such task, the record is none of these, or the file has another ending.
     """
     figure = _figure(as_task(task), record)
     if path is not None:

@@ -8,12 +8,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
 from cableway.figures import scene, style
+from cableway.figures.plan import AXIS
 from cableway.figures.replanning import change_of, draw_actual_scene
 from cableway.outcome import PORT_ANGLE, PORT_LATERAL
 from cableway.records import Rollout
 from cableway.scene.task import Task
 
-SIDE = 4.6
+SIDE = scene.PANEL
 """Side [inch] of the view of the port."""
 
 AROUND = 1.6
@@ -27,19 +28,23 @@ def insertion_figure(task: Task, rollout: Rollout) -> Figure:
     """The plug before and in the port on the left; on the right how far the tip is off the axis, and turned from it."""
     assert task.plug is not None
     assert task.port is not None
-    figure = style.new_figure(SIDE + 5.9, SIDE + 1.5)
-    ax = style.add_axes(figure, 0.7, 0.8, SIDE, SIDE)
+    figure = style.new_figure(style.DOUBLE, scene.BELOW + SIDE + scene.ABOVE)
+    ax = style.add_axes(figure, scene.LEFT, scene.BELOW, SIDE, SIDE)
     _draw_port_view(ax, task, rollout)
     style.title(ax, f"{task.name}: into the port")
     found = task.port.alignment(task.plug, rollout.poses[:, 1])
-    half = (SIDE - 0.9) / 2
+    left = scene.LEFT + SIDE + scene.BETWEEN + scene.LEFT
+    half = (scene.BELOW + SIDE + scene.ABOVE) / 2 - AXIS - scene.ABOVE
+    panels = [ax]
+    upper = AXIS + half + scene.ABOVE + AXIS
     curves = (
-        (0.8 + half + 0.9, "off the axis", "distance", "mm", 1000 * np.abs(found.lateral), 1000 * PORT_LATERAL),
-        (0.8, "turned from the axis", "angle", "deg", np.degrees(np.abs(found.angle)), np.degrees(PORT_ANGLE)),
+        (upper, "off the axis", "distance", "mm", 1000 * np.abs(found.lateral), 1000 * PORT_LATERAL),
+        (AXIS, "turned from the axis", "angle", "deg", np.degrees(np.abs(found.angle)), np.degrees(PORT_ANGLE)),
     )
     for bottom, name, what, unit, values, limit in curves:
-        below = style.add_axes(figure, SIDE + 1.6, bottom, 4.0, half)
-        below.plot(1000 * found.depth, values, color=style.LEFT, linewidth=1.5)
+        below = style.add_axes(figure, left, bottom, style.DOUBLE - scene.RIGHT - left, half)
+        panels.append(below)
+        below.plot(1000 * found.depth, values, color=style.LEFT, linewidth=1.3)
         below.plot([0.0, 1000 * task.port.depth], [limit, limit], color=style.BAD, linewidth=1.0, linestyle="--")
         below.axvline(0.0, color=style.INK, linewidth=1.0, linestyle=":")
         style.title(below, f"tip {name}, {values[-1]:.2f} {unit} at the end")
@@ -50,7 +55,8 @@ def insertion_figure(task: Task, rollout: Rollout) -> Figure:
             (0.5, limit, "allowed", style.BAD),
             (0.0, 0.5 * top, " mouth of the port", style.INK),
         ):
-            below.text(x, y, text, fontsize=8, color=color, va="bottom")
+            below.text(x, y, text, fontsize=style.NOTE, color=color, va="bottom")
+    style.letter_panels(*panels)
     return figure
 
 

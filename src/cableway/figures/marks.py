@@ -15,13 +15,13 @@ from cableway.core.errors import Point
 from cableway.figures import style
 from cableway.verdict import Verdict
 
-RING = 11.0
+RING = 8.0
 """Radius of a ring in points: seen at any scale."""
 
 SENTENCES = 6
 """Most sentences written out."""
 
-LINE, CHARACTERS = 0.19, 12.0
+LINE, CHARACTERS = 0.16, 15.0
 """Height [inch] of a line of them, and characters to the inch."""
 
 
@@ -84,7 +84,7 @@ def draw_marks(ax: Axes, marks: Sequence[Mark]) -> None:
             ax.annotate(
                 ", ".join(map(str, numbers)), (float(at[0]), float(at[1])), textcoords="offset points",
                 xytext=(1.05 * RING * x, 1.05 * RING * y), ha="left" if x > 0 else "right",
-                va="bottom" if y > 0 else "top", fontsize=9, fontweight="bold", color="white", zorder=12,
+                va="bottom" if y > 0 else "top", fontsize=style.NOTE, fontweight="bold", color="white", zorder=12,
                 bbox={"boxstyle": "round,pad=0.25", "facecolor": style.BAD, "edgecolor": "white", "linewidth": 1.0},
             )  # fmt: skip
 
@@ -111,4 +111,4 @@ def write_lines(figure: Figure, left: float, lines: Sequence[str]) -> None:
     wide, tall = figure.get_size_inches()
     for row, line in enumerate(lines):
         place = (left / wide, 1 - (0.14 + row * LINE) / tall)
-        figure.text(*place, line, fontsize=10, color=style.BAD, va="top", parse_math=False)
+        figure.text(*place, line, fontsize=style.LABEL, color=style.BAD, va="top", parse_math=False)

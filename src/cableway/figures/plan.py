@@ -12,6 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from cableway.core.quantities import quantity
 from cableway.figures import scene, style
@@ -22,73 +23,58 @@ from cableway.scene.task import CONTROL_STEP, Task
 SHAPES_SHOWN = 24
 """Shapes drawn of a motion: enough to see it, few enough to distinguish them."""
 
-LEFT, BETWEEN, BELOW, ABOVE, BAR, COLUMN = 0.65, 0.7, 1.0, 0.45, 1.1, 3.5
-"""Inches left of the first panel, between panels, below, above, for the colour bar, and of the column of curves."""
-
-BESIDE = 0.68
-"""Share of its usual size that a scene has in a row of several."""
-
-LEGEND = 0.17
-"""Height [inch] of a legend of one row above a panel."""
+CURVES, HEADED, AXIS = 1.15, 0.55, 0.42
+"""Heights [inch] of a panel of curves, of its title and legend above, and of its axis below."""
 
 
 def plan_figure(task: Task, plan: Plan) -> Figure:
-    """Paths of the keypoints, shapes over time, and clearance and gripper speed over time, side by side."""
-    width, height = scene.panel_size(task)
-    figure = style.new_figure(LEFT + 2 * width + BETWEEN + BAR + COLUMN + 0.5, BELOW + height + ABOVE)
-    routes = style.add_axes(figure, LEFT, BELOW, width, height)
+    """Paths of the keypoints and shapes over time; below them, clearance and gripper speed over time."""
+    below = AXIS + CURVES + HEADED
+    figure, (routes, shapes) = scene.panel_row(task, 2, below)
     _draw_stages(routes, task, plan.stages, plan.shapes)
-    shapes = style.add_axes(figure, LEFT + width + BETWEEN, BELOW, width, height)
     draw_shapes(shapes, task, plan.shapes)
     style.title(shapes, f"the plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s")
-    left = LEFT + 2 * width + BETWEEN + BAR + 0.25
-    _draw_profiles(*curve_panels(figure, left, COLUMN, BELOW + height), task, plan)
+    scene.finish_row([routes, shapes])
+    clearance = style.add_axes(figure, scene.LEFT, AXIS, scene.PANEL, CURVES)
+    left = scene.LEFT + scene.PANEL + scene.LEFT + scene.BETWEEN / 2
+    motion = style.add_axes(figure, left, AXIS, style.DOUBLE - scene.RIGHT - left, CURVES)
+    _draw_profiles(clearance, motion, task, plan)
+    style.letter_panels(routes, shapes, clearance, motion)
     return figure
-
-
-def curve_panels(figure: Figure, left: float, width: float, top: float) -> tuple[Axes, Axes]:
-    """Two panels for curves over time, one above the other, each with room for its legend; all in inches."""
-    half = (top - 0.6 - 0.95 - LEGEND) / 2
-    above = style.add_axes(figure, left, top - LEGEND - half, width, half)
-    return above, style.add_axes(figure, left, 0.6, width, half)
 
 
 def attempt_figure(task: Task, attempt: Attempt) -> Figure:
     """How far planning got before it failed, and why it did: the place of the reason, or what did not verify."""
-    width, height = scene.panel_size(task)
-    panels = 1 if attempt.shapes is None else 2
-    wide = LEFT + panels * width + (panels - 1) * (BETWEEN + BAR) + 0.4
+    wide = style.SINGLE if attempt.shapes is None else style.DOUBLE
     marks = [] if attempt.shapes is None else marks_of(attempt.verdict, scene.smooth(attempt.shapes))
     if attempt.at is not None or not marks:
         marks = [Mark(attempt.reason, attempt.at)]
     lines = ["No plan. What is wrong with the closest attempt:"] if len(marks) > 1 else []
-    lines += sentence_lines([mark.sentence for mark in marks], wide - LEFT, "" if lines else "No plan: ")
-    figure = style.new_figure(wide, BELOW + height + ABOVE + 0.2 + LINE * len(lines))
-    above = style.add_axes(figure, LEFT, BELOW, width, height)
-    _draw_stages(above, task, attempt.stages, attempt.shapes)
+    lines += sentence_lines([mark.sentence for mark in marks], wide - scene.LEFT, "" if lines else "No plan: ")
+    figure, panels = scene.panel_row(task, 1 if attempt.shapes is None else 2, above=0.1 + LINE * len(lines))
+    _draw_stages(panels[0], task, attempt.stages, attempt.shapes)
     if attempt.shapes is not None:
-        reached = style.add_axes(figure, LEFT + width + BETWEEN, BELOW, width, height)
-        draw_shapes(reached, task, attempt.shapes)
-        style.title(reached, "the closest attempt")
-        draw_marks(reached, marks)
+        draw_shapes(panels[1], task, attempt.shapes)
+        style.title(panels[1], "the closest attempt")
+        scene.finish_row(panels)
+        draw_marks(panels[1], marks)
     if attempt.at is not None:
-        draw_marks(above, marks)
-    write_lines(figure, LEFT, lines)
+        draw_marks(panels[0], marks)
+    write_lines(figure, scene.LEFT, lines)
     return figure
 
 
 def alternatives_figure(task: Task, motions: Sequence[Float[np.ndarray, "k n 2"]]) -> Figure:
     """The shapes of several plans over time, side by side."""
-    width, height = (side * BESIDE for side in scene.panel_size(task))
-    pitch = width + BAR
-    figure = style.new_figure(LEFT + len(motions) * pitch, BELOW + height + ABOVE)
-    for place, shapes in enumerate(motions):
-        ax = style.add_axes(figure, LEFT + place * pitch, BELOW, width, height)
-        draw_shapes(ax, task, shapes)
-        if place:
-            ax.set_ylabel("")
-            ax.set_yticks([])
-        style.title(ax, f"{task.name}: plan {place + 1} of {len(motions)}")
+    figure, panels = scene.panel_row(task, len(motions))
+    for place, (ax, shapes) in enumerate(zip(panels, motions, strict=True), start=1):
+        handles = _draw_moving(ax, task, shapes)
+        style.title(ax, f"plan {place}: {(len(shapes) - 1) * CONTROL_STEP:.1f} s")
+        if place == 1 + (len(motions) == 3):
+            colors = (("start", style.START), ("end", style.GOAL))
+            entries = [*(Patch(facecolor=color, label=name) for name, color in colors), *handles]
+            style.legend_below(ax, entries, 5 if len(motions) == 3 else 3)
+    scene.finish_row(panels)
     return figure
 
 
@@ -115,7 +101,7 @@ def _draw_paths(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"]) -> Non
     )
     handles = scene.end_handles()
     for point, color, name in paths:
-        handles += ax.plot(*shapes[:, point].T, color=color, linewidth=1.7, zorder=5, label=f"path of the {name}")
+        handles += ax.plot(*shapes[:, point].T, color=color, linewidth=1.3, zorder=5, label=name)
     scene.draw_end_shapes(ax, task)
     style.legend_below(ax, handles, 4)
 
@@ -131,35 +117,41 @@ def draw_routes(
     scene.draw_scene(ax, task)
     handles: list[Any] = scene.end_handles()
     if paths is not None:
-        handles += ax.plot(*paths.T, color=style.PATHS, linewidth=0.9, alpha=0.75, zorder=3, label="keypoint paths")[:1]
+        handles += ax.plot(*paths.T, color=style.PATHS, linewidth=0.6, alpha=0.75, zorder=3, label="keypoint paths")[:1]
     if passages is not None and len(passages):
         handles += ax.plot(
-            *passages.T, color=style.PASSAGE, linewidth=1.6, linestyle=(0, (3, 2)), marker="o", markersize=3, zorder=5,
+            *passages.T, color=style.PASSAGE, linewidth=1.2, linestyle=(0, (3, 2)), marker="o", markersize=2, zorder=5,
             label="traversed passage",
         )[:1]  # fmt: skip
     if pivot is not None:
-        handles += ax.plot(*pivot.T, color=style.PIVOT, linewidth=2.2, zorder=5, label="pivot path")
+        handles += ax.plot(*pivot.T, color=style.PIVOT, linewidth=1.5, zorder=5, label="pivot path")
     scene.draw_end_shapes(ax, task)
     style.legend_below(ax, handles, 4)
 
 
-def draw_shapes(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"]) -> None:
-    """The scene with shapes of the cable coloured by time, the grippers' ways and a colour bar."""
+def draw_shapes(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"], *, bar: bool = True) -> None:
+    """The scene with shapes of the cable coloured by time, the grippers' ways, and where wanted a colour bar."""
+    handles = _draw_moving(ax, task, shapes)
+    if bar:
+        add_time_bar(ax, (len(shapes) - 1) * CONTROL_STEP)
+    style.legend_below(ax, [Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"), *handles], 2)
+
+
+def _draw_moving(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"]) -> list[Any]:
+    """The scene with shapes coloured by time and the grippers' ways; legend entries of what is not coloured."""
     scene.draw_scene(ax, task)
     last = len(shapes) - 1
     rows = spread_rows(shapes, SHAPES_SHOWN)
     scene.draw_cables(ax, scene.smooth(shapes[rows]), task.cable.radius, style.TIME(rows / last))
     ways: tuple[tuple[int, Any, str], ...] = ((0, "-", "left gripper"), (-1, (0, (4, 2)), "right gripper"))
-    handles: list[Any] = [Patch(facecolor=style.TIME(0.5), label="cable, coloured by time")]
+    handles: list[Any] = []
     for end, dashes, name in ways:
         handles += ax.plot(
-            *shapes[:, end].T, color=style.INK, linewidth=0.9, linestyle=dashes, alpha=0.7, zorder=5, label=name
+            *shapes[:, end].T, color=style.INK, linewidth=0.7, linestyle=dashes, alpha=0.7, zorder=5, label=name
         )
-        scene.draw_grippers(ax, shapes[rows, end], task.grippers.radius, zorder=6, linewidths=0.4)
+        scene.draw_grippers(ax, shapes[rows, end], task.grippers.radius, zorder=6, linewidths=0.3)
     goal = scene.smooth(task.goal)
-    handles += ax.plot(*goal.T, color=style.INK, linewidth=1.0, linestyle=":", zorder=7, label="goal shape")
-    add_time_bar(ax, last * CONTROL_STEP)
-    style.legend_below(ax, handles, 2)
+    return handles + ax.plot(*goal.T, color=style.INK, linewidth=0.9, linestyle=":", zorder=7, label="goal shape")
 
 
 def spread_rows(shapes: Float[np.ndarray, "k n 2"], count: int) -> Int[np.ndarray, "r"]:
@@ -175,10 +167,11 @@ def add_time_bar(ax: Axes, duration: float) -> None:
     assert figure is not None
     box = ax.get_position()
     inch = 1 / figure.get_size_inches()[0]
-    place = figure.add_axes((box.x1 + 0.12 * inch, box.y0 + 0.15 * box.height, 0.14 * inch, 0.7 * box.height))
+    place = figure.add_axes((box.x1 + 0.08 * inch, box.y0 + 0.15 * box.height, 0.1 * inch, 0.7 * box.height))
     bar = figure.colorbar(ScalarMappable(Normalize(0, max(duration, CONTROL_STEP)), style.TIME), cax=place)
-    bar.set_label("time [s]", fontsize=9, color=style.MUTED)
-    place.tick_params(labelsize=8.5, colors=style.MUTED, length=0)
+    bar.set_label("time [s]", fontsize=style.LABEL, color=style.MUTED, labelpad=2)
+    bar.locator = MaxNLocator("auto", steps=[1, 2, 5, 10])
+    place.tick_params(labelsize=style.TICK, colors=style.MUTED, length=0, pad=2)
     for spine in place.spines.values():
         spine.set_visible(False)
 
@@ -193,12 +186,12 @@ def _draw_profiles(above: Axes, below: Axes, task: Task, plan: Plan) -> None:
     move = 100 * np.linalg.norm(step[:, :, :2], axis=2) / task.grippers.max_step
     turn = 100 * np.abs(step[:, :, 2]) / task.grippers.max_turn
     for i, (name, color) in enumerate((("left", style.LEFT), ("right", style.RIGHT))):
-        below.plot(times[1:], move[:, i], color=color, linewidth=1.5, label=f"{name}, move")
-        below.plot(times[1:], turn[:, i], color=color, linewidth=1.1, linestyle=":", label=f"{name}, turn")
+        below.plot(times[1:], move[:, i], color=color, linewidth=1.2, label=f"{name}, move")
+        below.plot(times[1:], turn[:, i], color=color, linewidth=1.0, linestyle=":", label=f"{name}, turn")
     below.axhline(100, color=style.BAD, linewidth=1.0, linestyle="--")
     below.set_ylim(0, 1.05 * max(100.0, move.max(), turn.max()))
     style.curve_axes(below, "time [s]", "share of the limit [%]")
-    style.title(below, "gripper motion", legend=4)
+    style.title(below, "gripper motion", legend=True)
 
 
 def draw_clearance(
@@ -209,11 +202,11 @@ def draw_clearance(
     grippers: Float[np.ndarray, "k"],
 ) -> None:
     """Clearance [m] of the cable's surface and of the gripper discs over time [s], in millimetres."""
-    curves = ((grippers, style.RIGHT, 1.3, "grippers"), (cable, style.INK, 1.7, "cable"))
+    curves = ((grippers, style.RIGHT, 1.2, "grippers"), (cable, style.INK, 1.4, "cable"))
     for curve, color, width, name in curves:
         ax.plot(times, 1000 * curve, color=color, linewidth=width, label=f"{name}, least {quantity(curve.min())}")
     ax.axhline(0, color=style.BAD, linewidth=1.0, linestyle="--")
     low, high = min(0.0, cable.min(), grippers.min()), max(cable.max(), grippers.max(), 0.01)
     ax.set_ylim(1000 * (low - 0.05 * (high - low)), 1000 * (high + 0.05 * (high - low)))
     style.curve_axes(ax, "time [s]", "clearance [mm]")
-    style.title(ax, title, legend=2)
+    style.title(ax, title, legend=True)

@@ -23,9 +23,6 @@ from cableway.scene.task import Task
 STILL = 1e-6
 """Most that a reference moves [m] while it waits."""
 
-SIDE, MARGIN, BETWEEN, ABOVE, BELOW = 3.6, 0.65, 0.25, 0.45, 0.95
-"""Inches: longer side of a panel, left of the first one, between two, above and below."""
-
 STOPS_SHOWN = 3
 """Most stops with a row of panels of their own."""
 
@@ -138,29 +135,14 @@ def replanning_figure(task: Task, plan: Plan, rollout: Rollout) -> Figure:
         rollout: What happened, with at least one recovery.
     """
     change, stops = change_of(task, rollout), stops_of(rollout)[:STOPS_SHOWN]
-    width, height = (side * SIDE / scene.PANEL for side in scene.panel_size(task))
-    count = 2 * len(stops) + 1
-    columns = count if len(stops) == 1 else 2
-    rows = -(-count // columns)
-    pitch = ABOVE + height + BELOW
-    figure = style.new_figure(MARGIN + columns * (width + BETWEEN) + 0.35, rows * pitch)
-    panels = [
-        style.add_axes(
-            figure, MARGIN + place % columns * (width + BETWEEN), BELOW + (rows - 1 - place // columns) * pitch, width,
-            height,
-        )
-        for place in range(count)
-    ]  # fmt: skip
+    figure, panels = scene.panel_row(task, 2 * len(stops) + 1)
     for number, stop in enumerate(stops):
         given_up = left_of(plan, rollout.reference[stop.first]) if number == 0 else None
         until = stops[number + 1].first if number + 1 < len(stops) else rollout.steps
         _draw_stop(panels[2 * number], task, rollout, change, stop, given_up)
         _draw_new_plan(panels[2 * number + 1], task, rollout, change, range(stop.after, until + 1))
     _draw_end(panels[-1], task, rollout, change)
-    for place, ax in enumerate(panels):
-        if place % columns:
-            ax.set_ylabel("")
-            ax.set_yticks([])
+    scene.finish_row(panels)
     return figure
 
 
@@ -191,8 +173,8 @@ def _draw_new_plan(ax: Axes, task: Task, rollout: Rollout, change: Change | None
     colors = style.TIME(np.array(shown) / max(len(shapes) - 1, 1))
     scene.draw_cables(ax, scene.smooth(shapes[shown]), task.cable.radius, colors)
     for end in (0, -1):
-        ax.plot(*shapes[:, end].T, color=style.INK, linewidth=0.9, alpha=0.7, zorder=5)
-        scene.draw_grippers(ax, shapes[shown, end], task.grippers.radius, zorder=6, linewidths=0.4)
+        ax.plot(*shapes[:, end].T, color=style.INK, linewidth=0.7, alpha=0.7, zorder=5)
+        scene.draw_grippers(ax, shapes[shown, end], task.grippers.radius, zorder=6, linewidths=0.3)
     style.legend_below(ax, [Patch(facecolor=style.START, label="begin"), Patch(facecolor=style.GOAL, label="end")], 2)
 
 

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch, Polygon, Rectangle
 from matplotlib.path import Path
+from matplotlib.ticker import MaxNLocator
 
 from cableway.core.errors import TaskError, printable
 from cableway.core.quantities import limit_text, size_text
@@ -24,14 +25,21 @@ from cableway.geometry import polyline, se2
 from cableway.scene.scene import Scene
 from cableway.scene.task import ENDS, SPLINE_PIECES, Draft, Task
 
+TICKS = 4
+"""Most intervals between the numbers on an axis of a scene."""
+
 TASKS_SHOWN = 60
 """Most tasks in one picture."""
 
-PANEL = 5.4
-"""Longer side [inch] of a panel that shows a scene."""
+PANEL = 2.9
+"""Longer side [inch] of a panel that shows a scene, two of which fit across two columns."""
 
-LEAST_PANEL = 1.8
+LEAST_PANEL = 2.0
 """Shorter side [inch] at least: the curves beside it need as much."""
+
+LEFT, BETWEEN, BELOW, ABOVE, BAR, RIGHT = 0.5, 0.2, 0.72, 0.28, 0.62, 0.1
+"""Inches left of the first panel, between panels, below them with their legends, above with their titles, for a colour
+bar, and right of the last panel."""
 
 
 def draw_scene(ax: Axes, task: Draft) -> None:
@@ -41,14 +49,16 @@ def draw_scene(ax: Axes, task: Draft) -> None:
     ax.set_xlim(0, width)
     ax.set_ylim(0, height)
     draw_solids(ax, task.scene)
-    walls = Rectangle((0, 0), width, height, fill=False, edgecolor=style.INK, linewidth=2.4, zorder=8, clip_on=False)
+    walls = Rectangle((0, 0), width, height, fill=False, edgecolor=style.INK, linewidth=1.4, zorder=8, clip_on=False)
     ax.add_patch(walls)
     if task.port is not None:
         _draw_port(ax, task)
     for axis, name in ((ax.xaxis, "x"), (ax.yaxis, "y")):
-        axis.set_label_text(f"{name} [mm]", fontsize=9, color=style.MUTED)
+        axis.set_label_text(f"{name} [mm]", fontsize=style.LABEL, color=style.MUTED)
+        axis.labelpad = 2
+        axis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
         axis.set_major_formatter(lambda metres, _: f"{1000 * metres:g}")
-    ax.tick_params(colors=style.MUTED, labelsize=8.5, length=3)
+    ax.tick_params(colors=style.MUTED, labelsize=style.TICK, length=2, pad=2)
     for spine in ax.spines.values():
         spine.set_visible(False)
 
@@ -152,8 +162,8 @@ def _draw_letters(ax: Axes, shape: np.ndarray, color: str, aside: bool) -> None:
         if aside and letter == "R":
             outward = np.array([-outward[1], outward[0]])
         ax.annotate(
-            letter, end, xytext=(11 * outward[0], 11 * outward[1]), textcoords="offset points", ha="center",
-            va="center", fontsize=9, fontweight="bold", color=color, zorder=9,
+            letter, end, xytext=(8 * outward[0], 8 * outward[1]), textcoords="offset points", ha="center",
+            va="center", fontsize=style.LABEL, fontweight="bold", color=color, zorder=9,
         )  # fmt: skip
 
 
@@ -177,14 +187,46 @@ def _plug_handles(task: Draft) -> list[Any]:
     return handles
 
 
-def panel_size(task: Draft) -> tuple[float, float]:
-    """Width and height [inch] of a panel for the task's workspace."""
-    return _panel(*task.scene.size)
+def panel_size(task: Draft, longest: float = PANEL) -> tuple[float, float]:
+    """Width and height [inch] of a panel for the task's workspace, the longer one of which is given."""
+    return _panel(*task.scene.size, longest)
 
 
-def _panel(width: float, height: float) -> tuple[float, float]:
-    scale = PANEL / max(width, height)
-    return max(LEAST_PANEL, scale * width), max(LEAST_PANEL, scale * height)
+def _panel(width: float, height: float, longest: float = PANEL) -> tuple[float, float]:
+    scale, least = longest / max(width, height), min(LEAST_PANEL, longest)
+    return max(least, scale * width), max(least, scale * height)
+
+
+def panel_row(task: Draft, count: int, below: float = 0.0, above: float = 0.0) -> tuple[Figure, list[Axes]]:
+    """A figure with panels for the task's scene in rows of up to three; see `finish_row`.
+
+    Args:
+        task: The task.
+        count: Number of panels.
+        below: Height [inch] left free below them.
+        above: And above.
+    """
+    columns = min(count, 2 if count == 4 else 3)
+    rows, whole = -(-count // columns), style.SINGLE if count == 1 else style.DOUBLE
+    pitch = PANEL + BETWEEN if columns == 2 else (whole - LEFT - RIGHT + BETWEEN) / columns
+    width, height = panel_size(task, min(PANEL, pitch - BETWEEN))
+    figure = style.new_figure(whole, below + rows * (ABOVE + height + BELOW) + above)
+    panels = []
+    for place in range(count):
+        row, column = divmod(place, columns)
+        bottom = below + (rows - 1 - row) * (ABOVE + height + BELOW) + BELOW
+        panels.append(style.add_axes(figure, LEFT + column * pitch, bottom, width, height))
+    return figure, panels
+
+
+def finish_row(panels: Sequence[Axes]) -> None:
+    """When scenes are drawn in panels of the same size: letters, and the y axis on the first panel of a row alone."""
+    first = min(ax.get_position().x0 for ax in panels)
+    for ax in panels:
+        if ax.get_position().x0 > first + 1e-6:
+            ax.set_ylabel("")
+            ax.set_yticks([])
+    style.letter_panels(*panels)
 
 
 def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
@@ -193,25 +235,26 @@ def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
     Each of `faults` is a sentence above the panel, with its number in a red ring at its place.
     """
     low, high = _view(task) if faults else (np.zeros(2), np.array(task.scene.size))
-    width, height = _panel(*(high - low))
-    wide = max(width, 4.5) + 1.0
-    lines = sentence_lines([fault.sentence for fault in faults], wide - 1.0)
-    tall = height + 1.9 + LINE * len(lines)
-    figure = style.new_figure(wide, tall)
-    ax = style.add_axes(figure, 0.7, 1.4, max(width, 4.5), height)
+    height = _panel(*(high - low))[1]
+    lines = sentence_lines([fault.sentence for fault in faults], PANEL)
+    cable = task.cable
+    facts = f"cable {limit_text(cable.length)} long, {limit_text(2 * cable.radius)} thick"
+    facts += f" · workspace {size_text(task.scene.size)}"
+    text = [*textwrap.wrap(printable(task.description), 60), facts]
+    below = BELOW + 0.06 + 0.13 * len(text)
+    tall = below + height + ABOVE + (0.1 + LINE * len(lines) if lines else 0.0)
+    figure = style.new_figure(style.SINGLE, tall)
+    ax = style.add_axes(figure, LEFT, below, PANEL, height)
     draw_scene(ax, task)
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     draw_end_shapes(ax, task)
     style.title(ax, task.name)
-    style.legend_below(ax, [*end_handles(), *_plug_handles(task)], 6)
+    style.legend_below(ax, [*end_handles(), *_plug_handles(task)], 4)
     draw_marks(ax, [Mark(fault.sentence, fault.at) for fault in faults])
-    write_lines(figure, 0.7, lines)
-    cable = task.cable
-    facts = f"cable {limit_text(cable.length)} long, {limit_text(2 * cable.radius)} thick"
-    facts += f" · workspace {size_text(task.scene.size)}"
-    text = "\n".join([*textwrap.wrap(printable(task.description), 88), facts])
-    figure.text(0.5, 0.12 / tall, text, fontsize=8.5, color=style.MUTED, ha="center", va="bottom", parse_math=False)
+    write_lines(figure, LEFT, lines)
+    place = (LEFT / style.SINGLE, 0.08 / tall)
+    figure.text(*place, "\n".join(text), fontsize=style.NOTE, color=style.MUTED, va="bottom", parse_math=False)
     return figure
 
 
@@ -231,7 +274,7 @@ def tasks_figure(tasks: Sequence[Task]) -> Figure:
     shown = tasks[:TASKS_SHOWN]
     across = min(len(shown), 6)
     down = -(-len(shown) // across)
-    side, gap, above = 2.0, 0.25, 0.4
+    side, gap, above = 1.06, 0.1, 0.2
     figure = style.new_figure(across * (side + gap) + gap, down * (side + above) + gap)
     for k, task in enumerate(shown):
         row, column = divmod(k, across)
@@ -243,5 +286,5 @@ def tasks_figure(tasks: Sequence[Task]) -> Figure:
         ax.set_yticks([])
         ax.set_xlabel("")
         ax.set_ylabel("")
-        ax.set_title(task.name, loc="left", fontsize=8.5, color=style.INK, pad=4)
+        ax.set_title(task.name, loc="left", fontsize=style.NOTE, color=style.INK, pad=3)
     return figure

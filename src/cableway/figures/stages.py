@@ -1,31 +1,22 @@
-"""The stages of the paper's planner side by side, and cables that follow one plan."""
+"""The stages of the paper's planner side by side, cables that follow one plan, and tasks beside each other."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from cableway.figures.plan import draw_routes, draw_shapes
-from cableway.figures.scene import draw_cable, draw_end_shapes, draw_scene, panel_size
-from cableway.figures.style import (
-    SERIES,
-    TIME,
-    add_axes,
-    curve_axes,
-    legend_below,
-    log_axis,
-    new_figure,
-    series,
-    title,
-)
+from cableway.figures import scene, style
+from cableway.figures.plan import AXIS, draw_routes, draw_shapes
+from cableway.figures.rollout import stacked_errors
+from cableway.outcome import SUCCESS_ERROR
 from cableway.records import PaperStages, Rollout
 from cableway.scene.task import Task
-
-LEFT, BETWEEN, BELOW, CURVES = 0.7, 0.9, 1.1, 4.0
-"""Inches left of the panels, between them, below them, and the width of a panel with curves."""
 
 
 def stages_figure(
@@ -42,28 +33,42 @@ def stages_figure(
         shapes: (T+1, n, 2) the deformation along the path set [m].
         stages: The path set and the progress along it.
     """
-    width, height = panel_size(task)
-    pitch, right = height + BELOW + 0.5, LEFT + width + BETWEEN
-    figure = new_figure(right + width + 0.3, 2 * pitch)
-    first, second = (add_axes(figure, left, pitch + BELOW, width, height) for left in (LEFT, right))
-    third, last = (add_axes(figure, left, BELOW, width, height) for left in (LEFT, right + 0.6))
-    last.set_position(last.get_position().shrunk((width - 0.6) / width, 1.0))
-    title(first, "pivot path")
-    draw_scene(first, task)
+    figure, (first, second, third, last) = scene.panel_row(task, 4)
+    scene.draw_scene(first, task)
     handles = []
     for place, (label, path) in enumerate(pivots.items()):
-        handles += first.plot(*path.T, linewidth=2, label=label, **series(place + 1))
-    draw_end_shapes(first, task)
-    legend_below(first, handles, 3)
-    title(second, "passages and path set")
+        handles += first.plot(*path.T, linewidth=1.4, label=label, zorder=5, **style.series(place + 1))
+    scene.draw_end_shapes(first, task)
+    style.legend_below(first, handles, 2)
+    style.title(first, f"{task.name}: pivot path")
     draw_routes(second, task, stages.pivot, stages.path_set, stages.passages)
-    title(third, "deformation")
+    style.title(second, "passages and path set")
     draw_shapes(third, task, shapes)
-    title(last, "progress σ of the keypoints")
-    for place, curve in enumerate(stages.progress.T):
-        last.plot(curve, color=TIME(place / (stages.progress.shape[1] - 1)), linewidth=1.3)
-    curve_axes(last, "step", "share of the path; first keypoint blue, last one orange", whole=True)
+    style.title(third, "deformation")
+    scene.finish_row([first, second, third])
+    draw_progress(last, stages.progress)
+    style.letter_panels(first, second, third, last)
     return figure
+
+
+def draw_progress(ax: Axes, progress: Float[np.ndarray, "t n"]) -> None:
+    """The progress of the keypoints along their paths over the steps, coloured from the left gripper to the right."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    box, (wide, _) = ax.get_position(), figure.get_size_inches()
+    bar, room = 0.1 / wide, 0.55 / wide
+    left = (scene.LEFT + scene.PANEL + scene.BAR + scene.LEFT) / wide
+    ax.set_position((left, box.y0, 1 - left - room, box.height))
+    last = progress.shape[1] - 1
+    for place, curve in enumerate(progress.T):
+        ax.plot(curve, color=style.TIME(place / last), linewidth=1.1)
+    style.curve_axes(ax, "step", "share of the path", whole=True)
+    style.title(ax, "progress σ of the keypoints")
+    place = figure.add_axes((1 - room + bar, box.y0 + 0.15 * box.height, bar, 0.7 * box.height))
+    scale = figure.colorbar(ScalarMappable(Normalize(1, last + 1), style.TIME), cax=place, ticks=[1, last + 1])
+    scale.set_label("keypoint", fontsize=style.LABEL, color=style.MUTED, labelpad=-4)
+    scale.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    place.tick_params(labelsize=style.TICK, colors=style.MUTED, length=0, pad=2)
 
 
 def followers_figure(task: Task, rollouts: Mapping[str, Rollout]) -> Figure:
@@ -73,21 +78,52 @@ def followers_figure(task: Task, rollouts: Mapping[str, Rollout]) -> Figure:
         task: The task.
         rollouts: By name of the cable.
     """
-    width, height = panel_size(task)
-    figure = new_figure(LEFT + width + BETWEEN + 0.6 + CURVES + 0.3, height + BELOW + 0.5)
-    scene = add_axes(figure, LEFT, BELOW, width, height)
-    errors = add_axes(figure, LEFT + width + BETWEEN + 0.6, BELOW, CURVES, height)
-    draw_scene(scene, task)
-    title(scene, "start, halfway, end")
-    title(errors, "stacked shape error")
-    handles = []
+    width, height = scene.panel_size(task)
+    figure = style.new_figure(style.DOUBLE, scene.BELOW + height + scene.ABOVE)
+    ax = style.add_axes(figure, scene.LEFT, scene.BELOW, width, height)
+    left = scene.LEFT + width + scene.LEFT + scene.BETWEEN
+    errors = style.add_axes(figure, left, scene.BELOW, style.DOUBLE - left - 0.75, height)
+    scene.draw_scene(ax, task)
+    style.title(ax, "start, halfway, end")
+    style.title(errors, "stacked error to the goal")
     for place, (name, rollout) in enumerate(rollouts.items()):
+        look = style.series(place + 1)
         for row in (0, rollout.steps // 2, -1):
-            draw_cable(scene, rollout.centreline[row], task.cable.radius / 2, SERIES[place % len(SERIES)], alpha=0.8)
-        error = 1000 * np.linalg.norm(rollout.keypoints - task.goal, axis=(1, 2))
-        handles += errors.plot(rollout.times, error, label=name, **series(place))
-    draw_end_shapes(scene, task)
-    legend_below(scene, handles, 4)
-    log_axis(errors.yaxis)
-    curve_axes(errors, "time [s]", "to the goal [mm]")
+            scene.draw_cable(ax, rollout.centreline[row], task.cable.radius / 2, look["color"], alpha=0.8)
+        errors.plot(rollout.times, 1000 * stacked_errors(task, rollout)[0], label=name, linewidth=1.2, **look)
+    for shape in (task.start, task.goal):
+        ax.plot(*scene.smooth(shape).T, color=style.INK, linewidth=0.9, linestyle=":", zorder=7)
+    style.log_axis(errors.yaxis)
+    style.curve_axes(errors, "time [s]", "error [mm]")
+    style.name_curves(errors)
+    style.letter_panels(ax, errors)
+    return figure
+
+
+def tasks_over_time_figure(rollouts: Sequence[tuple[Task, Rollout]]) -> Figure:
+    """Error to the goal and clearance over time, two panels for each task."""
+    columns, each, gap = 4, 0.85, 0.1
+    rows, pitch = -(-len(rollouts) // columns), (style.DOUBLE - scene.RIGHT) / columns
+    tall = scene.ABOVE + 2 * each + gap + AXIS
+    figure, headed = style.new_figure(style.DOUBLE, rows * tall), []
+    furthest = max(float(stacked_errors(task, rollout)[0].max()) for task, rollout in rollouts)
+    free = [np.minimum(rollout.clearance, rollout.gripper_clearance) for _, rollout in rollouts]
+    freest = max(float(curve.max()) for curve in free)
+    for number, (task, rollout) in enumerate(rollouts):
+        row, column = divmod(number, columns)
+        left, bottom = scene.LEFT + column * pitch, (rows - 1 - row) * tall + AXIS
+        below, above = (style.add_axes(figure, left, bottom + up, pitch - scene.LEFT, each) for up in (0.0, each + gap))
+        above.plot(rollout.times, 1000 * stacked_errors(task, rollout)[0], color=style.INK, linewidth=1.2)
+        above.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=0.8, linestyle="--")
+        style.log_axis(above.yaxis)
+        above.set_ylim(0.05, 2000 * furthest)
+        below.plot(rollout.times, 1000 * free[number], color=style.BLUE, linewidth=1.2)
+        below.axhline(0, color=style.BAD, linewidth=0.8, linestyle="--")
+        below.set_ylim(-50 * freest, 1050 * freest)
+        style.title(above, task.name)
+        style.curve_axes(above, "", "" if column else "error [mm]")
+        style.curve_axes(below, "time [s]", "" if column else "clearance [mm]")
+        above.set_xticklabels([])
+        headed.append(above)
+    style.letter_panels(*headed)
     return figure

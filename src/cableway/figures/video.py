@@ -27,10 +27,10 @@ from cableway.scene.task import Task
 SIZE = (1280, 720)
 """Pixels of a frame, both multiples of 16 as H.264 likes them."""
 
-INCH = 100
+INCH = 112
 """Pixels of a frame to the inch."""
 
-SIDE = 5.4
+SIDE = 4.8
 """Longer side [inch] of the scene."""
 
 LONGEST = 30.0
@@ -164,7 +164,7 @@ class _Stage:
     def title(self, speed: int) -> None:
         """Write the title, and keep all that stands still."""
         label = f"{self._task.name}" + (f"   ({speed} x real time)" if speed > 1 else "")
-        self._figure.text(0.6 / 12.8, 0.95, label, fontsize=13, fontweight="bold", color=style.INK)
+        self._figure.text(0.6 / 12.8, 0.95, label, fontsize=12, fontweight="bold", color=style.INK)
         self._canvas = FigureCanvasAgg(self._figure)
         self._canvas.draw()
         self._still = self._canvas.copy_from_bbox(self._figure.bbox)
@@ -174,22 +174,21 @@ class _Stage:
         self._moving.append((ax, artist))
 
     def _build_scene(self, plan: Plan | None) -> None:
-        width, height = scene.panel_size(self._task)
-        grow = SIDE / scene.PANEL
-        ax = style.add_axes(self._figure, 0.6, 1.0 + (SIDE - grow * height) / 2, grow * width, grow * height)
+        width, height = scene.panel_size(self._task, SIDE)
+        ax = style.add_axes(self._figure, 0.54, 0.9 + (SIDE - height) / 2, width, height)
         self._scene = MovingScene(ax, self._task, self.run, plan)
-        self._clock = ax.text(0.0, 1.02, "", transform=ax.transAxes, fontsize=12, color=style.INK)
+        self._clock = ax.text(0.0, 1.02, "", transform=ax.transAxes, fontsize=11, color=style.INK)
         for artist in (*self._scene.moving, self._clock):
             self._add(ax, artist)
         style.legend_below(ax, moving_handles(self._task, self.run), 4)
 
     def _build_curves(self) -> None:
-        left, wide, tall = 7.5, 5.0, 2.3
+        left, wide, tall = 6.7, 4.46, 2.05
         run, tracked = self.run, len(self._rollout.times)
-        above = style.add_axes(self._figure, left, 4.2, wide, tall)
+        above = style.add_axes(self._figure, left, 3.75, wide, tall)
         to_goal, to_reference = stacked_errors(self._task, run)
         draw_errors(above, run.times, to_goal[:tracked], to_reference)
-        below = style.add_axes(self._figure, left, 0.78, wide, tall)
+        below = style.add_axes(self._figure, left, 0.7, wide, tall)
         draw_clearance(below, "clearance", run.times, run.clearance, run.gripper_clearance)
         self._cursors = []
         for ax in (above, below):
@@ -198,7 +197,7 @@ class _Stage:
                 ax.axvline(self._rollout.times[-1], color=style.MUTED, linewidth=1.0, linestyle=":")
                 ax.annotate(
                     f" {INSERTION}", (self._rollout.times[-1], 1), xycoords=("data", "axes fraction"), ha="left",
-                    va="top", fontsize=8, color=style.MUTED,
+                    va="top", fontsize=style.NOTE, color=style.MUTED,
                 )  # fmt: skip
             future = ax.axvspan(0, 1, color="white", alpha=0.75, linewidth=0, zorder=3)
             cursor = ax.axvline(0, color=style.GOAL, linewidth=1.2, zorder=4)
