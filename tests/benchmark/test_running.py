@@ -6,9 +6,11 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
 import pytest
 from holding import unheld_writes
+from matplotlib.colors import to_rgb
 
 from cableway.benchmark.episode import Job, Result, jobs_of, run_job, warm_up
 from cableway.benchmark.gate import baseline, regressions
@@ -19,6 +21,7 @@ from cableway.benchmark.summary import commits_text, missed_steps
 from cableway.cli import main
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.core.provenance import commit
+from cableway.figures import style
 from cableway.metrics import METRICS
 
 FILE = Path(__file__).with_name("methods_for_tests.py")
@@ -195,7 +198,8 @@ def test_the_command_runs_resumes_and_leaves_everything(
     assert "http" not in page.replace("https://", "http")
     assert f"--episodes {EPISODE.name}" in page
     assert commits_text(shown["commits"]) in page
-    assert (folder / "failures/unconstrained/raises" / f"{EPISODE.name}.png").exists()
+    drawn = matplotlib.image.imread(folder / "failures/unconstrained/raises" / f"{EPISODE.name}.png")[..., :3]
+    assert (np.abs(drawn - to_rgb(style.BAD)).max(axis=2) < 0.02).any(), "what went wrong stands above the task, in red"
     assert f"failures/unconstrained/raises/{EPISODE.name}.png" in page
     rows = (folder / "results.csv").read_text().splitlines()
     assert len(rows) == 3

@@ -15,7 +15,7 @@ from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
 from cableway.benchmark.suites import Episode
 from cableway.commands import stopping_time
 from cableway.control.base import Controller
-from cableway.core.errors import InputError
+from cableway.core.errors import InputError, TaskError
 from cableway.core.provenance import commit
 from cableway.core.quantities import quantity
 from cableway.outcome import Outcome
@@ -229,7 +229,8 @@ def died(job: Job, outcome: Outcome, detail: str) -> Scored:
     from cableway.figures.style import figure_png
 
     task = job.episode.load()
-    return Scored(Result(**_known(job), outcome=outcome, detail=detail), figure_png(task_figure(task)))
+    picture = figure_png(task_figure(task, [TaskError(f"{outcome}: {detail}")]))
+    return Scored(Result(**_known(job), outcome=outcome, detail=detail), picture)
 
 
 @cache
