@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -33,7 +32,8 @@ from cableway.figures.plan import (
     draw_shapes,
     plan_figure,
 )
-from cableway.figures.rollout import draw_tracking, rollout_figure
+from cableway.figures.rollout import draw_tracking, rollout_figure, scene_and_curves
+from cableway.figures.stages import draw_progress
 from cableway.planning.config import PivotConfig
 from cableway.planning.initial_trajectories import InitialTrajectories
 from cableway.planning.routes.passages import find_passages
@@ -49,24 +49,11 @@ IMAGES = ROOT / "docs" / "images"
 EXAMPLE = "multi-obstacle-1"
 """The task on which the stages of the method are shown."""
 
-PIXELS, TALL, DOTS_PER_INCH = 1500, 1250, 125
+PIXELS, TALL, DOTS_PER_INCH = 1200, 1500, 160
 """Most pixels across a picture, up it, and in an inch of it."""
 
 WEIGHTS = ((0.0, style.INK), (0.01, style.LEFT), (0.1, style.RIGHT), (1.0, style.PIVOT))
 """Clearance weights k_c [m] of the pivot paths shown, with their colours."""
-
-MARGIN, BETWEEN, BAR, CURVES = 0.7, 1.0, 0.8, 4.2
-"""Inches left of a row of panels, between panels, for a colour bar beside one, and the width of a column of curves."""
-
-
-def _row(
-    task: Task, widths: Sequence[float], between: float = BETWEEN, right: float = 0.4
-) -> tuple[Figure, list[Axes]]:
-    """A figure with panels side by side, as high as a panel for the task's scene."""
-    height = scene.panel_size(task)[1]
-    lefts = [MARGIN + sum(widths[:k]) + between * k for k in range(len(widths))]
-    figure = style.new_figure(lefts[-1] + widths[-1] + right, height + 1.5)
-    return figure, [style.add_axes(figure, x, 1.0, width, height) for x, width in zip(lefts, widths, strict=True)]
 
 
 def _trajectories(task: Task, clearance_weight: float = 1.0) -> InitialTrajectories:
@@ -76,31 +63,30 @@ def _trajectories(task: Task, clearance_weight: float = 1.0) -> InitialTrajector
 def pivot() -> Figure:
     """All passages of the scene, and pivot paths with different weights of clearance."""
     task = cw.load_task(EXAMPLE)
-    side = scene.panel_size(task)[0]
-    figure, (left, right) = _row(task, (side, side))
+    figure, (left, right) = scene.panel_row(task, 2)
     style.title(left, "passages")
     draw_routes(left, task, passages=np.array([passage.ends for passage in cw.find_passages(task.scene)]))
-    style.legend_below(left, [*scene.end_handles(), _line(style.PASSAGE, "passage")], 5)
+    style.legend_below(left, [*scene.end_handles(), _line(style.PASSAGE, "passage")], 3)
     style.title(right, "pivot paths")
     scene.draw_scene(right, task)
     handles = []
     for weight, colour in WEIGHTS:
-        right.plot(*_trajectories(task, weight).pivot.T, color=colour, linewidth=2.2, zorder=5)
-        handles.append(_line(colour, f"clearance weight {weight:g} m"))
+        right.plot(*_trajectories(task, weight).pivot.T, color=colour, linewidth=1.5, zorder=5)
+        handles.append(_line(colour, f"weight {1000 * weight:g} mm"))
     scene.draw_end_shapes(right, task)
     style.legend_below(right, handles, 2)
+    scene.finish_row([left, right])
     return figure
 
 
 def _line(colour: str, label: str) -> Line2D:
-    return Line2D([], [], color=colour, linewidth=2.2, label=label)
+    return Line2D([], [], color=colour, linewidth=1.5, label=label)
 
 
 def path_set() -> Figure:
     """The paper's path set and ours along the same pivot path."""
     task = cw.load_task(EXAMPLE)
-    side = scene.panel_size(task)[0]
-    figure, panels = _row(task, (side, side))
+    figure, panels = scene.panel_row(task, 2)
     route, passages = _trajectories(task).pivot, find_passages(task.scene)
     for ax, kind, title in zip(
         panels, ("transfer", "homotopic"), ("linear transfer", "one homotopy class"), strict=True
@@ -108,36 +94,33 @@ def path_set() -> Figure:
         paths = generate_path_set(task, route, passages, PathSetConfig(kind=kind))
         draw_routes(ax, task, paths.pivot, paths.paths, paths.passages)
         style.title(ax, f"path set: {title}")
+    scene.finish_row(panels)
+    panels[1].get_legend().remove()  # it is that of the first  # pyright: ignore[reportOptionalMemberAccess]
     return figure
 
 
 def deformation() -> Figure:
     """The optimised shapes along the path set, and how far each keypoint is along its path over time."""
     task = cw.load_task(EXAMPLE)
-    figure, (left, right) = _row(task, (scene.panel_size(task)[0], CURVES), BETWEEN + BAR)
+    figure, (left, right) = scene.panel_row(task, 2)
     shapes, stages = PaperChain(task, cw.PlannerConfig(), _trajectories(task).pivot).deformation("head")
     draw_shapes(left, task, shapes)
-    style.title(left, "deformation, optimised along the path set")
-    last = stages.progress.shape[1] - 1
-    for i, curve in enumerate(stages.progress.T):
-        ends = {0: "left gripper", last: "right gripper"}
-        right.plot(curve, color=style.TIME(i / last), linewidth=1.4, label=ends.get(i))
-    style.title(right, "progress σ of each keypoint")
-    style.curve_axes(right, "step", "share of the path")
-    right.legend(fontsize=8.5, frameon=False, labelcolor=style.INK)
+    style.title(left, "deformation along the path set")
+    draw_progress(right, stages.progress)
+    style.letter_panels(left, right)
     return figure
 
 
 def projection() -> Figure:
     """What the search among equilibria finds, and the plan made of it."""
     task = cw.load_task(EXAMPLE)
-    side = scene.panel_size(task)[0]
-    figure, (left, right) = _row(task, (side, side), BETWEEN + BAR, BAR + 0.2)
-    draw_shapes(left, task, _trajectories(task).make("corridor").shapes)
-    style.title(left, "initial trajectory: found among equilibria")
+    figure, (left, right) = scene.panel_row(task, 2)
+    draw_shapes(left, task, _trajectories(task).make("corridor").shapes, bar=False)
+    style.title(left, "found among equilibria")
     found = cw.plan(task)
     draw_shapes(right, task, found.shapes)
     style.title(right, f"plan: optimised, verified, {found.steps * CONTROL_STEP:.1f} s")
+    scene.finish_row([left, right])
     return figure
 
 
@@ -158,21 +141,18 @@ def _differing() -> tuple[Task, dict[str, Rollout]]:
 def tracking() -> Figure:
     """A perturbed cable that tracks the plan; deviation with and without feedback; clearance."""
     task, runs = _differing()
-    figure, (left, right) = _row(task, (scene.panel_size(task)[0], CURVES), BETWEEN + BAR)
-    x0, y0, width, height = right.get_position().bounds
-    right.set_position((x0, y0 + 0.57 * height, width, 0.43 * height))
-    below = figure.add_axes((x0, y0, width, 0.38 * height))
+    figure, (left, right, below) = scene_and_curves(task)
     led = runs["rod-mpc"]
     draw_tracking(left, task, led)
     style.title(left, "tracking")
     for (name, run), colour in zip(runs.items(), (style.INK, style.GOAL), strict=True):
         deviation = 1000 * run.deviations_from_reference
-        right.plot(run.times, deviation, color=colour, linewidth=1.6, label=f"{name}, final {deviation[-1]:.1f} mm")
-    style.title(right, "deviation, worst keypoint")
-    style.curve_axes(right, "", "deviation [mm]")
+        right.plot(run.times, deviation, color=colour, linewidth=1.3, label=f"{name}, final {deviation[-1]:.1f} mm")
+    style.title(right, "deviation, worst keypoint", legend=True)
+    style.curve_axes(right, "time [s]", "deviation [mm]")
     right.set_ylim(0)
-    right.legend(fontsize=8.5, frameon=False, labelcolor=style.INK)
     draw_clearance(below, "clearance with rod-mpc", led.times, led.clearance, led.gripper_clearance)
+    style.letter_panels(left, right, below)
     return figure
 
 
@@ -222,14 +202,15 @@ def planning() -> Figure:
     return plan_figure(task, cw.plan(task))
 
 
-def first_run() -> Figure:
+def run(name: str) -> Figure:
     """What `cableway run` draws."""
-    task = cw.load_task("single-obstacle-2")
+    task = cw.load_task(name)
     return rollout_figure(task, cw.track(cw.CableSimulator(task), cw.RodMPC(), cw.plan(task)))
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {
-    "single-obstacle-2": first_run,
+    "maze-1": lambda: run("maze-1"),
+    "single-obstacle-2": lambda: run("single-obstacle-2"),
     "planning": planning,
     "alternatives": alternatives,
     "method-pivot": pivot,
@@ -246,7 +227,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure to a small file."""
-    figure.set_dpi(min(PIXELS / figure.get_size_inches()[0], DOTS_PER_INCH))
+    figure.set_dpi(DOTS_PER_INCH)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     save_small(Image.fromarray(np.asarray(canvas.buffer_rgba())), path)

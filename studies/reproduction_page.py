@@ -1,33 +1,65 @@
 """What `cableway reproduce --size full` left, as a page of the documentation with its pictures.
 
-    .venv/bin/python studies/reproduction_page.py [FOLDER]
+    .venv/bin/python studies/reproduction_page.py [FOLDER] [--pictures]
 
 Writes `docs/results/reproduction.md`, its data beside it and `docs/images/reproduction-*.png` from FOLDER
-(runs/reproduce unless given).
+(runs/reproduce unless given). With `--pictures` the pictures alone, those that need no episodes of a benchmark made
+anew in FOLDER: some ten minutes of one core.
 """
 
 from __future__ import annotations
 
+import argparse
 import re
-import sys
 from pathlib import Path
 
-from pictures import IMAGES, ROOT, save_small
+from pictures import IMAGES, ROOT, save, save_small
 from PIL import Image
 
 from cableway.core.files import write_bytes, write_text
+from cableway.tang2025.reproduction import case_studies, reproduction
+from cableway.tang2025.reproduction.page import Section
+
+TRANSITIONS = 10000
+"""Of each data set that models are compared on, as of `--size full`."""
+
+
+def sections(folder: Path) -> list[Section]:
+    """Those that have pictures, with these in the folder."""
+
+    def progress(words: str, share: float) -> None:
+        print(f"{100 * share:3.0f}% {words}", flush=True)
+
+    return [
+        reproduction.planning(folder, save),
+        case_studies.over_time(folder, save, progress),
+        reproduction.prediction(folder, TRANSITIONS, progress, save),
+        case_studies.one_plan(folder, save),
+        case_studies.tracking(folder, save),
+        case_studies.insertion(folder, 1, progress, save),
+    ]
 
 
 def main() -> None:
     """Write page, data and pictures."""
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/reproduce")
-    text = (folder / "reproduction.md").read_text()
-    for name in re.findall(r"!\[([\w.-]+)\]", text):
-        save_small(Image.open(folder / name), IMAGES / f"reproduction-{name}")
-    text = re.sub(r"!\[([\w.-]+)\.png\]\([\w.-]+\)", r"![\1](../images/reproduction-\1.png)", text)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("runs/reproduce"))
+    parser.add_argument("--pictures", action="store_true")
+    given = parser.parse_args()
+    if given.pictures:
+        for section in sections(given.folder):
+            for picture in section.pictures:
+                write_bytes(IMAGES / f"reproduction-{picture.file}", (given.folder / picture.file).read_bytes())
+            for table in section.tables:
+                print(table.markdown())
+        return
+    text = (given.folder / "reproduction.md").read_text()
+    for name in re.findall(r"\]\(([\w.-]+\.png)\)", text):
+        save_small(Image.open(given.folder / name), IMAGES / f"reproduction-{name}")
+    text = re.sub(r"\]\(([\w.-]+\.png)\)", r"](../images/reproduction-\1)", text)
     results = ROOT / "docs" / "results"
     write_text(results / "reproduction.md", text)
-    write_bytes(results / "reproduction.json", (folder / "reproduction.json").read_bytes())
+    write_bytes(results / "reproduction.json", (given.folder / "reproduction.json").read_bytes())
 
 
 if __name__ == "__main__":

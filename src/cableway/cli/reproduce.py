@@ -103,13 +103,15 @@ class Reproduce(EpisodeOptions):
         progress("figures", 0.0)
         return [
             reproduction.hyperparameters(),
-            reproduction.planning(folder),
+            reproduction.planning(folder, self.draw),
             reproduction.simulated(results),
-            reproduction.prediction(folder, transitions, progress),
+            case_studies.over_time(folder, self.draw, progress),
+            reproduction.prediction(folder, transitions, progress, self.draw),
             reproduction.unconstrained(results),
             reproduction.summary(results),
-            case_studies.one_plan(folder),
+            case_studies.one_plan(folder, self.draw),
+            case_studies.tracking(folder, self.draw),
             case_studies.silicone(folder, transitions, trials, progress),
-            case_studies.insertion(trials, progress),
+            case_studies.insertion(folder, trials, progress, self.draw),
             reproduction.cost(repeats, progress),
         ]

@@ -12,10 +12,18 @@ from recorded import moved_aside, moved_plan, perfect_rollout
 from cableway.benchmark.episode import Result
 from cableway.benchmark.summary import machine
 from cableway.figures.stages import followers_figure
+from cableway.figures.style import save_figure
 from cableway.planning.config import PlannerConfig
 from cableway.tang2025.control.mpc_config import MPCConfig
 from cableway.tang2025.reproduction import paper, reproduction
-from cableway.tang2025.reproduction.page import Section, median_worst, reproduction_page, reproduction_text, spread
+from cableway.tang2025.reproduction.page import (
+    Picture,
+    Section,
+    median_worst,
+    reproduction_page,
+    reproduction_text,
+    spread,
+)
 
 ABOUT = {
     "versions": {"cableway": "0"}, "commit": "a" * 40, "commits": {"a" * 40: 3}, "machine": machine(), "size": "quick",
@@ -84,7 +92,8 @@ def test_the_summary_takes_the_papers_cables_together_and_the_others_apart():
 
 def test_pages_hold_every_section_and_escape_what_they_show():
     section = reproduction.hyperparameters()
-    odd = Section("<b>A & B</b>", "word " * 60, section.tables, ("one.png",))
+    picture = Picture("one.png", "(a) A < B. " + "word " * 30)
+    odd = Section("<b>A & B</b>", "word " * 60, section.tables, (picture,))
     page, text = reproduction_page([section, odd], ABOUT), reproduction_text([section, odd], ABOUT)
     assert "&lt;b&gt;A &amp; B&lt;/b&gt;" in page
     assert 'src="one.png"' in page
@@ -92,7 +101,8 @@ def test_pages_hold_every_section_and_escape_what_they_show():
     assert "`cableway reproduce --size quick`, commit aaaaaaaaaa (episodes: commit aaaaaaaaaa)." in " ".join(
         text.split()
     )
-    assert "![one.png](one.png)" in text
+    assert "](one.png)\n\n*(a) A < B. word" in text
+    assert "(a) A &lt; B. word" in page
     assert max(map(len, (line for line in text.splitlines() if line.startswith("word")))) <= 120
 
 
@@ -106,14 +116,14 @@ def stages(tmp_path_factory: pytest.TempPathFactory) -> tuple[Section, Path]:
     folder = tmp_path_factory.mktemp("stages")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reproduction, "STAGED", ("single-obstacle-2",))
-        return reproduction.planning(folder), folder
+        return reproduction.planning(folder, save_figure), folder
 
 
 def test_the_stages_of_planning_are_drawn_and_one_end_leads(stages: tuple[Section, Path]):
     section, folder = stages
     (line,) = section.tables[0].rows[1:]
     assert 0.0 < float(line[1]) <= 1.0
-    assert (folder / section.pictures[0]).stat().st_size > 20_000
+    assert (folder / section.pictures[0].file).stat().st_size > 20_000
 
 
 def test_cables_that_follow_one_plan_are_drawn_with_their_errors():

@@ -5,9 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from cableway.benchmark.episode import Result
 from cableway.benchmark.summary import commits_text
@@ -20,6 +22,21 @@ LABORATORY = "2 mm of noise on the keypoints, 0.1 s of latency, one frame in ten
 
 Row = tuple[str, ...]
 OnProgress = Callable[[str, float], None]
+Draw = Callable[[Figure, Path], None]
+"""Writes a picture to a file."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture beside the page.
+
+    Attributes:
+        file: Its name.
+        caption: What its panels show.
+    """
+
+    file: str
+    caption: str
 
 
 @dataclass(frozen=True)
@@ -30,13 +47,13 @@ class Section:
         title: What of the paper it is about.
         text: What is ours, in sentences.
         tables: Numbers side by side.
-        pictures: Names of files beside the page.
+        pictures: Beside the page, with what they show.
     """
 
     title: str
     text: str
     tables: tuple[Table, ...] = ()
-    pictures: tuple[str, ...] = ()
+    pictures: tuple[Picture, ...] = ()
 
 
 def median_worst(values: Sequence[float]) -> str:
@@ -84,5 +101,7 @@ def reproduction_text(sections: Sequence[Section], about: Mapping[str, Any]) -> 
     for section in sections:
         parts += [f"## {section.title}\n", "\n".join(textwrap.wrap(section.text, 120)) + "\n"]
         parts += [table.markdown() for table in section.tables]
-        parts += [f"![{picture}]({picture})\n" for picture in section.pictures]
+        for picture in section.pictures:
+            caption = "\n".join(textwrap.wrap(f"*{picture.caption}*", 120))
+            parts.append(f"![{section.title}: {Path(picture.file).stem}]({picture.file})\n\n{caption}\n")
     return "\n".join(parts)

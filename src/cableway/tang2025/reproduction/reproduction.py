@@ -19,9 +19,8 @@ from cableway.benchmark.suites import cable_of, kind_of
 from cableway.benchmark.summary import Results
 from cableway.benchmark.tables import Table, number
 from cableway.core.provenance import describe
-from cableway.figures.learning import horizon_figure
+from cableway.figures.learning import horizons_figure
 from cableway.figures.stages import stages_figure
-from cableway.figures.style import save_figure
 from cableway.planning.config import PivotConfig, PlannerConfig
 from cableway.planning.initial_trajectories import InitialTrajectories
 from cableway.scene.files.loading import load_task
@@ -31,7 +30,17 @@ from cableway.tang2025.planning.config import PaperPlannerConfig
 from cableway.tang2025.planning.deformation import optimize_deformation
 from cableway.tang2025.reproduction import paper
 from cableway.tang2025.reproduction.case_studies import collected
-from cableway.tang2025.reproduction.page import LABORATORY, OnProgress, Row, Section, median_worst, spread, successes
+from cableway.tang2025.reproduction.page import (
+    LABORATORY,
+    Draw,
+    OnProgress,
+    Picture,
+    Row,
+    Section,
+    median_worst,
+    spread,
+    successes,
+)
 
 RUNS = {
     "paper": ("cableway", "tang2025"),
@@ -45,6 +54,12 @@ DATA_SEED = 301
 
 STAGED = ("single-obstacle-2", "multi-obstacle-1", "maze-1", "real-multi")
 """Tasks whose planning is drawn: those of the paper's figures."""
+
+STAGES = (
+    "(a) pivot paths with weights k_c of clearance, (b) the passages that the path traverses and the path set, "
+    "(c) the deformation optimised along it, (d) the progress σ of each keypoint along its path."
+)
+"""Caption of the pictures of planning."""
 
 WEIGHTS = (0.0, 0.01, 0.1, 1.0)
 """Clearance weights k_c [m] of the pivot paths drawn."""
@@ -90,16 +105,17 @@ def _at(values: Any, places: Sequence[str]) -> str:
     return ", ".join(found)
 
 
-def planning(folder: Path) -> Section:
+def planning(folder: Path, draw: Draw) -> Section:
     """The figures of the planner's stages."""
     rows: list[Row] = [("task", "largest lead of an end", "at step", "ends when both are at 0.99: first, last")]
     pictures = []
     for name in STAGED:
         task = load_task(name)
-        pivots = {f"k_c = {weight:g} m": _chain(task, weight).pivot for weight in WEIGHTS}
+        pivots = {f"$k_c$ = {1000 * weight:g} mm": _chain(task, weight).pivot for weight in WEIGHTS}
         shapes, stages = _chain(task).deformation("head")
-        save_figure(stages_figure(task, pivots, shapes, stages), folder / f"stages-{name}.png")
-        pictures.append(f"stages-{name}.png")
+        draw(stages_figure(task, pivots, shapes, stages), folder / f"stages-{name}.png")
+        caption = f"{name}: {STAGES}" if name == STAGED[0] else f"{name}, as above."
+        pictures.append(Picture(f"stages-{name}.png", caption))
         first, last = stages.progress[:, 0], stages.progress[:, -1]
         lead = last - first
         ends = [int(np.argmax(curve >= 0.99)) for curve in (first, last)]
@@ -141,14 +157,15 @@ def simulated(results: Results) -> Section:
     return Section("Simulated tasks", text, (Table("simulation", tuple(rows)),))
 
 
-def prediction(folder: Path, transitions: int, progress: OnProgress) -> Section:
+def prediction(folder: Path, transitions: int, progress: OnProgress, draw: Draw) -> Section:
     """The comparison of the deformation models."""
     from cableway.tang2025.models.checkpoint import load_model
     from cableway.tang2025.models.evaluation import compare
 
     shown = (1, 10, 20, 30)
     rows: list[Row] = [("cable", "model", *(f"after {h} [mm]" for h in shown), "T-DM less by", "in the paper")]
-    pictures = []
+    means: dict[str, dict[str, Sequence[float]]] = {}
+    bands: dict[str, dict[str, tuple[Sequence[float], ...]]] = {}
     models = {name: [load_model(model)] for name, model in MODELS.items()}
     for place, cable in enumerate(paper.CONTROL_BY_CABLE):
         progress(f"models: {cable}", place / len(paper.CONTROL_BY_CABLE))
@@ -157,22 +174,21 @@ def prediction(folder: Path, transitions: int, progress: OnProgress) -> Section:
         for name, curve in curves.items():
             less = 1 - curves["tdm-mpc"].mean[-1] / curve.mean[-1]
             claim = paper.PREDICTION.get(name, 0.0) if cable == "usb" else 0.0
-            means = (number(curve.at(h)["mean"]) for h in shown)
+            cells = (number(curve.at(h)["mean"]) for h in shown)
             shares = "-" if name == "tdm-mpc" else f"{100 * less:.0f}%", f"{100 * claim:.1f}%" if claim else "-"
-            rows.append((cable, MODELS[name], *means, *shares))
-        picture = f"prediction-{cable}.png"
-        first = curves["tdm-mpc"]
-        save_figure(
-            horizon_figure(first.horizons, {MODELS[k]: c.mean for k, c in curves.items()},
-                           {MODELS[k]: c.quartiles for k, c in curves.items()}), folder / picture)  # fmt: skip
-        pictures.append(picture)
+            rows.append((cable, MODELS[name], *cells, *shares))
+        means[cable] = {MODELS[name]: curve.mean for name, curve in curves.items()}
+        bands[cable] = {MODELS[name]: curve.quartiles for name, curve in curves.items()}
+    draw(horizons_figure(means, bands), folder / "prediction.png")
     text = (
         "Mean stacked error of open-loop prediction over so many steps, on simulated cables of these kinds with "
         "friction on the table. The shipped models were trained alike on the nominal simulated cable, in its own "
         "frame, and not fine-tuned on any of these, as the paper's were. docs/models.md compares plain models "
         "too, with three seeds, and does not confirm the paper's ranking."
     )
-    return Section("Deformation models", text, (Table("prediction", tuple(rows)),), tuple(pictures))
+    caption = "Mean stacked error against the steps predicted without looking; bands from quartile to quartile."
+    pictures = (Picture("prediction.png", caption),)
+    return Section("Deformation models", text, (Table("prediction", tuple(rows)),), pictures)
 
 
 def unconstrained(results: Results) -> Section:
