@@ -13,12 +13,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pictures import IMAGES, ROOT, save_small
-from PIL import Image
+from pictures import IMAGES, ROOT, save
 
-from cableway.benchmark.summary import commits_text
+from cableway.benchmark.summary import commits_text, success_shares
 from cableway.benchmark.tables import markdown
 from cableway.core.files import write_json, write_text
+from cableway.figures.benchmark import success_figure
 
 
 def made_by(about: dict[str, Any], note: str, name: str) -> str:
@@ -53,7 +53,7 @@ def main() -> None:
     if not again:
         write_json(data, about)
     if given.picture:
-        save_small(Image.open(given.folder / "success.png"), IMAGES / f"benchmark-{given.name}-success.png")
+        save(success_figure(success_shares(about)), IMAGES / f"benchmark-{given.name}-success.png")
 
 
 if __name__ == "__main__":

@@ -11,10 +11,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import shapely
 from matplotlib.axes import Axes
 from pictures import save
 
-from cableway.figures import scene, style
+from cableway.figures import style
 from cableway.figures.rollout import draw_motion
 from cableway.planning.planner import plan
 from cableway.records import Rollout
@@ -26,8 +27,11 @@ from cableway.tracking import track
 from cableway.workflow.registry import CONTROLLERS, make_controller
 
 COLUMNS = 3
-BETWEEN, ABOVE, CURVES = 0.35, 0.6, 2.4
+BETWEEN, ABOVE, CURVES = 0.15, 0.26, 1.7
 """Inches between panels, above each, and of the panel of curves."""
+
+FREE = 0.04
+"""Space [m] that is shown above obstacles and cables."""
 
 
 def rollouts(task: Task) -> dict[str, Rollout]:
@@ -44,10 +48,11 @@ def rollouts(task: Task) -> dict[str, Rollout]:
 def draw_deviations(ax: Axes, runs: dict[str, Rollout]) -> None:
     """All of them over time [s], in millimetres."""
     for place, (name, run) in enumerate(runs.items()):
-        ax.plot(run.times, 1000 * run.deviations_from_reference, linewidth=1.4, label=name, **style.series(place))
+        ax.plot(run.times, 1000 * run.deviations_from_reference, linewidth=1.2, label=name, **style.series(place))
     style.log_axis(ax.yaxis)
     style.curve_axes(ax, "time [s]", "largest deviation [mm]")
-    style.title(ax, "deviation, worst keypoint", legend=6)
+    style.title(ax, "deviation, worst keypoint")
+    style.name_curves(ax)
 
 
 def main() -> None:
@@ -58,23 +63,32 @@ def main() -> None:
     given = parser.parse_args()
     task = load_task(given.task)
     runs = rollouts(task)
-    width, height = (0.52 * side for side in scene.panel_size(task))
-    rows = -(-len(runs) // COLUMNS)
-    wide = BETWEEN + COLUMNS * (width + BETWEEN)
-    tall = rows * (height + ABOVE) + CURVES + 1.4
-    figure = style.new_figure(wide, tall)
+    width, rows = (style.DOUBLE - BETWEEN) / COLUMNS - BETWEEN, -(-len(runs) // COLUMNS)
+    obstacles = [shapely.get_coordinates(solid) for solid in task.scene.solids]
+    top = FREE + max(float(points[..., 1].max()) for points in (*obstacles, *(run.centreline for run in runs.values())))
+    height = width * min(top, task.scene.size[1]) / task.scene.size[0]
+    below = 0.42 + CURVES + 0.35
+    tall = rows * (height + ABOVE) + below
+    figure, panels = style.new_figure(style.DOUBLE, tall), []
     for number, (name, run) in enumerate(runs.items()):
         row, column = divmod(number, COLUMNS)
         ax = style.add_axes(
             figure, BETWEEN + column * (width + BETWEEN), tall - (row + 1) * (height + ABOVE), width, height
         )
         draw_motion(ax, task, run)
+        ax.set_ylim(0, min(top, task.scene.size[1]))
         ax.set_axis_off()
+        for patch in ax.patches:
+            patch.set_clip_on(True)  # the walls go on beyond what is shown
         error = 1000 * run.shape_error(task.goal)
-        text = f"{name}: {error:.1f} mm, on the way {1000 * run.deviations_from_reference.max():.0f} mm"
-        ax.set_title(text, loc="left", fontsize=8, color=style.INK, pad=4)
-        print(f"{text}, clearance {1000 * run.clearance.min():.1f} mm, {run.metadata['outcome']}")
-    draw_deviations(style.add_axes(figure, 0.75, 0.6, wide - 1.0, CURVES), runs)
+        text = f"{error:.1f} mm at the goal\n{1000 * run.deviations_from_reference.max():.0f} mm on the way"
+        style.title(ax, name)
+        ax.text(0.04, 0.95, text, transform=ax.transAxes, va="top", fontsize=style.NOTE, color=style.INK)
+        panels.append(ax)
+        print(f"{name}: {text}, clearance {1000 * run.clearance.min():.1f} mm, {run.metadata['outcome']}")
+    panels.append(style.add_axes(figure, 0.5, 0.42, style.DOUBLE - 1.6, CURVES))
+    draw_deviations(panels[-1], runs)
+    style.letter_panels(*panels)
     save(figure, given.out)
 
 

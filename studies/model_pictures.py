@@ -20,7 +20,7 @@ from pictures import save
 
 from cableway.datasets.reading import load_transitions
 from cableway.figures import scene, style
-from cableway.figures.learning import HEIGHT, WIDTH, horizon_figure
+from cableway.figures.learning import AXIS, HEIGHT, LEFT, horizon_figure
 from cableway.records import Transitions
 from cableway.tang2025.models.base import DeformationModel, rollout
 from cableway.tang2025.models.checkpoint import load_model, read_card
@@ -36,7 +36,7 @@ DRAWN_ON = ("nominal", "graded")
 AHEAD = (10, 20, 30)
 """Steps after which a predicted shape is drawn."""
 
-PANEL, BETWEEN = 2.7, 0.2
+PANEL, BETWEEN = 1.56, 0.18
 """Inches of a panel of predictions, and between two."""
 
 
@@ -66,9 +66,8 @@ def draw_prediction(ax: Axes, model: DeformationModel, data: Transitions, row: i
 def prediction_figure(folder: Path) -> Figure:
     """A row for each set, a column for each model, all from the same start."""
     models = {name: load_model(name) for name in PREDICTED}
-    wide = BETWEEN + len(models) * (PANEL + BETWEEN)
-    tall = len(DRAWN_ON) * (PANEL + 2 * BETWEEN)
-    figure = style.new_figure(wide, tall)
+    tall, panels = len(DRAWN_ON) * (PANEL + 2 * BETWEEN), []
+    figure = style.new_figure(style.DOUBLE, tall)
     for row, name in enumerate(DRAWN_ON):
         data = load_transitions(folder / "sets" / name)
         start = typical_window(models["transformer"], data)
@@ -80,7 +79,9 @@ def prediction_figure(folder: Path) -> Figure:
             error = draw_prediction(ax, model, data, start, TEST_SETS[name].cable.radius)
             ax.set_xlim(middle[0] - half, middle[0] + half)
             ax.set_ylim(middle[1] - half, middle[1] + half)
-            ax.set_title(f"{name}, {model_name}: {error:.1f} mm", loc="left", fontsize=8.5, color=style.INK, pad=4)
+            style.title(ax, f"{model_name}: {error:.1f} mm")
+            panels.append(ax)
+    style.letter_panels(*panels)
     return figure
 
 
@@ -94,25 +95,25 @@ def comparison_figure(folder: Path) -> Figure:
 
 def training_figure(folder: Path, name: str = "T, plain") -> Figure:
     """Validation error of the plain transformer after each epoch, for trainings of more and more epochs."""
-    figure = style.new_figure(WIDTH + 2.6, HEIGHT + 1.0)
-    ax = style.add_axes(figure, 0.75, 0.6, WIDTH, HEIGHT)
+    figure = style.new_figure(style.SINGLE, HEIGHT + AXIS + 0.1)
+    ax = style.add_axes(figure, LEFT, AXIS, style.SINGLE - LEFT - 0.8, HEIGHT)
     style.curve_axes(ax, "epoch", "validation error, one step [mm]", whole=True)
     paths = {5: model_path(folder, name, 0)} | {
         epochs: model_path(folder, f"{name}-{epochs}", 0) for epochs, wanted in LONGER.items() if name in wanted
     }
     for (epochs, path), color in zip(paths.items(), style.SERIES, strict=False):
         errors = [entry["validation_error"] for entry in read_card(str(path))["history"]]
-        ax.plot(range(1, len(errors) + 1), errors, color=color, linewidth=1.2, label=f"{epochs} epochs")
+        ax.plot(range(1, len(errors) + 1), errors, color=color, linewidth=1.0, label=f"{epochs} epochs")
     style.log_axis(ax.xaxis)
     style.log_axis(ax.yaxis)
-    ax.legend(frameon=False, fontsize=8.5, labelcolor=style.INK, loc="upper left", bbox_to_anchor=(1.02, 1.0))
+    style.legend_right(ax)
     return figure
 
 
 def adaptation_figure(draws: dict[str, Sequence[Sequence[float]]]) -> Figure:
     """Of each set, every draw's error before and after: a line between two dots."""
-    figure = style.new_figure(WIDTH + 1.2, HEIGHT + 0.8)
-    ax = style.add_axes(figure, 0.75, 0.6, WIDTH, HEIGHT)
+    figure = style.new_figure(style.SINGLE, HEIGHT + AXIS + 0.1)
+    ax = style.add_axes(figure, LEFT, AXIS, style.SINGLE - LEFT - 0.1, HEIGHT)
     style.curve_axes(ax, "", "stacked error after 20 steps [mm]")
     for place, pairs in enumerate(draws.values()):
         for before, after in pairs:
@@ -122,7 +123,10 @@ def adaptation_figure(draws: dict[str, Sequence[Sequence[float]]]) -> Figure:
     ax.set_xticks(range(len(draws)), list(draws))
     style.log_axis(ax.yaxis)
     handles, labels = ax.get_legend_handles_labels()
-    ax.legend(handles[:2], labels[:2], frameon=False, fontsize=8.5, labelcolor=style.INK)
+    ax.legend(
+        handles[:2], labels[:2], frameon=False, fontsize=style.TICK, labelcolor=style.INK, loc="upper center",
+        bbox_to_anchor=(0.5, -0.1), ncols=2,
+    )  # fmt: skip
     return figure
 
 

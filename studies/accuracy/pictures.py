@@ -17,16 +17,13 @@ from cableway.geometry import polyline
 
 Results = dict[str, dict[str, Any]]
 
-HEIGHT = 3.0
+HEIGHT = 1.8
 """Height [inch] of a panel."""
-
-WIDE, NARROW = 4.2, 2.9
-"""Widths [inch] of panels."""
 
 
 def settled(results: Results) -> Figure:
     """Settled shapes beside the elastica, and the error against the sharpest bend."""
-    figure, (left, right) = _panels(WIDE, WIDE)
+    figure, (left, right) = _panels(2, above=0.55)
     style.title(left, "settled (dots), elastica, worst keypoint")
     for place, (line, dots) in enumerate(_shown(results["any-poses"])):
         middle = (line.max(axis=0) + line.min(axis=0)) / 2
@@ -34,10 +31,11 @@ def settled(results: Results) -> Figure:
         left.plot(*polyline.spline(line + offset, 8).T, color=style.MUTED, linewidth=1.2)
         left.plot(*(dots + offset).T, "o", color=style.START, markersize=3.2)
         text = f"{1000 * np.linalg.norm(dots - line, axis=1).max():.2f} mm"
-        left.text(*(offset + middle - [0.0, 0.09]), text, ha="center", va="center", fontsize=8, color=style.MUTED)
+        left.text(
+            *(offset + middle - [0.0, 0.09]), text, ha="center", va="center", fontsize=style.NOTE, color=style.MUTED
+        )
     left.set_aspect("equal", anchor="NW")
     left.set_axis_off()
-    style.title(right, "worst keypoint of each shape")
     for name, colour, label in (
         ("any-poses", style.GOAL, "any gripper poses"),
         ("along-plans", style.PATHS, "along plans"),
@@ -50,14 +48,15 @@ def settled(results: Results) -> Figure:
     style.curve_axes(right, "radius of the sharpest bend [mm]", "distance to the elastica [mm]")
     _plain_ticks(right.xaxis, [10, 20, 50, 100, 200, 500])
     _plain_ticks(right.yaxis, [0.03, 0.1, 0.3, 1])
-    _legend(right)
+    style.title(right, "worst keypoint of each shape", legend=True)
+    style.letter_panels(left, right)
     return figure
 
 
 def closed_form(results: Results) -> Figure:
     """Parallel ends pushed together: shapes, and the worst keypoint."""
     result = results["closed-form"]
-    figure, (left, right) = _panels(WIDE, WIDE)
+    figure, (left, right) = _panels(2)
     style.title(left, "pushed together: settled (dots), closed form")
     for plant, exact in zip(result["plant"], result["elastica"], strict=True):
         left.plot(*polyline.spline(np.array(exact), 8).T, color=style.MUTED, linewidth=1.2)
@@ -70,13 +69,14 @@ def closed_form(results: Results) -> Figure:
     _limit(right, 0.3, "required")
     style.curve_axes(right, "pushed together by d/L", "distance [% of L]")
     right.set_ylim(0, None)
+    style.letter_panels(left, right)
     return figure
 
 
 def convergence(results: Results) -> Figure:
     """The error against the number of links and against the time step."""
     links, steps = results["links"], results["time-step"]
-    figure, (left, right) = _panels(WIDE, WIDE)
+    figure, (left, right) = _panels(2, 0.85)
     style.title(left, "links")
     hinges, errors = np.array(links["hinges"]), 1000 * np.array(links["errors"])
     left.loglog(hinges, np.median(errors, axis=1), "o-", color=style.START, markersize=4, label="median")
@@ -86,7 +86,7 @@ def convergence(results: Results) -> Figure:
     style.curve_axes(left, "hinges N", "mean over keypoints [mm]")
     _plain_ticks(left.xaxis, hinges)
     _plain_ticks(left.yaxis, [0.01, 0.03, 0.1, 0.3, 1])
-    _legend(left)
+    style.name_curves(left)
     style.title(right, f"time step, against {1000 * steps['time_step'][-1]:g} ms")
     sizes, off = 1000 * np.array(steps["time_step"][:-1]), 1000 * np.array(steps["to_finest"][:-1])
     for values, colour, label in (
@@ -100,7 +100,8 @@ def convergence(results: Results) -> Figure:
     style.curve_axes(right, "time step [ms]", "distance of keypoints [mm]")
     _plain_ticks(right.xaxis, sizes)
     _plain_ticks(right.yaxis, [0.001, 0.01, 0.1, 1])
-    _legend(right)
+    style.name_curves(right)
+    style.letter_panels(left, right)
     return figure
 
 
@@ -109,16 +110,16 @@ def lag(results: Results) -> Figure:
     result = results["lag"]
     taus = np.array(result["damping_time"])
     moving = [1000 * np.concatenate(rows) for rows in result["moving"]]
-    figure, (left, right) = _panels(WIDE, WIDE)
-    style.title(left, "lag behind equilibrium at full speed")
+    figure, (left, right) = _panels(2, 0.85)
+    style.title(left, "lag at full speed")
     for share, colour, label in ((50, style.START, "median"), (95, style.PATHS, "95%"), (100, style.GOAL, "worst")):
         values = [np.percentile(each, share) for each in moving]
         left.loglog(taus, values, "o-", color=colour, markersize=4, label=label)
     style.curve_axes(left, "damping time τ [s]", "mean over keypoints [mm]")
     _plain_ticks(left.xaxis, taus)
     _plain_ticks(left.yaxis, [0.03, 0.1, 0.3, 1, 3, 10])
-    _legend(left)
-    style.title(right, "left alone: median lag, as a share of the first")
+    style.name_curves(left)
+    style.title(right, "left alone: median lag")
     slow = [place for place, tau in enumerate(taus) if tau >= result["control_step"]]
     for place, colour in zip(slow, style.TIME(np.linspace(0, 1, len(slow))), strict=True):
         tau, rows = taus[place], np.array(result["resting"][place])
@@ -129,14 +130,15 @@ def lag(results: Results) -> Figure:
     right.semilogy(times, np.exp(-times), "--", color=style.MUTED, linewidth=1, label="exp(-t/τ)")
     right.set_xlim(0, 6)
     right.set_ylim(3e-3, 1.2)
-    style.curve_axes(right, "t/τ", "share")
-    _legend(right)
+    style.curve_axes(right, "t/τ", "share of the first")
+    style.legend_right(right)
+    style.letter_panels(left, right)
     return figure
 
 
 def contact(results: Results) -> Figure:
     """Penetration at corners and in corridors."""
-    figure, panels = _panels(NARROW, NARROW, NARROW)
+    figure, panels = _panels(3)
     squeezes = results["squeezes"]
     stiffnesses = [f"{value:g}" for value in results["corners"]["stiffness"]]
     widths = [f"{1000 * value:g}" for value in results["corridors"]["width"]]
@@ -150,10 +152,11 @@ def contact(results: Results) -> Figure:
     for ax, (name, title, label, ticks) in zip(panels, texts, strict=True):
         style.title(ax, title)
         _strips(ax, [1000 * np.array(row) for row in results[name]["deepest"]])
-        ax.set_xticks(range(len(ticks)), ticks)
         _limit(ax, 1.0, "required")
         style.curve_axes(ax, label, "deepest penetration [mm]" if ax is panels[0] else "")
+        ax.set_xticks(range(len(ticks)), ticks)
         ax.set_ylim(0, highest)
+    style.letter_panels(*panels)
     return figure
 
 
@@ -166,12 +169,13 @@ PICTURES: dict[str, Callable[[Results], Figure]] = {
 }
 
 
-def _panels(*widths: float) -> tuple[Figure, list[Axes]]:
-    gap, left = 0.7, 0.65
-    figure = style.new_figure(left + sum(widths) + gap * (len(widths) - 1) + 0.2, HEIGHT + 0.95)
-    starts = left + np.concatenate([[0.0], np.cumsum(np.array(widths) + gap)])
+def _panels(count: int, beside: float = 0.0, above: float = 0.28) -> tuple[Figure, list[Axes]]:
+    """Panels across two columns, each with so many inches for a legend right of it and for title and legend above."""
+    left, below = 0.5, 0.42
+    figure = style.new_figure(style.DOUBLE, below + HEIGHT + above)
+    pitch = style.DOUBLE / count
     return figure, [
-        style.add_axes(figure, float(start), 0.55, width, HEIGHT) for start, width in zip(starts, widths, strict=False)
+        style.add_axes(figure, left + k * pitch, below, pitch - left - 0.1 - beside, HEIGHT) for k in range(count)
     ]
 
 
@@ -199,7 +203,7 @@ def _limit(ax: Axes, value: float, text: str) -> None:
     ax.axhline(value, color=style.BAD, linewidth=1, linestyle="--")
     ax.annotate(
         text, (0, value), xycoords=("axes fraction", "data"), xytext=(3, 3), textcoords="offset points",
-        fontsize=8, color=style.BAD,
+        fontsize=style.NOTE, color=style.BAD,
     )  # fmt: skip
 
 
@@ -207,7 +211,3 @@ def _plain_ticks(axis: Any, values: Sequence[float] | np.ndarray) -> None:
     axis.set_major_locator(FixedLocator(list(values)))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-
-
-def _legend(ax: Axes) -> None:
-    ax.legend(fontsize=8, frameon=False, labelcolor=style.INK)
