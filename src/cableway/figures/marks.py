@@ -21,7 +21,7 @@ RING = 8.0
 SENTENCES = 6
 """Most sentences written out."""
 
-LINE, CHARACTERS = 0.16, 15.0
+LINE, CHARACTERS = 0.16, 17.0
 """Height [inch] of a line of them, and characters to the inch."""
 
 
