@@ -16,9 +16,9 @@ from cableway.cli.options import REPORT, PictureOptions, option
 from cableway.cli.terminal import Terminal, columns
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.table import Table
 
+    from cableway.figures.style import Figure
     from cableway.tang2025.models.base import DeformationModel
     from cableway.tang2025.models.evaluation import Curve
 

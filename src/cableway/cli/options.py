@@ -12,8 +12,7 @@ import tyro
 from cableway.core.errors import InputError, TaskError, UnknownNameError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+    from cableway.figures.style import Figure
     from cableway.scene.task import Task
 
 REPORT = "report.json"

@@ -20,8 +20,7 @@ from cableway.planning.named import PLANNERS
 from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, Planner, make_planner
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+    from cableway.figures.style import Figure
     from cableway.scene.task import Task
     from cableway.workflow.events import OnEvent
     from cableway.workflow.run import Run

@@ -13,8 +13,7 @@ from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+    from cableway.figures.style import Figure
     from cableway.tang2025.models.learned import LearnedModel
     from cableway.tang2025.models.recipe import Recipe
 

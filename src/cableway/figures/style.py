@@ -72,7 +72,7 @@ FORMATS: dict[str, dict[str, Any]] = {
 }
 """Endings of files that pictures are written to, and what they ask of Matplotlib; nothing that depends on the day."""
 
-WRITING = {"svg.fonttype": "path", "svg.hashsalt": "cableway", "pdf.fonttype": 42}
+WRITING: dict[Any, Any] = {"svg.fonttype": "path", "svg.hashsalt": "cableway", "pdf.fonttype": 42}
 """Letters are outlines in SVG, which so looks alike whatever fonts there are, and TrueType in PDF, as journals ask;
 names within the SVG file follow from its content."""
 

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cableway.benchmark.episode import Result
 from cableway.benchmark.summary import commits_text
 from cableway.benchmark.tables import Table, number
 from cableway.core.templates import render
+from cableway.figures.style import Figure
 from cableway.tang2025.reproduction.paper import Spread
 
 LABORATORY = "2 mm of noise on the keypoints, 0.1 s of latency, one frame in ten lost"
