@@ -253,3 +253,15 @@ def test_step_does_not_compile(started: Shared) -> None:
     for row in range(3):
         _, state = controller.step(state, at(row))
     assert len(calls) == traced
+
+
+def test_the_reference_may_wait_for_the_cable(started: Shared) -> None:
+    """Where the error is larger than asked for it stands still, but not longer than patience lasts."""
+    controller, state = started(waits_above=0.004, patience=3)
+    indices = []
+    for _ in range(8):
+        _, state = controller.step(state, at(0, shift=np.array([0.02, 0.0])))  # 2 cm off: 0.02 sqrt(13) / 13 = 5.5 mm
+        indices.append(state.index)
+    assert indices == [0, 0, 0, 1, 1, 1, 1, 2]
+    _, state = controller.step(state, at(2))
+    assert state.index == 3

@@ -39,6 +39,9 @@ class MPCConfig(Checked):
         max_span: Distance between the grippers over the cable's length that is never exceeded, unless by the plan.
         adapt_every: Control steps between two adaptations of the model; 0 for none.
         hold: Time [s] at the plan's first row before it is followed, while start and offset settle.
+        waits_above: Stacked error over the number of keypoints [m] above which the reference waits, as in the authors'
+            public code, which has 0.004; 0 for a reference by time alone. The paper does not say.
+        patience: Control steps for which it waits at most (public code: 150, or 15 in which the error rose).
         estimator: Of the rod's parameters, for the latency, contacts and new plans, not for the model; as `nominal`
             there is none of it (paper).
     """
@@ -61,6 +64,8 @@ class MPCConfig(Checked):
     max_span: Positive[float] = 0.995
     adapt_every: NotNegative[int] = 0
     hold: NotNegative[float] = 1.5
+    waits_above: NotNegative[float] = 0.0
+    patience: Positive[int] = 15
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     @classmethod

@@ -79,6 +79,7 @@ class MPCState(EstimatingState):
         offset: (n, 2) output offset [m].
         solution: The last solve, for the record; None before the first.
         learning: The model that is adapted; None where it is not.
+        waited: Control steps for which the reference has waited.
     """
 
     problem: NeuralProblem
@@ -87,6 +88,7 @@ class MPCState(EstimatingState):
     offset: Float[np.ndarray, "n 2"]
     solution: Solution | None
     learning: Learning | None = None
+    waited: int = 0
 
     def estimates(self) -> Mapping[str, Estimate]:
         """See `ControllerState.estimates`; those of the model where it is adapted."""
@@ -179,8 +181,10 @@ class NeuralMPC(Controller[MPCState]):
         state = replace(state, last_frame=(keypoints, tracker.at_frame), offset=offset)
         way = tracker.path
         actions, solution = self._solve(state, self._rolled(state, keypoints, way[0], way[1:]), offset)
-        state = replace(state, actions=actions, solution=solution)
-        return self._sent(state, actions[0], state.tracking_status)
+        error = float(np.linalg.norm(keypoints - state.reference)) / len(keypoints)
+        waits = 0 < self.config.waits_above < error and state.waited < self.config.patience
+        state = replace(state, actions=actions, solution=solution, waited=state.waited + 1 if waits else 0)
+        return self._sent(state, actions[0], state.tracking_status, waits)
 
     def _adapted(self, state: MPCState) -> MPCState:
         """With the model adapted to the newest frame."""
@@ -254,7 +258,9 @@ class NeuralMPC(Controller[MPCState]):
             reference.shapes(state.index, horizon), poses, actions if self.config.feedforward else 0.0 * actions
         )
 
-    def _sent(self, state: MPCState, action: np.ndarray, status: Status) -> tuple[np.ndarray, MPCState]:
+    def _sent(
+        self, state: MPCState, action: np.ndarray, status: Status, waits: bool = False
+    ) -> tuple[np.ndarray, MPCState]:
         max_span = span_limit(state.plan.poses(state.index, 1), state.task.cable.length, self.config.max_span)
-        action, state = state.sending(action, status, float(max_span[0]))
+        action, state = state.sending(action, status, float(max_span[0]), waits)
         return action, replace(state, actions=np.concatenate([action[None], state.actions[1:]]))
