@@ -53,7 +53,7 @@ class Evaluate(PictureOptions):
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.core.files import only_writer, write_json
-        from cableway.core.provenance import versions
+        from cableway.core.provenance import commit, versions
         from cableway.datasets.reading import load_transitions
         from cableway.datasets.recordings import in_words, is_recording
         from cableway.tang2025.models.compilation import enable_compilation_cache
@@ -91,6 +91,7 @@ class Evaluate(PictureOptions):
                     }
                     for name, data in sets.items()
                 },
+                "commit": commit(),
                 "versions": versions(),
             }
             write_json(folder / REPORT, report)
