@@ -18,7 +18,10 @@ import pytest
 import cableway
 from cableway.cli.collect import Collect
 from cableway.cli.entry import DONE, FAILED, INTERRUPTED, WRONG_INPUT
+from cableway.datasets.recordings import Description
 from cableway.outcome import Outcome
+from cableway.scene.files.document import read_document
+from cableway.scene.files.schema import validate
 from cableway.simulation.episodes import CollectionConfig
 from cableway.simulation.perturbations.reading import read_perturbation
 
@@ -102,18 +105,20 @@ def whole_files() -> list[str]:
 
 
 def test_every_file_shown_can_be_read(tmp_path: Path):
-    """A task, which has a start, or a collection, or a plant."""
-    path, tasks, plants, collections = tmp_path / "shown.yaml", 0, 0, 0
+    """A task, which has a start, or a collection, or a recording, or a plant."""
+    path, tasks, plants, collections, recordings = tmp_path / "shown.yaml", 0, 0, 0, 0
     for block in whole_files():
         path.write_text(block)
         if "start:" in block:
             tasks += bool(cableway.load_task(path).description)
         elif "collection:" in block:
             collections += Collect(config=path).configuration() != CollectionConfig()
+        elif "file:" in block:
+            recordings += Path(validate(read_document(path), Description)["file"]).suffix == ".csv"
         else:
             plants += read_perturbation(path, cableway.load_task("multi-obstacle-1")).cable != cableway.Cable()
-    assert tasks + plants + collections == len(whole_files())
-    assert min(tasks, plants, collections) > 0
+    assert tasks + plants + collections + recordings == len(whole_files())
+    assert min(tasks, plants, collections, recordings) > 0
 
 
 def links() -> list[tuple[Path, str]]:
