@@ -27,8 +27,8 @@ from cableway.tracking import track
 from cableway.workflow.registry import CONTROLLERS, make_controller
 
 COLUMNS = 3
-BETWEEN, ABOVE, CURVES = 0.15, 0.26, 1.7
-"""Inches between panels, above each, and of the panel of curves."""
+LEFT, BETWEEN, ABOVE, CURVES = 0.25, 0.22, 0.26, 1.7
+"""Inches left of panels, between them, above each, and of the panel of curves."""
 
 FREE = 0.04
 """Space [m] that is shown above obstacles and cables."""
@@ -63,7 +63,7 @@ def main() -> None:
     given = parser.parse_args()
     task = load_task(given.task)
     runs = rollouts(task)
-    width, rows = (style.DOUBLE - BETWEEN) / COLUMNS - BETWEEN, -(-len(runs) // COLUMNS)
+    width, rows = (style.DOUBLE - LEFT) / COLUMNS - BETWEEN, -(-len(runs) // COLUMNS)
     obstacles = [shapely.get_coordinates(solid) for solid in task.scene.solids]
     top = FREE + max(float(points[..., 1].max()) for points in (*obstacles, *(run.centreline for run in runs.values())))
     height = width * min(top, task.scene.size[1]) / task.scene.size[0]
@@ -73,7 +73,7 @@ def main() -> None:
     for number, (name, run) in enumerate(runs.items()):
         row, column = divmod(number, COLUMNS)
         ax = style.add_axes(
-            figure, BETWEEN + column * (width + BETWEEN), tall - (row + 1) * (height + ABOVE), width, height
+            figure, LEFT + column * (width + BETWEEN), tall - (row + 1) * (height + ABOVE), width, height
         )
         draw_motion(ax, task, run)
         ax.set_ylim(0, min(top, task.scene.size[1]))
@@ -85,7 +85,8 @@ def main() -> None:
         style.title(ax, name)
         ax.text(0.04, 0.95, text, transform=ax.transAxes, va="top", fontsize=style.NOTE, color=style.INK)
         panels.append(ax)
-        print(f"{name}: {text}, clearance {1000 * run.clearance.min():.1f} mm, {run.metadata['outcome']}")
+        said = f"{name}: {', '.join(text.splitlines())}, clearance {1000 * run.clearance.min():.1f} mm"
+        print(f"{said}, {run.metadata['outcome']}")
     panels.append(style.add_axes(figure, 0.5, 0.42, style.DOUBLE - 1.6, CURVES))
     draw_deviations(panels[-1], runs)
     style.letter_panels(*panels)

@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from cableway.core.quantities import limit_text, quantity
 from cableway.figures import scene, style
-from cableway.figures.marks import LINE, Mark, draw_marks, marks_of, sentence_lines, write_lines
+from cableway.figures.marks import LINE, draw_marks, marks_of, sentence_lines, write_lines
 from cableway.figures.plan import AXIS, HEADED, add_time_bar, draw_clearance, spread_rows
 from cableway.figures.replanning import change_of, draw_actual_scene, draw_left, left_of, stops_of
 from cableway.outcome import SUCCESS_ERROR
@@ -41,12 +41,9 @@ def rollout_figure(
         rollout: What happened.
         plan: What was followed first; what is left of it where it was given up is drawn.
         failure: Why it is no success, in a sentence; None where it is one.
-        verdict: Checks of the rollout; places and shapes of those that did not pass are marked. Where all passed and
-            the goal was missed, the keypoint that is farthest from it at the end is.
+        verdict: Checks of the rollout; places and shapes of those that did not pass are marked.
     """
     marks, room = marks_of(verdict, rollout.centreline), style.DOUBLE - scene.LEFT
-    if failure is not None and not marks:
-        marks = _missed(task, rollout)
     lines = [] if failure is None else sentence_lines([failure], room, "Failed: ")
     lines += sentence_lines([mark.sentence for mark in marks], room) if marks else []
     figure, (ax, above, below) = scene_and_curves(task, 0.1 + LINE * len(lines) if lines else 0.0)
@@ -58,17 +55,6 @@ def rollout_figure(
     draw_clearance(below, "clearance", rollout.times, rollout.clearance, rollout.gripper_clearance)
     style.letter_panels(ax, above, below)
     return figure
-
-
-def _missed(task: Task, rollout: Rollout) -> list[Mark]:
-    """Where the cable lies at the end and is farthest from its goal, unless it has reached it."""
-    if rollout.shape_error(task.goal) < SUCCESS_ERROR:
-        return []
-    away = np.linalg.norm(rollout.keypoints[-1] - task.goal, axis=1)
-    worst = int(np.argmax(away))
-    x, y = rollout.keypoints[-1, worst]
-    sentence = f"keypoint {worst + 1} of {len(away)} ends {quantity(away[worst])} from its goal"
-    return [Mark(sentence, (float(x), float(y)), rollout.centreline[-1])]
 
 
 def scene_and_curves(task: Task, more: float = 0.0) -> tuple[Figure, tuple[Axes, Axes, Axes]]:
@@ -93,8 +79,8 @@ def estimates_figure(rollout: Rollout) -> Figure | None:
     moved = [name for name, estimate in rollout.estimated().items() if estimate.differs]
     if not moved:
         return None
-    figure = style.new_figure(style.DOUBLE, 2.6)
-    draw_estimates(style.add_axes(figure, scene.LEFT, AXIS, 4.3, 2.6 - AXIS - scene.ABOVE), rollout, moved)
+    figure = style.new_figure(style.DOUBLE, 2.8)
+    draw_estimates(style.add_axes(figure, scene.LEFT, AXIS, 4.3, 2.8 - AXIS - scene.ABOVE), rollout, moved)
     return figure
 
 
@@ -116,7 +102,7 @@ def draw_tracking(ax: Axes, task: Task, rollout: Rollout, plan: Plan | None = No
         Line2D([], [], color=style.INK, linewidth=0.7, label="gripper paths"),
         Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"),
     ]
-    style.legend_below(ax, handles + changed, 3 if changed else 2)
+    style.legend_below(ax, handles + changed, 3 if changed else 2, wide=bool(changed))
 
 
 def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> list[Any]:
@@ -184,6 +170,6 @@ def draw_estimates(ax: Axes, rollout: Rollout, names: Sequence[str]) -> None:
         width = rollout.deviations[:, column] / estimate.prior
         ax.plot(rollout.times[1:], away, linewidth=1.3, label=f"{name} {estimate}", **look)
         ax.fill_between(rollout.times[1:], away - width, away + width, color=look["color"], alpha=0.15, linewidth=0)
-    style.curve_axes(ax, "time [s]", "distance from the prior [standard deviations]")
+    style.curve_axes(ax, "time [s]", "from the prior [standard deviations]")
     style.title(ax, "estimates that moved")
     style.legend_right(ax)

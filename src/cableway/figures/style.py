@@ -148,11 +148,12 @@ def letter_panels(*panels: Axes) -> None:
         )  # fmt: skip
 
 
-def legend_below(ax: Axes, handles: Sequence[Any], columns: int) -> None:
-    """A legend below the panel, where it covers nothing."""
+def legend_below(ax: Axes, handles: Sequence[Any], columns: int, *, wide: bool = False) -> None:
+    """A legend below the panel, where it covers nothing: in its middle, or from its left edge where it is wider."""
     height = ax.get_window_extent().height / ax.get_figure(root=True).dpi  # pyright: ignore[reportOptionalMemberAccess]
     ax.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.36 / height), ncols=columns, frameon=False,
+        handles=handles, loc="upper left" if wide else "upper center",
+        bbox_to_anchor=(0.0 if wide else 0.5, -0.36 / height), ncols=columns, frameon=False,
         fontsize=TICK, handlelength=1.5, columnspacing=1.2, handletextpad=0.5, labelcolor=INK, borderaxespad=0,
         labelspacing=0.3,
     )  # fmt: skip

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
-from cableway.core.errors import InputError
+from cableway.core.errors import InputError, Point
 from cableway.outcome import START_ERROR, SUCCESS_ERROR, stacked_limit
 from cableway.records import Check, Rollout, Verdict
 from cableway.scene.files.loading import TaskSource, as_task
@@ -43,7 +44,7 @@ def verify_rollout(rollout: Rollout, task: TaskSource, *, length: float | None =
     n = task.cable.keypoints
     most_error, most_begin = stacked_limit(SUCCESS_ERROR, n), stacked_limit(START_ERROR, n)
     checks = [
-        Check("shape error at the end", error, "m", most_error, error < most_error),
+        Check("shape error at the end", error, "m", most_error, error < most_error, at=_farthest(rollout, task.goal)),
         Check("distance to start", begin, "m", most_begin, begin < most_begin),
         *physics,
         *plug_clearance(rollout.poses[:, 1], task, 0.0),
@@ -68,6 +69,12 @@ def verify_insertion(rollout: Rollout, task: TaskSource, *, length: float | None
         *insertion_checks(ends, task),
     ]
     return Verdict.of(checks, rollout.times)
+
+
+def _farthest(rollout: Rollout, goal: Float[np.ndarray, "n 2"]) -> Point:
+    """Where the keypoint lies that is farthest from its goal at the end [m]."""
+    x, y = rollout.keypoints[-1, int(np.argmax(np.linalg.norm(rollout.keypoints[-1] - goal, axis=1)))]
+    return float(x), float(y)
 
 
 def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
