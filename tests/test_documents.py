@@ -113,7 +113,7 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
             tasks += bool(cableway.load_task(path).description)
         elif "collection:" in block:
             collections += Collect(config=path).configuration() != CollectionConfig()
-        elif "file:" in block:
+        elif "\nfile:" in block:
             recordings += Path(validate(read_document(path), Description)["file"]).suffix == ".csv"
         else:
             plants += read_perturbation(path, cableway.load_task("multi-obstacle-1")).cable != cableway.Cable()
