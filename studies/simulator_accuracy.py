@@ -1,4 +1,4 @@
-"""How accurate the simulator is: the table of `docs/results/simulator.md` and the pictures of `docs/simulator.md`.
+"""How accurate the simulator is: the table of `docs/results/simulator.md` with its data, the pictures of `docs/simulator.md`.
 
     .venv/bin/python studies/simulator_accuracy.py [FOLDER]
 
@@ -13,8 +13,11 @@ import time
 from pathlib import Path
 
 from accuracy.pictures import PICTURES
-from accuracy.results import EXPERIMENTS, fill_in, result, table
+from accuracy.results import EXPERIMENTS, data, fill_in, made, table
 from pictures import save
+
+from cableway.benchmark.summary import commits_text
+from cableway.core.files import write_json
 
 SEED = 0
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -23,14 +26,17 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 def main() -> None:
     """Make what is missing, then the pictures and the table."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "runs/simulator")
-    results = {}
+    experiments = {}
     for name in EXPERIMENTS:
         start = time.perf_counter()
-        results[name] = result(name, SEED, folder)
+        experiments[name] = made(name, SEED, folder)
         print(f"{name:14} {time.perf_counter() - start:6.1f} s", flush=True)
+    results = {name: each["result"] for name, each in experiments.items()}
+    about = data(experiments)
     for name, draw in PICTURES.items():
         save(draw(results), DOCS / "images" / f"simulator-{name}.png")
-    fill_in(DOCS / "results" / "simulator.md", table(results))
+    fill_in(DOCS / "results" / "simulator.md", f"Made at {commits_text(about['commits'])}.\n\n{table(results)}")
+    write_json(DOCS / "results" / "simulator.json", about)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ RESULTS = ROOT / "docs" / "results"
 PAGES = sorted(RESULTS.glob("*.md"))
 WITHOUT_DATA = {"clutter", "controllers", "lab-methods", "lab-unconstrained", "narrow", "reproduction", "rivals"}
 """Pages whose episodes are gone: a page leaves this list when it is made again, and none is added."""
-PRINTED = {"models", "planning", "simulator"}
+PRINTED = {"models", "planning"}
 """Pages of what scripts of `studies` print, without data so far."""
 
 
@@ -29,8 +29,8 @@ OURS = {name: name for name in ("faults", "lab-unconstrained", "lengths", "plant
 
 
 def rows(text: str) -> list[str]:
-    """Lines of all tables."""
-    return [line for line in text.splitlines() if line.startswith("|")]
+    """Lines of all tables, without those that part heads from rows."""
+    return [line for line in text.splitlines() if line.startswith("|") and set(line) - set("|- ")]
 
 
 def tables(about: dict[str, Any]) -> str:
@@ -83,7 +83,7 @@ def known(page: str) -> dict[tuple[str, str], dict[str, str]]:
     return found
 
 
-CLAIMED = rows(CLAIMS.read_text().partition("\n## ")[0])[2:]
+CLAIMED = rows(CLAIMS.read_text().partition("\n## ")[0])[1:]
 CELL = re.compile(r"\[([\w-]+)\]\(results/\1\.md\), `([^`]+)`, `([^`]+)`, `([^`]+)`")
 
 

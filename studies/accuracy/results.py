@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 
 from accuracy import contact, motions, on_a_table, shapes
 from cableway.core.files import write_atomically
-from cableway.core.provenance import versions
+from cableway.core.provenance import commit, versions
 
 EXPERIMENTS: dict[str, Callable[[int], dict[str, Any]]] = {
     "after-motions": shapes.after_motions,
@@ -43,13 +44,26 @@ BEGIN, END = "<!-- made by studies/simulator_accuracy.py -->\n", "<!-- end -->\n
 """Lines of the document between which the table stands."""
 
 
-def result(name: str, seed: int, folder: Path) -> dict[str, Any]:
-    """The result of an experiment from its file; made, and the file written, if it is missing."""
+def made(name: str, seed: int, folder: Path) -> dict[str, Any]:
+    """An experiment's `result` and where it comes from, from its file; made, and the file written, if it is missing."""
     path = folder / f"{name}-{seed}.json"
     if not path.exists():
-        content = {"seed": seed, "versions": versions(), "machine": machine(), "result": EXPERIMENTS[name](seed)}
+        about = {"seed": seed, "versions": versions(), "commit": commit() or "", "machine": machine()}
+        content = about | {"result": EXPERIMENTS[name](seed)}
         write_atomically(path, lambda file: file.write(json.dumps(content).encode()))
-    return json.loads(path.read_text())["result"]
+    return json.loads(path.read_text())
+
+
+def data(experiments: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """What the page shows, as plain data: the table's cells, and where they come from."""
+    lines = table({name: each["result"] for name, each in experiments.items()}).splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if not line.startswith("|---")]
+    first = next(iter(experiments.values()))
+    return {
+        **{key: first[key] for key in ("seed", "versions", "machine")},
+        "commits": dict(Counter(each["commit"] for each in experiments.values())),
+        "sections": [{"title": "The simulator", "tables": [{"title": "figures", "rows": rows}]}],
+    }
 
 
 def machine() -> str:
