@@ -1,4 +1,4 @@
-"""How accurate the simulator is: the table of `docs/results/simulator.md` with its data, the pictures of `docs/simulator.md`.
+"""How accurate the simulator is: `docs/results/simulator.md` with its data, and the pictures of `docs/simulator.md`.
 
     .venv/bin/python studies/simulator_accuracy.py [FOLDER]
 
