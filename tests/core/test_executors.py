@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import multiprocessing
 import os
@@ -14,6 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
+from pebble.pool.process import WorkerManager
 
 from cableway.core import executors
 from cableway.core.logs import LogFile
@@ -76,29 +78,56 @@ def test_workers_end_where_the_end_of_their_pool_is_interrupted(monkeypatch: pyt
 class _InterruptingBegin:
     """Interrupts the process that begins workers while it hands them this; another thread of it receives the signal."""
 
-    handed = 0
+    number, handed = signal.SIGINT, 0
 
     def __call__(self) -> None: ...
 
     def __reduce__(self) -> tuple[type, tuple[()]]:
         type(self).handed += 1
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), self.number)
         time.sleep(0.05)
         return _InterruptingBegin, ()
 
 
-def test_an_interrupt_comes_after_the_workers_have_begun():
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGALRM])
+def test_an_interrupt_comes_after_the_workers_have_begun(number: signal.Signals, monkeypatch: pytest.MonkeyPatch):
     """All of them, so that none finds the process gone that was telling it what to do."""
     over = threading.Event()
     threading.Thread(target=over.wait, daemon=True).start()
-    with (
-        pytest.raises(KeyboardInterrupt),
-        executors.open_executor("local", 2, isolated=True, begin=_InterruptingBegin()) as pool,
-    ):
-        pool.submit(sum, ([1],), None)
-    over.set()
+    monkeypatch.setattr(_InterruptingBegin, "number", number)
+    monkeypatch.setattr(_InterruptingBegin, "handed", 0)
+    before = signal.signal(number, signal.default_int_handler)
+    try:
+        with (
+            pytest.raises(KeyboardInterrupt),
+            executors.open_executor("local", 2, isolated=True, begin=_InterruptingBegin()) as pool,
+        ):
+            pool.submit(sum, ([1],), None)
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        over.set()
+        signal.signal(number, before)
     assert _InterruptingBegin.handed == 2
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_workers_that_still_begin_as_their_pool_ends_say_nothing(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    """They are ended before the pool takes away what they wait for, however long it takes over its own end."""
+    stop = WorkerManager.force_stop_workers
+
+    def slowly(manager: WorkerManager) -> None:
+        time.sleep(2.0)
+        stop(manager)
+
+    monkeypatch.setattr(WorkerManager, "force_stop_workers", slowly)
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        executors.open_executor("local", 2, isolated=True) as pool,
+    ):
+        pool.submit(time.sleep, (60,), None)
+        raise KeyboardInterrupt
+    assert capfd.readouterr().err == ""
 
 
 def test_a_worker_in_the_midst_of_a_kernel_ends_when_it_is_told_to():

@@ -159,19 +159,25 @@ def _local(workers: int | None) -> Iterator[Executor]:
             "(which needs `if __name__ == '__main__'`)"
         ) from None
     except BaseException:
-        for worker in set(multiprocessing.active_children()) - before:
-            worker.terminate()  # or it finishes what it is at, for which nobody waits any more
+        _end_workers(before)  # or they finish what they are at, for which nobody waits any more
         raise
     finally:
         pool.shutdown(cancel_futures=True)
 
 
+def _end_workers(others: set[Any]) -> None:
+    """Have all processes of this one end, but for `others`."""
+    for worker in set(multiprocessing.active_children()) - others:
+        worker.terminate()
+
+
 @contextmanager
 def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator[Executor]:
-    """Processes of which each can be ended, and is made again where it died."""
+    """Processes of which each can be ended, and is made again where it died; at the end none is waited for."""
     import pebble
 
     count = workers or cores()
+    before = set(multiprocessing.active_children())
     context: Any = multiprocessing.get_context("spawn")
     pool = pebble.ProcessPool(count, context=context, initializer=begin_worker, initargs=[log_file(), begin])
 
@@ -182,10 +188,9 @@ def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator
 
     try:
         yield Executor(submit, count)
-        pool.close()
-        pool.join()
-    finally:  # again, where that was interrupted
+    finally:
         pool.stop()
+        _end_workers(before)  # before the pool takes its locks away, or a worker that still begins fails aloud
         pool.join()
 
 
@@ -229,15 +234,15 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _heard_later() -> Iterator[None]:
-    """A signal that would end this process comes once this is over. Blocking does not do: other threads receive it."""
+    """What handles a signal in Python does so once this is over. Blocking does not do: other threads receive it."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []
     with ExitStack() as stack:
-        stack.callback(lambda: [signal.raise_signal(number) for number in came[:1]])
-        for number in (signal.SIGINT, signal.SIGTERM):
-            if (handler := signal.getsignal(number)) is not None:
+        stack.callback(lambda: [signal.raise_signal(number) for number in came])
+        for number in signal.valid_signals():
+            if callable(handler := signal.getsignal(number)):
                 stack.callback(signal.signal, number, handler)
                 signal.signal(number, lambda number, _: came.append(number))
         yield
