@@ -1,4 +1,4 @@
-"""Configurations, plants, models and their cards, data sets, trainings under way, results and baselines, tampered with.
+"""Configurations, plants, models and cards, data sets, recordings, trainings, results and baselines, tampered with.
 
 What is changed may still be right, so that most of these may end in success; none in a traceback, and none never.
 """
@@ -23,6 +23,7 @@ from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.table_plant import TableConfig
 from cableway.tang2025.models.recipe import CONFIGS
+from checks.attack import recordings
 from checks.attack.cases import ANY, WRONG, Case, command
 from checks.attack.made import EPISODE, TASKS, Made, episode
 from checks.attack.mutants import NO_FILES, as_json, as_yaml, brief, damaged, mutated, value
@@ -99,6 +100,7 @@ def targets(rng: random.Random, made: Made) -> dict[str, Target]:
     started = ("train", "--config", made.state.with_name("recipe.yaml"), "--data", made.data, "--out", "training")
     judged, learned = ("evaluate", "m.safetensors", "--data", made.data, "--horizon", 3), ("evaluate", "linear", *data)
     shard = "data/shard-000000.safetensors"
+    rollout, heard = made.run(TASKS[0]) / "rollout.npz", ("evaluate", "linear", "--horizon", 3, "--data")
     result = f"bench/episodes/{EPISODE[0]}/{EPISODE[1]}/{episode()}.json"
     return {
         # no such executor, no such data: only the file is read
@@ -113,6 +115,12 @@ def targets(rng: random.Random, made: Made) -> dict[str, Target]:
         "manifest": Target("data/manifest.json", made.data / "manifest.json", json_spoilt, learned, 30),
         "shard": Target(shard, made.folder / shard, damaged, learned, 30, False),
         "shard, hashed": Target(shard, made.folder / shard, card_spoilt_shard, learned, 30),
+        "recording": Target(recordings.TABLE, recordings.table(rollout), recordings.table_spoilt,
+                            (*heard, recordings.TABLE), 30),
+        "recording, archive": Target(recordings.ARCHIVE, recordings.archive(recordings.recorded(rollout)),
+                                     recordings.archive_spoilt, (*heard, recordings.ARCHIVE), 30),
+        "recording, described": Target(recordings.DESCRIPTION, recordings.description(), yaml_spoilt,
+                                       (*heard, recordings.DESCRIPTION), 30),
         "start": Target("m.safetensors", made.model, card_spoilt,
                         ("train", *small, "--from", "m.safetensors", "--out", "training"), 40),
         "state": Target("training/model.safetensors.state", made.state, damaged, started, 40, False),
@@ -137,6 +145,8 @@ def lay_out(target: Target, made: Made, write: Callable[[Path], Any]) -> None:
     if top in ("data", "bench") or "bench" in target.line:
         source = made.data if top == "data" else made.bench
         shutil.copytree(source, source.name)
+    if target.place == recordings.DESCRIPTION:
+        Path(recordings.TABLE).write_bytes(recordings.table(made.run(TASKS[0]) / "rollout.npz"))
     path = Path(target.place)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.unlink(missing_ok=True)
@@ -204,6 +214,9 @@ def case(rng: random.Random, number: int, made: Made) -> Case:
         "result": 2,
         "manifest": 2,
         "model": 2,
+        "recording": 3,
+        "recording, archive": 3,
+        "recording, described": 3,
     }
     name = rng.choices(list(known), [shares.get(name, 1) for name in known])[0]
     return tampered(name, known[name], rng, made)

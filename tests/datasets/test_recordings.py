@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -195,12 +196,12 @@ WRONG_CSV: dict[str, tuple[Change, str]] = {
     "milliseconds": (lambda rows: [row.__setitem__(0, f"{100 * k}") for k, row in enumerate(rows[1:])],
                      "without a gap of more than 0.25 s; the rows are 100 s apart"),
     "a value too few": (lambda rows: rows[7].pop(), "line 9: must have 21 values, got 20"),
-    "no time at all": (cell(0, 0, "t"), "the column 'time' is missing; it has"),
-    "half a keypoint": (cell(0, 2, "z"), "the column 'y0' is missing"),
-    "a keypoint too many": (cell(0, 2, "x9"), "the column 'y0' is missing"),
+    "no time at all": (cell(0, 0, "t"), "'time' is missing; it has"),
+    "half a keypoint": (cell(0, 2, "z"), "'y0' is missing"),
+    "a keypoint too many": (cell(0, 2, "x9"), "'y0' is missing"),
     "half a pose": (cell(0, 15, "left"), "there must be all or none"),
     "the same column again": (cell(0, 1, "y0"), "the column 'y0' stands twice"),
-    "a quote without end": (cell(3, 4, '"'), "not a table of comma-separated values"),
+    "a quote without end": (cell(3, 4, '"'), "line 5: not comma-separated values"),
     "names only": (lambda rows: rows.__delitem__(slice(1, None)), "at least 2 rows of 3 to 200 keypoints, got 0 of 7"),
     "nothing": (lambda rows: rows.clear(), "the file is empty"),
     "a keypoint never seen": (lambda rows: [row.__setitem__(5, "") for row in rows[1:]], "keypoint 2 is seen in no"),
@@ -234,9 +235,9 @@ def exchanged(arrays: dict[str, np.ndarray]) -> np.ndarray:
 
 WRONG_NPZ: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], np.ndarray | None], str]] = {
     "no times": ("times", lambda a: None, r"has the arrays times and keypoints; it has \['keypoints', 'poses'\]"),
-    "keypoints in space": ("keypoints", lambda a: np.zeros((21, 7, 3)), r"shape \(m, n, 2\), got float64\[21, 7, 3\]"),
+    "keypoints in space": ("keypoints", lambda a: np.zeros((21, 7, 3)), r"with m = 21, got float64\[21, 7, 3\]"),
     "rows of other numbers": ("times", lambda a: STEPS[1:], r"'keypoints' must be numbers of shape \(m, n, 2\)"),
-    "texts": ("times", lambda a: a["times"].astype(str), r"'times' must be numbers of shape \(m,\), got <U32"),
+    "texts": ("times", lambda a: a["times"].astype(str), r"'times' must be numbers of shape \(m,\) .*, got <U32"),
     "objects": ("times", lambda a: a["times"].astype(object), "holds Python objects, which are never read"),
     "a pose for both": ("poses", lambda a: a["poses"][:, 0], r"'poses' must be numbers of shape \(m, 2, 3\)"),
     "a time that is none": ("times", lambda a: np.where(STEPS == 0.5, np.nan, STEPS), r"times\[5\] must be a number"),
@@ -307,6 +308,26 @@ def test_an_archive_that_swells_is_refused_before_it_is_read(tmp_path):
         archive.writestr("times.npy", header.getvalue() + bytes(320_000_000))
     with pytest.raises(InputError, match="its arrays are larger than 256 MB"):
         load_transitions(tmp_path / "r.npz")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        ",".join(["time", *(f"x{k},y{k}" for k in range(200_000))]),
+        ",".join([*(f"a{k}" for k in range(200_000)), "b", "b"]) + "\n",
+        ",".join(f"a{k}" for k in range(1_000_000)) + "\n1" * 1_000_000,
+        "time,x0,y0,x1,y1,x2,y2" + "\n" * 5_000_000,
+    ],
+    ids=["keypoints", "the last twice", "columns and rows", "nothing"],
+)
+def test_a_table_of_millions_is_refused_at_once(tmp_path, text):
+    """Before anything is made as large as columns times rows, or looked up as often."""
+    (tmp_path / "r.csv").write_text(text)
+    begun = time.process_time()
+    with pytest.raises(InputError) as caught:
+        load_transitions(tmp_path / "r.csv")
+    assert len(str(caught.value)) < 600
+    assert time.process_time() - begun < 20, "a guard against what grows with the square"
 
 
 def test_steps_beyond_memory_are_refused(tmp_path):

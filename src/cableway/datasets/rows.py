@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
-from collections.abc import Callable, Iterable
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,9 +61,9 @@ def read_rows(path: Path) -> Rows:
     count = len(arrays["times"])
     unread = tuple(sorted(arrays.keys() - {"times", "keypoints", "poses", "episode"}))
     episode = arrays.get("episode", np.zeros(count))
-    for name, array in {**arrays, "episode": episode}.items():
+    for name, values in {**arrays, "episode": episode}.items():
         if name not in unread:
-            _require_numbers(path, name, array, place)
+            _require_numbers(path, name, values, place)
     for k in np.flatnonzero(np.isnan(arrays["keypoints"]).any(axis=2).all(axis=0))[:1]:
         raise FileFormatError(f"{path}: keypoint {k} is seen in no row; leave it out")
     for row in np.flatnonzero((np.diff(arrays["times"]) <= 0) & (np.diff(episode) == 0)):
@@ -112,7 +115,8 @@ def _from_npz(path: Path) -> tuple[dict[str, np.ndarray], Place]:
         array = arrays[name]
         if array.shape != shape or array.dtype.kind not in "iuf":
             raise FileFormatError(
-                f"{path}: array {name!r} must be numbers of shape {texts[name]}, got {array.dtype}{list(array.shape)}"
+                f"{path}: array {name!r} must be numbers of shape {texts[name]} with m = {rows}, "
+                f"got {array.dtype}{list(array.shape)}"
             )
         arrays[name] = array.astype(float)
     _require_count(path, count, rows)
@@ -126,75 +130,89 @@ def _listed(names: Iterable[str]) -> str:
 
 # ------------------------------------------------------------------------------------------------ CSV
 def _from_csv(path: Path) -> tuple[dict[str, np.ndarray], Place]:
-    lines, names, table = _table(path)
-    count = sum(re.fullmatch(r"x\d+", name) is not None for name in names)
-    pairs = [f"{axis}{k}" for k in range(count) for axis in "xy"]
-    strange = [name for name in names if re.fullmatch(r"[xy]\d+", name) and name not in pairs]
-    lacking = [name for name in (TIME, *pairs) if name not in names]
-    if strange or lacking or not count:
-        said = f"the column {lacking[0]!r} is missing" if lacking else f"{strange or 'none'} of keypoints"
+    lines = _lines(path)
+    number, first = next(lines, (0, ""))
+    if not number:
         raise FileFormatError(
-            f"{path}: a recording has the columns {TIME}, x0, y0, x1, y1, ... along the cable; "
-            f"{said}; it has {_listed(names)}"
+            f"{path}: the file is empty, but must have a line of column names and a line for each row"
         )
-    given = [name for name in POSES if name in names]
-    if given and len(given) < len(POSES):
-        raise FileFormatError(
-            f"{path}: of the columns {', '.join(POSES)} there must be all or none, got {_listed(given)}"
-        )
-    _require_count(path, count, len(table))
-    columns: dict[str, list[str]] = {"times": [TIME], "keypoints": pairs}
-    columns |= {"poses": list(POSES)} if given else {}
-    columns |= {"episode": [EPISODE]} if EPISODE in names else {}
+    names = _cells(path, number, first)
+    at, columns = {name: k for k, name in enumerate(names)}, _columns(path, names)
+    read = [at[column] for each in columns.values() for column in each]
+    numbers, values = array("q"), array("d")
+    for number, line in lines:
+        cells = _cells(path, number, line)
+        if len(cells) != len(names):
+            raise FileFormatError(f"{path}: line {number}: must have {len(names)} values, got {len(cells)}")
+        numbers.append(number)
+        values.extend(_number(cells[k], path, number, names[k]) for k in read)
+    count = len(columns["keypoints"]) // 2
+    _require_count(path, count, len(numbers))
     shapes = {"times": (-1,), "keypoints": (-1, count, 2), "poses": (-1, 2, 3), "episode": (-1,)}
-    arrays = {
-        name: table[:, [names.index(column) for column in each]].reshape(shapes[name]) for name, each in columns.items()
-    }
+    parts = np.split(np.array(values).reshape(len(numbers), -1), np.cumsum([len(each) for each in columns.values()]), 1)
+    arrays = {name: part.reshape(shapes[name]) for name, part in zip(columns, parts, strict=False)}
     known = {column for each in columns.values() for column in each}
     arrays |= {name: np.empty(0) for name in names if name not in known}
 
     def place(name: str, row: int, *index: int) -> str:
         column = columns[name][int(np.ravel_multi_index(index, shapes[name][1:])) if index else 0]
-        return f"line {lines[row]}: {column}"
+        return f"line {numbers[row]}: {column}"
 
     return arrays, place
 
 
-def _table(path: Path) -> tuple[list[int], list[str], Float[np.ndarray, "m k"]]:
-    """Numbers of the lines, names of the columns, and the values; NaN where one is empty."""
+def _columns(path: Path, names: list[str]) -> dict[str, list[str]]:
+    """Names of the columns of each array, in order."""
+    known, most = set(names), KEYPOINTS[1]
+    if len(known) < len(names):
+        twice = next(name for name, count in Counter(names).items() if count > 1)
+        raise FileFormatError(f"{path}: the column {shown(twice)} stands twice")
+    coordinates = {name for name in names if re.fullmatch(r"[xy]\d+", name)}
+    pairs = [f"{axis}{k}" for k in range(min(most, (len(coordinates) + 1) // 2)) for axis in "xy"]
+    lacking = [name for name in (TIME, *pairs) if name not in known]
+    strange = sorted(coordinates.difference(pairs))
+    if lacking or strange or not pairs:
+        said = (
+            f"{lacking[0]!r} is missing"
+            if lacking
+            else f"{shown(strange)} are too many"
+            if strange
+            else "none is there"
+        )
+        raise FileFormatError(
+            f"{path}: a recording has the columns {TIME}, x0, y0, x1, y1, ... along the cable, of at most {most} "
+            f"keypoints; {said}; it has {_listed(names)}"
+        )
+    given = [name for name in POSES if name in known]
+    if given and len(given) < len(POSES):
+        raise FileFormatError(
+            f"{path}: of the columns {', '.join(POSES)} there must be all or none, got {_listed(given)}"
+        )
+    columns = {"times": [TIME], "keypoints": pairs, "poses": given, "episode": [EPISODE] if EPISODE in known else []}
+    return {name: each for name, each in columns.items() if each}
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """The lines that are neither empty nor comments, with their numbers."""
     try:
         text = read_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise FileFormatError(f"{path}: not text in UTF-8") from None
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"]
-    if not lines:
-        raise FileFormatError(
-            f"{path}: the file is empty, but must have a line of column names and a line for each row"
-        )
+    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
+        if line.strip() and line[0] != "#":
+            yield number, line
+
+
+def _cells(path: Path, number: int, line: str) -> list[str]:
     try:
-        names, *rows = ([cell.strip() for cell in row] for row in csv.reader((line for _, line in lines), strict=True))
+        return [cell.strip() for cell in next(csv.reader([line], strict=True))]
     except csv.Error as error:
-        raise FileFormatError(f"{path}: not a table of comma-separated values: {one_line(error)}") from None
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise FileFormatError(f"{path}: the column {shown(twice)} stands twice")
-    numbers = [number for number, _ in lines[1:]]
-    if len(rows) != len(numbers):
-        raise FileFormatError(f"{path}: not a table of comma-separated values: a quoted text goes over several lines")
-    wanted = {k for k, name in enumerate(names) if re.fullmatch(r"[xy]\d+", name) or name in (TIME, EPISODE, *POSES)}
-    table = np.full((len(rows), len(names)), np.nan)
-    for place, (number, row) in enumerate(zip(numbers, rows, strict=True)):
-        if len(row) != len(names):
-            raise FileFormatError(f"{path}: line {number}: must have {len(names)} values, got {len(row)}")
-        table[place] = [
-            _number(f"{path}: line {number}: {names[k]}", cell) if cell and k in wanted else np.nan
-            for k, cell in enumerate(row)
-        ]
-    return numbers, names, table
+        raise FileFormatError(f"{path}: line {number}: not comma-separated values: {one_line(error)}") from None
 
 
-def _number(where: str, cell: str) -> float:
+def _number(cell: str, path: Path, line: int, column: str) -> float:
+    """The number in a cell; NaN in an empty one."""
     try:
-        return float(cell)
+        return float(cell or "nan")
     except ValueError:
-        raise FileFormatError(f"{where} must be a number or empty, got {shown(cell)}") from None
+        raise FileFormatError(f"{path}: line {line}: {column} must be a number or empty, got {shown(cell)}") from None
