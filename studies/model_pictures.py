@@ -96,7 +96,7 @@ def comparison_figure(folder: Path) -> Figure:
 def training_figure(folder: Path, name: str = "T, plain") -> Figure:
     """Validation error of the plain transformer after each epoch, for trainings of more and more epochs."""
     figure = style.new_figure(style.SINGLE, HEIGHT + AXIS + 0.1)
-    ax = style.add_axes(figure, LEFT, AXIS, style.SINGLE - LEFT - 0.8, HEIGHT)
+    ax = style.add_axes(figure, LEFT, AXIS, style.SINGLE - LEFT - 1.0, HEIGHT)
     style.curve_axes(ax, "epoch", "validation error, one step [mm]", whole=True)
     paths = {5: model_path(folder, name, 0)} | {
         epochs: model_path(folder, f"{name}-{epochs}", 0) for epochs, wanted in LONGER.items() if name in wanted

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from recorded import moved_aside, moved_plan, perfect_rollout
 
 from cableway.benchmark.episode import Result
@@ -14,8 +16,9 @@ from cableway.benchmark.summary import machine
 from cableway.figures.stages import followers_figure
 from cableway.figures.style import save_figure
 from cableway.planning.config import PlannerConfig
+from cableway.scene.files.loading import task_names
 from cableway.tang2025.control.mpc_config import MPCConfig
-from cableway.tang2025.reproduction import paper, reproduction
+from cableway.tang2025.reproduction import case_studies, paper, reproduction
 from cableway.tang2025.reproduction.page import (
     Picture,
     Section,
@@ -133,3 +136,17 @@ def test_cables_that_follow_one_plan_are_drawn_with_their_errors():
     lines = {line.get_label(): np.asarray(line.get_ydata(), float) for line in figure.axes[1].get_lines()}
     assert lines["aside"][-1] == pytest.approx(20.0 * np.sqrt(len(task.goal)), rel=0.05)
     assert lines["true"][-1] < 0.05 * lines["aside"][-1]
+
+
+def test_error_and_clearance_over_time_count_what_succeeded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A run each, drawn whether it succeeded or not."""
+    task, plan = moved_plan()
+    perfect = perfect_rollout(task, plan)
+    done = {name: SimpleNamespace(task=task, rollout=perfect, success=name != "maze-1") for name in task_names()}
+    monkeypatch.setattr(case_studies, "solve", lambda task: done[task.name])
+    drawn: list[Figure] = []
+    section = case_studies.over_time(tmp_path, lambda figure, path: drawn.append(figure), lambda words, share: None)
+    assert f"{len(done) - 1} of {len(done)} succeed" in section.text
+    (figure,) = drawn
+    assert len(figure.axes) == 2 * len(done)
+    assert section.pictures[0].file == "over-time.png"
