@@ -15,7 +15,7 @@ from cableway.control.rod_mpc import RodMPC, RodMPCConfig
 from cableway.core.errors import InputError
 from cableway.core.files import read_arrays
 from cableway.estimation.rod_filter import EstimatorConfig
-from cableway.figures.rollout import rollout_figure
+from cableway.figures.rollout import estimates_figure
 from cableway.records import Rollout
 from cableway.report import summarize
 from cableway.rod.material import PARAMETERS
@@ -96,11 +96,11 @@ def test_the_report_says_what_was_found(rollout: Rollout) -> None:
     assert dict(summarize(TASK, PLAN, same).rows())["estimates"].startswith("none of 15 estimates")
 
 
-def test_the_picture_has_a_panel_for_them(rollout: Rollout) -> None:
+def test_they_have_a_picture_where_one_moved(rollout: Rollout) -> None:
     assert rollout.estimates is not None
-    figure = rollout_figure(TASK, rollout)
-    without = rollout_figure(TASK, replace(rollout, estimates=None, deviations=None))
-    assert len(figure.axes) == len(without.axes) + 1
-    curve = next(line for line in figure.axes[-1].lines if str(line.get_label()).startswith("length "))
+    assert estimates_figure(replace(rollout, estimates=None, deviations=None)) is None
+    figure = estimates_figure(rollout)
+    assert figure is not None
+    curve = next(line for line in figure.axes[0].lines if str(line.get_label()).startswith("length "))
     np.testing.assert_allclose(curve.get_ydata(), (rollout.estimates[:, 0] - 0.3) / 0.006)
     assert str(curve.get_label()).startswith("length 305.8 ± 1.")
