@@ -46,6 +46,7 @@ from cableway.scene.task import Task
 from cableway.simulation.plant import CableSimulator
 from cableway.tang2025.planning.chain import PaperChain
 from cableway.tang2025.planning.config import PaperPlannerConfig, paper_planner
+from cableway.tang2025.planning.deformation import GUESSES
 from cableway.tasks.generation import random_task
 from cableway.tracking import track
 from cableway.verification import verify_rollout
@@ -60,7 +61,7 @@ ALPHAS = (0.5, 0.25, 0.1)
 SWEEP = tuple(
     BASE | changed
     for changed in (
-        *({"alpha": alpha, "guess": guess} for alpha in ALPHAS for guess in ("uniform", "head", "tail")),
+        *({"alpha": alpha, "guess": guess} for alpha in ALPHAS for guess in GUESSES),
         {"gamma": 0.01}, {"sharpness": 2.0},
     )
 )  # fmt: skip
@@ -69,8 +70,8 @@ iterations are needed follows from what Ipopt used."""
 
 
 COLUMNS = (
-    "tries", "paths free", "converged", "led", "success [%]", "with feedback [%]",
-    "iterations, median / 90% / most",
+    "tasks", "α", "γ", "a", "first guess", "tries", "no path in an obstacle", "converged", "open loop [%]",
+    "feedback [%]", "iterations, median / most",
 )  # fmt: skip
 
 
@@ -102,12 +103,13 @@ def attempt(task: Task, seed: int, config: PaperPlannerConfig, pivot: Float[np.n
         return row
     shapes, stages = chain.deformation(setting_of(config)["guess"])
     ended = stages.metadata["ipopt"]
-    row |= {"status": ended["status"], "used": ended["iterations"], "converged": ended["converged"]}
+    row |= {name: ended[name] for name in ("status", "energy", "converged")} | {"used": ended["iterations"]}
     projected = project(shapes, task, config.projection)
     plan = Plan(projected.shapes, projected.poses)
     for led, controller in (("open loop", OpenLoop()), ("feedback", JacobianFeedback())):
         rollout = track(CableSimulator(task), controller, plan, seed=seed)
-        outcome = judge(task, rollout, rollout_verdict=verify_rollout(rollout, task))[0]
+        # a plug is not inserted here, only led to its place before the port
+        outcome = judge(replace(task, port=None), rollout, rollout_verdict=verify_rollout(rollout, task))[0]
         row[led] = {
             "outcome": outcome.value,
             "error": rollout.shape_error(task.goal),
@@ -160,40 +162,45 @@ def run(file: Path, wanted: Iterable[tuple[str, Any, int, dict[str, Any]]]) -> N
             print(json.dumps(row), flush=True)
 
 
-def table(files: Iterable[Path]) -> Iterator[str]:
-    """A row for each setting and file: how many tries got how far."""
-    columns = ("tasks", *BASE, *COLUMNS)
-    yield f"| {' | '.join(columns)} |"
-    yield "|" + "---|" * len(columns)
-    for file in files:
+def table(folder: Path) -> Iterator[str]:
+    """A row for each setting of the sweep, all kinds of tasks together, and for each suite."""
+    suites = {file.stem.removeprefix("suite-"): [file] for file in sorted(folder.glob("suite-*.jsonl"))}
+    kinds = sorted(set(folder.glob("*.jsonl")) - {file for files in suites.values() for file in files})
+    yield f"| {' | '.join(COLUMNS)} |"
+    yield "|" + "---|" * len(COLUMNS)
+    for label, files in {" + ".join(file.stem for file in kinds): kinds, **suites}.items():
         groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-        for row in lines(file):
-            groups.setdefault(tuple(row[name] for name in BASE), []).append(row)
-        for setting, rows in groups.items():
-            yield f"| {file.stem} | {' | '.join(map(str, setting))} | {figures(rows)} |"
+        for row in with_least_energy([row for file in files for row in lines(file)]):
+            groups.setdefault((row["alpha"], row["gamma"], row["sharpness"], row["guess"]), []).append(row)
+        for (alpha, gamma, sharpness, guess), rows in sorted(groups.items(), key=lambda group: group[0][:3]):
+            yield f"| {label} | {alpha:g} | {gamma:g} | {sharpness:g} | {guess} | {figures(rows)} |"
+
+
+def with_least_energy(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows, and for each setting with all three first guesses the one that "least-energy" takes."""
+    alike: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        alike.setdefault(tuple(row[name] for name in ("task", "seed", *BASE) if name != "guess"), []).append(row)
+    best = (
+        min(each, key=lambda row: (not row.get("converged"), row.get("energy", 0.0)))
+        for each in alike.values()
+        if len(each) == len(GUESSES)
+    )
+    return rows + [row | {"guess": "least-energy"} for row in best]
 
 
 def figures(rows: list[dict[str, Any]]) -> str:
     """The cells of a setting."""
     tasks = [row["task"] for row in rows]
-    free, converged, led = (
-        sum(bool(test(row)) for row in rows)
-        for test in (
-            lambda row: row.get("paths", 0) > 0,
-            lambda row: row.get("converged"),
-            lambda row: row.get("open loop success"),
-        )
-    )
-    shares = [
-        share([row["success"] for row in rows], tasks),
-        share([bool(row.get("converged") and row.get("feedback success")) for row in rows], tasks),
-    ]
-    intervals = [
-        f"{100 * good.value:.0f} ({100 * good.low:.0f} to {100 * good.high:.0f})" for good in shares if good is not None
-    ]
+    free = sum(row.get("paths", 0) > 0 for row in rows)
     used = [row["used"] for row in rows if row.get("converged")]
-    spread = f"{np.median(used):.0f} / {np.quantile(used, 0.9):.0f} / {max(used)}" if used else "-"
-    return " | ".join(map(str, (len(rows), free, converged, led, *intervals, spread)))
+    shares = [
+        share([bool(row.get("converged") and row.get(f"{led} success")) for row in rows], tasks)
+        for led in ("open loop", "feedback")
+    ]
+    intervals = [f"{100 * s.value:.0f} ({100 * s.low:.0f} to {100 * s.high:.0f})" for s in shares if s is not None]
+    spread = f"{np.median(used):.0f} / {max(used)}" if used else "-"
+    return " | ".join(map(str, (len(rows), free, len(used), *intervals, spread)))
 
 
 def main() -> None:
@@ -206,7 +213,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT)
     options = parser.parse_args()
     if options.do == "table":
-        print("\n".join(table(sorted(options.out.glob("*.jsonl")))))
+        print("\n".join(table(options.out)))
     elif options.do == "frozen":
         episodes = get_suite(options.of).episodes(options.size)
         setting = setting_of(paper_planner())

@@ -17,7 +17,7 @@ from cableway.verification import VerificationLimits
 PivotMethod = Literal["grid", "rrt_star"]
 InitialName = Literal[
     "corridor", "tube", "slide-head", "slide-tail", "anywhere", "restarts",
-    "head", "tail", "uniform", "straight", "previous",
+    "head", "tail", "uniform", "least-energy", "straight", "previous",
 ]  # fmt: skip
 
 
@@ -54,9 +54,9 @@ class PlannerConfig:
             equilibria about the pivot path ("corridor"), about the shapes of "slide-head" ("tube") or all over
             ("anywhere"); the cable sliding along one curve, its right ("slide-head") or left end leading
             ("slide-tail"); "tube" and "corridor" begun anew with more and more samples ("restarts"); each keypoint
-            going straight to its goal ("straight"). Three more are the paper's, and need the extra `tang2025`: the
+            going straight to its goal ("straight"). Four more are the paper's, and need the extra `tang2025`: the
             deformation optimised along the path set from a first guess in which the right end ("head"), the left end
-            ("tail") or neither leads ("uniform").
+            ("tail") or neither leads ("uniform"), and of these three the one of least energy ("least-energy").
         projection: How an initial trajectory becomes a sequence of equilibria.
         limits: What a plan must keep.
     """

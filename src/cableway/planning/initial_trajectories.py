@@ -27,11 +27,11 @@ from cableway.scene.task import Task
 
 Progress = Callable[[str, float], None]
 
-PIVOTED: tuple[InitialName, ...] = ("corridor", "head", "tail", "uniform")
-"""The initial trajectories that follow a pivot path, and so keep to its homotopy class."""
-
-DEFORMED: tuple[InitialName, ...] = ("head", "tail", "uniform")
+DEFORMED: tuple[InitialName, ...] = ("head", "tail", "uniform", "least-energy")
 """Those that the chain of Tang et al. makes, by the end that leads in its first guess."""
+
+PIVOTED: tuple[InitialName, ...] = ("corridor", *DEFORMED)
+"""The initial trajectories that follow a pivot path, and so keep to its homotopy class."""
 
 RESTARTS: tuple[tuple[InitialName, int], ...] = tuple(
     (name, samples) for samples in (12_000, 24_000, 48_000, 96_000) for name in ("tube", "corridor")

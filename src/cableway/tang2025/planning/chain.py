@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +17,7 @@ from cableway.planning.routes.passages import find_passages
 from cableway.records import PaperStages
 from cableway.scene.task import Task
 from cableway.tang2025.planning.config import PaperPlannerConfig
-from cableway.tang2025.planning.deformation import Guess, optimize_deformation
+from cableway.tang2025.planning.deformation import GUESSES, Guess, optimize_deformation
 from cableway.tang2025.planning.path_set import PathSet, generate_path_set
 
 
@@ -48,16 +49,22 @@ class PaperChain:
         self.progress("path set", 1.0)
         return paths
 
-    def deformation(self, guess: Guess) -> tuple[Float[np.ndarray, "t n 2"], PaperStages]:
+    def deformation(self, guess: Guess | Literal["least-energy"]) -> tuple[Float[np.ndarray, "t n 2"], PaperStages]:
         """The shapes [m] optimised from a first guess, and all that was made on the way, with how Ipopt ended.
+
+        From "least-energy" it is the one of least energy of those from all three first guesses.
 
         Raises:
             PlanningError: Ipopt failed.
         """
         paths = self.path_set
         self.progress("initial trajectory", 0.0)
-        made = optimize_deformation(paths, self.task.cable, self.config.deformation, guess)
+        tried = [
+            optimize_deformation(paths, self.task.cable, self.config.deformation, each)
+            for each in (GUESSES if guess == "least-energy" else (guess,))
+        ]
+        made = min(tried, key=lambda made: (not made.converged, made.energy))
         self.progress("initial trajectory", 1.0)
-        ended = {"status": made.status, "iterations": made.iterations, "converged": made.converged}
-        made_by = {"ipopt": ended}
+        kept = ("guess", "energy", "status", "iterations", "converged")
+        made_by = {"ipopt": {name: getattr(made, name) for name in kept}}
         return made.shapes, PaperStages(paths.pivot, paths.passages, paths.paths, made.progress, metadata=made_by)

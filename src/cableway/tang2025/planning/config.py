@@ -87,10 +87,13 @@ class PaperPlannerConfig(PlannerConfig):
 
 
 def paper_planner() -> PaperPlannerConfig:
-    """The values and variants of the paper (table of key hyperparameters), and nothing else."""
+    """The values and variants of the paper (table of key hyperparameters), and nothing else.
+
+    What the paper leaves open was chosen by `studies/tang2025_settings.py`: alpha, first guess and iterations.
+    """
     return PaperPlannerConfig(
         pivot=PivotConfig(method="rrt_star"),
-        path_set=PathSetConfig(kind="transfer"),
+        path_set=PathSetConfig(kind="transfer", spread=0.25),
         deformation=DeformationConfig(
             near_stiffness=2.0,
             far_stiffness=1.0,
@@ -100,7 +103,7 @@ def paper_planner() -> PaperPlannerConfig:
             interpolation="sigmoid",
             iterations=1000,
         ),
-        initial_trajectories=("uniform",),
+        initial_trajectories=("least-energy",),
         projection=ProjectionConfig(kind="none"),
     )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import scipy.sparse
@@ -25,6 +25,7 @@ from cableway.tang2025.planning.path_set import PathSet
 from cableway.tang2025.planning.springs import Springs, pattern
 
 Guess = Literal["head", "tail", "uniform"]
+GUESSES: tuple[Guess, ...] = get_args(Guess)
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class DeformationSequence:
     Attributes:
         shapes: (T+1, n, 2) [m].
         progress: (T+1, n): sigma of each keypoint along its path, 0 at the start, 1 at the goal, never falling.
+        energy: What was made least [J]: the springs' energy of all shapes together.
+        guess: The first guess.
         status: Ipopt's return code.
         iterations: How many it took.
         converged: Whether the sequence is a local minimum; else it is Ipopt's last iterate.
@@ -41,6 +44,8 @@ class DeformationSequence:
 
     shapes: Float[np.ndarray, "t n 2"]
     progress: Float[np.ndarray, "t n"]
+    energy: float
+    guess: Guess
     status: str
     iterations: int
     converged: bool
@@ -105,7 +110,8 @@ def optimize_deformation(
     sigma = np.maximum.accumulate(np.clip(at(found.x), 0.0, 1.0), axis=0)
     shapes = curves(sigma)[0]
     shapes[0], shapes[-1] = path_set.paths[:, 0], path_set.paths[:, -1]
-    return DeformationSequence(shapes, sigma, found.status, found.iterations, found.converged)
+    energy = springs.value(sigma, curves) * springs.rest**2
+    return DeformationSequence(shapes, sigma, energy, guess, found.status, found.iterations, found.converged)
 
 
 def first_guess(path_set: PathSet, cable: Cable, config: DeformationConfig, guess: Guess) -> Float[np.ndarray, "t n"]:
