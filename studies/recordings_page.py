@@ -1,6 +1,6 @@
 """What a `cableway evaluate` left, as a page of the documentation with its data beside it.
 
-    .venv/bin/python studies/recordings_page.py runs/evaluate/report.json yu2d "Cables of Yu et al." COMMAND
+    .venv/bin/python studies/recordings_page.py runs/evaluate/report.json yu2d "Cables of Yu et al." COMMAND [NOTE]
 
 Writes `docs/results/NAME.md` and `docs/results/NAME.json`: the figures at 1, 5, 10 and 20 steps with their intervals, a
 table for each data set. With `-` for the report the page is made anew from the data that is there.
@@ -39,7 +39,7 @@ def rows(errors: dict[str, Any]) -> list[tuple[str, ...]]:
     return found
 
 
-def data_of(report: dict[str, Any], title: str, command: str) -> dict[str, Any]:
+def data_of(report: dict[str, Any], title: str, command: str, note: str) -> dict[str, Any]:
     """What the page shows, and where it is from."""
     sets = {Path(name).stem: each for name, each in report["data"].items()}
     sections = [
@@ -49,6 +49,7 @@ def data_of(report: dict[str, Any], title: str, command: str) -> dict[str, Any]:
     return {
         "title": title,
         "command": command,
+        "note": note,
         "commits": {report["commit"] or "": len(sets)},
         "versions": report["versions"],
         "sections": sections,
@@ -65,7 +66,7 @@ def page(about: dict[str, Any], name: str) -> str:
     )
     return (
         f"# {about['title']}\n\nMade by `{about['command']}`, {commits_text(about['commits'])}; the same figures: "
-        f"[{name}.json]({name}.json). Versions: {versions}.\n\nStacked error after so many steps of open-loop "
+        f"[{name}.json]({name}.json). {about['note']} Versions: {versions}.\n\nStacked error after so many steps of open-loop "
         f"prediction, with {LEVEL:.0%} intervals by resampling episodes. *Above blend* is the mean difference to the "
         f"rigid blend in the same windows: below 0 the model predicts better.\n\n{tables}"
     )
@@ -78,12 +79,13 @@ def main() -> None:
     parser.add_argument("name")
     parser.add_argument("title", nargs="?", default="")
     parser.add_argument("command", nargs="?", default="")
+    parser.add_argument("note", nargs="?", default="")
     given = parser.parse_args()
     data = RESULTS / f"{given.name}.json"
     if given.report == Path("-"):
         about = json.loads(data.read_text())
     else:
-        about = data_of(json.loads(given.report.read_text()), given.title, given.command)
+        about = data_of(json.loads(given.report.read_text()), given.title, given.command, given.note)
         write_json(data, about)
     write_text(RESULTS / f"{given.name}.md", page(about, given.name))
 
