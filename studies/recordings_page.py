@@ -66,8 +66,9 @@ def page(about: dict[str, Any], name: str) -> str:
     )
     return (
         f"# {about['title']}\n\nMade by `{about['command']}`, {commits_text(about['commits'])}; the same figures: "
-        f"[{name}.json]({name}.json). {about['note']} Versions: {versions}.\n\nStacked error after so many steps of open-loop "
-        f"prediction, with {LEVEL:.0%} intervals by resampling episodes. *Above blend* is the mean difference to the "
+        f"[{name}.json]({name}.json). {about['note']} Versions: {versions}.\n\n"
+        f"Stacked error after so many steps of open-loop prediction, with {LEVEL:.0%} intervals by resampling "
+        f"episodes. *Above blend* is the mean difference to the "
         f"rigid blend in the same windows: below 0 the model predicts better.\n\n{tables}"
     )
 
