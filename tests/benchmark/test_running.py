@@ -182,7 +182,7 @@ def test_the_command_runs_resumes_and_leaves_everything(
 ):
     monkeypatch.setattr("cableway.benchmark.gate.LEAST_ERROR", 1e-6)  # the run's own is just above it
     command = ["bench", "unconstrained", "--methods", f"{FILE}:SOUND,{FILE}:RAISES", "--episodes", EPISODE.name,
-               "--out", str(folder), "--workers", "1", "--json"]  # fmt: skip
+               "--out", str(folder), "--workers", "1", "--json", "--vector", "svg"]  # fmt: skip
     before = result_path(job("sound"), folder).stat().st_mtime_ns
     with unheld_writes(folder) as found:
         assert main(command) == 0
@@ -203,7 +203,15 @@ def test_the_command_runs_resumes_and_leaves_everything(
     assert f"failures/unconstrained/raises/{EPISODE.name}.png" in page
     rows = (folder / "results.csv").read_text().splitlines()
     assert len(rows) == 3
-    for name in ("tables.md", "success.png", "errors.png", "summary.json", "baseline.json"):
+    for name in (
+        "tables.md",
+        "success.png",
+        "success.svg",
+        "errors.png",
+        "errors.svg",
+        "summary.json",
+        "baseline.json",
+    ):
         assert (folder / name).stat().st_size > 100
     assert main([*command, "--against", str(folder / "baseline.json")]) == 0
     better = json.loads((folder / "baseline.json").read_text())
