@@ -132,7 +132,12 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
         return watch.avoid(loop, contact) if watch is not None else Ending(Outcome.BLOCKED_WAY, held_up(contact))
     if watch is None:
         return ending
-    if ending is None and not loop.waits and watch.is_lost(loop.observation, loop.recent_references, loop.task):
+    closing_in = watch.is_closing_in(loop.observation, loop.plan, loop.state.progress, loop.task)
+    if (
+        ending is None
+        and not loop.waits
+        and (closing_in or watch.is_lost(loop.observation, loop.recent_references, loop.task))
+    ):
         return watch.avoid(loop, None)
     if (
         ending is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -49,6 +50,12 @@ FORESEEN = 3
 
 FOLDING = 5.0
 """Stability margin below which the estimated cable would soon snap to another shape."""
+
+AHEAD = 2
+"""Control steps by which clearance is extrapolated: a frame is late, and grippers take a step to stop."""
+
+NEAR = 0.006
+"""Clearance [m] so extrapolated from which a cable that is as much nearer than its plan is about to touch something."""
 
 ROWS_APART = 4
 """Rows of the plan from one that is looked at to the next."""
@@ -128,6 +135,7 @@ class Watch:
         self._rest = max(1, math.ceil(recovery.rest / control_step))
         self._off = 0
         self._checked: tuple[Plan, Scene, Float[np.ndarray, "t"]] | None = None
+        self._recent: deque[float] = deque(maxlen=AHEAD + 1)
         self.recovered: list[float] = []
         self._steps, self._foreseen = 0, 0
         self._foresight = max(1, math.ceil(recovery.foresight / control_step))
@@ -172,15 +180,31 @@ class Watch:
             self._off = self._off + 1 if far or close else 0
         return self._off >= self._patience
 
+    def is_closing_in(self, observation: Observation, plan: Plan, progress: float, task: Task) -> bool:
+        """Whether the cable, unlike its plan, is about to touch something, as the last frames show it in full.
+
+        Its clearance goes on as in the last `AHEAD` control steps, for as many.
+        """
+        self._recent.append(_clearance(observation, task))
+        if len(self._recent) <= AHEAD or not np.isfinite(self._recent).all():
+            return False
+        now, row = self._recent[-1], round(progress * plan.steps)
+        planned = float(self._kept(task, plan)[max(0, row - AHEAD) : row + 1].min())
+        return 2 * now - self._recent[0] < NEAR and planned - now - swing(task) > NEAR
+
     def is_off_goal(self, observation: Observation, plan: Plan, task: Task) -> bool:
         """Whether the cable came to rest away from where the plan ends; hidden keypoints do not count."""
         return _mean(_distances(observation, plan.shapes[-1], task)) - swing(task) > self._recovery.goal
 
     def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
         """Whether what is left of a plan after a share of it leads into something."""
+        return float(self._kept(task, plan)[round(progress * plan.steps) :].min()) < -self._recovery.room
+
+    def _kept(self, task: Task, plan: Plan) -> Float[np.ndarray, "t"]:
+        """Clearance [m] of each row of a plan."""
         if self._checked is None or self._checked[0] is not plan or self._checked[1] != task.scene:
             self._checked = plan, task.scene, clearances(plan.shapes, plan.poses, task).min(axis=1)
-        return float(self._checked[2][round(progress * plan.steps) :].min()) < -self._recovery.room
+        return self._checked[2]
 
     def avoid(self, loop: Loop, contact: Contact | None) -> Ending | None:
         """Stop and look, go back from something that nobody knew of, and replan round where it seems to be.
@@ -271,6 +295,7 @@ class Watch:
             LOGGER.info("at %.1f s: no new plan: %s", loop.time, error)
             return Ending(failed, str(error))
         self._off = 0
+        self._recent.clear()
         self.recovered.append(loop.time)
         LOGGER.info("from %.1f s on: a new plan of %d steps", loop.time, loop.plan.steps)
         return None
@@ -357,7 +382,10 @@ def _mean(distances: Float[np.ndarray, "k"]) -> float:
 
 
 def _clearance(observation: Observation, task: Task) -> float:
-    """Of the observed cable and the grippers [m]; infinite where a keypoint or a gripper pose is missing."""
-    if not (np.isfinite(observation.keypoints).all() and poses_usable(observation)):
+    """Of the observed cable and the grippers [m]; infinite where a keypoint is missing or no cable can have it, or a
+    gripper pose is missing.
+    """
+    keypoints = connected(observation.keypoints, task.cable)
+    if not (np.isfinite(keypoints).all() and poses_usable(observation)):
         return math.inf
-    return float(clearances(observation.keypoints[None], observation.poses[None], task).min())
+    return float(clearances(keypoints[None], observation.poses[None], task).min())
