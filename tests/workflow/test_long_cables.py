@@ -76,7 +76,7 @@ def test_slow_grippers_lead_a_cable_that_swings() -> None:
 def test_what_is_put_down_to_a_swing_is_bounded() -> None:
     """However slowly a cable swings, it is no more than 35 mm from its plan by that."""
     slow = replace(random_task(301, "clutter").cable, length=10.0, bending_stiffness=1e-6)
-    assert slow.frequency < 1e-4
+    assert slow.frequency < 1e-3
     assert swing(replace(scaled(random_task(301, "clutter"), 10.0 / 0.3), cable=slow)) < 0.035
 
 
