@@ -173,7 +173,7 @@ def _end_workers(others: set[Any]) -> None:
 
 @contextmanager
 def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator[Executor]:
-    """Processes of which each can be ended, and is made again where it died; at the end none is waited for."""
+    """Processes of which each can be ended, and is made again where it died."""
     import pebble
 
     count = workers or cores()
@@ -188,9 +188,14 @@ def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator
 
     try:
         yield Executor(submit, count)
-    finally:
+        pool.close()
+        pool.join()
+    except BaseException:
         pool.stop()
         _end_workers(before)  # before the pool takes its locks away, or a worker that still begins fails aloud
+        raise
+    finally:  # again, where that was interrupted
+        pool.stop()
         pool.join()
 
 
