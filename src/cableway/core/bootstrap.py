@@ -52,9 +52,7 @@ def intervals(
 def _quantiles(
     values: Float[np.ndarray, "n"], index: np.ndarray, picks: np.ndarray, shares: Float[np.ndarray, "s"]
 ) -> Float[np.ndarray, "r s"]:
-    """Quantiles of the values in each resample, as `np.quantile` has them of values that stand there as often as their
-    group was picked.
-    """
+    """Quantiles of the values in each resample, a value counting as often as its group was picked."""
     order, groups = np.argsort(values), picks.shape[1]
     rows = max(1, AT_ONCE // len(values))
     found = []
@@ -62,11 +60,6 @@ def _quantiles(
         some = picks[start : start + rows]
         weights = np.stack([np.bincount(each, minlength=groups) for each in some])
         below = np.cumsum(weights[:, index[order]], axis=1)
-        last = below[:, -1:] - 1
-        at = last * shares
-        lower, upper = (
-            values[order][np.stack([np.sum(below <= each, axis=1) for each in np.split(rank, len(shares), axis=1)], 1)]
-            for rank in (np.floor(at), np.minimum(np.floor(at) + 1, last))
-        )
-        found.append(lower + (at - np.floor(at)) * (upper - lower))
+        places = [np.sum(below < share * below[:, -1:], axis=1) for share in shares]
+        found.append(values[order][np.stack(places, axis=1)])
     return np.concatenate(found)
