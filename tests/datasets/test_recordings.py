@@ -347,3 +347,15 @@ def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path, name, content
         load_transitions(tmp_path / name)
     assert len(str(caught.value)) < 500
     assert "\n" not in str(caught.value)
+
+
+def test_an_angle_that_jumps_by_a_turn_is_interpolated_through_it(tmp_path):
+    """As robots report angles; the rows are not at the steps, so that one step lies in the jump."""
+    arrays = cable(np.arange(0.0, 3.0, 0.07))
+    jumping = {name: array.copy() for name, array in arrays.items()}
+    jumping["poses"][23:, 0, 2] += 2 * np.pi
+    plain, found = (
+        load_transitions(write(tmp_path / "a.npz", arrays)),
+        load_transitions(write(tmp_path / "b.npz", jumping)),
+    )
+    np.testing.assert_allclose(found.actions, plain.actions, atol=1e-12)
