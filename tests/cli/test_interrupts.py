@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from importlib.machinery import ExtensionFileLoader
+from multiprocessing import synchronize
 from pathlib import Path
 from typing import Any
 
@@ -234,3 +236,27 @@ def test_an_extension_module_is_loaded_to_its_end(cableway: Command, monkeypatch
     monkeypatch.setattr("cableway.cli.commands.parse", load)
     assert cableway("tasks") == (130, "", "cableway: interrupted\n")
     assert seen == ["loaded"]
+
+
+def test_a_lock_that_is_collected_is_taken_away_whole(cableway: Command, monkeypatch: pytest.MonkeyPatch):
+    """Nobody receives an exception there, and the half of it that is left is warned of as the process ends."""
+    done, taken_away = [], synchronize.sem_unlink
+
+    def unlink(name: str) -> None:
+        taken_away(name)
+        os.kill(os.getpid(), signal.SIGTERM)
+        done.append("unlinked")
+
+    monkeypatch.setattr(synchronize, "sem_unlink", unlink)
+    monkeypatch.setattr("multiprocessing.resource_tracker.register", lambda name, kind: None)
+    monkeypatch.setattr("multiprocessing.resource_tracker.unregister", lambda name, kind: done.append("unregistered"))
+
+    def collect(_: object) -> None:
+        lock: list[object] = [multiprocessing.get_context("spawn").Lock()]
+        lock.clear()
+        time.sleep(READY)
+        done.append("went on")
+
+    monkeypatch.setattr("cableway.cli.commands.parse", collect)
+    assert cableway("tasks") == (143, "", "cableway: terminated\n")
+    assert done == ["unlinked", "unregistered"]

@@ -18,8 +18,16 @@ GRACE = 1.0
 interrupted all the same. As often it is looked whether something swallowed the interrupt, as a bare `except` does."""
 
 
-LOADING = 0.05
-"""Time [s] after which it is looked again whether an extension module is loaded, so that the interrupt may come."""
+AGAIN = 0.05
+"""Time [s] after which it is looked again whether what runs may be interrupted."""
+
+WHOLE = {
+    ("multiprocessing.synchronize", "SemLock.__init__"),
+    ("multiprocessing.synchronize", "SemLock._cleanup"),
+    ("multiprocessing.util", "Finalize.__call__"),
+}
+"""Modules and functions that make a lock which processes share, or take it away, mostly as the lock is collected: where
+an exception comes out of them, it is lost, and the lock is warned of as the process ends."""
 
 CONTINUES = "and the same command continues from there"
 
@@ -109,10 +117,10 @@ class Interrupts:
             self._held = False
         held, first = self._held, not self.came
         self.came = self.came or number
-        loading = bool(_ALARMS) and _is_loading(frame)
+        later = bool(_ALARMS) and _breaks(frame)
         if first:
-            _set_alarm(LOADING if loading and not held else GRACE)
-        if loading or (held and first):
+            _set_alarm(AGAIN if later and not held else GRACE)
+        if later or (held and first):
             return
         raise Interrupted
 
@@ -126,11 +134,16 @@ def _set_alarm(seconds: float) -> None:
         signal.setitimer(signal.ITIMER_REAL, seconds, seconds)
 
 
-def _is_loading(frame: FrameType | None) -> bool:
-    """Whether an extension module is being loaded, which an exception from the Python that it calls may crash."""
-    while frame is not None and not isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
+def _breaks(frame: FrameType | None) -> bool:
+    """Whether an exception would break what runs now: an extension module that is loaded may crash where one comes out
+    of the Python that it calls, and there is what must be done whole, `WHOLE`.
+    """
+    while frame is not None:
+        place = frame.f_globals.get("__name__"), frame.f_code.co_qualname
+        if place in WHOLE or isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
+            return True
         frame = frame.f_back
-    return frame is not None
+    return False
 
 
 def _is_handled() -> bool:
