@@ -20,8 +20,8 @@ from cableway.core.files import write_bytes, write_text
 from cableway.tang2025.reproduction import case_studies, reproduction
 from cableway.tang2025.reproduction.page import Section
 
-TRANSITIONS = 10000
-"""Of each data set that models are compared on, as of `--size full`."""
+TRANSITIONS, TUNING = 10000, 25000
+"""Of each data set that models are compared on, and fine-tuned on, as of `--size full`."""
 
 
 def sections(folder: Path) -> list[Section]:
@@ -33,7 +33,7 @@ def sections(folder: Path) -> list[Section]:
     return [
         reproduction.planning(folder, save),
         case_studies.over_time(folder, save, progress),
-        reproduction.prediction(folder, TRANSITIONS, progress, save),
+        reproduction.prediction(folder, TRANSITIONS, TUNING, progress, save),
         case_studies.one_plan(folder, save),
         case_studies.tracking(folder, save),
         case_studies.insertion(folder, 1, progress, save),

@@ -240,7 +240,7 @@ def test_an_extension_module_is_loaded_to_its_end(cableway: Command, monkeypatch
 
 def test_a_lock_that_is_collected_is_taken_away_whole(cableway: Command, monkeypatch: pytest.MonkeyPatch):
     """Nobody receives an exception there, and the half of it that is left is warned of as the process ends."""
-    done, taken_away = [], synchronize.sem_unlink
+    done, taken_away = [], vars(synchronize)["sem_unlink"]
 
     def unlink(name: str) -> None:
         taken_away(name)

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 PAGE, TEXT, DATA = "reproduction.html", "reproduction.md", "reproduction.json"
 
-SIZES = {"quick": ("quick", 2000, 1, 3), "full": ("standard", 10000, 7, 16)}
-"""For each size: that of the suites, transitions for each cable, repetitions of what is timed, and trials of the
-insertion."""
+SIZES = {"quick": ("quick", 2000, 2000, 1, 3), "full": ("standard", 10000, 25000, 7, 16)}
+"""For each size: that of the suites, transitions for each cable, and for fine-tuning, repetitions of what is timed, and
+trials of the case studies."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,16 +70,17 @@ class Reproduce(EpisodeOptions):
 
     def _configuration(self) -> dict[str, Any]:
         """What was run, with the seeds that no list of a suite has."""
-        from cableway.tang2025.reproduction import case_studies, reproduction
+        from cableway.tang2025.reproduction import identification, reproduction
 
-        suites, transitions, repeats, trials = SIZES[self.size]
+        suites, transitions, tuning, repeats, trials = SIZES[self.size]
         return {
             "methods": {suite: list(methods) for suite, methods in reproduction.RUNS.items()},
             "suites": suites,
             "transitions": transitions,
+            "fine_tuning_transitions": tuning,
             "repetitions": repeats,
             "trials": trials,
-            "data_seeds": [reproduction.DATA_SEED, case_studies.DATA_SEED],
+            "data_seeds": [reproduction.DATA_SEED, identification.IDENTIFICATION_SEED, identification.TUNING_SEED],
         }
 
     def _jobs(self) -> list[Job]:
@@ -99,16 +100,17 @@ class Reproduce(EpisodeOptions):
     def _sections(self, results: Results, folder: Path, progress: OnProgress) -> list[Section]:
         from cableway.tang2025.reproduction import case_studies, reproduction
 
-        _, transitions, repeats, trials = SIZES[self.size]
+        _, transitions, tuning, repeats, trials = SIZES[self.size]
         progress("figures", 0.0)
         return [
             reproduction.hyperparameters(),
             reproduction.planning(folder, self.draw),
             reproduction.simulated(results),
             case_studies.over_time(folder, self.draw, progress),
-            reproduction.prediction(folder, transitions, progress, self.draw),
+            reproduction.prediction(folder, transitions, tuning, progress, self.draw),
             reproduction.unconstrained(results),
             reproduction.summary(results),
+            case_studies.mazes(trials, progress),
             case_studies.one_plan(folder, self.draw),
             case_studies.tracking(folder, self.draw),
             case_studies.silicone(folder, transitions, trials, progress),

@@ -99,6 +99,14 @@ def test_a_model_that_is_right_already_is_left_alone(observed):
     assert eqx.tree_equal(state.model, GRADED)
 
 
+def test_the_paper_takes_whatever_comes_out(observed):
+    """Of a model that is right already, too."""
+    state = fed(start_adaptation(GRADED, config=AdaptationConfig.paper()), observed, range(100))
+    assert state.accepted >= 1
+    assert state.refused == 0
+    assert not eqx.tree_equal(state.model, GRADED)
+
+
 def test_what_does_not_help_is_refused(observed):
     demanding = AdaptationConfig(improvement=0.999)
     state = fed(start_adaptation(NOMINAL, config=demanding), observed, range(100))

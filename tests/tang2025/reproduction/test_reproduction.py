@@ -74,23 +74,25 @@ def test_unconstrained_control_is_told_by_cable_and_by_method():
     other = [replace(each, method="broyden", shape_error=0.02) for each in usb]
     section = reproduction.unconstrained({"lab-unconstrained": {"cableway": usb + rubber, "broyden": other}})
     cables, methods = rows(section), rows(section, 1)
-    assert (cables["usb"]["n"], cables["usb"]["below 3 cm"]) == ("2", "2/2")
-    assert cables["usb"]["ours, mean (95%) [cm]"].startswith("0.20 (")
+    assert (cables["usb"]["simulated: n"], cables["usb"]["below 3 cm"]) == ("2", "2/2")
+    assert cables["usb"]["mean ± SD [cm]"] == "0.20 ± 0.10"
+    assert cables["usb"]["95% of the mean"] == "0.10 to 0.30"
     assert cables["rubber"]["below 3 cm"] == "0/1"
-    assert cables["paracord"]["n"] == "0"
-    assert methods["broyden"]["paper [cm]"] == spread(paper.CONTROL_BY_METHOD["broyden"])
-    assert methods["cableway"]["n"] == "2"
+    assert cables["paracord"]["simulated: n"] == "0"
+    assert methods["broyden"]["hardware: mean ± SD, paper [cm]"] == spread(paper.CONTROL_BY_METHOD["broyden"])
+    assert methods["cableway"]["simulated: n"] == "2"
 
 
 def test_the_summary_takes_the_papers_cables_together_and_the_others_apart():
     usual = [result("lab-constrained", "real-single~usb-0.34", 0.001 * k) for k in range(1, 19)]
     cotton = [result("lab-constrained", "real-single~cotton-0.22", 0.05, clearance=-0.001)]
-    lines = reproduction.summary({"lab-constrained": {"cableway": usual + cotton}}).tables[0].rows
+    drawn = [result("lab-drawn", "real-single~cotton-0.22", 0.01), result("lab-drawn", "real-maze~usb-0.17", 0.02)]
+    found = {"lab-constrained": {"cableway": usual + cotton}, "lab-drawn": {"cableway": drawn}}
+    lines = reproduction.summary(found).tables[0].rows
     single = [line for line in lines if line[0] == "real-single"]
-    assert [line[1] for line in single] == ["as in the paper", "cotton"]
-    assert single[0][5] == f"{reproduction.TRIALS}/{reproduction.TRIALS}"
-    assert single[1][5] == "0/1"
-    assert single[1][-1] == "-0.10"
+    assert [line[1] for line in single] == ["as in the paper", "all seven, drawn", "cotton"]
+    assert [line[5] for line in single] == [f"{reproduction.TRIALS}/{reproduction.TRIALS}", "1/1", "0/1"]
+    assert single[2][-1] == "-0.10"
 
 
 def test_pages_hold_every_section_and_escape_what_they_show():

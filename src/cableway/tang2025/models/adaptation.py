@@ -5,8 +5,8 @@ where the model has one, else the last layer of its decoder, as Tang et al. free
 only where it predicts the held-back blocks far better than the model in use.
 
 Note:
-    The paper fine-tunes its decoder and keeps whatever comes out. Replay of earlier data, held-back data and the
-    bound on outliers are ours.
+    The paper fine-tunes its decoder and keeps whatever comes out, as `AdaptationConfig.paper()` does. Replay of earlier
+    data, held-back data and the bound on outliers are ours.
 """
 
 from __future__ import annotations
@@ -77,24 +77,30 @@ class AdaptationConfig(Checked):
         held_windows: Most held-back blocks.
         enough: Error on held-back blocks, in lengths of the cable, below which nothing is changed: what a hundred
             transitions of one or two motions show of smaller errors often holds for these motions only.
-        improvement: Share of the error on held-back blocks that a change must take away. One that explains only part
-            of it, say by stiffness in place of friction, often predicts other motions worse.
+        improvement: Share of the error on held-back blocks that a change must take away; where None, every change is
+            taken. One that explains only part of it, say by stiffness in place of friction, often predicts other
+            motions worse.
     """
 
     windows: Positive[int] = 48
     held_windows: Positive[int] = 8
     enough: NotNegative[float] = 0.01
-    improvement: NotNegative[float] = 0.92
+    improvement: NotNegative[float] | None = 0.92
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 <= self.improvement < 1:
+        if self.improvement is not None and not self.improvement < 1:
             raise InputError(f"adaptation.improvement must be from 0 to below 1, got {self.improvement!r}")
 
     @classmethod
     def for_network(cls) -> AdaptationConfig:
         """Settings for a network: its last layer is drawn to its training data, so it changes and explains less."""
         return cls(enough=0.005, improvement=0.5)
+
+    @classmethod
+    def paper(cls) -> AdaptationConfig:
+        """As in Tang et al.: whatever comes out is taken, however small the error was."""
+        return cls(enough=0.0, improvement=None)
 
 
 @dataclass(frozen=True)
@@ -194,7 +200,8 @@ def adapt(state: AdaptationState, transitions: Transitions) -> AdaptationState:
         batch = Windows(*(jnp.concatenate(parts) for parts in zip(batch, state.replay, strict=True)))
     candidate = fit(state.model, batch, state.first)
     after = np.asarray(_errors(candidate, test), float)[: len(chosen)]
-    if np.isfinite(after).all() and _explained(before, after, limit) > config.improvement:
+    better = config.improvement is None or _explained(before, after, limit) > config.improvement
+    if np.isfinite(after).all() and better:
         return replace(state, model=candidate, accepted=state.accepted + 1)
     return replace(state, refused=state.refused + 1)
 

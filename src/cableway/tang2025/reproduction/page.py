@@ -89,13 +89,13 @@ def _made_at(about: Mapping[str, Any]) -> str:
 
 def reproduction_text(sections: Sequence[Section], about: Mapping[str, Any]) -> str:
     """The same as Markdown."""
-    machine, (first, second) = about["machine"], about["configuration"]["data_seeds"]
+    machine, seeds = about["machine"], ", ".join(map(str, about["configuration"]["data_seeds"]))
     made = (
         f"Made by `cableway reproduce --size {about['size']}`, {_made_at(about)}. Versions: "
         f"{', '.join(f'{package} {version}' for package, version in about['versions'].items())}. Machine: "
         f"{machine['system']}, {machine['processor']}, {machine['cores']} cores, ten million additions in a plain "
         f"Python loop take {machine['ten_million_additions']} s. Seeds: of episodes, those in their suites' lists; of "
-        f"data sets, {first} and {second}; of other trials, counted from 0."
+        f"data sets, {seeds}; of other trials, counted from 0."
     )
     parts = ["# The paper's tables and figures, and ours\n", "\n".join(textwrap.wrap(made, 120)) + "\n"]
     for section in sections:

@@ -18,6 +18,9 @@ CONTROL_BY_CABLE: dict[str, Spread] = {
 }
 """Error [cm] of unconstrained control with the T-DM, ten trials for each cable, table "Deformation Control Results"."""
 
+TRIALS_OF_CONTROL = 10
+"""Trials for each cable in that table."""
+
 CONTROL_BY_METHOD: dict[str, Spread] = {
     "broyden": (2.56, 1.53),
     "bdm-mpc": (2.12, 0.73),
