@@ -62,7 +62,7 @@ def test_check_agrees(folder):
 
 
 def test_the_same_in_python(folder):
-    """The calls of the README give the rollout that the command gave, bit for bit."""
+    """The calls of the tutorial give the rollout that the command gave, bit for bit."""
     task = cw.load_task(folder / "own.yaml")
     plan = cw.plan(task, seed=1)
     rollout = cw.track(cw.CableSimulator(task), cw.RodMPC(), plan)
