@@ -260,3 +260,24 @@ def test_a_lock_that_is_collected_is_taken_away_whole(cableway: Command, monkeyp
     monkeypatch.setattr("cableway.cli.commands.parse", collect)
     assert cableway("tasks") == (143, "", "cableway: terminated\n")
     assert done == ["unlinked", "unregistered"]
+
+
+@pytest.mark.parametrize("moment", ["__enter__", "__exit__"])
+def test_a_signal_just_before_or_after_the_command_ends_it_in_one_sentence(
+    cableway: Command, monkeypatch: pytest.MonkeyPatch, moment: str
+):
+    """While the handlers are there, but nobody receives an exception yet, or any more."""
+    manager = contextlib._GeneratorContextManager
+    method, sent = getattr(manager, moment), []
+
+    def signalled(self: Any, *given: object) -> object:
+        ours = self.gen.__qualname__ == "Interrupts.handled" and not sent
+        done = method(self, *given) if moment == "__enter__" else None
+        if ours:
+            sent.append(moment)
+            os.kill(os.getpid(), signal.SIGTERM)
+        return done if moment == "__enter__" else method(self, *given)
+
+    monkeypatch.setattr(manager, moment, signalled)
+    assert cableway("--version")[::2] == (143, "cableway: terminated\n")
+    assert sent == [moment]

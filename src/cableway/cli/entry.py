@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("MUJOCO_GL", "disable")
     with INTERRUPTS.handled(last=argv is None):
         try:
-            sentence, status = _run(list(sys.argv[1:] if argv is None else argv))
+            sentence, status = INTERRUPTS.carry_out(lambda: _run(list(sys.argv[1:] if argv is None else argv)))
         except BaseException as error:  # an interrupt comes out of an import as whatever the module makes of it
             if not (INTERRUPTS.came or isinstance(error, KeyboardInterrupt)):
                 raise

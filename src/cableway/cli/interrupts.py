@@ -9,9 +9,11 @@ import threading
 from collections.abc import Callable, Iterator
 from importlib.machinery import ExtensionFileLoader
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 from cableway.core.errors import CablewayError
+
+T = TypeVar("T")
 
 GRACE = 1.0
 """Time [s] within which what is held must look at `Interrupts.came`; after that, or at a second signal, it is
@@ -56,7 +58,7 @@ class Interrupts:
     def __init__(self) -> None:
         self.came = 0
         self.kept: Callable[[], str] = _nothing
-        self._held = False
+        self._held = self._raises = False
 
     @property
     def status(self) -> int:
@@ -74,12 +76,12 @@ class Interrupts:
 
     @contextlib.contextmanager
     def handled(self, last: bool) -> Iterator[None]:
-        """Signals that come meanwhile raise `Interrupted` in the main thread.
+        """Signals that come meanwhile are noted, and raise `Interrupted` in the main thread where `carry_out` is.
 
         Args:
             last: Whether the process ends afterwards, so that signals from then on mean nothing.
         """
-        self.came, self.kept, self._held = 0, _nothing, False
+        self.came, self.kept, self._held, self._raises = 0, _nothing, False, False
         if threading.current_thread() is not threading.main_thread():
             yield
             return
@@ -95,6 +97,20 @@ class Interrupts:
                 signal.signal(number, signal.SIG_IGN if last else handler)
             if not last:
                 sys.unraisablehook = unraisable
+
+    def carry_out(self, command: Callable[[], T]) -> T:
+        """What a command returns.
+
+        Raises:
+            Interrupted: A signal came, before it or meanwhile; one that comes afterwards, nobody would receive.
+        """
+        try:
+            self._raises = True
+            if self.came:
+                raise Interrupted
+            return command()
+        finally:
+            self._raises = False
 
     def hold(self) -> None:
         """From now on what runs looks at `came` itself, so that it can end in order."""
@@ -120,7 +136,7 @@ class Interrupts:
         later = bool(_ALARMS) and _breaks(frame)
         if first:
             _set_alarm(AGAIN if later and not held else GRACE)
-        if later or (held and first):
+        if later or (held and first) or not self._raises:
             return
         raise Interrupted
 
