@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import synchronize
 from pathlib import Path
 
 import pytest
@@ -140,3 +141,21 @@ def test_a_worker_in_the_midst_of_a_kernel_ends_when_it_is_told_to():
         os.kill(worker.pid, signal.SIGTERM)
         worker.join(60)
         assert worker.exitcode == -signal.SIGTERM
+
+
+def test_a_pools_locks_are_not_taken_away_as_its_threads_end(monkeypatch: pytest.MonkeyPatch):
+    """Where the process ends soon after, they would be stopped in the midst of it."""
+    taken_away, unlinked = vars(synchronize)["sem_unlink"], list[str]()
+
+    def unlink(name: str) -> None:
+        taken_away(name)
+        unlinked.append(threading.current_thread().name)
+
+    executors._LAST.clear()
+    monkeypatch.setattr(synchronize, "sem_unlink", unlink)
+    for others in (set[str](), {threading.main_thread().name}):
+        with executors.open_executor("local", 2) as executor:
+            assert executor.submit(abs, (-3,), None).result() == 3
+            assert set(unlinked) == others
+            unlinked.clear()
+        assert not unlinked

@@ -25,6 +25,10 @@ from cableway.core.logs import log_file, log_to
 PATIENCE = 4.0
 """Wall time that an isolated local call may take, in units of its limit of processor time."""
 
+_LAST: deque[tuple[Any, ...]] = deque(maxlen=1)
+"""Queues of the last local pool. Without them a thread that ends with the pool would take its locks away, and the end
+of the process would stop it in the midst of that: the resource tracker then warns of a leak."""
+
 Result = TypeVar("Result")
 Call = TypeVar("Call", bound=tuple[Any, ...])
 
@@ -145,6 +149,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
         return
     before = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), begin_worker, (log_file(),))
+    _LAST.append(tuple(getattr(pool, name, None) for name in ("_call_queue", "_result_queue")))
 
     def submit(function: Callable[..., Any], arguments: tuple[Any, ...], _: float | None) -> Any:
         with _deaf_to_interrupts():
