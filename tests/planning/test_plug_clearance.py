@@ -50,11 +50,11 @@ def test_the_slope_of_the_shortfall_is_that_of_differences(task: Task):
 
 def test_the_gradient_of_the_refinement_has_the_plug_in_it(task: Task):
     q = np.linspace(task.start_equilibrium, task.goal_equilibrium, 30)
-    problem = _Problem(task, TrajectoryOptimizationConfig(), 1.0, len(q))
+    problem = _Problem(task, TrajectoryOptimizationConfig(), 1.0, q)
     normal = problem.linearise(q)
     assert normal.cost == pytest.approx(problem.cost(q), rel=1e-12)
     bare = replace(task, plug=None, port=None)
-    assert normal.cost > _Problem(bare, TrajectoryOptimizationConfig(), 1.0, len(q)).cost(q)
+    assert normal.cost > _Problem(bare, TrajectoryOptimizationConfig(), 1.0, q).cost(q)
     direction, h = np.random.default_rng(1).normal(size=q.shape) * [0.01, 0.01, 0.1, 1, 1, 0.3], 1e-6
     numeric = (problem.cost(q + h * direction) - problem.cost(q - h * direction)) / (2 * h)
     assert np.sum(normal.gradient * direction) == pytest.approx(numeric, rel=2e-3)

@@ -6,6 +6,7 @@ Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
     + 1/2 w sum_t sum_i max(0, margin - clearance_{t,i})^2 / e^2                           stations, gripper discs, plug
     + 1/2 sum_t sum_i max(0, room - clearance_{t,i})^2 / f^2                               more, where there is room
     + 1/2 sum_t max(0, mu_0 - mu_t)^2 / d^2                                                stability
+    + 1/2 sum_t max(0, tension_t - tension_0)^2 / h^2                                      the cable not taut
     + 1/2 sum_t max(0, span_t/L - span_0)^2 / g^2                                          slack, gripper separation
     + 1/2 sum_t sum_j max(0, |sin turn_{t,j}| - turn_0)^2 / b^2                            sharpest bend
     + small pulls on the loads and on their differences,
@@ -20,7 +21,7 @@ Note:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -50,6 +51,11 @@ LOAD_STEP_SCALE = 1.0
 
 STABILITY_SCALE = 2.0
 """Of the shortfall of the stability margin."""
+
+TENSION, TENSION_SCALE = 40.0, 5.0
+"""Force along the rod at its centre, in EI/L^2, from which it counts as taut, and the scale of what is beyond. The room
+asked for would stretch the cable to 200 in narrow bends, and under tension small errors of the model turn into large
+motions of the grippers; plans in clutter stay below 40."""
 
 SPAN_SCALE = 0.005
 """Of the excess of the gripper span, over L."""
@@ -95,11 +101,6 @@ class TrajectoryOptimizationConfig:
     tolerance: float = 1e-4
 
 
-TENSION = 60.0
-"""Force along the rod at its centre, in EI/L^2, beyond which it is taut: plans in clutter stay below 40, plans that the
-room asked for stretches through bends of 50 mm reach 200."""
-
-
 @dataclass
 class _Normal:
     """Gradient (T+1, d) and the blocks (T+1, d, d) of the normal matrix on the diagonal and the two above it."""
@@ -121,50 +122,36 @@ def optimize_trajectory(
 ) -> Float[np.ndarray, "t d"]:
     """The sequence moved to a local minimum of the cost above; its first and last row stay.
 
-    Where the room asked for pulls the cable taut, as it does in narrow bends, no more than the margin is asked for:
-    under tension small errors of the model turn into large motions of the grippers.
-
     Args:
         q: (T+1, d) rod coordinates with angles that run on, T at least 2.
         task: The task; its cable, grippers and scene.
         config: Weights and margins.
         progress: Called with the share that is done; it may raise to stop.
     """
-    if config.room <= config.margin:
-        return _optimized(q, task, config, progress)
-    roomy = _optimized(q, task, config, lambda share: progress(share / 2))
-    along = task.cable.rod.loads.start
-    if roomy[:, along].max() > max(TENSION, q[[0, -1], along].max()):
-        without = replace(config, room=config.margin)
-        return _optimized(q, task, without, lambda share: progress((1 + share) / 2))
-    progress(1.0)
-    return roomy
-
-
-def _optimized(
-    q: Float[np.ndarray, "t d"],
-    task: Task,
-    config: TrajectoryOptimizationConfig,
-    progress: Callable[[float], None],
-) -> Float[np.ndarray, "t d"]:
     stages = len(CLEARANCE_WEIGHTS)
     for stage, weight in enumerate(CLEARANCE_WEIGHTS):
 
         def report(share: float, stage: int = stage) -> None:
             progress((stage + share) / stages)
 
-        q = _levenberg_marquardt(q, _Problem(task, config, weight, len(q)), report)
+        q = _levenberg_marquardt(q, _Problem(task, config, weight, q), report)
     return q
 
 
 class _Problem:
-    def __init__(self, task: Task, config: TrajectoryOptimizationConfig, weight: float, rows: int) -> None:
+    """The cost of the rows of `q`, of which the first and the last stay."""
+
+    def __init__(
+        self, task: Task, config: TrajectoryOptimizationConfig, weight: float, q: Float[np.ndarray, "t d"]
+    ) -> None:
         self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
-        first, second = _squared_differences(rows, 1), _squared_differences(rows, 2)
+        first, second = _squared_differences(len(q), 1), _squared_differences(len(q), 2)
         self.smooth = tuple(a / STEP_SCALE**2 + b / CHANGE_SCALE**2 for a, b in zip(first, second, strict=True))
         self.loads = tuple(band / LOAD_STEP_SCALE**2 for band in first)
         self.load_units = self.rod.units[self.rod.loads]
         self.sharpest = config.bend_share * sharpest_turn_of(task)
+        self.along = self.rod.loads.start
+        self.tension = max(TENSION, float(q[[0, -1], self.along].max()))
         self.clearance_scale = np.sqrt(weight) / CLEARANCE_SCALE
         self.room, self.bodies = max(config.margin, config.room), BodyPoints.of(task)
 
@@ -175,7 +162,8 @@ class _Problem:
         loads = q[:, self.rod.loads] / self.load_units
         total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
         total += 0.5 * np.sum(loads**2) / LOAD_SCALE**2
-        residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), self._stability(q))
+        by_load = (self._stability(q), self._tension(q))
+        residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), *by_load)
         total += sum(0.5 * np.sum(value**2) for value, _ in residuals) + 0.5 * np.sum(self._bends(stations) ** 2)
         return float(total)
 
@@ -204,7 +192,11 @@ class _Problem:
         short, slope = self._clearance(stations)
         lack, dlack = self._stability(q)
         inner = np.concatenate([dstations[:, 1:-1]] * 2, axis=1)
-        residuals = [(short, np.einsum("tsk,tski->tsi", slope, inner)), (lack[:, None], dlack[:, None])]
+        residuals = [
+            (short, np.einsum("tsk,tski->tsi", slope, inner)),
+            (lack[:, None], dlack[:, None]),
+            self._tension(q),
+        ]
         for value, by_poses in (self._span(poses), self._bodies(poses)):
             residuals.append((value, np.einsum("tckj,tkji->tci", by_poses, dposes)))
         if np.isfinite(self.sharpest):
@@ -237,6 +229,12 @@ class _Problem:
     def _stability(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lack, slope = terms.stability_shortfall(self.rod, q, self.config.stability_wanted)
         return lack / STABILITY_SCALE, slope / STABILITY_SCALE
+
+    def _tension(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Excess (t, 1) of the force along the rod, and its slopes (t, 1, d)."""
+        over, slope = np.maximum(0.0, q[:, None, self.along] - self.tension), np.zeros((len(q), 1, q.shape[1]))
+        slope[:, 0, self.along] = over[:, 0] > 0
+        return over / TENSION_SCALE, slope / TENSION_SCALE
 
     def _span(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Excess and shortfall (t, 2) of the gripper span, and their slopes by the poses."""
