@@ -10,7 +10,7 @@ from quasi_static import GOAL, START, QuasiStaticPlant, outward, straight_plan, 
 from cableway.control.open_loop import OpenLoop
 from cableway.core.errors import PlanningError
 from cableway.motion.clearance import clearances
-from cableway.outcome import Outcome
+from cableway.outcome import KEYPOINTS, Outcome
 from cableway.records import Observation, Plan
 from cableway.rod.inverse import nearest_shapes
 from cableway.rod.planar import PlanarRod
@@ -82,3 +82,10 @@ def test_it_is_stopped_before_it_touches() -> None:
     stopped = track(plant, OpenLoop(), PLAN, recovery=Recovery(replan=nowhere))
     assert stopped.outcome in (Outcome.LEFT_PLAN, Outcome.BLOCKED_WAY)
     assert stopped.least_clearance > 0.002
+
+
+def test_a_cable_that_rests_almost_a_failure_away_from_its_goal_is_led_on_while_it_comes_closer() -> None:
+    watch = Watch(Recovery(replan=nowhere), CONTROL_STEP)
+    for stacked, missed in ((0.02, False), (0.029, True), (0.028, False), (np.nan, False), (0.025, True)):
+        shape = PLAN.shapes[-1] + [stacked / np.sqrt(KEYPOINTS), 0.0]
+        assert watch.is_off_goal(Observation(0.0, shape, PLAN.poses[-1]), PLAN, TASK) == missed, stacked
