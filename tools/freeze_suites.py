@@ -23,6 +23,7 @@ from cableway.geometry.convex import polyline_distance
 from cableway.scene.files.loading import task_names
 from cableway.simulation.perturbations.variants import (
     FAULTS_SUITE,
+    LIMP_SUITE,
     PLANTS_SUITE,
     SENSING_SUITE,
     TABLE_SUITE,
@@ -58,6 +59,7 @@ PATTERNS = {
     "plants": ("clutter-{}",),
     "sensing": ("clutter-{}",),
     "table": tuple(kind for kind in ("clutter-{}", "dense-{}", "maze-{}@0.085") for _ in TABLE_SUITE),
+    "limp": tuple(kind for kind in ("clutter-{}", "dense-{}") for _ in LIMP_SUITE),
     "faults": tuple(kind for kind in ("clutter-{}", "corridor-{}@0.06") for _ in FAULTS_SUITE),
     "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
     "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
@@ -71,6 +73,7 @@ IN_TURN = {
     "plants": PLANTS_SUITE,
     "sensing": SENSING_SUITE,
     "table": TABLE_SUITE,
+    "limp": LIMP_SUITE,
     "faults": FAULTS_SUITE,
     "lengths": ("nominal",) * len(LENGTHS) + ("hard",) * len(LENGTHS),
     "lab-unconstrained": ("laid",),

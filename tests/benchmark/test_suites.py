@@ -77,6 +77,16 @@ def test_plants_of_two_seeds_differ_only_where_they_should():
         named_perturbation("harder", task)
 
 
+@pytest.mark.parametrize("number", [3, 300])
+def test_limp_cables_are_as_limp_as_their_name_says(number: int):
+    task = make_task("clutter-300")
+    plant = named_perturbation(f"limp-{number}", task)
+    assert plant.cable is not None
+    assert plant.table is not None
+    load = plant.table.friction * plant.cable.linear_density * 9.81 * plant.cable.length**3
+    assert load / plant.cable.bending_stiffness == pytest.approx(number, rel=0.01)
+
+
 def test_a_plant_can_be_named_as_in_old_files():
     with pytest.warns(DeprecationWarning, match="the plant 'seen-late' is now 'frames-late'"):
         assert variant("seen-late") is VARIANTS["frames-late"]

@@ -108,6 +108,8 @@ SUITES = {
               (17, 102, 1904)),
         Suite("sensing", 1, "clutter; noise, latency, lost frames and occlusion", "plant", (8, 104, 1000)),
         Suite("table", 1, "clutter, dense and mazes; the cable in space on a table", "plant", (12, 102, 306)),
+        Suite("limp", 1, "clutter and dense; cables from stiff to limp and heavy on a table with friction", "plant",
+              (10, 100, 500)),
         Suite("faults", 1, "clutter and corridors; faults of robot, camera, controller and scene", "plant",
               (20, 120, 520)),
         Suite("lengths", 1, "clutter; cables of 0.15 to 2 m, everything on the table scaled", "cable", (12, 96, 480)),

@@ -81,14 +81,20 @@ def suite_figures(suite: str, rows: Mapping[str, Sequence[Result]]) -> dict[str,
 
 
 def success_shares(about: Mapping[str, Any]) -> dict[str, dict[str, tuple[float, float, float]]]:
-    """Shares of success with the ends of their intervals, by suite and method, of what `summary` says."""
+    """Shares of success with the ends of their intervals, of what `summary` says: by suite and method, or by method and
+    group where there is one suite.
+    """
+    rows = {suite: found["methods"] for suite, found in about["suites"].items()}
+    if len(rows) == 1:
+        (methods,) = rows.values()
+        rows = {name: figures["groups"] for name, figures in methods.items()}
     return {
-        suite: {
+        panel: {
             name: (share["value"], share["low"], share["high"])
-            for name, figures in found["methods"].items()
+            for name, figures in found.items()
             if (share := figures["metrics"].get("success"))
         }
-        for suite, found in about["suites"].items()
+        for panel, found in rows.items()
     }
 
 

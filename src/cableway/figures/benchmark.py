@@ -20,7 +20,7 @@ def success_figure(shares: Mapping[str, Mapping[str, Share]]) -> Figure:
     """Shares of success: a panel for each suite, a row for each method; a row for each suite where there is one method.
 
     Args:
-        shares: By suite and method.
+        shares: By suite and method, or by method and group.
     """
     methods = list(dict.fromkeys(name for rows in shares.values() for name in rows))
     if len(methods) == 1:

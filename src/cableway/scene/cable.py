@@ -49,7 +49,7 @@ GRAVITY = 9.81
 """[m/s^2]."""
 
 FRICTION_RULES = 100.0
-"""`Cable.friction_number` from which friction holds the cable back by some 10 cm; by `studies/limp_cables.py`."""
+"""`Cable.friction_number` from which friction holds the cable back by some 10 cm; by the suite "limp"."""
 
 LOGARITHMIC = ("bending_stiffness", "damping_time", "stiffness_profile")
 """Fields drawn uniformly in their logarithm: what is known of them is a factor."""

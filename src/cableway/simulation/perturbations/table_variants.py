@@ -1,4 +1,4 @@
-"""Perturbations of the suite "table": another kind of cable in another simulator each."""
+"""Perturbations of the suites "table" and "limp": another kind of cable in another simulator each."""
 
 from __future__ import annotations
 
@@ -78,6 +78,19 @@ def _everything(cable: Cable, rng: np.random.Generator) -> dict[str, Any]:
     return {**_coiled(cable, rng), **_stiff_third(cable, rng), **_limp(cable, rng)}
 
 
+def _held_by_friction(number: float) -> Draw:
+    """A uniform cable whose bending stiffness gives it a `Cable.friction_number` on its table."""
+    uniform = on_a_table()
+
+    def draw(task: Task, rng: np.random.Generator) -> Perturbation:
+        drawn = uniform(task, rng)
+        assert drawn.cable is not None
+        stiffness = drawn.cable.bending_stiffness * drawn.friction_number(task) / number
+        return replace(drawn, cable=replace(drawn.cable, bending_stiffness=stiffness))
+
+    return draw
+
+
 TABLE_KINDS = {
     "table-uniform": Variant("the table plant, a uniform cable", on_a_table(), noisy=True),
     "table-coiled": Variant("the table plant, a coiled cable", on_a_table(cable=_coiled), noisy=True),
@@ -88,3 +101,10 @@ TABLE_KINDS = {
     "table-all": Variant("the table plant, all of these", on_a_table(cable=_everything, table=_rough), noisy=True),
 }  # fmt: skip
 """By name."""
+
+LIMP_KINDS = {
+    f"limp-{number}": Variant(f"the table plant, a uniform cable of mu rho g L^3 / EI = {number}",
+                              _held_by_friction(number), noisy=True)
+    for number in (3, 10, 30, 100, 300)
+}  # fmt: skip
+"""By name: from friction that hardly matters to friction that, not the grippers, decides the shape."""

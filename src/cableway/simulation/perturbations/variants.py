@@ -19,7 +19,7 @@ from cableway.simulation.perturbations.fault_variants import FAULT_KINDS
 from cableway.simulation.perturbations.grasp import GraspConfig
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
-from cableway.simulation.perturbations.table_variants import TABLE_KINDS
+from cableway.simulation.perturbations.table_variants import LIMP_KINDS, TABLE_KINDS
 from cableway.simulation.perturbations.variant import DISPLACEMENT, LAB, Draw, Variant, askew, obstacles_moved, offsets
 
 DRAWN_PER_SEED = ("laid", "drawn")
@@ -162,6 +162,7 @@ VARIANTS: dict[str, Variant] = {
     **_PLANTS,
     **_SENSING,
     **TABLE_KINDS,
+    **LIMP_KINDS,
     **FAULT_KINDS,
     "laid": Variant("the start off by 5 mm and 3 degrees, sensed as 'lab'",
                     lambda task, rng: Perturbation(sensing=LAB, start=offsets(rng, 0.005, 3.0)), noisy=True),
@@ -181,6 +182,9 @@ SENSING_SUITE = tuple(_SENSING)
 
 TABLE_SUITE = tuple(TABLE_KINDS)
 """Perturbations of the suite "table"."""
+
+LIMP_SUITE = tuple(LIMP_KINDS)
+"""Perturbations of the suite "limp"."""
 
 FAULTS_SUITE = tuple(FAULT_KINDS)
 """Perturbations of the suite "faults"."""
