@@ -25,6 +25,7 @@ from cableway.simulation.perturbations.variants import (
     FAULTS_SUITE,
     LIMP_SUITE,
     PLANTS_SUITE,
+    ROUGH_SUITE,
     SENSING_SUITE,
     TABLE_SUITE,
     VARIANTS,
@@ -57,6 +58,7 @@ LENGTHS = (0.15, 0.3, 0.6, 0.9, 1.2, 2.0)
 
 PATTERNS = {
     "plants": ("clutter-{}",),
+    "plants-rough": ("clutter-{}",),
     "sensing": ("clutter-{}",),
     "table": tuple(kind for kind in ("clutter-{}", "dense-{}", "maze-{}@0.085") for _ in TABLE_SUITE),
     "limp": tuple(kind for kind in ("clutter-{}", "dense-{}") for _ in LIMP_SUITE),
@@ -71,6 +73,7 @@ PATTERNS = {
 
 IN_TURN = {
     "plants": PLANTS_SUITE,
+    "plants-rough": ROUGH_SUITE,
     "sensing": SENSING_SUITE,
     "table": TABLE_SUITE,
     "limp": LIMP_SUITE,

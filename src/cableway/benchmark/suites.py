@@ -106,6 +106,7 @@ SUITES = {
         Suite("mazes", 1, "mazes with lanes of 70 and 85 mm", "kind", (6, 100, 1000), (6, 250, 1000)),
         Suite("plants", 1, "clutter; perturbed cable, grasp or table", "plant",
               (17, 102, 1904)),
+        Suite("plants-rough", 1, "as plants, with friction on the table", "plant", (17, 102, 510)),
         Suite("sensing", 1, "clutter; noise, latency, lost frames and occlusion", "plant", (8, 104, 1000)),
         Suite("table", 1, "clutter, dense and mazes; the cable in space on a table", "plant", (12, 102, 306)),
         Suite("limp", 1, "clutter and dense; cables from stiff to limp and heavy on a table with friction", "plant",

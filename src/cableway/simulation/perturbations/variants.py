@@ -25,6 +25,9 @@ from cableway.simulation.perturbations.variant import DISPLACEMENT, LAB, Draw, V
 DRAWN_PER_SEED = ("laid", "drawn")
 """Perturbations that depend on the seed of an episode, not on its task alone."""
 
+FRICTION = 0.3
+"""Coefficient between table and cable."""
+
 RENAMED = {"seen-late": "frames-late"}
 """New name of each old one, which files may still have."""
 
@@ -99,6 +102,16 @@ def _cable(**values: Any) -> Draw:
     return lambda task, _: Perturbation(cable=replace(task.cable, length=scale * task.cable.length, **values))
 
 
+def _on_friction(draw: Draw) -> Draw:
+    """With friction on the table besides."""
+
+    def rough(task: Task, rng: np.random.Generator) -> Perturbation:
+        drawn = draw(task, rng)
+        return replace(drawn, cable=replace(drawn.cable or task.cable, friction=FRICTION))
+
+    return rough
+
+
 def _sensed(**values: Any) -> Draw:
     return lambda task, _: Perturbation(sensing=SensingConfig(**values))
 
@@ -117,7 +130,7 @@ _PLANTS = {
     "tau-0.05": Variant("damping time 0.05 s", _cable(damping_time=0.05)),
     "tau-0.2": Variant("damping time 0.2 s", _cable(damping_time=0.2)),
     "tau-1.5": Variant("damping time 1.5 s", _cable(damping_time=1.5)),
-    "friction": Variant("friction 0.3 on the table", _cable(friction=0.3)),
+    "friction": Variant(f"friction {FRICTION} on the table", _cable(friction=FRICTION)),
     "start-off": Variant("the grippers start 10 mm and 5 degrees from the planned start",
                          lambda task, rng: Perturbation(start=offsets(rng, DISPLACEMENT, 5.0))),
     "short-1": Variant("1% short", _cable(scale=0.99)),
@@ -144,6 +157,13 @@ _PLANTS = {
 }  # fmt: skip
 
 
+_ROUGH = {
+    f"rough-{name}": Variant(f"friction {FRICTION}; {each.description}", _on_friction(each.draw), each.noisy)
+    for name, each in _PLANTS.items()
+    if name != "friction"
+}
+
+
 _SENSING = {
     "noise-1": Variant("1 mm of noise on keypoints", _sensed(keypoint_noise=0.001), noisy=True),
     "noise-2": Variant("2 mm of noise on keypoints", _sensed(keypoint_noise=0.002), noisy=True),
@@ -160,6 +180,7 @@ _SENSING = {
 VARIANTS: dict[str, Variant] = {
     "nominal": Variant("the task's cable", lambda task, _: Perturbation()),
     **_PLANTS,
+    **_ROUGH,
     **_SENSING,
     **TABLE_KINDS,
     **LIMP_KINDS,
@@ -176,6 +197,9 @@ VARIANTS: dict[str, Variant] = {
 
 PLANTS_SUITE = tuple(_PLANTS)
 """Perturbations of the suite "plants"."""
+
+ROUGH_SUITE = ("friction", *_ROUGH)
+"""The same with friction: perturbations of the suite "plants-rough"."""
 
 SENSING_SUITE = tuple(_SENSING)
 """Perturbations of the suite "sensing"."""
