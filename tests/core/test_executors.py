@@ -76,6 +76,23 @@ def test_workers_end_where_the_end_of_their_pool_is_interrupted(monkeypatch: pyt
         assert worker.exitcode is not None
 
 
+def test_a_pool_that_is_interrupted_as_it_ends_says_nothing(monkeypatch: pytest.MonkeyPatch):
+    """Its thread is slow and has calls left, and must not find closed what it still reads."""
+    failed = list[threading.ExceptHookArgs]()
+    monkeypatch.setattr(threading, "excepthook", failed.append)
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), executors.open_executor("local", 2) as pool:  # noqa: PT012
+            first, *_ = [pool.submit(time.sleep, (seconds,), None) for seconds in (0, 20, 20, 20)]
+            first.add_done_callback(lambda _: time.sleep(0.5))
+            first.result()
+            signal.setitimer(signal.ITIMER_REAL, 0.2)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    time.sleep(0.5)
+    assert not failed
+
+
 class _InterruptingBegin:
     """Interrupts the process that begins workers while it hands them this; another thread of it receives the signal."""
 

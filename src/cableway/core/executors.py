@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
@@ -24,6 +25,9 @@ from cableway.core.logs import log_file, log_to
 
 PATIENCE = 4.0
 """Wall time that an isolated local call may take, in units of its limit of processor time."""
+
+POLLED = 0.01
+"""Time [s] after which it is looked again whether workers have ended."""
 
 _LAST: deque[tuple[Any, ...]] = deque(maxlen=1)
 """Queues of the last local pool. Without them a thread that ends with the pool would take its locks away, and the end
@@ -157,7 +161,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
 
     try:
         yield Executor(submit, count)
-        pool.shutdown()  # here, so that workers end, too, where this is interrupted
+        _shut_down(pool, before)  # here, so that workers end, too, where this is interrupted
     except BrokenProcessPool:
         raise SimulationError(
             "a worker process died: out of memory, killed, or unable to import the main module "
@@ -167,7 +171,18 @@ def _local(workers: int | None) -> Iterator[Executor]:
         _end_workers(before)  # or they finish what they are at, for which nobody waits any more
         raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        _shut_down(pool, before)
+
+
+def _shut_down(pool: ProcessPoolExecutor, others: set[Any]) -> None:
+    """Call off what has not begun, and wait for all processes of this one but `others`.
+
+    Not for the pool's thread, as the pool would: before Python 3.13 one that is waited for counts as ended once the
+    wait is interrupted, and the pool closes what it still reads.
+    """
+    pool.shutdown(wait=False, cancel_futures=True)
+    while set(multiprocessing.active_children()) - others:
+        time.sleep(POLLED)
 
 
 def _end_workers(others: set[Any]) -> None:
