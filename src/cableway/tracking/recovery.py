@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
 
 from cableway.control.base import Contact
 from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
 from cableway.core.quantities import place
 from cableway.estimation.gating import LEAST_SHARE, connected, poses_usable
-from cableway.geometry.groups import SE2
 from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
@@ -28,6 +26,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOST, Loop
+from cableway.tracking.observed import at_rest, clearance, distances, mean, root_mean_square
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
 
@@ -166,7 +165,7 @@ class Watch:
 
     def is_elsewhere(self, observation: Observation, plan: Plan, task: Task) -> bool:
         """Whether the cable does not lie where its plan begins; hidden keypoints do not count."""
-        return _mean(_distances(observation, plan.shapes[0], task)) > self._recovery.start
+        return mean(distances(observation, plan.shapes[0], task)) > self._recovery.start
 
     def is_lost(self, observation: Observation, references: Float[np.ndarray, "k n 2"], task: Task) -> bool:
         """Whether the keypoints have been far from their reference for long enough; hidden ones do not count.
@@ -176,12 +175,12 @@ class Watch:
             references: (k, n, 2) where the cable should have been when the frame may have been taken [m].
             task: With the scene as it is known.
         """
-        each = [_distances(observation, reference, task) for reference in references]
-        distances = min(each, key=_mean)
-        if len(distances):
-            off = _mean(distances) - swing(task)
+        each = [distances(observation, reference, task) for reference in references]
+        nearest = min(each, key=mean)
+        if len(nearest):
+            off = mean(nearest) - swing(task)
             far = off > self._recovery.deviation
-            close = off > self._recovery.beside and _clearance(observation, task) < distances.max()
+            close = off > self._recovery.beside and clearance(observation, task) < nearest.max()
             self._off = self._off + 1 if far or close else 0
         return self._off >= self._patience
 
@@ -190,7 +189,7 @@ class Watch:
 
         Its clearance goes on as in the last `AHEAD` control steps, for as many.
         """
-        self._recent.append(_clearance(observation, task))
+        self._recent.append(clearance(observation, task))
         if len(self._recent) <= AHEAD or not np.isfinite(self._recent).all():
             return False
         now, row = self._recent[-1], round(progress * plan.steps)
@@ -202,7 +201,7 @@ class Watch:
 
         Hidden keypoints do not count.
         """
-        off = _root_mean_square(_distances(observation, plan.shapes[-1], task))
+        off = root_mean_square(distances(observation, plan.shapes[-1], task))
         if not self._recovery.goal + swing(task) < off < CLOSER * self._missed:
             return False
         self._missed = off
@@ -325,7 +324,7 @@ class Watch:
             return Ending(Outcome.NO_PLAN, "the robot reports no gripper poses")
         if np.isfinite(frames).any(axis=(0, 2)).mean() < LEAST_SHARE:
             return Ending(Outcome.NO_PLAN, "too little of the cable is observed")
-        return _at_rest(frames, loop.poses)
+        return at_rest(frames, loop.poses)
 
     def _plan_from(self, loop: Loop, keypoints: Float[np.ndarray, "n 2"], may_stay: bool) -> tuple[Task, Plan]:
         """A plan from there, and its task: for the cable as it turned out to be, or else for the task's own.
@@ -348,22 +347,6 @@ class Watch:
         return task, self._recovery.replan(task, loop.plan)
 
 
-def _at_rest(frames: list[Float[np.ndarray, "n 2"]], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:
-    """Where the cable came to rest [m].
-
-    The median of the later half of the frames, or of all where it has none; ends that are hidden are where the grippers
-    are, others on a curve through their neighbours.
-    """
-    keypoints = np.full_like(frames[0], np.nan)
-    for some in (frames, frames[len(frames) // 2 :]):
-        rows = np.array(some)
-        there = np.isfinite(rows).any(axis=0)
-        keypoints[there] = np.nanmedian(rows[:, there], axis=0)
-    keypoints[[0, -1]] = np.where(np.isfinite(keypoints[[0, -1]]), keypoints[[0, -1]], SE2.position(poses))
-    there = np.isfinite(keypoints[:, 0])
-    return PchipInterpolator(np.flatnonzero(there), keypoints[there])(np.arange(len(keypoints)))
-
-
 def _suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> list[Disc]:
     """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies.
 
@@ -380,29 +363,3 @@ def _suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task
         if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:
             return [Disc(center=(float(center[0]), float(center[1])), radius=radius)]
     return []
-
-
-def _distances(observation: Observation, shape: Float[np.ndarray, "n 2"], task: Task) -> Float[np.ndarray, "k"]:
-    """Of the observed keypoints from those of a shape [m], without those that no cable can have."""
-    distance = np.linalg.norm(connected(observation.keypoints, task.cable) - shape, axis=1)
-    return distance[np.isfinite(distance)]
-
-
-def _mean(distances: Float[np.ndarray, "k"]) -> float:
-    """NaN where there are none."""
-    return float(distances.mean()) if len(distances) else np.nan
-
-
-def _root_mean_square(distances: Float[np.ndarray, "k"]) -> float:
-    """NaN where there are none."""
-    return float(np.sqrt(np.mean(distances**2))) if len(distances) else np.nan
-
-
-def _clearance(observation: Observation, task: Task) -> float:
-    """Of the observed cable and the grippers [m]; infinite where a keypoint is missing or no cable can have it, or a
-    gripper pose is missing.
-    """
-    keypoints = connected(observation.keypoints, task.cable)
-    if not (np.isfinite(keypoints).all() and poses_usable(observation)):
-        return math.inf
-    return float(clearances(keypoints[None], observation.poses[None], task).min())

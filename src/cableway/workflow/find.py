@@ -232,8 +232,8 @@ def _warnings(task: Task, options: SolveOptions, listener: Listener) -> tuple[st
         )
     if (number := options.perturbation.friction_number(task)) >= FRICTION_RULES:
         found.append(
-            f"Friction may hold the cable: mu rho g L^3 / EI is {number:.0f}, and from {FRICTION_RULES:g} on it strays "
-            "by some 10 cm on its way, more the limper and heavier it is."
+            f"Friction may hold the cable: mu rho g L^3 / EI is {number:.0f}, and from {FRICTION_RULES:g} on it may "
+            "stray by 10 cm and more on its way, and the run may fail."
         )
     found += _other_cable(task, options)
     for warning in found:
