@@ -47,10 +47,12 @@ class Contact:
     Attributes:
         place: Where on the centreline [m].
         direction: Unit vector in which it pushes the cable.
+        off: Root mean square distance [m] of the keypoints from where the cable would be without it, if known.
     """
 
     place: Float[np.ndarray, "2"]
     direction: Float[np.ndarray, "2"]
+    off: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -92,7 +92,7 @@ class EstimatingState(FollowerState):
         if held is None or self.index < self.plan.held_steps or not len(visible):
             return None
         nearest = visible[np.argmin(np.abs(visible - held[0]))]
-        return Contact(self.tracker.keypoints[nearest], held[1])
+        return Contact(self.tracker.keypoints[nearest], *held[1:])
 
     def estimates(self) -> Mapping[str, Estimate]:
         """See `ControllerState.estimates`."""

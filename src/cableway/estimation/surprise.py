@@ -98,14 +98,16 @@ class Surprise:
             jitter=max(differs, JITTER_KEPT * self.jitter),
         )
 
-    def held_at(self) -> tuple[int, Float[np.ndarray, "2"]] | None:
-        """Keypoint at which something that is not known holds the cable, and the direction in which; None for none."""
+    def held_at(self) -> tuple[int, Float[np.ndarray, "2"], float] | None:
+        """Keypoint at which something that is not known holds the cable, in which direction, and the root mean square
+        residual [m]; None for none.
+        """
         innovations, residuals = np.linalg.norm(self.differences, axis=-1)
         limits = self.limits + max(self.jitter - NO_JITTER, 0.0)
         if (np.array([innovations.max(), residuals.max()]) <= limits).any():
             return None
         worst = int(np.argmax(residuals))
-        return worst, self.differences[1, worst] / residuals[worst]
+        return worst, self.differences[1, worst] / residuals[worst], float(np.sqrt(np.mean(residuals**2)))
 
 
 def _lateness(differences: Float[np.ndarray, "n 2"], way: Float[np.ndarray, "n 2"]) -> float:

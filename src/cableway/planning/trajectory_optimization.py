@@ -21,7 +21,7 @@ Note:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +31,7 @@ from cableway.core.compiled import kernel
 from cableway.core.deprecation import renamed
 from cableway.motion import terms
 from cableway.motion.limits import BodyPoints, sharpest_turn_of
+from cableway.motion.validity import gripper_spans
 from cableway.rod.least_squares import DAMPING, DONE, TRIED, Rule, fresh_state, judge
 from cableway.scene.task import Task
 
@@ -53,9 +54,12 @@ STABILITY_SCALE = 2.0
 """Of the shortfall of the stability margin."""
 
 TENSION, TENSION_SCALE = 40.0, 5.0
-"""Force along the rod at its centre, in EI/L^2, from which it counts as taut, and the scale of what is beyond. The room
-asked for would stretch the cable to 200 in narrow bends, and under tension small errors of the model turn into large
-motions of the grippers; plans in clutter stay below 40."""
+"""Force along the rod at its centre, in EI/L^2, that costs nothing, and the scale of what is beyond. The room asked for
+would stretch the cable to 200 in narrow bends, and under tension small errors of the model turn into large motions of
+the grippers; plans in clutter stay below 40."""
+
+TAUT = 0.985
+"""Distance between the grippers over L from which the cable is nearly straight: lengths are known to 2%."""
 
 SPAN_SCALE = 0.005
 """Of the excess of the gripper span, over L."""
@@ -122,12 +126,42 @@ def optimize_trajectory(
 ) -> Float[np.ndarray, "t d"]:
     """The sequence moved to a local minimum of the cost above; its first and last row stay.
 
+    Where the way is so narrow that the room asked for pulls the cable straight, less is asked for, down to the margin:
+    a straight cable is farthest from both sides, takes the grippers a long way, and is torn by a small error of its
+    length.
+
     Args:
         q: (T+1, d) rod coordinates with angles that run on, T at least 2.
         task: The task; its cable, grippers and scene.
         config: Weights and margins.
         progress: Called with the share that is done; it may raise to stop.
     """
+    room, margin = max(config.room, config.margin), config.margin
+    rooms = sorted({room, float(np.sqrt(room * margin)), margin}, reverse=True)
+    most = max(TAUT, _longest_span(q[[0, -1]], task))
+    optimized = q
+    for k, room in enumerate(rooms):
+        optimized = _optimized(
+            q, task, replace(config, room=room), lambda share, k=k: progress((k + share) / len(rooms))
+        )
+        if _longest_span(optimized, task) <= most:
+            break
+    progress(1.0)
+    return optimized
+
+
+def _longest_span(q: Float[np.ndarray, "t d"], task: Task) -> float:
+    """The largest distance between the grippers over L."""
+    return float(gripper_spans(task.cable.rod.shapes(q)[1]).max()) / task.cable.length
+
+
+def _optimized(
+    q: Float[np.ndarray, "t d"],
+    task: Task,
+    config: TrajectoryOptimizationConfig,
+    progress: Callable[[float], None],
+) -> Float[np.ndarray, "t d"]:
+    """The same with the room of `config` and no less."""
     stages = len(CLEARANCE_WEIGHTS)
     for stage, weight in enumerate(CLEARANCE_WEIGHTS):
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import convolve1d, uniform_filter1d
 
 from cableway.estimation.gating import connected, poses_usable
 from cableway.geometry.groups import SE2
@@ -29,6 +30,37 @@ def at_rest(frames: list[Float[np.ndarray, "n 2"]], poses: Float[np.ndarray, "2 
     keypoints[[0, -1]] = np.where(np.isfinite(keypoints[[0, -1]]), keypoints[[0, -1]], SE2.position(poses))
     there = np.isfinite(keypoints[:, 0])
     return PchipInterpolator(np.flatnonzero(there), keypoints[there])(np.arange(len(keypoints)))
+
+
+def hysteresis(rested: Float[np.ndarray, "n 2"], way: Float[np.ndarray, "t n 2"]) -> float:
+    """How far a cable whose grippers went back lies from the nearest shape that it had on the way there: root mean
+    square over the keypoints [m]. Inertia and what obstacles do leave nothing of it; friction and a set do.
+
+    Neighbours along the cable and three frames in a row are averaged. NaN where no keypoint was ever observed.
+
+    Args:
+        rested: (n, 2) where it lies now [m].
+        way: (t, n, 2) frames until the grippers turned back [m], NaN where missing.
+    """
+    observed = np.isfinite(way[..., 0])
+    known = observed.any(axis=0)
+    if not known.any():
+        return math.nan
+    times, filled = np.arange(len(way)), np.empty((len(way), int(known.sum()), 2))
+    for column, keypoint in enumerate(np.flatnonzero(known)):
+        there = observed[:, keypoint]
+        for axis in range(2):
+            filled[:, column, axis] = np.interp(times, times[there], way[there, keypoint, axis])
+    path = _smoothed(uniform_filter1d(filled, 3, axis=0, mode="nearest"))
+    step, away = np.diff(path, axis=0), _smoothed(rested[None, known]) - path[:-1]
+    share = np.sum(away * step, axis=(1, 2)) / np.maximum(np.sum(step**2, axis=(1, 2)), 1e-12)
+    off = away - np.clip(share, 0.0, 1.0)[:, None, None] * step
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=-1), axis=-1).min(initial=np.inf)))
+
+
+def _smoothed(shapes: Float[np.ndarray, "t n 2"]) -> Float[np.ndarray, "t n 2"]:
+    """Weighted means of neighbours along the cable."""
+    return convolve1d(shapes, [0.25, 0.5, 0.25], axis=1, mode="nearest")
 
 
 def distances(observation: Observation, shape: Float[np.ndarray, "n 2"], task: Task) -> Float[np.ndarray, "k"]:
