@@ -20,7 +20,8 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import Loop
-from cableway.tracking.recovery import ATTEMPTS, Recovery, Watch
+from cableway.tracking.observed import hysteresis
+from cableway.tracking.recovery import ATTEMPTS, FRICTION, Recovery, Watch
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 
@@ -37,10 +38,11 @@ class HalfHidden(QuasiStaticPlant):
         return replace(seen, keypoints=np.where(np.arange(13)[:, None] == 6, np.nan, seen.keypoints))
 
 
-def led(task: Task, steps: int = 20) -> Loop:
+def led(task: Task, steps: int = 20, plant: QuasiStaticPlant | None = None) -> Loop:
     """A run that has followed the plan for some steps."""
-    plant = HalfHidden(task, START, ROD)
-    loop = Loop(plant, OpenLoop(OpenLoopConfig(hold=0.0)), PLAN, TrackConfig(), Watchdog())
+    loop = Loop(
+        plant or HalfHidden(task, START, ROD), OpenLoop(OpenLoopConfig(hold=0.0)), PLAN, TrackConfig(), Watchdog()
+    )
     for _ in range(steps):
         loop.look_round()
         assert loop.step() is None
@@ -99,6 +101,44 @@ def test_a_contact_is_suspected_once_however_often_a_plan_is_looked_for() -> Non
     assert ending.outcome is Outcome.BLOCKED_WAY
     assert asked == [1] * ATTEMPTS
     assert len(loop.suspected) == 1
+
+
+class HeldByFriction(HalfHidden):
+    """Once its grippers turn back, the middle of the cable stays behind."""
+
+    off = 0.0
+
+    def step(self, action: np.ndarray) -> Observation:
+        back = np.sum(action[:, :2] * (PLAN.poses[-1] - PLAN.poses[0])[:, :2]) < 0
+        self.off += 0.002 * back
+        seen = super().step(action)
+        middle = np.clip(3 - np.abs(np.arange(13) - 6), 0, 2)[:, None] / 2
+        return replace(seen, keypoints=seen.keypoints + self.off * middle * outward(PLAN.shapes[20]))
+
+
+def test_what_does_not_go_back_the_way_it_came_is_held_by_friction_and_by_no_disc() -> None:
+    plant = HeldByFriction(TASK, START, ROD)
+    loop = led(TASK, plant=plant)
+    watch = Watch(Recovery(replan=lambda task, left: replace(PLAN, metadata={"from": "there"})), CONTROL_STEP)
+    contact = Contact(PLAN.shapes[20, 6], outward(PLAN.shapes[20]), 0.004)
+    assert not watch.takes_for_friction(contact)
+    assert watch.avoid(loop, contact) is None
+    assert loop.plan.metadata == {"from": "there"}
+    assert not loop.suspected
+    assert plant.off / 4 < watch.friction < plant.off
+    assert watch.takes_for_friction(contact)
+    assert not watch.takes_for_friction(replace(contact, off=float(2 * plant.off)))
+
+
+def test_how_far_a_cable_lies_from_its_way() -> None:
+    rng = np.random.default_rng(3)
+    way = PLAN.shapes + rng.normal(0, 0.002, PLAN.shapes.shape)
+    way[17] = np.nan
+    way[10:20, 4] = np.nan
+    between = (PLAN.shapes[17] + PLAN.shapes[18]) / 2
+    assert hysteresis(between, way) < FRICTION / 2
+    assert 0.005 < hysteresis(between + 0.01 * outward(between), way) < 0.011
+    assert np.isnan(hysteresis(between, np.full_like(way, np.nan)))
 
 
 class PullingApart(OpenLoop):

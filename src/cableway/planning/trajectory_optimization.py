@@ -30,7 +30,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 from cableway.core.compiled import kernel
 from cableway.core.deprecation import renamed
 from cableway.motion import terms
-from cableway.motion.limits import BodyPoints, sharpest_turn_of
+from cableway.motion.limits import BodyPoints, Margins, sharpest_turn_of
 from cableway.motion.validity import gripper_spans
 from cableway.rod.least_squares import DAMPING, DONE, TRIED, Rule, fresh_state, judge
 from cableway.scene.task import Task
@@ -58,8 +58,8 @@ TENSION, TENSION_SCALE = 40.0, 5.0
 would stretch the cable to 200 in narrow bends, and under tension small errors of the model turn into large motions of
 the grippers; plans in clutter stay below 40."""
 
-TAUT = 0.985
-"""Distance between the grippers over L from which the cable is nearly straight: lengths are known to 2%."""
+TAUT = Margins().gripper_span
+"""Distance between the grippers over L from which the cable is nearly straight; lengths are known to 2%."""
 
 SPAN_SCALE = 0.005
 """Of the excess of the gripper span, over L."""
@@ -138,21 +138,22 @@ def optimize_trajectory(
     """
     room, margin = max(config.room, config.margin), config.margin
     rooms = sorted({room, float(np.sqrt(room * margin)), margin}, reverse=True)
-    most = max(TAUT, _longest_span(q[[0, -1]], task))
     optimized = q
     for k, room in enumerate(rooms):
         optimized = _optimized(
             q, task, replace(config, room=room), lambda share, k=k: progress((k + share) / len(rooms))
         )
-        if _longest_span(optimized, task) <= most:
+        if not _is_pulled_straight(optimized, task):
             break
     progress(1.0)
     return optimized
 
 
-def _longest_span(q: Float[np.ndarray, "t d"], task: Task) -> float:
-    """The largest distance between the grippers over L."""
-    return float(gripper_spans(task.cable.rod.shapes(q)[1]).max()) / task.cable.length
+def _is_pulled_straight(q: Float[np.ndarray, "t d"], task: Task) -> bool:
+    """Whether the cable is nearly straight on the way, and not only as it begins or ends."""
+    straight = gripper_spans(task.cable.rod.shapes(q)[1]) > TAUT * task.cable.length
+    bent = np.flatnonzero(~straight)
+    return bool(len(bent)) and bool(straight[bent[0] : bent[-1]].any())
 
 
 def _optimized(
