@@ -62,7 +62,8 @@ def track(
         controller failed, plant failed or interrupted; `detail` says why. Where the plant failed, the rollout ends with
         the last state before that. `metadata["recovered"]` has the times [s] from which a new plan was followed,
         `metadata["suspected"]` the discs (x, y, radius) [m] that were supposed to stand where something unknown held
-        the cable, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
+        the cable, `metadata["friction"]` how far [m] a cable led back lay from its way, where that was more than noise
+        makes, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
 
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step;
@@ -116,7 +117,12 @@ def _record(loop: Loop, watch: Watch | None, ending: Ending, settings: dict[str,
     LOGGER.info("ended after %.1f s: %s; %s", loop.time, ending.outcome.value, ending.detail or "no detail")
     recovered = watch.recovered if watch is not None else []
     suspected = [[*disc.center, disc.radius] for disc in loop.suspected]
-    happened = {"recovered": recovered, "suspected": suspected, "watchdog": loop.guard.record()}
+    happened = {
+        "recovered": recovered,
+        "suspected": suspected,
+        "friction": watch.friction if watch is not None else 0.0,
+        "watchdog": loop.guard.record(),
+    }
     return loop.log.rollout({**settings, "outcome": ending.outcome.value, "detail": ending.detail, **happened})
 
 
