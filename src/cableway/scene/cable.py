@@ -50,7 +50,7 @@ GRAVITY = 9.81
 
 FRICTION_RULES = 100.0
 """`Cable.friction_number` from which friction may hold the cable back by 10 cm and more: in the suite "limp" the
-largest deviation is 12 mm at 30 and 174 mm at 100, in the median."""
+largest deviation is 12 mm at 30 and 157 mm at 100, in the median."""
 
 LOGARITHMIC = ("bending_stiffness", "damping_time", "stiffness_profile")
 """Fields drawn uniformly in their logarithm: what is known of them is a factor."""
