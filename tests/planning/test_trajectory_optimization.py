@@ -11,6 +11,7 @@ import pytest
 from cableway.motion.clearance import clearances
 from cableway.motion.validity import gripper_spans
 from cableway.planning import trajectory_optimization
+from cableway.planning.config import PlannerConfig
 from cableway.planning.planner import plan as find_plan
 from cableway.planning.trajectory_optimization import (
     CLEARANCE_WEIGHTS,
@@ -133,3 +134,10 @@ def test_the_cable_is_not_pulled_straight_in_a_narrow_way(seed: int) -> None:
     plan = find_plan(task)
     assert gripper_spans(plan.poses).max() < TAUT * task.cable.length
     assert clearances(plan.shapes, plan.poses, task).min() > 0.008
+
+
+def test_where_no_plan_keeps_the_room_one_with_the_margin_is_made() -> None:
+    task = random_task(20039, "maze", width=0.07)
+    plan = find_plan(task, config=PlannerConfig(initial_trajectories=("slide-tail",)))
+    optimization = plan.metadata["planner"]["projection"]["optimization"]
+    assert optimization["room"] == optimization["margin"] == TrajectoryOptimizationConfig().margin

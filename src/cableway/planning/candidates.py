@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,10 @@ Accept = Callable[[Plan], str]
 """What is wrong with a verified plan, "" if nothing."""
 
 
+OPTIMIZING = ("replan", "optimize")
+"""Kinds of projection with an optimisation."""
+
+
 class Search:
     """Tries initial trajectories and remembers what came closest.
 
@@ -55,6 +60,7 @@ class Search:
     ) -> None:
         self.task, self.config, self.seed = task, config, seed
         self.best: Attempt | None = None
+        self._tried: list[tuple[InitialName, int, InitialTrajectory]] = []
         self._progress = progress
 
     def trajectories(
@@ -79,28 +85,44 @@ class Search:
         found = (self._follow(trajectories, name, accept, restart) for restart in restarts)
         return next((plan for plan in found if plan is not None), None)
 
+    def follow_closely(self, accept: Accept | None = None) -> Plan | None:
+        """The verified plan that one of the initial trajectories tried so far leads to where no more clearance than the
+        margin is asked for; None where none does, or no more was.
+        """
+        projection, optimization = self.config.projection, self.config.projection.optimization
+        if projection.kind not in OPTIMIZING or optimization.room <= optimization.margin:
+            return None
+        close = replace(projection, optimization=replace(optimization, room=optimization.margin))
+        closely = copy(self)
+        closely.config = replace(self.config, projection=close)
+        found = (closely._noted(name, restart, closely._made_of(tried, accept)) for name, restart, tried in self._tried)
+        plan = next((plan for plan in found if plan is not None), None)
+        self.best = closely.best
+        return plan
+
     def _follow(
         self, trajectories: InitialTrajectories, name: InitialName, accept: Accept | None, restart: int
     ) -> Plan | None:
-        found = self._attempted(trajectories, name, accept, restart)
+        try:
+            initial = trajectories.make(name, restart)
+        except PlanningError as error:
+            return self._noted(name, restart, Attempt(str(error)))
+        self._tried.append((name, restart, initial))
+        return self._noted(name, restart, self._made_of(initial, accept))
+
+    def _made_of(self, initial: InitialTrajectory, accept: Accept | None) -> Plan | Attempt:
+        found = self._project(initial)
+        if isinstance(found, Plan) and accept is not None and (fault := accept(found)):
+            return _attempt(fault, found)
+        return found
+
+    def _noted(self, name: InitialName, restart: int, found: Plan | Attempt) -> Plan | None:
         if isinstance(found, Attempt):
             LOGGER.info("initial trajectory %r, try %d: no plan: %s", name, restart + 1, found.reason)
             return self._fail(found)
         LOGGER.info("initial trajectory %r, try %d: a plan of %d steps", name, restart + 1, found.steps)
         made_by = {"initial_trajectory": name, "seed": self.seed, "versions": versions()}
         return found.noted(**made_by, planner=describe(self.config))
-
-    def _attempted(
-        self, trajectories: InitialTrajectories, name: InitialName, accept: Accept | None, restart: int
-    ) -> Plan | Attempt:
-        try:
-            initial = trajectories.make(name, restart)
-        except PlanningError as error:
-            return Attempt(str(error))
-        found = self._project(initial)
-        if isinstance(found, Plan) and accept is not None and (fault := accept(found)):
-            return _attempt(fault, found)
-        return found
 
     def blocked(self) -> PlanningError | None:
         """The error that says what certainly cannot pass, and where; None where all may."""

@@ -128,6 +128,8 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
             return found
         if place == 0 and (error := search.blocked()):
             raise error
+    if (found := search.follow_closely(accept)) is not None:
+        return found
     one = len(names) == 1
     raise search.nothing(
         f"with the initial trajectory {names[0]!r}" if one else f"with any of {len(names)} initial trajectories"
