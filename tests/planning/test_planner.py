@@ -9,6 +9,8 @@ import problems
 import pytest
 
 from cableway.core.errors import InputError, PlanningError, UnknownNameError
+from cableway.motion.validity import is_pulled_straight
+from cableway.planning.candidates import STRAIGHT, Search
 from cableway.planning.config import PlannerConfig
 from cableway.planning.planner import plan
 from cableway.records import Plan
@@ -175,3 +177,16 @@ def test_old_names_of_the_settings_go_on_working():
     with pytest.warns(DeprecationWarning, match="'guides' is now 'initial_trajectories'"):
         config = PlannerConfig(guides=("slide-head",))  # pyright: ignore[reportCallIssue]
     assert config == PlannerConfig(initial_trajectories=("slide-head",))
+
+
+def test_a_plan_that_pulls_the_cable_straight_is_taken_only_where_there_is_no_other(monkeypatch) -> None:
+    """Of this maze "slide-tail" with all room bends the nearly straight cable to the other side at once."""
+    task = random_task(20233, "maze", width=0.07)
+    config = PlannerConfig(initial_trajectories=("slide-tail",))
+    other = plan(task, config=config)
+    assert not is_pulled_straight(other.poses, task.cable.length, STRAIGHT)
+    monkeypatch.setattr(Search, "follow_closely", lambda self, accept: None)
+    only = plan(task, config=config)
+    assert only.verdict is not None
+    assert only.verdict.passed
+    assert is_pulled_straight(only.poses, task.cable.length, STRAIGHT)

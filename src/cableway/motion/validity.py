@@ -24,6 +24,9 @@ from cableway.rod.held_rod import HeldRod
 from cableway.scene.bodies import Body, pack
 from cableway.scene.task import Task
 
+STRAIGHTER = 1e-3
+"""Share of the length from which the grippers are farther apart than they were."""
+
 
 @dataclass(frozen=True)
 class FreeSpace:
@@ -111,6 +114,24 @@ def gripper_spans(poses: Float[np.ndarray, "t 2 pose"]) -> Float[np.ndarray, "t"
     """Distance [m] between the grippers in each row."""
     at = SE2.position(poses)
     return np.linalg.norm(at[:, 1] - at[:, 0], axis=1)
+
+
+def is_pulled_straight(poses: Float[np.ndarray, "t 2 pose"], length: float, most: float) -> bool:
+    """Whether the grippers pull a cable straight: they come farther apart than a share of its length on the way, or
+    farther than at its beginning or end where that is straight itself.
+
+    Args:
+        poses: (T+1, 2, 3) [m, m, rad].
+        length: Of the cable [m].
+        most: The share.
+    """
+    spans = gripper_spans(poses) / length
+    bent = np.flatnonzero(spans <= most)
+    if not len(bent):
+        return False
+    limits = np.full(len(spans), most)
+    limits[: bent[0]], limits[bent[-1] + 1 :] = spans[0] + STRAIGHTER, spans[-1] + STRAIGHTER
+    return bool((spans > limits).any())
 
 
 def _body_distance(body: Body, ends: Float[np.ndarray, "2 2 pose"], task: Task, margins: Margins) -> float:

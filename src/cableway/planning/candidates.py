@@ -13,6 +13,7 @@ from jaxtyping import Float
 from cableway.core.errors import PlanningError
 from cableway.core.provenance import describe, versions
 from cableway.core.time_limit import checkpoint
+from cableway.motion.validity import is_pulled_straight
 from cableway.outcome import Outcome
 from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import (
@@ -34,6 +35,10 @@ Accept = Callable[[Plan], str]
 """What is wrong with a verified plan, "" if nothing."""
 
 
+STRAIGHT = 0.995
+"""Distance between the grippers over L from which a plan is taken only where there is no other: an error of half a
+percent of the length would tear the cable, a smaller one may bend it to the other side."""
+
 OPTIMIZING = ("replan", "optimize")
 """Kinds of projection with an optimisation."""
 
@@ -49,6 +54,7 @@ class Search:
 
     Attributes:
         best: The failure with the fewest failed checks.
+        straight: The first verified plan that pulls the cable straight (`STRAIGHT`).
     """
 
     def __init__(
@@ -60,6 +66,7 @@ class Search:
     ) -> None:
         self.task, self.config, self.seed = task, config, seed
         self.best: Attempt | None = None
+        self.straight: Plan | None = None
         self._tried: list[tuple[InitialName, int, InitialTrajectory]] = []
         self._progress = progress
 
@@ -97,7 +104,7 @@ class Search:
         closely.config = replace(self.config, projection=close)
         found = (closely._noted(name, restart, closely._made_of(tried, accept)) for name, restart, tried in self._tried)
         plan = next((plan for plan in found if plan is not None), None)
-        self.best = closely.best
+        self.best, self.straight = closely.best, closely.straight
         return plan
 
     def _follow(
@@ -120,9 +127,14 @@ class Search:
         if isinstance(found, Attempt):
             LOGGER.info("initial trajectory %r, try %d: no plan: %s", name, restart + 1, found.reason)
             return self._fail(found)
-        LOGGER.info("initial trajectory %r, try %d: a plan of %d steps", name, restart + 1, found.steps)
         made_by = {"initial_trajectory": name, "seed": self.seed, "versions": versions()}
-        return found.noted(**made_by, planner=describe(self.config))
+        plan = found.noted(**made_by, planner=describe(self.config))
+        if is_pulled_straight(plan.poses, self.task.cable.length, STRAIGHT):
+            LOGGER.info("initial trajectory %r, try %d: a plan that pulls the cable straight", name, restart + 1)
+            self.straight = self.straight or plan
+            return None
+        LOGGER.info("initial trajectory %r, try %d: a plan of %d steps", name, restart + 1, plan.steps)
+        return plan
 
     def blocked(self) -> PlanningError | None:
         """The error that says what certainly cannot pass, and where; None where all may."""

@@ -98,6 +98,8 @@ def plan(
                 return _find(search, through, avoiding, previous)
             return find_alternatives(search, alternatives, lambda: _find(search, (), (), None))
     except OutOfTime:
+        if search.straight is not None and alternatives is None:
+            return search.straight
         reason = f"; the closest attempt: {search.best.reason}" if search.best else ""
         message = f"the time limit ran out before a plan was found{reason}"
         raise PlanningError(message, search.best, Outcome.TIMED_OUT) from None
@@ -128,7 +130,8 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
             return found
         if place == 0 and (error := search.blocked()):
             raise error
-    if (found := search.follow_closely(accept)) is not None:
+    found = search.follow_closely(accept) or search.straight
+    if found is not None:
         return found
     one = len(names) == 1
     raise search.nothing(

@@ -31,7 +31,7 @@ from cableway.core.compiled import kernel
 from cableway.core.deprecation import renamed
 from cableway.motion import terms
 from cableway.motion.limits import BodyPoints, Margins, sharpest_turn_of
-from cableway.motion.validity import gripper_spans
+from cableway.motion.validity import is_pulled_straight
 from cableway.rod.least_squares import DAMPING, DONE, TRIED, Rule, fresh_state, judge
 from cableway.scene.task import Task
 
@@ -143,17 +143,10 @@ def optimize_trajectory(
         optimized = _optimized(
             q, task, replace(config, room=room), lambda share, k=k: progress((k + share) / len(rooms))
         )
-        if not _is_pulled_straight(optimized, task):
+        if not is_pulled_straight(task.cable.rod.shapes(optimized)[1], task.cable.length, TAUT):
             break
     progress(1.0)
     return optimized
-
-
-def _is_pulled_straight(q: Float[np.ndarray, "t d"], task: Task) -> bool:
-    """Whether the cable is nearly straight on the way, and not only as it begins or ends."""
-    straight = gripper_spans(task.cable.rod.shapes(q)[1]) > TAUT * task.cable.length
-    bent = np.flatnonzero(~straight)
-    return bool(len(bent)) and bool(straight[bent[0] : bent[-1]].any())
 
 
 def _optimized(
