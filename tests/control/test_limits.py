@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from cableway.control.limits import span_limit, within_limits
+from cableway.control.limits import last_filter, span_limit, within_limits
+from cableway.scene.clearance import bodies_gap
+from cableway.scene.obstacles import Disc
 from cableway.scene.task import Grippers
+from cableway.tasks.generation import random_task
 
 GRIPPERS = Grippers()
 LONGEST = 0.3
@@ -66,3 +71,17 @@ def test_a_plan_may_pull_the_cable_straighter_but_not_tear_it() -> None:
     apart = np.array([0.2, 0.2995, 0.31])
     gaps = np.stack([np.zeros((3, 3)), np.column_stack([apart, np.zeros((3, 2))])], axis=1)
     np.testing.assert_allclose(span_limit(gaps, 0.3, 0.99), [0.297, 0.2995, 0.297])
+
+
+def test_hands_are_not_led_into_each_other_or_into_a_post():
+    """Commands that would are cut; the same commands the other way are not."""
+    task = next(task for seed in range(9) if (task := random_task(seed, "posts")).grippers.body == "2f-85")
+    at = np.array([[0.4, 0.4, np.pi / 2], [0.54, 0.4, np.pi / 2]])
+    empty = task.in_scene(replace(task.scene, obstacles=()))
+    together = np.array([[0.012, 0.0, 0.0], [-0.012, 0.0, 0.0]])
+    cut = last_filter(together, at, empty, 1.0)
+    assert np.abs(cut).max() < 0.012
+    assert bodies_gap(empty.body_pairs, (at + cut)[None])[0] > 0
+    np.testing.assert_array_equal(last_filter(-together, at, empty, 1.0), -together)
+    post = task.in_scene(replace(task.scene, obstacles=(Disc(center=(0.33, 0.4), radius=0.005, height=0.2),)))
+    assert np.abs(last_filter(-together, at, post, 1.0)[0]).max() < 0.012

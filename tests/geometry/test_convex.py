@@ -65,7 +65,7 @@ def test_beyond_a_ceiling_there_is_nothing_and_below_it_all_is_the_same(
 @given(st.lists(polygons, min_size=1, max_size=4), places, st.floats(0, 0.05))
 def test_the_distance_alone_is_the_same(shapes: list[np.ndarray], point: np.ndarray, rounding: float):
     world = convex.pack(shapes, [rounding] * len(shapes), SIZE)
-    d = convex.distance_at(point[0], point[1], world.arrays)
+    d = convex.distance_at(point[0], point[1], world.arrays, 0.0)
     np.testing.assert_allclose(d, convex.signed_distance(point, world)[0], rtol=0, atol=1e-14)
 
 

@@ -9,11 +9,11 @@ import pytest
 import shapely
 
 from cableway.core.errors import InputError
-from cableway.motion.clearance import clearances
 from cableway.motion.limits import Margins
 from cableway.motion.time_parametrization import at_equal_effort, gripper_effort
 from cableway.motion.validity import FreeSpace, first_fault, task_ends
 from cableway.scene.bodies import LEFT, RIGHT, Body
+from cableway.scene.clearance import clearances
 from cableway.scene.scene import Scene
 from cableway.scene.task import Grippers
 from tests import problems

@@ -8,7 +8,6 @@ import numpy as np
 import problems
 import pytest
 
-from cableway.motion.clearance import clearances
 from cableway.motion.validity import gripper_spans
 from cableway.planning import trajectory_optimization
 from cableway.planning.config import PlannerConfig
@@ -22,6 +21,7 @@ from cableway.planning.trajectory_optimization import (
     _Problem,
     optimize_trajectory,
 )
+from cableway.scene.clearance import clearances
 from cableway.tasks.generation import random_task
 
 

@@ -107,7 +107,7 @@ def test_obstacles_that_are_none_are_refused(make, said: str):  # pyright: ignor
 
 def test_values_are_kept_as_plain_floats():
     box = Box(center=np.array([0.1, 0.2]), size=(1, np.float32(0.5)), angle=np.float64(1))  # pyright: ignore
-    assert repr(box) == "Box(center=(0.1, 0.2), size=(1.0, 0.5), angle=1.0)"
+    assert repr(box) == "Box(center=(0.1, 0.2), size=(1.0, 0.5), angle=1.0, height=None)"
 
 
 @LAWS

@@ -259,16 +259,17 @@ CABLE_KEYS = (
         (at(7, 1), f"task.yaml:52: 7 is not a known key; known here: {TASK_KEYS}"),
         (at("cable", "lenght", 1), "task.yaml:6: cable.lenght is not a known key; did you mean 'length'? known here: "
          + CABLE_KEYS),
-        (at("workspace", "shape", 1), "task.yaml:5: workspace.shape is not a known key; known here: size"),
+        (at("workspace", "shape", 1), "task.yaml:5: workspace.shape is not a known key; known here: size, "
+         "wall_height"),
         (at("grippers", "speed", 1), "task.yaml:8: grippers.speed is not a known key; did you mean 'max_speed'? "
-         "known here: radius, max_step, max_turn, separation, max_acceleration, max_turn_acceleration, max_jerk, "
+         "known here: radius, max_step, max_turn, separation, body, max_acceleration, max_turn_acceleration, max_jerk, "
          "max_turn_jerk, max_speed, max_turn_speed"),
         (at("obstacles", 0, "radius", 1), "task.yaml:14: obstacles[0].radius is not a known key; "
-         "known here: type, center, size, angle"),
+         "known here: type, center, size, angle, height"),
         (at("obstacles", 1, "vertexes", 1), "task.yaml:20: obstacles[1].vertexes is not a known key; "
-         "did you mean 'vertices'? known here: type, vertices"),
+         "did you mean 'vertices'? known here: type, vertices, height"),
         (at("obstacles", 2, "size", 1), "task.yaml:19: obstacles[2].size is not a known key; "
-         "known here: type, center, radius"),
+         "known here: type, center, radius, height"),
         (at("goal", {"grippers": ARCH, "side": "left"}), "task.yaml:37: goal.side is not a known key; "
          "known here: grippers, bend, keypoints"),
         (at("plug", "lenght", 1), "task.yaml:50: plug.lenght is not a known key; did you mean 'length'? "

@@ -9,11 +9,11 @@ from quasi_static import GOAL, START, QuasiStaticPlant, outward, straight_plan, 
 
 from cableway.control.open_loop import OpenLoop
 from cableway.core.errors import PlanningError
-from cableway.motion.clearance import clearances
 from cableway.outcome import KEYPOINTS, Outcome
 from cableway.records import Observation, Plan
 from cableway.rod.inverse import nearest_shapes
 from cableway.rod.planar import PlanarRod
+from cableway.scene.clearance import clearances
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task

@@ -12,13 +12,13 @@ from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
 
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import PlanningError, PlanningInterrupted
-from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Plan
 from cableway.rod.inverse import nearest_shapes
 from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import EstimatedCable
+from cableway.scene.clearance import clearances
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task

@@ -10,7 +10,7 @@ import shapely
 
 from cableway.scene.scene import Scene
 from cableway.tasks.generation import random_task
-from cableway.verification.swept import SWEEP_STEP, closest_approach
+from cableway.verification.swept import SWEEP_STEP, closest_approach, to_scene
 
 PIECES = 64
 
@@ -36,7 +36,7 @@ def test_the_closest_approach_is_that_of_dense_sampling(kind: str):
         end = task.start + rng.normal(0, 0.02, 2) + rng.normal(0, 0.004, task.start.shape)
         lines = np.array([task.start, (task.start + end) / 2 + rng.normal(0, 0.003, end.shape), end])
         wanted = dense_distance(lines, task.scene)
-        found = closest_approach(lines, task.scene)
+        found = closest_approach(lines, to_scene(task.scene))
         if wanted > 0:
             compared += 1
             assert wanted - 1e-9 <= found.distance + SWEEP_STEP / 2
@@ -54,6 +54,6 @@ def test_the_depth_of_what_is_cut_is_negative():
     solid = max(task.scene.solids, key=lambda solid: solid.area)
     (x, y), *_ = shapely.get_coordinates(solid.centroid)
     lines = np.array([[[x - 0.01, y], [x, y], [x + 0.01, y]]] * 2)
-    found = closest_approach(lines, task.scene)
+    found = closest_approach(lines, to_scene(task.scene))
     assert found.distance == pytest.approx(-solid.exterior.distance(shapely.Point(x, y)))
     assert task.scene.solids[found.obstacle].equals(solid)

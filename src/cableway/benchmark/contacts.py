@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from cableway.motion.clearance import body_clearance
 from cableway.records import Rollout
+from cableway.scene.clearance import body_clearance
 from cableway.scene.task import Task
 
 LETTING_GO = 3.0

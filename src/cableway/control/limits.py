@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
-from cableway.motion.clearance import body_clearance
 from cableway.motion.validity import gripper_spans
+from cableway.scene.clearance import bodies_gap, body_clearance
 from cableway.scene.task import CONTROL_STEP, Grippers, Task
 
 MARGIN = 1.0 - 1e-9
@@ -60,8 +60,8 @@ def last_filter(
 
     No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at all
     where it is not: the grippers farther apart than `max_span`, or nearer to each other than `Grippers.least_span`;
-    a disc or the plug in an obstacle or a wall. An action that breaks one of the latter is made in part, in steps of
-    a quarter.
+    a body of theirs in an obstacle, a wall or a body of the other. An action that breaks one of the latter is made in
+    part, in steps of a quarter.
 
     Where the task limits acceleration, the change from one action to the next is limited, too; but the grippers stop
     faster than that where they would otherwise come too far apart, too near to each other, or into an obstacle.
@@ -81,8 +81,10 @@ def last_filter(
     if exceeds_limits(action, task.grippers) or _span(action, poses) > max_span:
         action = within_limits(action, poses, task.grippers, max_span)
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
-    kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.bodies])
+    kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.outer_bodies])
     kept = np.column_stack([kept, gripper_spans(reached) - task.grippers.least_span])
+    if task.body_pairs:
+        kept = np.column_stack([kept, bodies_gap(task.body_pairs, reached)])
     allowed = (kept >= np.minimum(kept[0], 0.0) - ROUNDING).all(axis=1)
     # the first share that is not allowed bounds those that are
     share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0

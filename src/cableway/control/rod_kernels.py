@@ -120,15 +120,15 @@ def _add_clearance(
     """
     last, cost = len(stations) - 1, 0.0
     for j in range(last - 1 + len(bodies.side)):
-        place, side, radius, arm_x, arm_y = j + 1, 0, cable_radius, 0.0, 0.0
+        place, side, radius, lowest, arm_x, arm_y = j + 1, 0, cable_radius, 0.0, 0.0, 0.0
         if j >= last - 1:
             i = j - (last - 1)
-            side, radius = bodies.side[i], bodies.rounding[i]
+            side, radius, lowest = bodies.side[i], bodies.rounding[i], bodies.lowest[i]
             place = last * side
             c, s = math.cos(ends[side, 2]), math.sin(ends[side, 2])
             arm_x, arm_y = c * bodies.at[i, 0] - s * bodies.at[i, 1], s * bodies.at[i, 0] + c * bodies.at[i, 1]
         x, y = stations[place, 0] + offset[place, 0] + arm_x, stations[place, 1] + offset[place, 1] + arm_y
-        distance, gx, gy, _ = nearest_obstacle(x, y, world, wanted + radius)
+        distance, gx, gy, _ = nearest_obstacle(x, y, world, wanted + radius, lowest)
         short = wanted - (distance - radius)
         if short > 0.0:
             for a in range(len(rates)):

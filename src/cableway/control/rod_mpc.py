@@ -40,7 +40,6 @@ from cableway.control.limits import span_limit, within_limits
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import MET, EstimatorConfig
-from cableway.motion.clearance import clearances
 from cableway.motion.interpolation import rows_at
 from cableway.motion.limits import BodyPoints
 from cableway.motion.time_parametrization import gripper_effort
@@ -50,6 +49,7 @@ from cableway.rod.fitting import fit_along, meet_ends
 from cableway.rod.inverse import fit_keypoints, fit_sequence
 from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
+from cableway.scene.clearance import clearances
 from cableway.scene.task import Task
 
 MOTION_WEIGHT = 3.0

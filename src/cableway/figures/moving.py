@@ -15,6 +15,7 @@ from matplotlib.path import Path as Outline
 from cableway.figures import scene, style
 from cableway.figures.replanning import EXPECTED, LEFT, STILL, UNSEEN, change_of, left_of, stops_of
 from cableway.records import Plan, Rollout
+from cableway.scene.bodies import outer_bodies
 from cableway.scene.task import Task
 
 REMEMBERED = 3.0
@@ -62,8 +63,14 @@ class MovingScene:
         self._reference = ax.plot([], [], color=style.REFERENCE, linewidth=1.2, linestyle=(0, (3, 2)), zorder=6)[0]
         self._grippers = scene.draw_grippers(ax, run.poses[0, :, :2], task.grippers.radius, linewidths=1.1)
         self._plug = ax.fill([0, 0, 0], [0, 0, 0], color=style.MUTED, zorder=4)[0] if task.plug is not None else None
+        self._bodies = [
+            (body, ax.fill([0, 0, 0], [0, 0, 0], color=style.MUTED, alpha=0.3, linewidth=0, zorder=4)[0])
+            for body in outer_bodies(task.grippers.bodies, [None])
+            if len(body.outline) > 1
+        ]
         lines = [*self._trails, *self._ahead, *self._left]
         parts: list[Artist | None] = [*obstacles, *lines, self._cable, self._reference, self._plug]
+        parts += [patch for _, patch in self._bodies]
         self.moving = [part for part in (*parts, self._grippers) if part is not None]
 
     def show(self, row: int) -> None:
@@ -81,6 +88,8 @@ class MovingScene:
             known = bool(run.times[row] >= self._change.known)
             self._expected.set(**(EXPECTED if known else SEEN))
             self._actual.set(**(SEEN if known else UNSEEN))
+        for body, patch in self._bodies:
+            patch.set_xy(body.placed(run.poses[row, body.side]))
         if self._plug is not None:
             self._plug.set_xy(scene.plug_corners(task, run.poses[row, 1]))
 

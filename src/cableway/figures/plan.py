@@ -18,6 +18,7 @@ from cableway.core.quantities import quantity
 from cableway.figures import scene, style
 from cableway.figures.marks import LINE, Mark, draw_marks, marks_of, sentence_lines, write_lines
 from cableway.records import Attempt, PaperStages, Plan
+from cableway.scene.clearance import pieces_clearance
 from cableway.scene.task import CONTROL_STEP, Task
 
 SHAPES_SHOWN = 24
@@ -32,7 +33,7 @@ def plan_figure(task: Task, plan: Plan) -> Figure:
     below = AXIS + CURVES + HEADED
     figure, (routes, shapes) = scene.panel_row(task, 2, below)
     _draw_stages(routes, task, plan.stages, plan.shapes)
-    draw_shapes(shapes, task, plan.shapes)
+    draw_shapes(shapes, task, plan.shapes, plan.poses)
     style.title(shapes, f"the plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s")
     scene.finish_row([routes, shapes])
     clearance = style.add_axes(figure, scene.LEFT, AXIS, scene.PANEL, CURVES)
@@ -54,7 +55,7 @@ def attempt_figure(task: Task, attempt: Attempt) -> Figure:
     figure, panels = scene.panel_row(task, 1 if attempt.shapes is None else 2, above=0.1 + LINE * len(lines))
     _draw_stages(panels[0], task, attempt.stages, attempt.shapes)
     if attempt.shapes is not None:
-        draw_shapes(panels[1], task, attempt.shapes)
+        draw_shapes(panels[1], task, attempt.shapes, attempt.poses)
         style.title(panels[1], "the closest attempt")
         scene.finish_row(panels)
         draw_marks(panels[1], marks)
@@ -129,19 +130,33 @@ def draw_routes(
     style.legend_below(ax, handles, 4)
 
 
-def draw_shapes(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"], *, bar: bool = True) -> None:
-    """The scene with shapes of the cable coloured by time, the grippers' ways, and where wanted a colour bar."""
-    handles = _draw_moving(ax, task, shapes)
+def draw_shapes(
+    ax: Axes,
+    task: Task,
+    shapes: Float[np.ndarray, "t n 2"],
+    poses: Float[np.ndarray, "t 2 3"] | None = None,
+    *,
+    bar: bool = True,
+) -> None:
+    """The scene with shapes of the cable coloured by time, the grippers' ways, and where wanted a colour bar.
+
+    With gripper poses also the bodies of the grippers.
+    """
+    handles = _draw_moving(ax, task, shapes, poses)
     if bar:
         add_time_bar(ax, (len(shapes) - 1) * CONTROL_STEP)
     style.legend_below(ax, [Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"), *handles], 2)
 
 
-def _draw_moving(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"]) -> list[Any]:
+def _draw_moving(
+    ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"], poses: Float[np.ndarray, "t 2 3"] | None = None
+) -> list[Any]:
     """The scene with shapes coloured by time and the grippers' ways; legend entries of what is not coloured."""
     scene.draw_scene(ax, task)
     last = len(shapes) - 1
     rows = spread_rows(shapes, SHAPES_SHOWN)
+    if poses is not None:
+        scene.draw_bodies(ax, task, poses[rows])
     scene.draw_cables(ax, scene.smooth(shapes[rows]), task.cable.radius, style.TIME(rows / last))
     ways: tuple[tuple[int, Any, str], ...] = ((0, "-", "left gripper"), (-1, (0, (4, 2)), "right gripper"))
     handles: list[Any] = []
@@ -181,6 +196,7 @@ def _draw_profiles(above: Axes, below: Axes, task: Task, plan: Plan) -> None:
     times = CONTROL_STEP * np.arange(len(plan.shapes))
     cable = task.scene.clearance(scene.smooth(plan.shapes), task.cable.radius)
     grippers = task.scene.signed_distance(plan.poses[:, :, :2]).min(axis=1) - task.grippers.radius
+    grippers = np.minimum(grippers, pieces_clearance(scene.smooth(plan.shapes), plan.poses, task))
     draw_clearance(above, "clearance", times, cable, grippers)
     step = np.diff(plan.poses, axis=0)
     move = 100 * np.linalg.norm(step[:, :, :2], axis=2) / task.grippers.max_step

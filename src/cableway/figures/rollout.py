@@ -114,6 +114,7 @@ def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> list[Any]:
     changed = draw_actual_scene(ax, task, change_of(task, rollout))
     rows = spread_rows(rollout.keypoints, SHAPES_SHOWN)
     colors = style.TIME(rows / max(rollout.steps, 1))
+    scene.draw_bodies(ax, task, rollout.poses[rows])
     scene.draw_cables(ax, rollout.centreline[rows], task.cable.radius, colors)
     if task.plug is not None:
         for row, color in zip(rows, colors, strict=True):

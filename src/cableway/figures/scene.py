@@ -22,6 +22,7 @@ from cableway.core.quantities import limit_text, size_text
 from cableway.figures import style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.geometry import polyline, se2
+from cableway.scene.bodies import outer_bodies
 from cableway.scene.scene import Scene
 from cableway.scene.task import ENDS, SPLINE_PIECES, Draft, Task
 
@@ -119,6 +120,15 @@ def draw_grippers(ax: Axes, points: Float[np.ndarray, "k 2"], radius: float, **o
     return _add_paths(ax, discs, facecolors=style.INK, **{"linewidths": 0.8, "zorder": 7, **options})
 
 
+def draw_bodies(ax: Axes, task: Draft, poses: Float[np.ndarray, "k 2 3"], **options: Any) -> None:
+    """What the grippers at `poses` [m, m, rad] have beyond their discs, seen from above."""
+    for body in outer_bodies(task.grippers.bodies, [None]):
+        if len(body.outline) > 1:
+            outlines = [Path(outline, closed=True) for outline in body.placed(poses[:, body.side])]
+            settings = {"facecolors": style.MUTED, "alpha": 0.05, "linewidths": 0.0, "zorder": 3.5, **options}
+            _add_paths(ax, outlines, **settings)
+
+
 def _add_paths(ax: Axes, paths: Sequence[Path], **options: Any) -> PathCollection:
     collection = PathCollection(paths, **{"edgecolor": "white", **options})
     ax.add_collection(collection)
@@ -149,6 +159,8 @@ def draw_end_shapes(ax: Axes, task: Draft, letters: bool = True) -> None:
         if task.plug is not None and task.ends_somewhere(end):
             corners = plug_corners(task, task.plug_pose(end))
             ax.add_patch(Polygon(corners, facecolor=color, edgecolor="white", linewidth=0.6, alpha=0.65, zorder=6))
+        if task.ends_somewhere(end):
+            draw_bodies(ax, task, task.gripper_poses(end)[None], facecolors=color, alpha=0.3)
         draw_grippers(ax, shape[[0, -1]], task.grippers.radius)
         if letters:
             _draw_letters(ax, shape, color, aside=task.plug is not None)

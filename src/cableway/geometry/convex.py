@@ -3,7 +3,7 @@
 An obstacle is a convex polygon with its vertices counter-clockwise, grown by a rounding radius; a disc is one
 vertex with a rounding. Signed distance is positive outside, and negative inside by the depth below the surface.
 The walls of the workspace count as obstacles; their indices follow those of the obstacles in the order
-left, bottom, right, top.
+left, bottom, right, top. What moves `above` a height meets only what is higher.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cableway.core.compiled import kernel
 
 WALLS = ("left wall", "bottom wall", "right wall", "top wall")
 
-World = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+World = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class ConvexWorld:
         rounding: (k,) [m] by which each polygon is grown.
         size: (2,) [m] extent of the workspace, whose lower left corner is the origin.
         boxes: (k, 4) [m] least x and y and greatest x and y of each obstacle.
+        heights: (k + 1,) [m] above the table, of each obstacle and of the walls.
     """
 
     vertices: Float[np.ndarray, "k v 2"]
@@ -39,40 +40,57 @@ class ConvexWorld:
     rounding: Float[np.ndarray, "k"]
     size: Float[np.ndarray, "2"]
     boxes: Float[np.ndarray, "k 4"]
+    heights: Float[np.ndarray, "k+1"]
 
     @property
     def arrays(self) -> World:
         """What the kernels take as `world`."""
-        return self.vertices, self.counts, self.rounding, self.size, self.boxes
+        return self.vertices, self.counts, self.rounding, self.size, self.boxes, self.heights
 
 
-def pack(polygons: Sequence[Float[np.ndarray, "_ 2"]], rounding: Sequence[float], size: Sequence[float]) -> ConvexWorld:
-    """Pack convex polygons [m] (counter-clockwise) with their rounding radii [m] into a `ConvexWorld`."""
+def pack(
+    polygons: Sequence[Float[np.ndarray, "_ 2"]],
+    rounding: Sequence[float],
+    size: Sequence[float],
+    heights: Sequence[float] | None = None,
+) -> ConvexWorld:
+    """Pack convex polygons [m] (counter-clockwise) with their rounding radii [m] into a `ConvexWorld`.
+
+    Heights [m] are those of all polygons and of the walls; unlimited where None.
+    """
     most = max((len(polygon) for polygon in polygons), default=1)
     vertices, boxes = np.zeros((len(polygons), most, 2)), np.zeros((len(polygons), 4))
     for row, box, polygon, grown in zip(vertices, boxes, polygons, rounding, strict=True):
         row[: len(polygon)] = polygon
         box[:2], box[2:] = np.min(polygon, axis=0) - grown, np.max(polygon, axis=0) + grown
     counts = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
-    return ConvexWorld(vertices, counts, np.array(rounding, dtype=float), np.array(size, dtype=float), boxes)
+    heights = [math.inf] * (len(polygons) + 1) if heights is None else heights
+    return ConvexWorld(
+        vertices, counts, np.array(rounding, float), np.array(size, float), boxes, np.array(heights, float)
+    )
 
 
 def signed_distance(
-    points: Float[np.ndarray, "... 2"], world: ConvexWorld, ceiling: float = math.inf
+    points: Float[np.ndarray, "... 2"],
+    world: ConvexWorld,
+    ceiling: float = math.inf,
+    above: Float[np.ndarray, "..."] | float = 0.0,
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... 2"], Int[np.ndarray, "..."]]:
     """Signed distance [m] of points to the nearest obstacle or wall, its gradient, and which one that is.
 
     Where nothing is nearer than `ceiling` [m], that is the distance, the gradient is zero and the index -1: less work.
+    `above` [m] is the height of each point, or of all.
     """
     points = np.asarray(points, float)
     flat = np.ascontiguousarray(points.reshape(-1, 2))
-    d, gradient, index = _point_distances(flat, world.arrays, ceiling)
     shape = points.shape[:-1]
+    lowest = np.broadcast_to(np.asarray(above, float), shape).ravel()
+    d, gradient, index = _point_distances(flat, world.arrays, ceiling, lowest)
     return d.reshape(shape), gradient.reshape(points.shape), index.reshape(shape)
 
 
 def polyline_distance(
-    polylines: Float[np.ndarray, "b m 2"], world: ConvexWorld
+    polylines: Float[np.ndarray, "b m 2"], world: ConvexWorld, above: float = 0.0
 ) -> tuple[Float[np.ndarray, "b"], Int[np.ndarray, "b"]]:
     """Least signed distance [m] over all points of each polyline, vertices and segments, and to which obstacle.
 
@@ -80,7 +98,7 @@ def polyline_distance(
     through a corner is found, and by how much.
     """
     lines = np.ascontiguousarray(polylines, dtype=float)
-    return _polyline_distances(lines, world.arrays)
+    return _polyline_distances(lines, world.arrays, above)
 
 
 @kernel
@@ -138,15 +156,16 @@ def box_gap(low_x, low_y, high_x, high_y, box):
 
 
 @kernel
-def nearest_obstacle(px, py, world, ceiling):
+def nearest_obstacle(px, py, world, ceiling, above):
     """Signed distance of one point to everything, its gradient, and which is nearest; see `signed_distance`."""
-    vertices, counts, rounding, size, boxes = world
-    d, gx, gy, wall = wall_distance(px, py, size)
-    index = len(counts) + wall
-    if d >= ceiling:
-        d, gx, gy, index = ceiling, 0.0, 0.0, -1
+    vertices, counts, rounding, size, boxes, heights = world
+    d, gx, gy, index = ceiling, 0.0, 0.0, -1
+    if heights[len(counts)] > above:
+        dw, ux, uy, wall = wall_distance(px, py, size)
+        if dw < d:
+            d, gx, gy, index = dw, ux, uy, len(counts) + wall
     for k in range(len(counts)):
-        if box_gap(px, py, px, py, boxes[k]) < d:
+        if heights[k] > above and box_gap(px, py, px, py, boxes[k]) < d:
             dk, ux, uy = convex_distance(px, py, vertices[k], counts[k], rounding[k])
             if dk < d:
                 d, gx, gy, index = dk, ux, uy, k
@@ -154,29 +173,32 @@ def nearest_obstacle(px, py, world, ceiling):
 
 
 @kernel
-def distance_at(px, py, world):
-    """Signed distance of one point to everything."""
-    vertices, counts, rounding, size, boxes = world
-    d = wall_distance(px, py, size)[0]
+def distance_at(px, py, world, above):
+    """Signed distance of one point to everything higher than `above`."""
+    vertices, counts, rounding, size, boxes, heights = world
+    d = wall_distance(px, py, size)[0] if heights[len(counts)] > above else np.inf
     first, gap = -1, d
     for k in range(len(counts)):
-        gap_k = box_gap(px, py, px, py, boxes[k])
-        if gap_k < gap:
-            first, gap = k, gap_k
+        if heights[k] > above:
+            gap_k = box_gap(px, py, px, py, boxes[k])
+            if gap_k < gap:
+                first, gap = k, gap_k
     if first >= 0:
         d = min(d, convex_distance(px, py, vertices[first], counts[first], rounding[first])[0])
     for k in range(len(counts)):
-        if k != first and box_gap(px, py, px, py, boxes[k]) < d:
+        if k != first and heights[k] > above and box_gap(px, py, px, py, boxes[k]) < d:
             d = min(d, convex_distance(px, py, vertices[k], counts[k], rounding[k])[0])
     return d
 
 
 @kernel
-def _point_distances(points, world, ceiling):
+def _point_distances(points, world, ceiling, above):
     m = len(points)
     d, gradient, index = np.empty(m), np.empty((m, 2)), np.empty(m, np.int64)
     for i in range(m):
-        d[i], gradient[i, 0], gradient[i, 1], index[i] = nearest_obstacle(points[i, 0], points[i, 1], world, ceiling)
+        d[i], gradient[i, 0], gradient[i, 1], index[i] = nearest_obstacle(
+            points[i, 0], points[i, 1], world, ceiling, above[i]
+        )
     return d, gradient, index
 
 
@@ -240,17 +262,18 @@ def segment_distance(ax, ay, bx, by, polygon, count, rounding):
 
 
 @kernel
-def segment_clearance(ax, ay, bx, by, world, ceiling):
-    """Least signed distance over the points of a segment to everything, at most `ceiling`, and to which."""
-    vertices, counts, rounding, size, boxes = world
+def segment_clearance(ax, ay, bx, by, world, ceiling, above):
+    """Least signed distance over a segment to everything higher than `above`, at most `ceiling`, and to which."""
+    vertices, counts, rounding, size, boxes, heights = world
     d, index = ceiling, -1
-    for x, y in ((ax, ay), (bx, by)):
-        dw, _, _, wall = wall_distance(x, y, size)
-        if dw < d:
-            d, index = dw, len(counts) + wall
+    if heights[len(counts)] > above:
+        for x, y in ((ax, ay), (bx, by)):
+            dw, _, _, wall = wall_distance(x, y, size)
+            if dw < d:
+                d, index = dw, len(counts) + wall
     low_x, low_y, high_x, high_y = min(ax, bx), min(ay, by), max(ax, bx), max(ay, by)
     for k in range(len(counts)):
-        if box_gap(low_x, low_y, high_x, high_y, boxes[k]) < d:
+        if heights[k] > above and box_gap(low_x, low_y, high_x, high_y, boxes[k]) < d:
             dk = segment_distance(ax, ay, bx, by, vertices[k], counts[k], rounding[k])
             if dk < d:
                 d, index = dk, k
@@ -258,13 +281,13 @@ def segment_clearance(ax, ay, bx, by, world, ceiling):
 
 
 @kernel
-def _polyline_distances(lines, world):
+def _polyline_distances(lines, world, above):
     b = len(lines)
     d, index = np.full(b, np.inf), np.full(b, -1)
     for i in range(b):
         for j in range(lines.shape[1] - 1):
             ax, ay, bx, by = lines[i, j, 0], lines[i, j, 1], lines[i, j + 1, 0], lines[i, j + 1, 1]
-            nearer, which = segment_clearance(ax, ay, bx, by, world, d[i])
+            nearer, which = segment_clearance(ax, ay, bx, by, world, d[i], above)
             if which >= 0:
                 d[i], index[i] = nearer, which
     return d, index

@@ -13,7 +13,7 @@ import numpy as np
 from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import box_gap, convex_distance, wall_distance
 from cableway.rod.kernels import stability, world_shape
-from cableway.scene.bodies import bodies_keep_distance
+from cableway.scene.bodies import bodies_keep_apart, bodies_keep_distance, bodies_keep_off
 
 
 @kernel
@@ -34,7 +34,9 @@ def is_free(q, space):
         return False
     if not _cable_keeps_distance(stations, world, limits.cable_distance):
         return False
-    if not bodies_keep_distance(poses, bodies, world):
+    if not bodies_keep_distance(poses, bodies, world) or not bodies_keep_apart(poses, bodies, limits.bodies_apart):
+        return False
+    if not bodies_keep_off(stations, poses, bodies, p[0], limits.bodies_off_cable):
         return False
     gradient = np.empty(3)
     if stability(q[3:], p, modes, limits.stability, gradient) < limits.stability:
@@ -108,7 +110,7 @@ def self_distance(stations, apart):
 @inlined
 def _cable_keeps_distance(stations, world, wanted):
     """Whether the centre line keeps a distance from walls and obstacles."""
-    vertices, counts, rounding, size, boxes = world
+    vertices, counts, rounding, size, boxes, _ = world
     low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(stations)):
         x, y = stations[i, 0], stations[i, 1]

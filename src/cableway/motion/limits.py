@@ -24,7 +24,7 @@ class Margins(Checked):
     """What a shape keeps beyond not touching and not snapping.
 
     Attributes:
-        clearance: Of cable and bodies from obstacles and walls [m].
+        clearance: Of cable and bodies from obstacles and walls, and of bodies from each other and the cable [m].
         stability: Least stability margin.
         gripper_span: Greatest distance of the grippers, in lengths of the cable.
         self_distance: Of the cable's surface from itself [m].
@@ -47,6 +47,8 @@ class ShapeLimits(NamedTuple):
         sharpest_turn: Greatest sine of the turn at a hinge.
         apart: Stations along the rod from which on it could touch itself.
         self_distance: Of such stations from each other [m].
+        bodies_apart: Distance of the bodies of the two grippers [m].
+        bodies_off_cable: Distance of the centre line from bodies that could meet it [m].
     """
 
     cable_distance: float
@@ -56,6 +58,8 @@ class ShapeLimits(NamedTuple):
     sharpest_turn: float
     apart: int
     self_distance: float
+    bodies_apart: float
+    bodies_off_cable: float
 
 
 BODY_SPACING = 0.008
@@ -70,21 +74,26 @@ class BodyPoints(NamedTuple):
         side: (k,) gripper that each moves with.
         at: (k, 2) where it is in that gripper's frame [m].
         rounding: (k,) by which it is grown [m].
+        lowest: (k,) height of the lowest point of its body above the table [m].
     """
 
     side: Int[np.ndarray, "k"]
     at: Float[np.ndarray, "k 2"]
     rounding: Float[np.ndarray, "k"]
+    lowest: Float[np.ndarray, "k"]
 
     @classmethod
     def of(cls, task: Task) -> BodyPoints:
-        """The centre of each disc, and points `BODY_SPACING` apart round all else."""
-        bodies = task.bodies
+        """The centre of each disc, and points `BODY_SPACING` apart round all else that could touch an obstacle."""
+        bodies = task.outer_bodies
         points = [each.outline if len(each.outline) == 1 else each.boundary(BODY_SPACING)[:-1] for each in bodies]
         counts = [len(each) for each in points]
-        rounding = [body_rounding(body, task.cable) for body in bodies]
+        rounding = np.array([body_rounding(body, task.cable) for body in bodies])
         sides = np.array([body.side for body in bodies], dtype=np.int64)
-        return cls(np.repeat(sides, counts), np.concatenate(points), np.repeat(np.array(rounding), counts))
+        lowest = np.array([body.heights[0] for body in bodies])
+        return cls(
+            np.repeat(sides, counts), np.concatenate(points), np.repeat(rounding, counts), np.repeat(lowest, counts)
+        )
 
 
 def sharpest_turn_of(task: Task) -> float:

@@ -6,20 +6,28 @@ optimisation, random tasks and controllers weigh them and add up their squares.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from cableway.geometry import convex, se2
 from cableway.geometry.groups import SE2
-from cableway.motion.limits import BodyPoints
+from cableway.motion.limits import BODY_SPACING, BodyPoints
 from cableway.rod.held_rod import HeldRod
+from cableway.scene.bodies import Body, into_frame
+from cableway.scene.clearance import free_stations
+from cableway.scene.task import Task
 
 
 def clearance_shortfall(
-    points: Float[np.ndarray, "... 2"], world: convex.ConvexWorld, wanted: Float[np.ndarray, "..."] | float
+    points: Float[np.ndarray, "... 2"],
+    world: convex.ConvexWorld,
+    wanted: Float[np.ndarray, "..."] | float,
+    above: Float[np.ndarray, "..."] | float = 0.0,
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "... 2"]]:
-    """How far points are nearer than `wanted` [m] to something, and the slope by their position."""
-    distance, slope, _ = convex.signed_distance(points, world, float(np.max(wanted)))
+    """How far points are nearer than `wanted` [m] to something higher than `above` [m], and the slope by position."""
+    distance, slope, _ = convex.signed_distance(points, world, float(np.max(wanted)), above)
     short = np.maximum(0.0, wanted - distance)
     return short, -slope * (short > 0)[..., None]
 
@@ -31,10 +39,74 @@ def body_shortfall(
     at = poses[:, bodies.side]
     x, y = bodies.at.T[..., None]
     points = SE2.position(at) + x * se2.direction(at[..., 2]) + y * se2.direction(at[..., 2] + np.pi / 2)
-    lack, slope = clearance_shortfall(points, world, margin + bodies.rounding)
+    lack, slope = clearance_shortfall(points, world, margin + bodies.rounding, bodies.lowest)
     by_poses = np.zeros((*lack.shape, 2, SE2.dof))
     by_poses[:, np.arange(len(bodies.side)), bodies.side] = SE2.pulled_back(slope, points, at)
     return lack, by_poses
+
+
+def bodies_shortfall(
+    pairs: Sequence[tuple[Body, Body]], poses: Float[np.ndarray, "t 2 3"], wanted: float
+) -> tuple[Float[np.ndarray, "t k"], Float[np.ndarray, "t k 2 3"]]:
+    """How far points round one body of a pair are nearer than `wanted` [m] to the other, and the slope by the poses.
+
+    Points that are nearer in no row are left out.
+    """
+    short: list[np.ndarray] = [np.zeros((len(poses), 0))]
+    slopes: list[np.ndarray] = [np.zeros((len(poses), 0, 2, SE2.dof))]
+    least = np.linalg.norm(SE2.position(poses[:, 1]) - SE2.position(poses[:, 0]), axis=1).min()
+    for a, b in pairs:
+        for one, other in ((a, b), (b, a)) if least < a.reach + b.reach + wanted else ():
+            held, at = poses[:, one.side], poses[:, other.side]
+            points = one.placed(held, BODY_SPACING)[:, :-1]
+            lack, slope = _shortfall_of(points, other, at, wanted + one.rounding)
+            some = lack.any(axis=0)
+            points, lack, slope = points[:, some], lack[:, some], slope[:, some]
+            by_poses = np.zeros((*lack.shape, 2, SE2.dof))
+            by_poses[:, :, one.side] = SE2.pulled_back(slope, points, held[:, None])
+            by_poses[:, :, other.side] = -SE2.pulled_back(slope, points, at[:, None])
+            short.append(lack)
+            slopes.append(by_poses)
+    return np.concatenate(short, axis=1), np.concatenate(slopes, axis=1)
+
+
+def cable_shortfall(
+    stations: Float[np.ndarray, "t s 2"], poses: Float[np.ndarray, "t 2 3"], task: Task, margin: float
+) -> tuple[Float[np.ndarray, "t k"], Int[np.ndarray, "k"], Float[np.ndarray, "t k 2"], Float[np.ndarray, "t k 2 3"]]:
+    """How far the cable lacks a clearance of `margin` [m] from bodies that could meet it.
+
+    Returns:
+        The shortfall of every station that does in some row, body by body, which stations those are, and the slopes by
+        their positions and by the gripper poses.
+    """
+    rows, count = stations.shape[:2]
+    short: list[np.ndarray] = [np.zeros((rows, 0))]
+    which: list[np.ndarray] = [np.zeros(0, np.int64)]
+    slopes: list[np.ndarray] = [np.zeros((rows, 0, 2))]
+    by_poses: list[np.ndarray] = [np.zeros((rows, 0, 2, SE2.dof))]
+    for body in task.bodies:
+        if not body.meets_cable(task.cable.radius):
+            continue
+        free = free_stations(body, count, task.cable, margin)
+        points, at = stations[:, free], poses[:, body.side]
+        lack, slope = _shortfall_of(points, body, at, margin + task.cable.radius)
+        some = lack.any(axis=0)
+        free, points, lack, slope = free[some], points[:, some], lack[:, some], slope[:, some]
+        turned = np.zeros((*lack.shape, 2, SE2.dof))
+        turned[:, :, body.side] = -SE2.pulled_back(slope, points, at[:, None])
+        for found, new in ((short, lack), (which, free), (slopes, slope), (by_poses, turned)):
+            found.append(new)
+    return np.hstack(short), np.concatenate(which), np.hstack(slopes), np.hstack(by_poses)
+
+
+def _shortfall_of(
+    points: Float[np.ndarray, "t k 2"], body: Body, at: Float[np.ndarray, "t 3"], wanted: float
+) -> tuple[Float[np.ndarray, "t k"], Float[np.ndarray, "t k 2"]]:
+    """How far points [m] are nearer than `wanted` [m] to a body at a pose, and the slope by them, in the world."""
+    short, slope = clearance_shortfall(into_frame(points, at), body.world, wanted)
+    angle = at[:, None, 2]
+    along, aside = se2.direction(angle), se2.direction(angle + np.pi / 2)
+    return short, slope[..., :1] * along + slope[..., 1:] * aside
 
 
 def span_excess(

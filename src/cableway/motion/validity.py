@@ -1,9 +1,9 @@
 """Where a held cable may be.
 
-A configuration q of the rod is free where cable and bodies keep their distances from obstacles and walls, the rod is
-stable, the grippers are neither too far apart nor too near, no hinge bends too sharply, and the cable keeps away from
-itself. `FreeSpace` asks that of the shapes of one task; between two configurations every shape is an equilibrium
-(`cableway.rod.planar`), so a motion is checked at shapes a few millimetres apart.
+A configuration q of the rod is free where cable and bodies keep their distances from obstacles, walls and each other,
+the rod is stable, the grippers are neither too far apart nor too near, no hinge bends too sharply, and the cable keeps
+away from itself. `FreeSpace` asks that of the shapes of one task; between two configurations every shape is an
+equilibrium (`cableway.rod.planar`), so a motion is checked at shapes a few millimetres apart.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from jaxtyping import Bool, Float
 from cableway.geometry.convex import ConvexWorld, polyline_distance
 from cableway.geometry.groups import SE2
 from cableway.motion import kernels
-from cableway.motion.clearance import body_clearance
 from cableway.motion.limits import Margins, ShapeLimits, body_rounding, sharpest_turn_of, stations_apart
 from cableway.rod.held_rod import HeldRod
 from cableway.scene.bodies import Body, pack
+from cableway.scene.clearance import bodies_gap, body_clearance, cable_gap
 from cableway.scene.task import Task
 
 STRAIGHTER = 1e-3
@@ -47,7 +47,7 @@ class FreeSpace:
         stations, poses = rod.shapes(ends)
         spans = gripper_spans(poses)
         turns = [kernels.sharpest_turn(shape, rod.length) for shape in stations]
-        apart = stations_apart(task)
+        apart, off = stations_apart(task), cable_gap(task.bodies, stations, poses, task.cable, margins.clearance)
         selves = min(kernels.self_distance(shape, apart) for shape in stations)
         limits = ShapeLimits(
             cable_distance=min(
@@ -59,9 +59,13 @@ class FreeSpace:
             sharpest_turn=max(sharpest_turn_of(task), *turns),
             apart=apart,
             self_distance=min(2 * task.cable.radius + margins.self_distance, selves - 1e-9),
+            bodies_apart=min(margins.clearance, float(bodies_gap(task.body_pairs, poses).min()) - 1e-6),
+            bodies_off_cable=task.cable.radius + min(margins.clearance, float(off.min()) - 1e-6),
         )
-        kept = [_body_distance(body, poses, task, margins) for body in task.bodies]
-        return cls(rod, (rod.arrays, task.scene.world.arrays, limits, pack(task.bodies, kept)))
+        outer = task.outer_bodies
+        kept = [_body_distance(body, poses, task, margins) if body in outer else -math.inf for body in task.bodies]
+        bodies = pack(task.bodies, kept, task.body_pairs, task.cable.radius, margins.clearance)
+        return cls(rod, (rod.arrays, task.scene.world.arrays, limits, bodies))
 
     def are_free(self, q: Float[np.ndarray, "k dof"]) -> Bool[np.ndarray, "k"]:
         """Which configurations are free."""

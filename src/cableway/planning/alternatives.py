@@ -7,12 +7,12 @@ from collections.abc import Callable
 from cableway.core.errors import Cancelled, PlanningError
 from cableway.core.time_limit import OutOfTime
 from cableway.geometry.groups import SE2
-from cableway.motion.clearance import cable_clearance
 from cableway.outcome import Outcome
 from cableway.planning.candidates import Search
 from cableway.planning.initial_trajectories import PIVOTED
 from cableway.planning.routes.homotopy import different_routes, motion_class, signature
 from cableway.records import Plan
+from cableway.scene.clearance import cable_clearance
 from cableway.scene.task import Task
 
 SEARCHES_EACH = 6

@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import polyline
-from cableway.motion.clearance import PIECES
 from cableway.planning.config import PivotConfig
 from cableway.planning.routes.pivot import plan_pivot_path
+from cableway.scene.clearance import PIECES
 from cableway.scene.task import Task
 
 End = Literal["head", "tail"]

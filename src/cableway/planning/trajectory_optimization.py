@@ -191,8 +191,9 @@ class _Problem:
         total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
         total += 0.5 * np.sum(loads**2) / LOAD_SCALE**2
         by_load = (self._stability(q), self._tension(q))
-        residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), *by_load)
+        residuals = (self._clearance(stations), self._bodies(poses), self._apart(poses), self._span(poses), *by_load)
         total += sum(0.5 * np.sum(value**2) for value, _ in residuals) + 0.5 * np.sum(self._bends(stations) ** 2)
+        total += 0.5 * np.sum(self._off_cable(stations, poses)[0] ** 2)
         return float(total)
 
     def linearise(self, q: Float[np.ndarray, "t d"]) -> _Normal:
@@ -225,8 +226,11 @@ class _Problem:
             (lack[:, None], dlack[:, None]),
             self._tension(q),
         ]
-        for value, by_poses in (self._span(poses), self._bodies(poses)):
+        for value, by_poses in (self._span(poses), self._bodies(poses), self._apart(poses)):
             residuals.append((value, np.einsum("tckj,tkji->tci", by_poses, dposes)))
+        value, which, by_stations, by_poses = self._off_cable(stations, poses)
+        slopes = np.einsum("tsk,tski->tsi", by_stations, dstations[:, which])
+        residuals.append((value, slopes + np.einsum("tckj,tkji->tci", by_poses, dposes)))
         if np.isfinite(self.sharpest):
             slopes = terms.turn_excess_slope(stations, dstations, self.rod, self.sharpest)
             residuals.append((self._bends(stations), slopes / BEND_SCALE))
@@ -244,6 +248,18 @@ class _Problem:
     def _bodies(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same for points round the bodies, and their slopes by the gripper poses."""
         return self._weighted(*terms.body_shortfall(self.bodies, self.task.scene.world, poses, self.room))
+
+    def _apart(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same between the bodies of the two grippers."""
+        return self._weighted(*terms.bodies_shortfall(self.task.body_pairs, poses, self.room))
+
+    def _off_cable(
+        self, stations: np.ndarray, poses: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The same of stations that bodies could meet, which those are, and the slopes by them and by the poses."""
+        short, which, by_stations, by_poses = terms.cable_shortfall(stations, poses, self.task, self.room)
+        value, by_poses = self._weighted(short, by_poses)
+        return value, np.tile(which, 2), self._weighted(short, by_stations)[1], by_poses
 
     def _weighted(self, short: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Shortfalls (t, 2 k) against margin and room, from those against room, with their slopes."""

@@ -9,10 +9,12 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.errors import TaskError
 from cableway.geometry import se2
 from cableway.scene import checks
-from cableway.scene.bodies import RIGHT, Body
+from cableway.scene.bodies import LEFT, RIGHT, Body
 from cableway.scene.checks import Quantity
+from cableway.scene.gripper_bodies import BodyPart, gripper_body
 
 PlugLength = Annotated[float, "a length", Quantity("m", 1e-4, 1.0)]
 
@@ -29,13 +31,14 @@ class Grippers:
         max_step: Largest move in one control step [m].
         max_turn: Largest turn in one control step [rad].
         separation: Least distance between the two grippers' centres [m]; never below what their discs need.
+        body: What else of a gripper takes room: a name of `GRIPPER_BODIES` or pieces; None for the disc alone.
         max_acceleration: Of a gripper's position along a plan [m/s²]; None for no limit.
         max_turn_acceleration: Of its angle [rad/s²].
         max_jerk: Of its position [m/s³].
         max_turn_jerk: Of its angle [rad/s³].
 
     Raises:
-        TaskError: A value is not finite or out of range.
+        TaskError: A value is not finite or out of range, or there is no such body.
 
     Note:
         A plan with one of the last four starts and ends at rest: velocity, acceleration and jerk are the first,
@@ -46,6 +49,7 @@ class Grippers:
     max_step: Annotated[float, "a length", Quantity("m", 1e-5, 1.0)] = 0.0133
     max_turn: Annotated[float, "an angle", Quantity("rad", 1e-4, math.pi)] = 0.133
     separation: Annotated[float, "a length", Quantity("m", 0.0, 10.0)] = 0.0
+    body: str | tuple[BodyPart, ...] | None = None
     max_acceleration: Annotated[float | None, "a number", Quantity("m/s^2", 1e-3, 1e3)] = None
     max_turn_acceleration: Annotated[float | None, "a number", Quantity("rad/s^2", 1e-2, 1e4)] = None
     max_jerk: Annotated[float | None, "a number", Quantity("m/s^3", 1e-3, 1e5)] = None
@@ -53,6 +57,19 @@ class Grippers:
 
     def __post_init__(self) -> None:
         checks.check_quantities(self, "grippers")
+        try:
+            pieces = gripper_body(self.body)
+        except TaskError as error:
+            raise error.within("grippers") from None
+        if self.body is not None and not isinstance(self.body, str):
+            object.__setattr__(self, "body", pieces)
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The discs and the other pieces of both grippers."""
+        sides = (("left gripper", LEFT), ("right gripper", RIGHT))
+        discs = [Body.disc(name, side, self.radius) for name, side in sides]
+        return (*discs, *(part.body(name, side) for part in gripper_body(self.body) for name, side in sides))
 
     @property
     def has_ramps(self) -> bool:

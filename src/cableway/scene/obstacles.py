@@ -1,4 +1,4 @@
-"""Convex obstacles: boxes, polygons and discs."""
+"""Convex obstacles: boxes, polygons and discs, as high as they are."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from cableway.core.errors import TaskError
 from cableway.core.quantities import limit_text, place
 from cableway.geometry import polyline, se2
 from cableway.scene import checks
+from cableway.scene.checks import Quantity
 
 MINIMUM_AREA = 1e-8
 """Area [m^2] under which an obstacle counts as degenerate: 0.1 mm x 0.1 mm."""
@@ -20,6 +21,10 @@ MINIMUM_AREA = 1e-8
 ROUNDING = 2e-6
 """Distance [m] by which a vertex may stand inside its neighbours' line, or an edge be short: figures in a file are
 rounded to micrometres."""
+
+
+Height = Annotated[float | None, "a height", Quantity("m", 1e-4, 50.0)]
+"""Above the table; None where nothing passes above."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +35,7 @@ class Box:
         center: (x, y) [m].
         size: Width and height [m] before turning.
         angle: Turn about the centre [rad].
+        height: Above the table [m]; None where nothing passes above.
 
     Raises:
         TaskError: A value is not finite or out of range, or the area is next to nothing.
@@ -38,6 +44,7 @@ class Box:
     center: checks.Point
     size: Annotated[tuple[checks.Extent, checks.Extent], "[width, height]"]
     angle: checks.Radians = 0.0
+    height: Height = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", checks.pair(self.center, ("center",), checks.COORDINATE))
@@ -60,6 +67,7 @@ class Polygon:
 
     Attributes:
         vertices: (k, 2) [m]; kept counter-clockwise.
+        height: Above the table [m]; None where nothing passes above.
 
     Raises:
         TaskError: Fewer than 3 vertices, a number that is not finite, two vertices in one place, next to no area,
@@ -67,19 +75,21 @@ class Polygon:
     """
 
     vertices: Float[np.ndarray, "k 2"]
+    height: Height = None
 
     def __post_init__(self) -> None:
         vertices = checks.rows(self.vertices, ("vertices",), checks.XY)
-        _check_convex(vertices)
-        if _area(vertices) < 0:
-            vertices = vertices[::-1].copy()
-        object.__setattr__(self, "vertices", vertices)
+        check_convex(vertices, "vertices")
+        object.__setattr__(self, "vertices", counter_clockwise(vertices))
+        checks.check_quantities(self)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Polygon) and np.array_equal(self.vertices, other.vertices)
+        if not isinstance(other, Polygon):
+            return False
+        return self.height == other.height and np.array_equal(self.vertices, other.vertices)
 
     def __hash__(self) -> int:
-        return hash(self.vertices.tobytes())
+        return hash((self.height, self.vertices.tobytes()))
 
     rounding = 0.0
 
@@ -91,6 +101,7 @@ class Disc:
     Attributes:
         center: (x, y) [m].
         radius: [m].
+        height: Above the table [m]; None where nothing passes above.
 
     Raises:
         TaskError: A value is not finite or out of range, or the area is next to nothing.
@@ -98,6 +109,7 @@ class Disc:
 
     center: checks.Point
     radius: checks.Extent
+    height: Height = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", checks.pair(self.center, ("center",), checks.COORDINATE))
@@ -135,16 +147,26 @@ def _area(vertices: Float[np.ndarray, "k 2"]) -> float:
     return -polyline.signed_area(np.vstack([vertices, vertices[:1]]))
 
 
-def _check_convex(vertices: Float[np.ndarray, "k 2"]) -> None:
+def counter_clockwise(vertices: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 2"]:
+    """The vertices of a polygon in that sense."""
+    return vertices[::-1].copy() if _area(vertices) < 0 else vertices
+
+
+def check_convex(vertices: Float[np.ndarray, "k 2"], name: str) -> None:
+    """Require of vertices [m], in either sense, that they are those of a convex polygon.
+
+    Raises:
+        TaskError: Of the key `name`: fewer than 3 vertices, two in one place, next to no area, or not convex.
+    """
     if len(vertices) < 3:
-        raise TaskError(f"must be at least 3 points, got {len(vertices)}", ("vertices",))
+        raise TaskError(f"must be at least 3 points, got {len(vertices)}", (name,))
     area = _area(vertices)
-    _require_area(abs(area), "vertices")
+    _require_area(abs(area), name)
     edges = np.roll(vertices, -1, axis=0) - vertices
     lengths = np.linalg.norm(edges, axis=1)
     if lengths.min() < ROUNDING:
         i = int(np.argmin(lengths))
-        raise TaskError(f"repeats the point {i} as point {(i + 1) % len(vertices)}", ("vertices",))
+        raise TaskError(f"repeats the point {i} as point {(i + 1) % len(vertices)}", (name,))
     following = np.roll(edges, -1, axis=0)
     turns = np.sign(area) * (edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0])
     chords = np.linalg.norm(edges + following, axis=1)
@@ -152,7 +174,7 @@ def _check_convex(vertices: Float[np.ndarray, "k 2"]) -> None:
     inward = turns < -ROUNDING * np.maximum(chords, ROUNDING)
     if inward.any() or abs(winding - 2 * np.pi) > 1e-6:
         where = f" at point {(int(np.argmin(turns)) + 1) % len(vertices)}" if inward.any() else ", its edges cross"
-        raise TaskError(f"is not convex{where}; split it into convex parts", ("vertices",))
+        raise TaskError(f"is not convex{where}; split it into convex parts", (name,))
 
 
 def to_shapely(obstacle: Obstacle) -> shapely.Polygon:

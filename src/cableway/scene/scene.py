@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from cableway.core.errors import Point, TaskError
 from cableway.core.quantities import quantity, size_text
 from cableway.geometry import convex
 from cableway.scene import checks
-from cableway.scene.obstacles import Disc, Obstacle, describe, displaced, to_shapely
+from cableway.scene.obstacles import Disc, Height, Obstacle, describe, displaced, to_shapely
 
 WALL_TOLERANCE = 1e-6
 """Distance [m] by which an obstacle may reach beyond a wall: figures in a file are rounded to micrometres."""
@@ -45,16 +46,20 @@ class Scene:
     Attributes:
         size: (width, height) [m]; the origin is the lower left corner, and the walls are obstacles.
         obstacles: Convex obstacles inside the workspace; they may touch its walls and overlap each other.
+        wall_height: Of the walls above the table [m]; None where nothing passes above. The cable and the tips of the
+            grippers stay inside in any case.
 
     Raises:
-        TaskError: A size is not positive and finite, or an obstacle reaches beyond a wall.
+        TaskError: A size or height is not positive and finite, or an obstacle reaches beyond a wall.
     """
 
     size: tuple[float, float] = (0.7, 0.7)
     obstacles: tuple[Obstacle, ...] = ()
+    wall_height: Height = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "size", checks.pair(self.size, ("workspace", "size"), checks.WORKSPACE))
+        checks.check_quantities(self, "workspace")
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         faults = [fault for index in range(len(self.obstacles)) if (fault := self._outside(index))]
         if faults:
@@ -98,7 +103,13 @@ class Scene:
     def world(self) -> convex.ConvexWorld:
         """The obstacles packed for the compiled kernels."""
         polygons = [obstacle.vertices for obstacle in self.obstacles]
-        return convex.pack(polygons, [obstacle.rounding for obstacle in self.obstacles], self.size)
+        heights = [math.inf if height is None else height for height in self.heights]
+        return convex.pack(polygons, [obstacle.rounding for obstacle in self.obstacles], self.size, heights)
+
+    @property
+    def heights(self) -> tuple[float | None, ...]:
+        """Heights [m] of all obstacles, then of the walls."""
+        return (*(obstacle.height for obstacle in self.obstacles), self.wall_height)
 
     @cached_property
     def solids(self) -> tuple[shapely.Polygon, ...]:
@@ -111,17 +122,20 @@ class Scene:
             return "the " + convex.WALLS[index - len(self.obstacles)]
         return f"obstacles[{index}] ({describe(self.obstacles[index])})"
 
-    def signed_distance(self, points: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "..."]:
-        """Signed distance [m] of points to the nearest obstacle or wall, positive in free space."""
-        return convex.signed_distance(points, self.world)[0]
+    def signed_distance(self, points: Float[np.ndarray, "... 2"], above: float = 0.0) -> Float[np.ndarray, "..."]:
+        """Signed distance [m] of points to the nearest obstacle or wall higher than `above` [m], positive outside."""
+        return convex.signed_distance(points, self.world, above=above)[0]
 
-    def clearance(self, polylines: Float[np.ndarray, "b m 2"], radius: float) -> Float[np.ndarray, "b"]:
-        """Signed distance [m] of the surface of cables, polylines grown by `radius`, to what is nearest."""
-        return convex.polyline_distance(polylines, self.world)[0] - radius
+    def clearance(
+        self, polylines: Float[np.ndarray, "b m 2"], radius: float, above: float = 0.0
+    ) -> Float[np.ndarray, "b"]:
+        """Signed distance [m] of polylines grown by `radius` to the nearest obstacle or wall higher than `above`."""
+        return convex.polyline_distance(polylines, self.world, above)[0] - radius
 
-    def overlap(self, line: Float[np.ndarray, "m 2"], radius: float) -> Overlap:
+    def overlap(self, line: Float[np.ndarray, "m 2"], radius: float, above: float = 0.0) -> Overlap:
         """The deepest overlap, to 0.1 mm, of a cable (a polyline grown by `radius`) or a disc (one vertex).
 
+        With what is higher than `above` [m]; where nothing is, the depth is minus infinity.
         Uses Shapely, so that a task can be read and shown before any kernel is compiled.
         """
         curve = shapely.LineString(line) if len(line) > 1 else shapely.Point(line[0])
@@ -132,6 +146,10 @@ class Scene:
             at = line[vertex].copy()
             at[axis] = end
             found.append((float(inward[vertex]), at))
+        heights = [*self.heights[:-1], *[self.wall_height] * 4]
+        for k, height in enumerate(heights):
+            if height is not None and height <= above:
+                found[k] = (math.inf, found[k][1])
         index = min(range(len(found)), key=lambda i: found[i][0])
         distance, (x, y) = found[index]
         return Overlap(radius - distance, index, (float(x), float(y)))

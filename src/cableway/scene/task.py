@@ -19,7 +19,7 @@ from cableway.core.quantities import limit_text, size_text
 from cableway.rod.inverse import fit_keypoints, stable_near
 from cableway.rod.planar import PlanarRod
 from cableway.scene import checks, validity
-from cableway.scene.bodies import LEFT, RIGHT, Body
+from cableway.scene.bodies import Body, body_pairs, outer_bodies
 from cableway.scene.cable import Cable, EstimatedCable
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.scene import Scene
@@ -40,7 +40,7 @@ MOVED_OFF = 0.02
 LACK_WEIGHT = 100.0
 """Of a lack of clearance against as large a move of a keypoint."""
 
-STABILITY_WEIGHT = 0.01
+STABILITY_WEIGHT = 0.02
 """Of a lack of stability [m]."""
 
 End = Literal["start", "goal"]
@@ -98,27 +98,51 @@ class Draft(Brief):
             if poses is not None and len(poses) != 2:
                 raise TaskError(f"must be two poses (x, y, theta), got {len(poses)}", (f"{end}_poses",))
 
-    def plug_pose(self, end: End) -> Float[np.ndarray, "3"]:
-        """Rear of the plug [m, m, rad] at start or goal: where stated, else as the keypoints have it."""
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """What moves with the grippers: their discs and other pieces, and the plug where there is one."""
+        pieces = self.grippers.bodies
+        return pieces if self.plug is None else (*pieces, self.plug.body)
+
+    @cached_property
+    def outer_bodies(self) -> tuple[Body, ...]:
+        """Those of `bodies` that obstacles or walls could touch first."""
+        return outer_bodies(self.bodies, self.scene.heights)
+
+    @cached_property
+    def body_pairs(self) -> tuple[tuple[Body, Body], ...]:
+        """Those of `bodies` that could touch each other first, the left gripper's before the right one's."""
+        return body_pairs(self.bodies)
+
+    def gripper_poses(self, end: End) -> Float[np.ndarray, "2 3"]:
+        """Gripper poses [m, m, rad] at start or goal: where stated, else as the keypoints have them."""
         poses = self.start_poses if end == "start" else self.goal_poses
-        return validity.end_pose(getattr(self, end), self.cable) if poses is None else poses[1]
+        return validity.end_poses(getattr(self, end), self.cable) if poses is None else poses
+
+    def plug_pose(self, end: End) -> Float[np.ndarray, "3"]:
+        """Rear of the plug [m, m, rad] at start or goal."""
+        return self.gripper_poses(end)[1]
 
     def faults(self) -> Iterator[TaskError]:
         """Why no cable can do it."""
         for end in ENDS:
             shape, poses = getattr(self, end), getattr(self, f"{end}_poses")
+            faults: list[TaskError] = []
             if shape is not None:
                 faults = list(validity.shape_faults(end, shape, self.scene, self.cable, self.grippers))
                 yield from faults
                 if poses is not None and not faults:
                     yield from validity.pose_faults(end, poses, shape, self.cable)
-            if self.plug is not None and self.ends_somewhere(end):
-                yield from validity.plug_faults(end, self.plug_pose(end), self.plug, self.scene)
+            if self.ends_somewhere(end):
+                yield from validity.body_faults(end, self.gripper_poses(end), self.bodies, self.scene)
+                if shape is not None and len(shape) == self.cable.keypoints and not faults:
+                    at = self.gripper_poses(end)
+                    yield from validity.body_on_cable_faults(end, shape, at, self.bodies, self.cable)
         if self.port is not None and self.plug is not None and self.ends_somewhere("goal"):
             yield from validity.port_faults(self.plug_pose("goal"), self.plug, self.port)
 
     def ends_somewhere(self, end: End) -> bool:
-        """Whether `plug_pose` is known."""
+        """Whether `gripper_poses` are known."""
         shape = getattr(self, end)
         return getattr(self, f"{end}_poses") is not None or (shape is not None and len(shape) == self.cable.keypoints)
 
@@ -158,6 +182,7 @@ class Task(Draft):
         """The same task in another scene, whatever start and goal now touch: for a run that is under way."""
         moved = copy.copy(self)
         object.__setattr__(moved, "scene", scene)
+        moved.__dict__.pop("outer_bodies", None)  # which depend on the heights of its obstacles
         return moved
 
     def at_speed(self, share: float) -> Task:
@@ -240,13 +265,6 @@ class Task(Draft):
         return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a is b or a == b for a, b in pairs)
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
-
-    @cached_property
-    def bodies(self) -> tuple[Body, ...]:
-        """What moves with the grippers: their discs, and the plug where there is one."""
-        radius = self.grippers.radius
-        discs = (Body.disc("left gripper", LEFT, radius), Body.disc("right gripper", RIGHT, radius))
-        return discs if self.plug is None else (*discs, self.plug.body)
 
     @property
     def start_equilibrium(self) -> Float[np.ndarray, "dof"]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -13,9 +13,10 @@ from cableway.core.quantities import limit_text, place, quantity, size_text, tol
 from cableway.geometry import polyline, se2
 from cableway.geometry.groups import SE2
 from cableway.rod.inverse import fit_keypoints
+from cableway.scene.bodies import LEFT, Body, body_pairs, held_arc
 from cableway.scene.cable import Cable, EstimatedCable
 from cableway.scene.grippers import Grippers, Plug, Port
-from cableway.scene.scene import Scene
+from cableway.scene.scene import Overlap, Scene
 
 LENGTH_TOLERANCE = 0.02
 """Relative error of length above which a start or goal shape is refused."""
@@ -37,8 +38,8 @@ ROD_TOLERANCE = 0.01
 POSE_TOLERANCE = (1e-3, 0.35)
 """How far [m] a stated gripper pose may be from the shape's end, and how far [rad] from its direction there."""
 
-PLUG_SPACING = 0.002
-"""Distance [m] of the points round a plug at which the depth of an overlap is measured."""
+OUTLINE_SPACING = 0.002
+"""Distance [m] of the points round a body at which the depth of an overlap is measured."""
 
 PORT_TOLERANCE = 5e-3
 """How far [m] the right end of the goal may be from where the plug is before the port."""
@@ -78,10 +79,7 @@ def pose_faults(
     end: str, poses: Float[np.ndarray, "2 3"], shape: Float[np.ndarray, "n 2"], cable: Cable
 ) -> Iterator[TaskError]:
     """Where stated gripper poses [m, m, rad] are not those of the shape."""
-    curve = curve_through(shape, cable)
-    steps = curve[[1, -1]] - curve[[0, -2]]
-    ends = np.column_stack([curve[[0, -1]], np.arctan2(steps[:, 1], steps[:, 0])])
-    away, turned = SE2.distance(poses, ends)
+    away, turned = SE2.distance(poses, end_poses(shape, cable))
     for i, side in enumerate(("left", "right")):
         if away[i] > POSE_TOLERANCE[0] or turned[i] > POSE_TOLERANCE[1]:
             yield TaskError(
@@ -92,14 +90,53 @@ def pose_faults(
             )
 
 
-def plug_faults(end: str, pose: Float[np.ndarray, "3"], plug: Plug, scene: Scene) -> Iterator[TaskError]:
-    """Where the plug ahead of a right end `pose` [m, m, rad] overlaps an obstacle or a wall."""
-    line = plug.body.placed(pose, PLUG_SPACING)
-    depth, index, at = scene.overlap(line, 0.0)
-    met = np.flatnonzero(shapely.intersects(shapely.Polygon(line), np.array(scene.solids, dtype=object)))
-    if depth > 0 or len(met):
-        index = index if depth > 0 else int(met[0])
-        yield TaskError(f"has its plug in {scene.name_of(index)} by {_millimetres(max(depth, 0.0))}", (end,), at=at)
+def body_faults(end: str, poses: Float[np.ndarray, "2 3"], bodies: Sequence[Body], scene: Scene) -> Iterator[TaskError]:
+    """Where a body with the ends at `poses` [m, m, rad] overlaps an obstacle, a wall or a body of the other gripper.
+
+    Discs are left to `shape_faults`.
+    """
+    solid = [body for body in bodies if len(body.outline) > 1]
+    for name in dict.fromkeys(body.name for body in solid):
+        found = [_body_overlap(body, poses[body.side], scene) for body in solid if body.name == name]
+        overlap = max((each for each in found if each is not None), default=None)
+        if overlap is not None:
+            depth, index, at = overlap
+            yield TaskError(f"has its {name} in {scene.name_of(index)} by {_millimetres(depth)}", (end,), at=at)
+    for one, other in body_pairs(solid):
+        both = [shapely.Polygon(body.placed(poses[body.side])) for body in (one, other)]
+        common = both[0].intersection(both[1])
+        if common.area > 0:
+            place = shapely.get_coordinates(common.centroid)[0]
+            yield TaskError(f"has its {one.name} in its {other.name}", (end,), at=_point(place))
+            return
+
+
+def body_on_cable_faults(
+    end: str, shape: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], bodies: Sequence[Body], cable: Cable
+) -> Iterator[TaskError]:
+    """Where a body stands on the cable, but for the piece that its own gripper holds."""
+    curve = curve_through(shape, cable)
+    arc = polyline.arc_length(curve)
+    for body in bodies:
+        if not body.meets_cable(cable.radius):
+            continue
+        from_end = arc if body.side == LEFT else arc[-1] - arc
+        free = curve[from_end >= held_arc(body, cable.radius, 0.0)]
+        outline = shapely.Polygon(body.placed(poses[body.side]))
+        if len(free) > 1 and shapely.LineString(free).distance(outline) < cable.radius:
+            yield TaskError(f"has its {body.name} on the cable", (end,), at=_point(poses[body.side]))
+            return
+
+
+def _body_overlap(body: Body, pose: Float[np.ndarray, "3"], scene: Scene) -> Overlap | None:
+    """How deep a body is in an obstacle or a wall that is as high as it is low; None where it is in none."""
+    line, lowest = body.placed(pose, OUTLINE_SPACING), body.heights[0]
+    found = scene.overlap(line, 0.0, lowest)
+    if found.depth > 0:
+        return found
+    higher = np.array([height is None or height > lowest for height in scene.heights[:-1]], dtype=bool)
+    met = np.flatnonzero(higher & shapely.intersects(shapely.Polygon(line), np.array(scene.solids, dtype=object)))
+    return Overlap(0.0, int(met[0]), found.at) if len(met) else None
 
 
 def port_faults(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> Iterator[TaskError]:
@@ -115,11 +152,11 @@ def port_faults(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> Iterato
         )
 
 
-def end_pose(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "3"]:
-    """Position and direction [m, m, rad] of the right end of a cable through keypoints."""
+def end_poses(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "2 3"]:
+    """Positions and directions [m, m, rad] of both ends of a cable through keypoints."""
     curve = curve_through(shape, cable)
-    x, y = curve[-1] - curve[-2]
-    return np.array([*curve[-1], np.arctan2(y, x)])
+    steps = curve[[1, -1]] - curve[[0, -2]]
+    return np.column_stack([curve[[0, -1]], np.arctan2(steps[:, 1], steps[:, 0])])
 
 
 def curve_through(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "m 2"]:

@@ -16,6 +16,7 @@ from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import nearest_equilibrium
 from cableway.scene.cable import Cable
+from cableway.scene.clearance import pieces_clearance
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.chain import Chain, chain_coordinates
@@ -192,8 +193,9 @@ class CableSimulator:
         path = self._commanded + fraction * (target - self._commanded)
         coordinates = chain.advance(path)
         lines = chain.polylines(coordinates)
-        _check_grasp(chain.end_poses(coordinates, lines) - path)
-        return self._clearances(lines)
+        poses = chain.end_poses(coordinates, lines)
+        _check_grasp(poses - path)
+        return self._clearances(lines, poses)
 
     @cached_property
     def _fine(self) -> Chain:
@@ -253,16 +255,17 @@ class CableSimulator:
 
     def _free_clearances(self, coordinates: Float[np.ndarray, "c"]) -> tuple[float, float]:
         """Clearances at the start; an overlap of the cable is an error."""
-        cable, discs = self._clearances(self._chain.polylines(coordinates[None]))
+        line = self._chain.polylines(coordinates[None])
+        cable, discs = self._clearances(line, self._chain.end_poses(coordinates[None], line))
         if cable < 0:
             raise SimulationError(f"the cable overlaps the scene by {quantity(-cable)} at the start")
         return cable, discs
 
-    def _clearances(self, lines: Float[np.ndarray, "k v 2"]) -> tuple[float, float]:
+    def _clearances(self, lines: Float[np.ndarray, "k v 2"], poses: Float[np.ndarray, "k 2 3"]) -> tuple[float, float]:
         scene = self.task.scene
         cable = float(scene.clearance(lines, self.cable.radius).min())
         discs = float(scene.signed_distance(lines[:, [0, -1]]).min()) - self.task.grippers.radius
-        return cable, discs
+        return cable, min(discs, float(pieces_clearance(lines, poses, self.task).min()))
 
 
 def _check_grasp(slip: Float[np.ndarray, "k 2 3"]) -> None:

@@ -31,6 +31,7 @@ from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
 from cableway.records import Measurement, Observation
 from cableway.scene.cable import Cable
+from cableway.scene.clearance import pieces_clearance
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.chain import collected_warnings
@@ -239,7 +240,7 @@ class TablePlant:
         data, count = self._data, self.config.substeps
         offsets = self.grasp.offsets(self.time + self.control_step / 2)
         late = math.exp(-self.config.time_step / self.config.servo_time) if self.config.servo_time else 0.0
-        lines, discs, deepest = [], [], math.inf
+        lines, poses, deepest = [], [], math.inf
         data.warning.number[:] = 0
         with collected_warnings() as messages:
             for substep in range(1, count + 1):
@@ -252,16 +253,16 @@ class TablePlant:
                 deepest = min(deepest, self._contact())
                 if substep % EVERY == 0:
                     lines.append(self._line())
-                    discs.append(self._reached[:, :2].copy())
+                    poses.append(self._reached.copy())
         if data.warning.number.any() or not np.isfinite(data.qpos).all():
             raise SimulationError(f"the simulation diverged: {' '.join(messages[:1]) or 'a state is not finite'}")
         slip = np.linalg.norm(lines[-1][[0, -1]] - data.mocap_pos[:, :2], axis=1).max()
         if slip > SLIP_DISTANCE:
             raise SimulationError(f"the cable slipped in a gripper by {quantity(slip)}, pulled or pressed too hard")
         cable = float(self._scene.clearance(np.array(lines), self.cable.radius).min())
-        return min(cable, deepest), float(
-            self._scene.signed_distance(np.array(discs)).min()
-        ) - self.task.grippers.radius
+        discs = float(self._scene.signed_distance(np.array(poses)[:, :, :2]).min()) - self.task.grippers.radius
+        pieces = pieces_clearance(np.array(lines), np.array(poses), self.task.in_scene(self._scene))
+        return min(cable, deepest), min(discs, float(pieces.min()))
 
     def _contact(self) -> float:
         """Distance [m] of the deepest contact of the cable with an obstacle or a wall; infinite without one."""

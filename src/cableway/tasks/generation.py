@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +22,7 @@ from cableway.tasks.maze import maze
 from cableway.tasks.motion import SWEEP_STEP, in_steps
 from cableway.tasks.open import far, near
 from cableway.tasks.passages import corridor, slot
+from cableway.tasks.posts import posts
 from cableway.tasks.serpentine import serpentine
 from cableway.tasks.setup import Draft, Rejected, Setup
 
@@ -66,6 +67,7 @@ KINDS = {
     "clutter": Kind(draw=clutter),
     "dense": Kind(draw=dense),
     "sizes": Kind(draw=sizes),
+    "posts": Kind(draw=posts),
     "straight": Kind(draw=straight),
     "s-shaped": Kind(draw=s_shaped),
     "table": Kind(draw=table),
@@ -130,7 +132,8 @@ def _task(name: str, draft: Draft, obstructed: bool) -> tuple[Task, Witness | No
     setup = draft.setup
     q = in_steps(draft.motion, setup.rod, setup.grippers) if draft.solvable else draft.motion
     ends = setup.rod.at_keypoints(setup.rod.shapes(q[[0, -1]])[0]).round(END_DECIMALS)
-    scene = Scene(setup.size, draft.obstacles)
+    obstacles = tuple(replace(obstacle, height=setup.height) for obstacle in draft.obstacles)
+    scene = Scene(setup.size, obstacles, setup.wall_height)
     if obstructed:
         if np.linalg.norm(ends[1] - ends[0], axis=1).mean() < LEAST_WAY * setup.cable.length:
             raise Rejected("the goal is near the start")

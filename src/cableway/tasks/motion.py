@@ -22,6 +22,8 @@ from cableway.motion.time_parametrization import at_equal_effort, gripper_effort
 from cableway.motion.validity import first_fault
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.planar import PlanarRod
+from cableway.scene.bodies import body_pairs
+from cableway.scene.clearance import bodies_gap, cable_gap
 from cableway.scene.grippers import Grippers
 from cableway.scene.scene import Scene
 from cableway.tasks.setup import Rejected, Setup
@@ -100,7 +102,11 @@ def require_sound(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float) -> N
     )
     if fault:
         raise Rejected(fault)
-    lines = rod.shapes(rows)[0]
+    lines, poses = rod.shapes(rows)
+    bodies = setup.grippers.bodies
+    apart, off = bodies_gap(body_pairs(bodies), poses), cable_gap(bodies, lines, poses, setup.cable, margin)
+    if min(apart.min(), off.min()) < margin:
+        raise Rejected("grippers meet")
     low, high = lines.min(axis=(0, 1)), lines.max(axis=(0, 1))
     keep = setup.thickness + margin
     if (low < keep).any() or (high > np.array(setup.size) - keep).any():

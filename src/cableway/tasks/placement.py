@@ -9,6 +9,7 @@ import shapely
 from jaxtyping import Float
 
 from cableway.motion.sweeps import swept_shapes
+from cableway.scene.bodies import outer_bodies
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon, to_shapely
 from cableway.tasks.motion import SWEEP_STEP
 from cableway.tasks.setup import GAP, MARGIN, Rejected, Setup
@@ -18,7 +19,7 @@ DECIMALS = 4
 
 
 def swept_region(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float = MARGIN) -> shapely.Geometry:
-    """What cable and grippers sweep on a motion, grown by `margin` [m]."""
+    """What cable and grippers, as low as obstacles are high, sweep on a motion, grown by `margin` [m]."""
     lines = swept_shapes(setup.rod, q, SWEEP_STEP)
     cable = shapely.linestrings(lines)
     tips = np.asarray(shapely.points(lines[:, [0, -1]])).ravel()
@@ -26,7 +27,18 @@ def swept_region(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float = MARG
         shapely.buffer(cable, setup.cable.radius + margin + SWEEP_STEP / 2, quad_segs=4),
         shapely.buffer(tips, setup.grippers.radius + margin + SWEEP_STEP / 2, quad_segs=4),
     ]
+    for body in outer_bodies(setup.grippers.bodies, [setup.height]):
+        if len(body.outline) > 1:
+            outlines = body.placed(end_poses(lines)[:, body.side])
+            between = np.concatenate([outlines[:-1], outlines[1:]], axis=1) if len(lines) > 1 else outlines
+            grown.append(shapely.buffer(shapely.convex_hull(shapely.multipoints(between)), margin, quad_segs=4))
     return shapely.union_all(np.concatenate(grown))
+
+
+def end_poses(lines: Float[np.ndarray, "t s 2"]) -> Float[np.ndarray, "t 2 3"]:
+    """Poses [m, m, rad] of the grippers that hold the ends of lines [m]."""
+    steps = lines[:, [1, -1]] - lines[:, [0, -2]]
+    return np.concatenate([lines[:, [0, -1]], np.arctan2(steps[..., 1], steps[..., 0])[..., None]], axis=2)
 
 
 @dataclass(kw_only=True)

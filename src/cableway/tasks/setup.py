@@ -32,11 +32,15 @@ class Setup:
         size: (width, height) of the workspace [m].
         cable: The cable.
         grippers: The grippers.
+        height: Of the obstacles above the table [m]; None where nothing passes above.
+        wall_height: The same of the walls.
     """
 
     size: tuple[float, float] = (0.7, 0.7)
     cable: Cable = field(default_factory=Cable)
     grippers: Grippers = field(default_factory=Grippers)
+    height: float | None = None
+    wall_height: float | None = None
 
     @property
     def rod(self) -> PlanarRod:

@@ -11,8 +11,8 @@ from scipy.ndimage import convolve1d, uniform_filter1d
 
 from cableway.estimation.gating import connected, poses_usable
 from cableway.geometry.groups import SE2
-from cableway.motion.clearance import clearances
 from cableway.records import Observation
+from cableway.scene.clearance import clearances
 from cableway.scene.task import Task
 
 

@@ -26,9 +26,9 @@ from cableway.core.checks import Bounds, require_interface
 from cableway.core.errors import InputError, SimulationError, TrackingInterrupted, raised, said
 from cableway.estimation.gating import poses_usable
 from cableway.geometry.groups import SE2
-from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Measurement, Observation, Plan, Rollout
+from cableway.scene.clearance import clearances
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.answers import usable_observation
 from cableway.tracking.closed_loop import Progress, track

@@ -17,11 +17,11 @@ from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
 from cableway.core.quantities import place
 from cableway.estimation.gating import LEAST_SHARE, connected, poses_usable
-from cableway.motion.clearance import clearances
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
 from cableway.rod.contact import contact_on
 from cableway.rod.inverse import nearest_shapes
+from cableway.scene.clearance import clearances
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task

@@ -28,10 +28,10 @@ from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.errors import ControlError, raised, said
 from cableway.estimation.gating import FAR, poses_usable
 from cableway.geometry.groups import SE2
-from cableway.motion.clearance import clearances
 from cableway.motion.validity import gripper_spans
 from cableway.outcome import Outcome
 from cableway.records import Observation
+from cableway.scene.clearance import clearances
 from cableway.scene.task import Task
 from cableway.tracking.stopping import Ending
 from cableway.tracking.thinking import AtOnce, InThread, Late

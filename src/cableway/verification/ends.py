@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.records import Plan
-from cableway.scene.scene import Scene
 from cableway.scene.task import Task
-from cableway.verification.swept import closest_approach
+from cableway.verification.swept import Measure
 
 CLEARANCE_WAY = 0.05
 """Distance [m] of a keypoint from where it is at an end by which clearance must have risen to its limit."""
@@ -42,11 +41,10 @@ class Ends:
         return cls(np.stack(away), task.cable.length)
 
     def clearance(
-        self, limit: float, lines: Float[np.ndarray, "t m 2"], scene: Scene, radius: float = 0.0
+        self, limit: float, lines: Float[np.ndarray, "t m 2"], measure: Measure, radius: float = 0.0
     ) -> Float[np.ndarray, "t"]:
         """Clearance [m] asked for, at each row, of something of a `radius` [m] about moving lines; never below 0."""
-        kept = [closest_approach(line[None], scene).distance - radius for line in lines[[0, -1]]]
-        return self._risen(limit, np.array(kept), CLEARANCE_WAY)
+        return self._risen(limit, measure(lines[[0, -1]])[0] - radius, CLEARANCE_WAY)
 
     def stability(self, limit: float, kept: Float[np.ndarray, "2"]) -> Float[np.ndarray, "t"]:
         """The stability margin asked for at each row, where the ends keep `kept`."""

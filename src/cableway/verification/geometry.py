@@ -48,9 +48,17 @@ def pose_distance(
 def plug_outline(plug: Plug, poses: Float[np.ndarray, "t 3"], spacing: float) -> Float[np.ndarray, "t k 2"]:
     """Points [m] at most `spacing` apart round a plug with its rear at `poses` [m, m, rad]; the last is the first."""
     corners = np.array([0, plug.length]).repeat(2) + 0.5j * plug.width * np.array([-1, 1, 1, -1])
-    corners = corners[[0, 3, 2, 1, 0]]
+    corners = corners[[0, 3, 2, 1]]
+    return outline_at(np.stack([corners.real, corners.imag], axis=-1), poses, spacing)
+
+
+def outline_at(
+    outline: Float[np.ndarray, "v 2"], poses: Float[np.ndarray, "t 3"], spacing: float
+) -> Float[np.ndarray, "t k 2"]:
+    """Points [m] at most `spacing` apart round an outline in frames at `poses` [m, m, rad]; the last is the first."""
+    corners = outline[:, 0] + 1j * outline[:, 1]
     points = [corners[0]]
-    for a, b in pairwise(corners):
+    for a, b in pairwise([*corners, corners[0]]):
         points.extend(np.linspace(a, b, int(np.ceil(abs(b - a) / spacing - 1e-9)) + 1)[1:])
     at = (poses[:, 0] + 1j * poses[:, 1])[:, None] + np.exp(1j * poses[:, 2])[:, None] * np.array(points)
     return np.stack([at.real, at.imag], axis=-1)

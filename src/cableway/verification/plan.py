@@ -14,11 +14,12 @@ from cableway.core.time_limit import checkpoint
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.verification.bodies import body_checks
 from cableway.verification.ends import Ends
 from cableway.verification.follower import Followed, follow
 from cableway.verification.geometry import curve_through, pose_distance
 from cableway.verification.plug import insertion_checks, plug_clearance, require_port
-from cableway.verification.swept import closest_approach
+from cableway.verification.swept import closest_approach, to_scene
 
 PIECES = 4
 """Segments of the cable between two keypoints."""
@@ -32,7 +33,7 @@ class VerificationLimits:
     """What a plan must keep; near a start or goal that keeps less clearance or stability, see `verification.ends`.
 
     Attributes:
-        clearance: Of the cable's surface, of the gripper discs and of the plug from everything, swept [m].
+        clearance: Of the cable's surface, of grippers and plug from everything, swept [m].
         length: Relative error of the cable's length.
         follow: How far a keypoint of the rod may stray from the plan [m].
         end: Stacked distance of the first and last row from start and goal [m].
@@ -95,14 +96,16 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         raise InputError(f"the plan has {plan.shapes.shape[1]} keypoints, the task {task.cable.keypoints}")
     lines = curve_through(plan.shapes, PIECES)
     followed, ends = follow(plan.shapes, plan.poses, task.cable), Ends.of(plan, task)
-    clearance = ends.clearance(limits.clearance, lines, task.scene, task.cable.radius)
+    to_obstacles = to_scene(task.scene)
+    clearance = ends.clearance(limits.clearance, lines, to_obstacles, task.cable.radius)
     grippers = [
-        ends.clearance(limits.clearance, plan.poses[:, side : side + 1, :2], task.scene, task.grippers.radius)
+        ends.clearance(limits.clearance, plan.poses[:, side : side + 1, :2], to_obstacles, task.grippers.radius)
         for side in range(2)
     ]
     return [
         cable_clearance(lines, task, clearance),
         gripper_clearance(plan.poses, task, np.stack(grippers)),
+        *body_checks(lines, plan.poses, task, limits.clearance, ends),
         _length(lines, followed, task, limits),
         self_crossings(with_halves(lines)),
         self_clearance(with_halves(lines), task.cable.radius),
@@ -154,7 +157,7 @@ def gripper_clearance(poses: Float[np.ndarray, "t 2 3"], task: Task, limit: Floa
 def _clearance(
     name: str, lines: Float[np.ndarray, "t m 2"], task: Task, radius: float, limit: Limit, who: str
 ) -> Check:
-    found = closest_approach(lines, task.scene, limit)
+    found = closest_approach(lines, to_scene(task.scene), limit)
     value, least = found.distance - radius, found.wanted
     where = f"{who} and {task.scene.name_of(found.obstacle)}"
     first, second = lines[int(found.row)], lines[min(int(found.row) + 1, len(lines) - 1)]

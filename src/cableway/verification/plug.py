@@ -16,7 +16,7 @@ from cableway.records import Check
 from cableway.scene.task import Task
 from cableway.verification.ends import Ends
 from cableway.verification.geometry import alignment, plug_outline
-from cableway.verification.swept import closest_approach
+from cableway.verification.swept import closest_approach, to_scene
 
 MOUTH = 0.001
 """Distance [m] before the mouth of a port up to which what the port is in counts as an obstacle for the plug."""
@@ -151,7 +151,8 @@ def _clearance(
     """Clearance from some of the obstacles and from the walls."""
     whole = task.scene
     part = replace(whole, obstacles=tuple(whole.obstacles[i] for i in obstacles))
-    found = closest_approach(lines, part, limit if ends is None else ends.clearance(limit, lines, part))
+    measure = to_scene(part)
+    found = closest_approach(lines, measure, limit if ends is None else ends.clearance(limit, lines, measure))
     places = [*obstacles, *range(len(whole.obstacles), len(whole.obstacles) + 4)]
     where = f"the plug and {whole.name_of(places[found.obstacle])}"
     return Check(name, found.distance, "m", found.wanted, found.wanted - 1e-9 <= found.distance > 0, where, found.row)

@@ -19,6 +19,7 @@ from cableway.core.provenance import describe
 from cableway.records import THEN_FAILED, Check, Rollout
 from cableway.scene.cable import Cable
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.verification.bodies import piece_clearances
 from cableway.verification.follower import follow
 from cableway.verification.geometry import at_equal_arcs, turn
 from cableway.verification.plan import at_most
@@ -145,11 +146,13 @@ def _clearances(rollout: Rollout, task: Task) -> list[Check]:
     """
     scene = replace(task.scene, obstacles=()) if _stated(rollout, "plant", "obstacles") else task.scene
     discs = np.min([distances(rollout.poses[:, k : k + 1, :2], scene)[0] for k in range(2)], axis=0)
+    pieces = piece_clearances(rollout.poses, rollout.centreline, task.in_scene(scene))
+    grippers = np.minimum(discs - task.grippers.radius, pieces)
     checks = []
     lines, poses = rollout.centreline[:, None], rollout.poses[:, :, None, :2]
     for name, recorded, found, error, bodies in (
         ("cable", rollout.clearance, distances(rollout.centreline, scene)[0] - task.cable.radius, 0.0, lines),
-        ("gripper", rollout.gripper_clearance, discs - task.grippers.radius, GRASP_OFFSET, poses),
+        ("gripper", rollout.gripper_clearance, grippers, GRASP_OFFSET, poses),
     ):
         row, what = int(np.argmin(recorded)), f"recorded {name} clearance"
         least = float(recorded[row])

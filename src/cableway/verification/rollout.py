@@ -10,6 +10,7 @@ from cableway.outcome import START_ERROR, SUCCESS_ERROR, stacked_limit
 from cableway.records import Check, Rollout, Verdict
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
+from cableway.verification.bodies import body_checks
 from cableway.verification.plan import (
     cable_clearance,
     gripper_clearance,
@@ -84,6 +85,7 @@ def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
     return [
         cable_clearance(rollout.centreline, task, 0.0),
         gripper_clearance(rollout.poses, task, 0.0),
+        *body_checks(rollout.centreline, rollout.poses, task, 0.0),
         gripper_separation(rollout.poses, task, CLOSER),
         self_crossings(with_halves(rollout.centreline)),
         *recording_checks(rollout, task, length),

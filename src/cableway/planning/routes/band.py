@@ -34,7 +34,7 @@ def is_free(ax, ay, da, bx, by, db, world, radius):
         return False
     if da + db - math.hypot(bx - ax, by - ay) >= 2 * radius:
         return True
-    return segment_clearance(ax, ay, bx, by, world, radius)[1] < 0
+    return segment_clearance(ax, ay, bx, by, world, radius, 0.0)[1] < 0
 
 
 @kernel
@@ -46,7 +46,7 @@ def segment_cost(ax, ay, bx, by, world, length_weight, clearance_weight, step):
         pieces = max(1, math.ceil(length / step))
         for i in range(pieces):
             t = (i + 0.5) / pieces
-            d = distance_at(ax + t * (bx - ax), ay + t * (by - ay), world)
+            d = distance_at(ax + t * (bx - ax), ay + t * (by - ay), world, 0.0)
             cost += clearance_weight * length / pieces / max(d, SMALLEST_CLEARANCE)
     return cost
 
@@ -90,14 +90,14 @@ def encloses(path, first, last, points):
 def _clearances(path, world, most):
     """A lower bound of each segment's least signed distance, at most `most`; exact where it is below that."""
     out = np.empty(len(path) - 1)
-    db = distance_at(path[0, 0], path[0, 1], world)
+    db = distance_at(path[0, 0], path[0, 1], world, 0.0)
     for i in range(len(out)):
         ax, ay, bx, by = path[i, 0], path[i, 1], path[i + 1, 0], path[i + 1, 1]
-        da, db = db, distance_at(bx, by, world)
+        da, db = db, distance_at(bx, by, world, 0.0)
         if da + db - math.hypot(bx - ax, by - ay) >= 2 * most:
             out[i] = most
         else:
-            out[i] = segment_clearance(ax, ay, bx, by, world, most)[0]
+            out[i] = segment_clearance(ax, ay, bx, by, world, most, 0.0)[0]
     return out
 
 
@@ -127,7 +127,7 @@ def shortcut(path, world, radius, points, length_weight, clearance_weight, step,
                 if length_weight * math.hypot(bx - ax, by - ay) > old * (1.0 - 1e-9) - 1e-12:
                     continue
                 keep = clearance[first:last].min()
-                kept = segment_clearance(ax, ay, bx, by, world, radius)[0]
+                kept = segment_clearance(ax, ay, bx, by, world, radius, 0.0)[0]
                 if kept < keep or encloses(path, first, last, points):
                     continue
                 new = segment_cost(ax, ay, bx, by, world, length_weight, clearance_weight, step)
@@ -161,14 +161,14 @@ def _slots(path, keep, world, scale, reach):
         nx, ny = path[before, 1] - path[after, 1], path[after, 0] - path[before, 0]
         norm = max(math.hypot(nx, ny), 1e-12)
         at[i, reach, 0], at[i, reach, 1] = path[i, 0], path[i, 1]
-        d[i, reach] = distance_at(path[i, 0], path[i, 1], world)
+        d[i, reach] = distance_at(path[i, 0], path[i, 1], world, 0.0)
         if i == 0 or i == m - 1:
             continue
         for sign in (1, -1):
             for k in range(1, reach + 1):
                 j = reach + sign * k
                 x, y = path[i, 0] + sign * k * scale * nx / norm, path[i, 1] + sign * k * scale * ny / norm
-                here, back = distance_at(x, y, world), j - sign
+                here, back = distance_at(x, y, world, 0.0), j - sign
                 if not is_free(at[i, back, 0], at[i, back, 1], d[i, back], x, y, here, world, keep[i]):
                     break
                 at[i, j, 0], at[i, j, 1], d[i, j] = x, y, here
@@ -281,9 +281,9 @@ def smooth(path, world, radius, points, bending, sweeps):
                 here = d[i] - move
                 free = _surely_free(path, i, x, y, here, d, keep)
                 if not free:
-                    here = distance_at(x, y, world)
+                    here = distance_at(x, y, world, 0.0)
                     for j in (i - 1, i + 1):
-                        d[j] = distance_at(path[j, 0], path[j, 1], world)
+                        d[j] = distance_at(path[j, 0], path[j, 1], world, 0.0)
                     free = _both_free(path, i, x, y, here, d, world, keep)
                 if free and not _sweeps_over(path, i, x, y, points):
                     path[i, 0], path[i, 1], d[i] = x, y, here

@@ -143,9 +143,9 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
     rate = np.empty(1 + nx * ny)  # half the cost per metre at a node: an edge costs its length times both ends' rates
     cost = np.full(1 + nx * ny, np.inf)
     parent = np.full(1 + nx * ny, -1, np.int64)
-    d[0], cost[0] = distance_at(start[0], start[1], world), 0.0
+    d[0], cost[0] = distance_at(start[0], start[1], world, 0.0), 0.0
     rate[0] = 0.5 * length_weight + 0.5 * clearance_weight / max(d[0], band.SMALLEST_CLEARANCE)
-    d_goal = distance_at(goal[0], goal[1], world)
+    d_goal = distance_at(goal[0], goal[1], world, 0.0)
     rate_goal = 0.5 * length_weight + 0.5 * clearance_weight / max(d_goal, band.SMALLEST_CLEARANCE)
     least_rate = length_weight + clearance_weight / _most_distance(world, shape)
     best, last = np.inf, -1
@@ -179,7 +179,7 @@ def _search(world, shape, start, goal, radius, length_weight, clearance_weight, 
                 continue
             ox, oy = a * hx, b * hy
             if np.isnan(d[other]):
-                d[other] = distance_at(ox, oy, world)
+                d[other] = distance_at(ox, oy, world, 0.0)
                 rate[other] = 0.5 * length_weight + 0.5 * clearance_weight / max(d[other], band.SMALLEST_CLEARANCE)
             if d[other] < radius:
                 continue
@@ -199,7 +199,7 @@ def _most_distance(world, shape):
     most = 0.0
     for i in range(cells[0]):
         for j in range(cells[1]):
-            most = max(most, distance_at((i + 0.5) * hx, (j + 0.5) * hy, world))
+            most = max(most, distance_at((i + 0.5) * hx, (j + 0.5) * hy, world, 0.0))
     return most + 0.5 * math.hypot(hx, hy)
 
 

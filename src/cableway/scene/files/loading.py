@@ -20,6 +20,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
 from cableway.scene.files.schema import validate
+from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
 from cableway.scene.scene import Scene
@@ -147,7 +148,7 @@ def _scene(content: Mapping[str, Any]) -> tuple[Scene, list[TaskError]]:
     """The scene, and which of its obstacles are not inside it."""
     obstacles = tuple(_obstacle(index, section) for index, section in enumerate(content.get("obstacles", [])))
     try:
-        return Scene(content.get("workspace", {}).get("size", Scene.size), obstacles), []
+        return Scene(**content.get("workspace", {}), obstacles=obstacles), []
     except TaskError as error:
         if error.draft is None:
             raise
@@ -183,7 +184,16 @@ def _grippers(section: Mapping[str, Any]) -> Grippers:
         if step in given:
             raise TaskError(f"and grippers.{step} say the same twice: give one of them", ("grippers", speed))
         given[step] = CONTROL_STEP * value
+    if isinstance(given.get("body"), list):
+        given["body"] = tuple(_body_part(index, part) for index, part in enumerate(given["body"]))
     return Grippers(**given)
+
+
+def _body_part(index: int, section: Mapping[str, Any]) -> BodyPart:
+    try:
+        return BodyPart(**section)
+    except TaskError as error:
+        raise error.within("grippers", "body", index) from None
 
 
 def _obstacle(index: int, section: Mapping[str, Any]) -> Obstacle:

@@ -14,6 +14,7 @@ from cableway.core.files import write_text
 from cableway.scene.files.document import Dumper
 from cableway.scene.files.presets import preset_names
 from cableway.scene.files.schema import FORMAT_VERSION
+from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.task import Task
 
@@ -42,9 +43,9 @@ def _content(task: Task) -> dict[str, Any]:
         "cableway": FORMAT_VERSION,
         "name": task.name,
         "description": task.description,
-        "workspace": {"size": list(task.scene.size)},
+        "workspace": _stated({"size": list(task.scene.size), "wall_height": task.scene.wall_height}),
         "cable": cable,
-        "grippers": {name: value for name, value in vars(task.grippers).items() if value is not None},
+        "grippers": _stated({**vars(task.grippers), "body": _gripper_body(task.grippers.body)}),
         "obstacles": [_obstacle(obstacle) for obstacle in task.scene.obstacles],
         "start": _shape(task.start, task.start_poses),
         "goal": _shape(task.goal, task.goal_poses),
@@ -56,17 +57,25 @@ def _content(task: Task) -> dict[str, Any]:
     return content
 
 
+def _stated(section: dict[str, Any]) -> dict[str, Any]:
+    """A section without the values that stand for nothing."""
+    return {name: value for name, value in section.items() if value is not None}
+
+
+def _gripper_body(body: str | tuple[BodyPart, ...] | None) -> Any:
+    if body is None or isinstance(body, str):
+        return body
+    return [{"outline": part.outline.tolist(), "heights": list(part.heights)} for part in body]
+
+
 def _obstacle(obstacle: Obstacle) -> dict[str, Any]:
     if isinstance(obstacle, Box):
-        return {
-            "type": "box",
-            "center": list(obstacle.center),
-            "size": list(obstacle.size),
-            "angle": obstacle.angle,
-        }
-    if isinstance(obstacle, Disc):
-        return {"type": "disc", "center": list(obstacle.center), "radius": obstacle.radius}
-    return {"type": "polygon", "vertices": obstacle.vertices.tolist()}
+        kind, shape = "box", {"center": list(obstacle.center), "size": list(obstacle.size), "angle": obstacle.angle}
+    elif isinstance(obstacle, Disc):
+        kind, shape = "disc", {"center": list(obstacle.center), "radius": obstacle.radius}
+    else:
+        kind, shape = "polygon", {"vertices": obstacle.vertices.tolist()}
+    return _stated({"type": kind, **shape, "height": obstacle.height})
 
 
 def _shape(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"] | None) -> Any:

@@ -16,8 +16,10 @@ from cableway.scene import checks
 from cableway.scene.cable import Cable
 from cableway.scene.checks import AngleUnit, LengthUnit, Quantity
 from cableway.scene.files.document import Document
+from cableway.scene.gripper_bodies import GRIPPER_BODIES
+from cableway.scene.gripper_bodies import Height as Level
 from cableway.scene.grippers import Grippers, Plug, Port
-from cableway.scene.obstacles import Box, Disc
+from cableway.scene.obstacles import Box, Disc, Height
 from cableway.scene.scene import Scene
 
 FORMAT_VERSION = 1
@@ -37,12 +39,24 @@ class WorkspaceSection:
     """The key `workspace`."""
 
     size: Annotated[tuple[Side, Side], "[width, height]"] = Scene.size
+    wall_height: Height = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyPartSection:
+    """A piece of a gripper."""
+
+    outline: Annotated[list[Point], "a list of at least 3 points [x, y]"]
+    heights: Annotated[tuple[Level, Level], "[lowest, highest]"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class GrippersSection(Grippers):
     """The key `grippers`: those of the record, and speeds in place of the largest step and turn."""
 
+    body: Annotated[  # pyright: ignore[reportIncompatibleVariableOverride]  # as it stands in the file
+        str | list[BodyPartSection] | None, f"{', '.join(GRIPPER_BODIES)}, or a list of pieces"
+    ] = None
     max_speed: Speed = None
     max_turn_speed: TurnSpeed = None
 
@@ -52,6 +66,7 @@ class PolygonSection:
     """An obstacle of type `polygon`."""
 
     vertices: Annotated[list[Point], "a list of at least 3 points [x, y]"]
+    height: Height = None
 
 
 @dataclass(frozen=True)

@@ -112,11 +112,11 @@ def _answers(scene: Scene, radius: float, config: PivotConfig) -> tuple[type[Any
 
     class Validity(base.StateValidityChecker):
         def isValid(self, state: Any) -> bool:
-            return bool(convex.distance_at(state[0], state[1], world) >= radius)  # OMPL takes only a real `bool`
+            return bool(convex.distance_at(state[0], state[1], world, 0.0) >= radius)  # OMPL takes only a real `bool`
 
     class Motion(base.MotionValidator):
         def checkMotion(self, s1: Any, s2: Any) -> bool:
-            return bool(convex.segment_clearance(s1[0], s1[1], s2[0], s2[1], world, radius)[1] < 0)
+            return bool(convex.segment_clearance(s1[0], s1[1], s2[0], s2[1], world, radius, 0.0)[1] < 0)
 
     class Objective(base.OptimizationObjective):
         def stateCost(self, state: Any) -> base.Cost:

@@ -1,0 +1,107 @@
+"""What grippers look like from above: convex outlines between two heights, by name or of one's own.
+
+The named ones are made for a tool that points straight down with its tips 2 mm above the table, closed on a cable of
+8 mm, the fingers to either side of it. The 2F-85's extents are those of its meshes in MuJoCo Menagerie (BSD-2-Clause),
+by `studies/gripper_outlines.py`, rounded up to millimetres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import TaskError
+from cableway.scene import checks
+from cableway.scene.bodies import Body
+from cableway.scene.checks import Quantity
+from cableway.scene.obstacles import check_convex, counter_clockwise
+
+TIP = 0.002
+"""Height [m] of the tips above the table."""
+
+Height = Annotated[float, "a height", Quantity("m", 0.0, 50.0)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyPart:
+    """A convex piece of a gripper.
+
+    Attributes:
+        outline: (k, 2) vertices [m] in the gripper's frame, whose x axis points along the cable's tangent and whose
+            origin is the end of the cable; kept counter-clockwise.
+        heights: Lowest and highest point above the table [m].
+
+    Raises:
+        TaskError: The outline is not convex, or the heights are not in order.
+    """
+
+    outline: Annotated[Float[np.ndarray, "k 2"], "a list of at least 3 points [x, y]"]
+    heights: Annotated[tuple[Height, Height], "[lowest, highest]"]
+
+    def __post_init__(self) -> None:
+        outline = checks.rows(self.outline, ("outline",), checks.XY)
+        check_convex(outline, "outline")
+        object.__setattr__(self, "outline", counter_clockwise(outline))
+        low, high = checks.pair(self.heights, ("heights",), Quantity("m", 0.0, 50.0))
+        if low >= high:
+            raise TaskError(f"must be in order, got [{low:g}, {high:g}]", ("heights",))
+        object.__setattr__(self, "heights", (low, high))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, BodyPart):
+            return NotImplemented
+        return self.heights == other.heights and np.array_equal(self.outline, other.outline)
+
+    def __hash__(self) -> int:
+        return hash((self.heights, self.outline.tobytes()))
+
+    def body(self, name: str, side: int) -> Body:
+        """The piece as a body of one of the grippers."""
+        return Body(name, side, self.outline, heights=self.heights)
+
+
+def _layer(across: float, along: float, low: float, high: float) -> BodyPart:
+    """A box about the end of the cable, from figures in millimetres above the tips."""
+    x, y = along / 2000, across / 2000
+    return BodyPart(
+        outline=np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), heights=(TIP + low / 1000, TIP + high / 1000)
+    )
+
+
+_HAND = ((89, 27, 20), (115, 34, 20), (127, 39, 20), (103, 75, 30), (75, 75, 40))
+"""The 2F-85 above its fingers: extent across and along the cable, and height, of each layer [mm]."""
+
+
+def _hand(low: float) -> tuple[BodyPart, ...]:
+    """The layers of `_HAND` from `low` [mm] above the tips."""
+    bottoms = low + np.cumsum([0, *(layer[2] for layer in _HAND)])
+    return tuple(
+        _layer(across, along, bottom, bottom + height)
+        for (across, along, height), bottom in zip(_HAND, bottoms.tolist(), strict=False)
+    )
+
+
+GRIPPER_BODIES: dict[str, tuple[BodyPart, ...]] = {
+    "disc": (),
+    "2f-85": (_layer(37, 22, 0, 20), _layer(42, 24, 20, 40), *_hand(40)),
+    "2f-85-long-fingers": (_layer(24, 12, 0, 120), *_hand(120)),
+}
+"""By name: nothing beyond the disc; Robotiq's 2F-85; the same with fingers lengthened to bars of 24 x 12 mm."""
+
+
+def gripper_body(body: str | tuple[BodyPart, ...] | None) -> tuple[BodyPart, ...]:
+    """The pieces of a gripper beyond its disc; none where there is no `body`.
+
+    Raises:
+        TaskError: There is no gripper of that name.
+    """
+    if body is None:
+        return ()
+    if not isinstance(body, str):
+        return tuple(body)
+    if body not in GRIPPER_BODIES:
+        raise TaskError(f"must be one of {', '.join(GRIPPER_BODIES)}, or a list of pieces, got {body!r}", ("body",))
+    return GRIPPER_BODIES[body]

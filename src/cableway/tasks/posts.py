@@ -1,0 +1,30 @@
+"""Tables with posts that grippers with bodies are led between."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cableway.scene.grippers import Grippers
+from cableway.tasks.clutter import random_way, strewn
+from cableway.tasks.setup import Draft, Setup
+
+BODIES = ("2f-85", "2f-85-long-fingers")
+HEIGHTS = (0.05, 0.1)
+"""Of the posts [m]."""
+
+EDGE = 0.001
+"""Height [m] of the table's edge, which keeps the cable on it and grippers pass above."""
+
+
+def posts(rng: np.random.Generator) -> Draft:
+    """Four to seven posts of 5 or 10 cm between which a 2F-85 with usual or long fingers leads a cable.
+
+    Solvable because they were set around a motion of the cable and of all that its grippers are.
+    """
+    setup = Setup(
+        size=(0.9, 0.9),
+        grippers=Grippers(body=BODIES[int(rng.integers(2))]),
+        height=HEIGHTS[int(rng.integers(2))],
+        wall_height=EDGE,
+    )
+    return strewn(rng, setup, random_way(rng, setup), int(rng.integers(4, 8)), (0.02, 0.07))

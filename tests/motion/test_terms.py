@@ -1,0 +1,71 @@
+"""Slopes of the costs of bodies: as differences have them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cableway.motion import terms
+from cableway.motion.limits import Margins
+from cableway.motion.validity import FreeSpace, task_ends
+from cableway.scene.clearance import bodies_gap, cable_gap
+from cableway.scene.task import Task
+from cableway.tasks.generation import random_task
+
+STEP = 1e-7
+
+
+@pytest.fixture(scope="module")
+def task() -> Task:
+    """One with a 2F-85."""
+    return next(task for seed in range(9) if (task := random_task(seed, "posts")).grippers.body == "2f-85")
+
+
+@pytest.fixture(scope="module")
+def shapes(task: Task) -> np.ndarray:
+    """Shapes whose grippers come near to each other and to the cable."""
+    start, rng = task_ends(task)[0], np.random.default_rng(1)
+    q = start + rng.normal(size=(400, 6)) * [0.0, 0.0, 0.3, 12, 12, 3]
+    stations, poses = task.cable.rod.shapes(q)
+    near = np.minimum(bodies_gap(task.body_pairs, poses), cable_gap(task.bodies, stations, poses, task.cable, 0.02))
+    return q[np.abs(near) < 0.015]
+
+
+def test_bodies_push_each_other_apart(task: Task, shapes: np.ndarray):
+    poses = task.cable.rod.shapes(shapes)[1]
+    short, slope = terms.bodies_shortfall(task.body_pairs, poses, 0.02)
+    assert (short > 0).any()
+    for side in range(2):
+        for k in range(3):
+            moved = [poses.copy(), poses.copy()]
+            moved[0][:, side, k] -= STEP
+            moved[1][:, side, k] += STEP
+            low, high = (
+                0.5 * (terms.bodies_shortfall(task.body_pairs, each, 0.02)[0] ** 2).sum(axis=1) for each in moved
+            )
+            np.testing.assert_allclose((high - low) / (2 * STEP), (slope[:, :, side, k] * short).sum(1), atol=2e-5)
+
+
+def test_the_cable_is_pushed_from_under_a_body(task: Task, shapes: np.ndarray):
+    rod = task.cable.rod
+    stations, dstations, poses, dposes = rod.jacobians(shapes)
+    short, which, by_points, by_poses = terms.cable_shortfall(stations, poses, task, 0.02)
+    assert (short > 0).any()
+    slope = np.einsum("tsk,tski->tsi", by_points, dstations[:, which]) + np.einsum("tckj,tkji->tci", by_poses, dposes)
+    for k in range(6):
+        costs = []
+        for sign in (-1, 1):
+            q = shapes.copy()
+            q[:, k] += sign * STEP
+            costs.append(0.5 * (terms.cable_shortfall(*rod.shapes(q), task, 0.02)[0] ** 2).sum(axis=1))
+        np.testing.assert_allclose((costs[1] - costs[0]) / (2 * STEP), (slope[:, :, k] * short).sum(1), atol=2e-5)
+
+
+def test_free_shapes_keep_bodies_from_each_other_and_from_the_cable(task: Task, shapes: np.ndarray):
+    margins = Margins(stability=0.0)
+    free = FreeSpace.of(task, margins).are_free(shapes)
+    stations, poses = task.cable.rod.shapes(shapes)
+    apart = bodies_gap(task.body_pairs, poses)
+    off = cable_gap(task.bodies, stations, poses, task.cable, margins.clearance)
+    assert np.minimum(apart, off)[free].min(initial=np.inf) > margins.clearance - 5e-4
+    assert (~free & (np.minimum(apart, off) < 0)).any()
