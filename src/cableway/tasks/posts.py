@@ -17,14 +17,14 @@ EDGE = 0.001
 
 
 def posts(rng: np.random.Generator) -> Draft:
-    """Four to seven posts of 5 or 10 cm between which a 2F-85 with usual or long fingers leads a cable.
+    """Eight to twelve posts of 5 or 10 cm between which a 2F-85 with usual or long fingers leads a cable.
 
     Solvable because they were set around a motion of the cable and of all that its grippers are.
     """
     setup = Setup(
-        size=(0.9, 0.9),
+        size=(0.8, 0.8),
         grippers=Grippers(body=BODIES[int(rng.integers(2))]),
         height=HEIGHTS[int(rng.integers(2))],
         wall_height=EDGE,
     )
-    return strewn(rng, setup, random_way(rng, setup), int(rng.integers(4, 8)), (0.02, 0.07))
+    return strewn(rng, setup, random_way(rng, setup), int(rng.integers(8, 13)), (0.01, 0.05))
