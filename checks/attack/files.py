@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import random
 from collections.abc import Callable, Iterable
 from functools import cache, partial
@@ -71,6 +72,12 @@ def discs(count: int) -> Change:
     return put("obstacles", [{"type": "disc", "center": list(each), "radius": 0.001} for each in at])
 
 
+def polygon(count: int, radius: float) -> list[list[float]]:
+    """Vertices round a circle."""
+    turns = [2 * math.pi * k / count for k in range(count)]
+    return [[radius * math.cos(turn), radius * math.sin(turn)] for turn in turns]
+
+
 def corner(x: float, y: float, theta: float, right: list[float]) -> Content:
     return {"grippers": [[x, y, theta], right], "bend": "left"}
 
@@ -78,6 +85,7 @@ def corner(x: float, y: float, theta: float, right: list[float]) -> Content:
 BOX = {"type": "box", "center": [0.35, 0.3], "size": [0.1, 0.05]}
 PLUG = put("plug", {"length": 0.04, "width": 0.012})
 PORT = {"position": [0.56, 0.5], "angle": 0.0, "standoff": 0.02, "depth": 0.01}
+HAND = {"outline": [[-0.01, -0.02], [0.01, -0.02], [0.01, 0.02], [-0.01, 0.02]], "heights": [0.0, 0.1]}
 LETTERS = "\x1b[31m\x1b]0;t\x07\r\u202ered\x9b2J"
 
 CHANGES: dict[str, tuple[Change, Iterable[int]]] = {
@@ -131,6 +139,19 @@ CHANGES: dict[str, tuple[Change, Iterable[int]]] = {
     "start is goal": (put("goal", straight(0.2, 0.1)), ANY),
     "discs as large as the cable": (put("grippers", "radius", 0.5), [WRONG]),
     "farther apart than the cable": (put("grippers", "separation", 0.5), [WRONG]),
+    "no gripper of that name": (put("grippers", "body", LETTERS), [WRONG]),
+    "a hand of its own": (put("grippers", "body", [HAND]), ANY),
+    "300 hands": (put("grippers", "body", [HAND] * 300), [WRONG]),
+    "12 hands": (put("grippers", "body", [HAND] * 12), ANY),
+    "a hand of 2,000 corners": (put("grippers", "body", [{**HAND, "outline": polygon(2000, 0.02)}]), [WRONG]),
+    "a hand as wide as the table": (put("grippers", "body", [{**HAND, "outline": polygon(8, 0.6)}]), [WRONG]),
+    "a hand upside down": (put("grippers", "body", [{**HAND, "heights": [0.1, 0.0]}]), [WRONG]),
+    "a hand that is a line": (put("grippers", "body", [{**HAND, "outline": [[0, 0], [1, 0], [2, 0]]}]), [WRONG]),
+    "a hand without pieces": (put("grippers", "body", []), ANY),
+    "a hand in millimetres": (put("grippers", "body", [{**HAND, "heights": [0, 100]}]), [WRONG]),
+    "a post of no height": (put("obstacles", [{**BOX, "height": 0}]), [WRONG]),
+    "a post of 1e300 m": (put("obstacles", [{**BOX, "height": 1e300}]), [WRONG]),
+    "walls of negative height": (put("workspace", "wall_height", -1), [WRONG]),
     "an endless polygon": (put("obstacles", [{"type": "polygon", "vertices": [[0.3, 0.3]] * 50_000}]), [WRONG]),
     "a polygon that crosses itself": (
         put("obstacles", [{"type": "polygon", "vertices": [[0.3, 0.2], [0.4, 0.3], [0.4, 0.2], [0.3, 0.3]]}]), [WRONG]),

@@ -20,6 +20,7 @@ SOLVABLE = {
     "clutter": (0, 1),
     "dense": (1, 2),
     "sizes": (4, 5),
+    "posts": (0, 1),
     "straight": (2, 3),
     "s-shaped": (0,),
     "table": (0,),

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
 from cableway.motion.validity import gripper_spans
+from cableway.scene.bodies import RIGHT, Body
 from cableway.scene.clearance import bodies_gap, body_clearance
 from cableway.scene.task import CONTROL_STEP, Grippers, Task
 
@@ -19,6 +20,9 @@ SHARES = np.linspace(0.0, 1.0, 5)
 
 ROUNDING = 1e-9
 """[m]."""
+
+ASKEW = 0.2
+"""Angle [rad] between gripper and port up to which a plug may still be aligned: what it may be held askew, twice."""
 
 
 def within_limits(
@@ -60,8 +64,8 @@ def last_filter(
 
     No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at all
     where it is not: the grippers farther apart than `max_span`, or nearer to each other than `Grippers.least_span`;
-    a body of theirs in an obstacle, a wall or a body of the other. An action that breaks one of the latter is made in
-    part, in steps of a quarter.
+    a body of theirs in an obstacle, a wall or a body of the other, but for a plug before its port. An action that
+    breaks one of the latter is made in part, in steps of a quarter.
 
     Where the task limits acceleration, the change from one action to the next is limited, too; but the grippers stop
     faster than that where they would otherwise come too far apart, too near to each other, or into an obstacle.
@@ -81,7 +85,7 @@ def last_filter(
     if exceeds_limits(action, task.grippers) or _span(action, poses) > max_span:
         action = within_limits(action, poses, task.grippers, max_span)
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
-    kept = np.column_stack([body_clearance(body, reached, task.scene) for body in task.outer_bodies])
+    kept = np.column_stack([_body_room(body, reached, task) for body in task.outer_bodies])
     kept = np.column_stack([kept, gripper_spans(reached) - task.grippers.least_span])
     if task.body_pairs:
         kept = np.column_stack([kept, bodies_gap(task.body_pairs, reached)])
@@ -89,6 +93,19 @@ def last_filter(
     # the first share that is not allowed bounds those that are
     share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0
     return action if share == 1.0 else share * action
+
+
+def _body_room(body: Body, poses: Float[np.ndarray, "k 2 3"], task: Task) -> Float[np.ndarray, "k"]:
+    """Clearance [m] of a body; infinite for a plug that goes into its port.
+
+    Where that is, the gripper alone does not say: it may hold plug and cable askew. `InsertionController` estimates it.
+    """
+    room = body_clearance(body, poses, task.scene)
+    if task.plug is None or task.port is None or body is not task.bodies[-1]:
+        return room
+    tip = task.port.alignment(task.plug, poses[:, RIGHT])
+    entering = (tip.depth > -task.port.standoff) & (np.abs(tip.lateral) <= task.plug.width)
+    return np.where(entering & (np.abs(tip.angle) <= ASKEW), np.inf, room)
 
 
 def _within_acceleration(

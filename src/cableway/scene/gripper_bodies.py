@@ -22,6 +22,12 @@ from cableway.scene.obstacles import check_convex, counter_clockwise
 TIP = 0.002
 """Height [m] of the tips above the table."""
 
+MOST_PIECES = 12
+"""Of a gripper; all pairs of two grippers are compared."""
+
+MOST_CORNERS = 40
+"""Of a piece."""
+
 Height = Annotated[float, "a height", Quantity("m", 0.0, 50.0)]
 
 
@@ -35,7 +41,7 @@ class BodyPart:
         heights: Lowest and highest point above the table [m].
 
     Raises:
-        TaskError: The outline is not convex, or the heights are not in order.
+        TaskError: The outline is not convex or has too many corners, or the heights are not in order.
     """
 
     outline: Annotated[Float[np.ndarray, "k 2"], "a list of at least 3 points [x, y]"]
@@ -43,6 +49,8 @@ class BodyPart:
 
     def __post_init__(self) -> None:
         outline = checks.rows(self.outline, ("outline",), checks.XY)
+        if len(outline) > MOST_CORNERS:
+            raise TaskError(f"must be at most {MOST_CORNERS} points, got {len(outline)}", ("outline",))
         check_convex(outline, "outline")
         object.__setattr__(self, "outline", counter_clockwise(outline))
         low, high = checks.pair(self.heights, ("heights",), Quantity("m", 0.0, 50.0))
@@ -96,11 +104,13 @@ def gripper_body(body: str | tuple[BodyPart, ...] | None) -> tuple[BodyPart, ...
     """The pieces of a gripper beyond its disc; none where there is no `body`.
 
     Raises:
-        TaskError: There is no gripper of that name.
+        TaskError: There is no gripper of that name, or too many pieces.
     """
     if body is None:
         return ()
     if not isinstance(body, str):
+        if len(body) > MOST_PIECES:
+            raise TaskError(f"must be at most {MOST_PIECES} pieces, got {len(body)}", ("body",))
         return tuple(body)
     if body not in GRIPPER_BODIES:
         raise TaskError(f"must be one of {', '.join(GRIPPER_BODIES)}, or a list of pieces, got {body!r}", ("body",))
