@@ -25,10 +25,10 @@ def task() -> Task:
 def shapes(task: Task) -> np.ndarray:
     """Shapes whose grippers come near to each other and to the cable."""
     start, rng = task_ends(task)[0], np.random.default_rng(1)
-    q = start + rng.normal(size=(400, 6)) * [0.0, 0.0, 0.3, 12, 12, 3]
+    q = start + rng.normal(size=(4000, 6)) * [0.0, 0.0, 0.3, 12, 12, 3]
     stations, poses = task.cable.rod.shapes(q)
-    near = np.minimum(bodies_gap(task.body_pairs, poses), cable_gap(task.bodies, stations, poses, task.cable, 0.02))
-    return q[np.abs(near) < 0.015]
+    gaps = bodies_gap(task.body_pairs, poses), cable_gap(task.bodies, stations, poses, task.cable, 0.02)
+    return np.concatenate([q[np.abs(gap) < 0.015][:12] for gap in gaps])
 
 
 def test_bodies_push_each_other_apart(task: Task, shapes: np.ndarray):
