@@ -38,6 +38,7 @@ from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.simulation.plant import CableSimulator
+from cableway.tasks.generation import random_task
 from cableway.tracking import track
 
 ROD = PlanarRod(0.3)
@@ -569,3 +570,16 @@ def test_frames_taken_earlier_or_later_are_no_contact() -> None:
             taken = row - 1 - rng.integers(-1, 3)
             estimate = estimator.update(estimate, shapes[taken], poses[row - 1], 0.008)
             assert estimator.held_at(estimate) is None, row
+
+
+def test_a_post_that_appears_counts_for_the_whole_hand():
+    """Which pieces of a gripper could touch something depends on how high that is."""
+    task = next(task for seed in range(9) if (task := random_task(seed, "posts")).grippers.body == "2f-85")
+    plan = Plan(np.repeat(task.start[None], 3, axis=0), np.repeat(task.gripper_poses("start")[None], 3, axis=0))
+    controller = RodMPC()
+    state = controller.init(task, plan)
+    post = Disc(center=(0.05, 0.05), radius=0.01)
+    seen = task.in_scene(replace(task.scene, obstacles=(*task.scene.obstacles, post)))
+    lowest = set(BodyPoints.of(seen).lowest) - set(state.bodies.lowest)
+    assert lowest
+    assert lowest <= set(controller.in_scene(state, seen).bodies.lowest)

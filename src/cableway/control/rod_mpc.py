@@ -172,7 +172,7 @@ class RodMPC(Controller[RodMPCState]):
     def in_scene(self, state: RodMPCState, task: Task) -> RodMPCState:
         """See `Controller.in_scene`."""
         task = state.task.in_scene(task.scene)
-        return replace(state, task=task, clearance=_least_clearance(state.plan.plan, task))
+        return replace(state, task=task, clearance=_least_clearance(state.plan.plan, task), bodies=BodyPoints.of(task))
 
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""

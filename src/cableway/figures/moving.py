@@ -65,8 +65,7 @@ class MovingScene:
         self._plug = ax.fill([0, 0, 0], [0, 0, 0], color=style.MUTED, zorder=4)[0] if task.plug is not None else None
         self._bodies = [
             (body, ax.fill([0, 0, 0], [0, 0, 0], color=style.MUTED, alpha=0.3, linewidth=0, zorder=4)[0])
-            for body in outer_bodies(task.grippers.bodies, [None])
-            if len(body.outline) > 1
+            for body in outer_bodies(task.grippers.pieces, [None])
         ]
         lines = [*self._trails, *self._ahead, *self._left]
         parts: list[Artist | None] = [*obstacles, *lines, self._cable, self._reference, self._plug]

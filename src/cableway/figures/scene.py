@@ -122,11 +122,10 @@ def draw_grippers(ax: Axes, points: Float[np.ndarray, "k 2"], radius: float, **o
 
 def draw_bodies(ax: Axes, task: Draft, poses: Float[np.ndarray, "k 2 3"], **options: Any) -> None:
     """What the grippers at `poses` [m, m, rad] have beyond their discs, seen from above."""
-    for body in outer_bodies(task.grippers.bodies, [None]):
-        if len(body.outline) > 1:
-            outlines = [Path(outline, closed=True) for outline in body.placed(poses[:, body.side])]
-            settings = {"facecolors": style.MUTED, "alpha": 0.05, "linewidths": 0.0, "zorder": 3.5, **options}
-            _add_paths(ax, outlines, **settings)
+    for body in outer_bodies(task.grippers.pieces, [None]):
+        outlines = [Path(outline, closed=True) for outline in body.placed(poses[:, body.side])]
+        settings = {"facecolors": style.MUTED, "alpha": 0.05, "linewidths": 0.0, "zorder": 3.5, **options}
+        _add_paths(ax, outlines, **settings)
 
 
 def _add_paths(ax: Axes, paths: Sequence[Path], **options: Any) -> PathCollection:

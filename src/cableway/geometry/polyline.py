@@ -49,6 +49,12 @@ def spline(points: Float[np.ndarray, "... m space"], pieces: int) -> Float[np.nd
     return CubicSpline(np.linspace(0, 1, m), points, axis=-2)(np.linspace(0, 1, pieces * (m - 1) + 1))
 
 
+def end_poses(points: Float[np.ndarray, "... m 2"]) -> Float[np.ndarray, "... 2 3"]:
+    """Both ends of polylines [m] with their directions along them [m, m, rad]."""
+    steps = points[..., [1, -1], :] - points[..., [0, -2], :]
+    return np.concatenate([points[..., [0, -1], :], np.arctan2(steps[..., 1], steps[..., 0])[..., None]], axis=-1)
+
+
 def remove_repeated(points: Float[np.ndarray, "m 2"], tolerance: float = 1e-9) -> Float[np.ndarray, "k 2"]:
     """The polyline without vertices closer than `tolerance` [m] to the one before; the first one stays."""
     keep = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > tolerance])

@@ -98,7 +98,7 @@ def pieces_clearance(
 
     Infinite where they have nothing.
     """
-    pieces = [body for body in task.grippers.bodies if len(body.outline) > 1]
+    pieces = task.grippers.pieces
     if not pieces:
         return np.full(len(poses), np.inf)
     found = [body_clearance(body, poses, task.scene) for body in outer_bodies(pieces, task.scene.heights)]

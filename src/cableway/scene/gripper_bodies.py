@@ -2,7 +2,8 @@
 
 The named ones are made for a tool that points straight down with its tips 2 mm above the table, closed on a cable of
 8 mm, the fingers to either side of it. The 2F-85's extents are those of its meshes in MuJoCo Menagerie (BSD-2-Clause),
-by `studies/gripper_outlines.py`, rounded up to millimetres.
+by `studies/gripper_outlines.py`, rounded up to millimetres; those of the layer above the knuckles, 103 x 74, hold its
+flange of 75 x 75 as well.
 """
 
 from __future__ import annotations

@@ -18,6 +18,9 @@ from cableway.scene.gripper_bodies import BodyPart, gripper_body
 
 PlugLength = Annotated[float, "a length", Quantity("m", 1e-4, 1.0)]
 
+SIDES = (("left gripper", LEFT), ("right gripper", RIGHT))
+"""What messages call the grippers, and the side of their bodies."""
+
 RAMPS = ("max_acceleration", "max_turn_acceleration", "max_jerk", "max_turn_jerk")
 """Limits of grippers that are not set by default."""
 
@@ -66,10 +69,13 @@ class Grippers:
 
     @property
     def bodies(self) -> tuple[Body, ...]:
-        """The discs and the other pieces of both grippers."""
-        sides = (("left gripper", LEFT), ("right gripper", RIGHT))
-        discs = [Body.disc(name, side, self.radius) for name, side in sides]
-        return (*discs, *(part.body(name, side) for part in gripper_body(self.body) for name, side in sides))
+        """The discs and the pieces of both grippers."""
+        return (*(Body.disc(name, side, self.radius) for name, side in SIDES), *self.pieces)
+
+    @property
+    def pieces(self) -> tuple[Body, ...]:
+        """What both grippers have beyond their discs."""
+        return tuple(part.body(name, side) for part in gripper_body(self.body) for name, side in SIDES)
 
     @property
     def has_ramps(self) -> bool:

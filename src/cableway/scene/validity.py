@@ -154,9 +154,7 @@ def port_faults(pose: Float[np.ndarray, "3"], plug: Plug, port: Port) -> Iterato
 
 def end_poses(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "2 3"]:
     """Positions and directions [m, m, rad] of both ends of a cable through keypoints."""
-    curve = curve_through(shape, cable)
-    steps = curve[[1, -1]] - curve[[0, -2]]
-    return np.column_stack([curve[[0, -1]], np.arctan2(steps[:, 1], steps[:, 0])])
+    return polyline.end_poses(curve_through(shape, cable))
 
 
 def curve_through(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "m 2"]:

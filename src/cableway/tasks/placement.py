@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
+from cableway.geometry import polyline
 from cableway.motion.sweeps import swept_shapes
 from cableway.scene.bodies import outer_bodies
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon, to_shapely
@@ -27,18 +28,12 @@ def swept_region(q: Float[np.ndarray, "t 6"], setup: Setup, margin: float = MARG
         shapely.buffer(cable, setup.cable.radius + margin + SWEEP_STEP / 2, quad_segs=4),
         shapely.buffer(tips, setup.grippers.radius + margin + SWEEP_STEP / 2, quad_segs=4),
     ]
-    for body in outer_bodies(setup.grippers.bodies, [setup.height]):
-        if len(body.outline) > 1:
-            outlines = body.placed(end_poses(lines)[:, body.side])
-            between = np.concatenate([outlines[:-1], outlines[1:]], axis=1) if len(lines) > 1 else outlines
-            grown.append(shapely.buffer(shapely.convex_hull(shapely.multipoints(between)), margin, quad_segs=4))
+    poses = polyline.end_poses(lines)
+    for body in outer_bodies(setup.grippers.pieces, [setup.height]):
+        outlines = body.placed(poses[:, body.side])
+        between = np.concatenate([outlines[:-1], outlines[1:]], axis=1) if len(lines) > 1 else outlines
+        grown.append(shapely.buffer(shapely.convex_hull(shapely.multipoints(between)), margin, quad_segs=4))
     return shapely.union_all(np.concatenate(grown))
-
-
-def end_poses(lines: Float[np.ndarray, "t s 2"]) -> Float[np.ndarray, "t 2 3"]:
-    """Poses [m, m, rad] of the grippers that hold the ends of lines [m]."""
-    steps = lines[:, [1, -1]] - lines[:, [0, -2]]
-    return np.concatenate([lines[:, [0, -1]], np.arctan2(steps[..., 1], steps[..., 0])[..., None]], axis=2)
 
 
 @dataclass(kw_only=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -14,12 +15,48 @@ from cableway.scene.bodies import Body
 from cableway.scene.task import Task
 from cableway.verification.ends import Ends
 from cableway.verification.geometry import outline_at
-from cableway.verification.swept import Closest, Measure, closest_approach, depths, to_scene
+from cableway.verification.swept import Measure, closest_approach, depths, to_scene
 
 OUTLINE_SPACING = 0.004
 """Distance [m] of the vertices round a piece: the depth of an overlap is that of the deepest of them."""
 
-SIDES = ("left", "right")
+
+class Meeting(NamedTuple):
+    """A piece of a gripper and what it may meet.
+
+    Attributes:
+        name: Of the check.
+        who: The two, with {} for the obstacle.
+        moving: (t, m, 2) vertices [m] of what moves.
+        measure: Its distance from what it may meet.
+        radius: Of the cable [m] where that is met.
+    """
+
+    name: str
+    who: str
+    moving: Float[np.ndarray, "t m 2"]
+    measure: Measure
+    radius: float = 0.0
+
+
+def _meetings(
+    lines: Float[np.ndarray, "t m 2"], poses: Float[np.ndarray, "t 2 3"], task: Task, limit: float
+) -> Iterator[Meeting]:
+    """All that pieces of the grippers may meet: what stands on the table, the cable, each other."""
+    pieces = task.grippers.pieces
+    outlines = [outline_at(piece.outline, poses[:, piece.side], OUTLINE_SPACING) for piece in pieces]
+    for i, (piece, outline) in enumerate(zip(pieces, outlines, strict=True)):
+        scene = to_scene(task.scene, piece.heights[0], solid=True)
+        yield Meeting("gripper body clearance", f"the {piece.name} and {{}}", outline, scene)
+        split = outline.shape[1]
+        if piece.heights[0] < 2 * task.cable.radius:
+            moving = np.concatenate([outline, _free(lines, piece, task, limit)], axis=1)
+            who, measure = f"the {piece.name} and the cable", partial(_to_line, split=split)
+            yield Meeting("gripper body from the cable", who, moving, measure, task.cable.radius)
+        for other, beside in zip(pieces[i + 1 :], outlines[i + 1 :], strict=True):
+            if piece.side != other.side and _level(piece, other):
+                moving, measure = np.concatenate([outline, beside], axis=1), partial(_to_outline, split=split)
+                yield Meeting("gripper bodies apart", "both grippers", moving, measure)
 
 
 def body_checks(
@@ -38,46 +75,23 @@ def body_checks(
         limit: Least clearance [m]; contact fails in any case.
         ends: Where start and goal may keep less.
     """
-    pieces = [body for body in task.grippers.bodies if len(body.outline) > 1]
-    outlines = [outline_at(piece.outline, poses[:, piece.side], OUTLINE_SPACING) for piece in pieces]
-    found: dict[str, list[Check]] = {}
-    for piece, outline in zip(pieces, outlines, strict=True):
-        to_obstacles = to_scene(task.scene, piece.heights[0], solid=True)
-        check = _check("gripper body clearance", outline, to_obstacles, limit, ends)
-        found.setdefault(check.name, []).append(_where(check, f"the {piece.name} and {{}}", task))
-        if piece.heights[0] < 2 * task.cable.radius:
-            free = _free(lines, piece, task, limit)
-            moving, to_cable = np.concatenate([outline, free], axis=1), partial(_to_line, split=outline.shape[1])
-            check = _check("gripper body from the cable", moving, to_cable, limit, ends, task.cable.radius)
-            found.setdefault(check.name, []).append(replace(check, where=f"the {piece.name} and the cable"))
-    for i, one in enumerate(pieces):
-        for other, outline in zip(pieces[i + 1 :], outlines[i + 1 :], strict=True):
-            if one.side == other.side or not _level(one, other):
-                continue
-            moving = np.concatenate([outlines[i], outline], axis=1)
-            apart = partial(_to_outline, split=outlines[i].shape[1])
-            check = _check("gripper bodies apart", moving, apart, limit, ends)
-            found.setdefault(check.name, []).append(replace(check, where="both grippers"))
-    return [min(checks, key=lambda check: check.value - check.limit) for checks in found.values()]
+    worst: dict[str, Check] = {}
+    for name, who, moving, measure, radius in _meetings(lines, poses, task, limit):
+        asked = limit if ends is None else ends.clearance(limit, moving, measure, radius)
+        found = closest_approach(moving, measure, asked, rate=2.0)  # two that move near each other twice as fast
+        value = found.distance - radius
+        passed, where = found.wanted - 1e-9 <= value and value > 0, who.format(task.scene.name_of(found.obstacle))
+        check = Check(name, value, "m", found.wanted, passed, where, found.row)
+        worst[name] = min(worst.get(name, check), check, key=lambda each: each.value - each.limit)
+    return list(worst.values())
 
 
 def piece_clearances(
     poses: Float[np.ndarray, "t 2 3"], lines: Float[np.ndarray, "t m 2"], task: Task
 ) -> Float[np.ndarray, "t"]:
-    """Least of all the clearances [m] of `body_checks` in each row, from the walls and the obstacles of the task."""
-    pieces = [body for body in task.grippers.bodies if len(body.outline) > 1]
-    outlines = [outline_at(piece.outline, poses[:, piece.side], OUTLINE_SPACING) for piece in pieces]
-    least = np.full(len(poses), np.inf)
-    for i, (piece, outline) in enumerate(zip(pieces, outlines, strict=True)):
-        least = np.minimum(least, to_scene(task.scene, piece.heights[0], solid=True)(outline)[0])
-        if piece.heights[0] < 2 * task.cable.radius:
-            moving = np.concatenate([outline, _free(lines, piece, task, 0.0)], axis=1)
-            least = np.minimum(least, _to_line(moving, outline.shape[1])[0] - task.cable.radius)
-        for other, beside in zip(pieces[i + 1 :], outlines[i + 1 :], strict=True):
-            if piece.side != other.side and _level(piece, other):
-                moving = np.concatenate([outline, beside], axis=1)
-                least = np.minimum(least, _to_outline(moving, outline.shape[1])[0])
-    return least
+    """Least of the clearances [m] of `body_checks` in each row; infinite where grippers are discs alone."""
+    rows = [meeting.measure(meeting.moving)[0] - meeting.radius for meeting in _meetings(lines, poses, task, 0.0)]
+    return np.min([np.full(len(poses), np.inf), *rows], axis=0)
 
 
 def _level(one: Body, other: Body) -> bool:
@@ -90,26 +104,6 @@ def _free(lines: np.ndarray, piece: Body, task: Task, limit: float) -> np.ndarra
     count = lines.shape[1]
     first = min(count - 2, int(np.ceil(held / task.cable.length * (count - 1))))
     return lines[:, first:] if piece.side == 0 else lines[:, : count - first]
-
-
-def _check(
-    name: str,
-    moving: Float[np.ndarray, "t m 2"],
-    measure: Measure,
-    limit: float,
-    ends: Ends | None,
-    radius: float = 0.0,
-) -> Check:
-    """Two things that move come nearer twice as fast as either."""
-    asked = limit if ends is None else ends.clearance(limit, moving, measure, radius)
-    found: Closest = closest_approach(moving, measure, asked, rate=2.0)
-    value = found.distance - radius
-    passed = found.wanted - 1e-9 <= value and value > 0
-    return Check(name, value, "m", found.wanted, passed, str(found.obstacle), found.row)
-
-
-def _where(check: Check, text: str, task: Task) -> Check:
-    return replace(check, where=text.format(task.scene.name_of(int(check.where))))
 
 
 def _to_line(lines: np.ndarray, split: int) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
