@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,8 @@ from cableway.motion import terms
 from cableway.motion.limits import Margins
 from cableway.motion.validity import FreeSpace, task_ends
 from cableway.scene.clearance import bodies_gap, cable_gap
+from cableway.scene.gripper_bodies import BodyPart
+from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tasks.generation import random_task
 
@@ -59,6 +63,27 @@ def test_the_cable_is_pushed_from_under_a_body(task: Task, shapes: np.ndarray):
             q[:, k] += sign * STEP
             costs.append(0.5 * (terms.cable_shortfall(*rod.shapes(q), task, 0.02)[0] ** 2).sum(axis=1))
         np.testing.assert_allclose((costs[1] - costs[0]) / (2 * STEP), (slope[:, :, k] * short).sum(1), atol=2e-5)
+
+
+def test_a_body_over_the_cable_alone_forbids(task: Task):
+    """Shapes that are free for discs, with a low bar across each end: free where the cable keeps off the bars."""
+    bar = BodyPart(
+        outline=np.array([[-0.01, -0.06], [0.01, -0.06], [0.01, 0.06], [-0.01, 0.06]]), heights=(0.002, 0.01)
+    )
+    empty = Scene((0.8, 0.8), (), 0.001)
+    discs, bars = (replace(task, scene=empty, grippers=replace(task.grippers, body=body)) for body in (None, (bar,)))
+    margins, rng = Margins(stability=0.0), np.random.default_rng(2)
+    q = task_ends(task)[0] + rng.normal(size=(20000, 6)) * [0, 0, 0.3, 20, 20, 6]
+    q = q[FreeSpace.of(discs, margins).are_free(q)]
+    stations, poses = task.cable.rod.shapes(q)
+    q, stations, poses = (each[bodies_gap(bars.body_pairs, poses) > 0.01] for each in (q, stations, poses))
+    off, free = (
+        cable_gap(bars.bodies, stations, poses, task.cable, margins.clearance),
+        FreeSpace.of(bars, margins).are_free(q),
+    )
+    assert (off < margins.clearance - 1e-3).sum() > 5
+    assert not free[off < margins.clearance - 1e-3].any()
+    assert free[off > margins.clearance + 1e-3].all()
 
 
 def test_free_shapes_keep_bodies_from_each_other_and_from_the_cable(task: Task, shapes: np.ndarray):
