@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from cableway.control.limits import last_filter, span_limit, within_limits
 from cableway.scene.clearance import bodies_gap
+from cableway.scene.files.loading import load_task
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Grippers
 from cableway.tasks.generation import random_task
@@ -85,3 +86,15 @@ def test_hands_are_not_led_into_each_other_or_into_a_post():
     np.testing.assert_array_equal(last_filter(-together, at, empty, 1.0), -together)
     post = task.in_scene(replace(task.scene, obstacles=(Disc(center=(0.33, 0.4), radius=0.005, height=0.2),)))
     assert np.abs(last_filter(-together, at, post, 1.0)[0]).max() < 0.012
+
+
+def test_a_plug_is_kept_out_of_what_is_not_its_port():
+    """Its whole outline: the gripper behind it is well clear of the disc."""
+    task = load_task("insertion")
+    assert task.plug is not None
+    at = np.array([[0.2, 0.2, 0.0], [0.3, 0.2, 0.0]])
+    disc = Disc(center=(0.3 + task.plug.length + 0.012, 0.2), radius=0.008)
+    blocked = task.in_scene(replace(task.scene, obstacles=(disc,)))
+    ahead = np.array([[0.0, 0.0, 0.0], [0.012, 0.0, 0.0]])
+    assert np.abs(last_filter(ahead, at, blocked, 1.0)).max() < 0.005
+    np.testing.assert_array_equal(last_filter(-ahead, at, blocked, 1.0), -ahead)

@@ -10,8 +10,9 @@ import pytest
 from cableway.motion import terms
 from cableway.motion.limits import Margins
 from cableway.motion.validity import FreeSpace, task_ends
-from cableway.scene.clearance import bodies_gap, cable_gap
+from cableway.scene.clearance import bodies_gap, body_clearance, cable_gap
 from cableway.scene.gripper_bodies import BodyPart
+from cableway.scene.obstacles import Box, Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tasks.generation import random_task
@@ -84,6 +85,33 @@ def test_a_body_over_the_cable_alone_forbids(task: Task):
     assert (off < margins.clearance - 1e-3).sum() > 5
     assert not free[off < margins.clearance - 1e-3].any()
     assert free[off > margins.clearance + 1e-3].all()
+
+
+@pytest.mark.parametrize(
+    "post",
+    [
+        Disc(center=(0.4, 0.46), radius=0.002, height=0.2),  # fits into an outline
+        Box(center=(0.4, 0.3), size=(0.01, 0.58), height=0.2),  # its first vertex is far away
+    ],
+)
+def test_a_post_that_a_hand_touches_alone_forbids(task: Task, post: Disc | Box):
+    """Shapes that are free for discs: free for hands where those keep off the post."""
+    start = task_ends(task)[0]
+    moved, rng = start.copy(), np.random.default_rng(3)
+    moved[:2] = 0.4, 0.6
+    discs, hands = (replace(task, grippers=replace(task.grippers, body=body)) for body in (None, "2f-85"))
+    discs, hands = (each.in_scene(Scene((0.8, 0.8), (post,), 0.001)) for each in (discs, hands))
+    margins = Margins(stability=0.0)
+    q = moved + rng.normal(size=(20000, 6)) * [0.1, 0.1, 1.5, 6, 6, 2]
+    q = q[FreeSpace.of(discs, margins).are_free(q)]
+    stations, poses = task.cable.rod.shapes(q)
+    off = cable_gap(hands.bodies, stations, poses, task.cable, margins.clearance)
+    clear = np.minimum(bodies_gap(hands.body_pairs, poses), off) > margins.clearance + 1e-3
+    room = np.min([body_clearance(body, poses, hands.scene) for body in hands.outer_bodies], axis=0)
+    free, near = FreeSpace.of(hands, margins).are_free(q), room < margins.clearance - 1e-4
+    assert (clear & near).sum() > 50
+    assert not free[near].any()
+    assert free[clear & (room > margins.clearance + 1e-4)].all()
 
 
 def test_free_shapes_keep_bodies_from_each_other_and_from_the_cable(task: Task, shapes: np.ndarray):

@@ -12,6 +12,7 @@ from cableway.records import Plan
 from cableway.scene.clearance import pieces_clearance
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
+from cableway.simulation.table_plant import TablePlant
 from cableway.tasks.generation import random_task_with_witness
 from cableway.verification.bodies import body_checks, piece_clearances
 from cableway.verification.geometry import curve_through
@@ -70,3 +71,29 @@ def test_a_run_records_the_clearance_of_the_hands(planned: tuple[Task, Plan]):
     found = piece_clearances(run.rollout.poses, run.rollout.centreline, task)
     assert (run.rollout.gripper_clearance <= found + 1e-4).all()
     assert run.rollout.gripper_clearance.min() < 0.05
+
+
+def test_a_record_that_leaves_the_hands_out_is_found(planned: tuple[Task, Plan]):
+    """Clearances that the discs do have."""
+    task, plan = planned
+    rollout = cw.solve(task, cw.SolveOptions(plan=plan)).rollout
+    assert rollout is not None
+    forged = replace(rollout, gripper_clearance=rollout.gripper_clearance + 0.022)
+    discs = [task.scene.signed_distance(poses[:, :2]).min() - task.grippers.radius for poses in rollout.poses]
+    assert (forged.gripper_clearance < discs).any()
+    failures = {check.name for check in cw.verify_rollout(forged, task).failures()}
+    assert failures == {"recorded gripper clearance above that of its row"}
+
+
+@pytest.mark.parametrize("plant", [cw.CableSimulator, TablePlant])
+def test_plants_measure_the_hands(planned: tuple[Task, Plan], plant: type):
+    """Beside a post that is near to a hand alone."""
+    task, plan = planned
+    pose = plan.poses[0, 0]
+    aside = pose[:2] + 0.07 * np.array([-np.sin(pose[2]), np.cos(pose[2])])
+    post = Disc(center=(float(aside[0]), float(aside[1])), radius=0.003, height=0.16)
+    beside = plant(task.in_scene(replace(task.scene, obstacles=(post,))))
+    beside.reset()
+    beside.step(np.zeros((2, 3)))
+    assert 0 < beside.measure().gripper_clearance < 0.012
+    assert beside.measure().clearance > 0.03

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import shapely
 
+from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.tasks.generation import random_task
+from cableway.verification.bodies import _to_outline
 from cableway.verification.swept import SWEEP_STEP, closest_approach, to_scene
 
 PIECES = 64
@@ -57,3 +60,19 @@ def test_the_depth_of_what_is_cut_is_negative():
     found = closest_approach(lines, to_scene(task.scene))
     assert found.distance == pytest.approx(-solid.exterior.distance(shapely.Point(x, y)))
     assert task.scene.solids[found.obstacle].equals(solid)
+
+
+def test_what_is_passed_between_two_rows_is_met():
+    line = np.array([[0.3, 0.3], [0.3, 0.4]])
+    post = Scene((0.7, 0.7), (Disc(center=(0.33, 0.35), radius=0.003),))
+    found = closest_approach(np.array([line, line + [0.06, 0.0]]), to_scene(post))
+    assert found.distance <= 0
+    assert found.row == pytest.approx(0.5, abs=0.1)
+
+
+def test_two_that_pass_each_other_between_two_rows_are_met():
+    """Each moves half the way, so that they come nearer twice as fast as either moves."""
+    square = np.array([[0.0, 0.0], [0.01, 0.0], [0.01, 0.01], [0.0, 0.01], [0.0, 0.0]])
+    rows = np.array([[square + [x, 0.0], square + [0.1 - x, 0.0]] for x in (0.0, 0.1)]).reshape(2, 10, 2)
+    found = closest_approach(rows, partial(_to_outline, split=5), rate=2.0)
+    assert found.distance <= 0
