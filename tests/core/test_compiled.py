@@ -26,10 +26,11 @@ def folder_of(package: Path, monkeypatch: pytest.MonkeyPatch, kernel: str = KERN
     return kernel_cache.cache_folder.__wrapped__()
 
 
-def test_kernels_alone_name_the_folder_wherever_they_are_installed(tmp_path, monkeypatch):
-    first = folder_of(tmp_path / "a", monkeypatch)
-    assert folder_of(tmp_path / "b", monkeypatch) == first
-    assert folder_of(tmp_path / "b", monkeypatch, KERNEL.replace("f", "g")) != first
+@pytest.mark.parametrize("source", [KERNEL, KERNEL.replace("@kernel", "@inlined")])
+def test_kernels_alone_name_the_folder_wherever_they_are_installed(tmp_path, monkeypatch, source):
+    first = folder_of(tmp_path / "a", monkeypatch, source)
+    assert folder_of(tmp_path / "b", monkeypatch, source) == first
+    assert folder_of(tmp_path / "b", monkeypatch, source.replace("f", "g")) != first
 
 
 @pytest.mark.parametrize("what", ["processor", "optimization", "Python"])

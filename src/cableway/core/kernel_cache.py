@@ -30,6 +30,9 @@ from cableway.core.user_cache import PROBLEMS, private_folder, user_folder
 
 DIGEST = hashlib.sha256
 
+DECORATORS = (b"@kernel", b"@inlined")
+"""Those of `cableway.core.compiled`, which mark the sources of compiled code."""
+
 
 @cache
 def cache_folder() -> Path:
@@ -45,7 +48,7 @@ def cache_folder() -> Path:
         *(numba.__version__, llvmlite.__version__, sys.implementation.cache_tag, sys.flags.optimize),
         *target.codegen().magic_tuple(),
     )
-    kernels = b"".join(text for text in texts if b"@kernel" in text)
+    kernels = b"".join(text for text in texts if any(decorator in text for decorator in DECORATORS))
     digest = DIGEST(repr(made_by).encode() + kernels).hexdigest()[:12]
     chosen: str = getattr(config, "CACHE_DIR")  # noqa: B009 - set by Numba at run time, unknown to type checkers
     return (Path(chosen) if chosen else user_folder()) / f"kernels-{digest}"
