@@ -182,6 +182,8 @@ class _Problem:
         self.tension = max(TENSION, float(q[[0, -1], self.along].max()))
         self.clearance_scale = np.sqrt(weight) / CLEARANCE_SCALE
         self.room, self.bodies = max(config.margin, config.room), BodyPoints.of(task)
+        over_cable = any(body.meets_cable(task.cable.radius) for body in task.bodies)
+        self.bodies_meet = over_cable or bool(task.body_pairs)
 
     def cost(self, q: Float[np.ndarray, "t d"]) -> float:
         """The cost alone, for trial steps."""
@@ -191,9 +193,10 @@ class _Problem:
         total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
         total += 0.5 * np.sum(loads**2) / LOAD_SCALE**2
         by_load = (self._stability(q), self._tension(q))
-        residuals = (self._clearance(stations), self._bodies(poses), self._apart(poses), self._span(poses), *by_load)
+        residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), *by_load)
         total += sum(0.5 * np.sum(value**2) for value, _ in residuals) + 0.5 * np.sum(self._bends(stations) ** 2)
-        total += 0.5 * np.sum(self._off_cable(stations, poses)[0] ** 2)
+        if self.bodies_meet:
+            total += 0.5 * np.sum(self._apart(poses)[0] ** 2) + 0.5 * np.sum(self._off_cable(stations, poses)[0] ** 2)
         return float(total)
 
     def linearise(self, q: Float[np.ndarray, "t d"]) -> _Normal:
@@ -226,11 +229,13 @@ class _Problem:
             (lack[:, None], dlack[:, None]),
             self._tension(q),
         ]
-        for value, by_poses in (self._span(poses), self._bodies(poses), self._apart(poses)):
+        of_poses = [self._span(poses), self._bodies(poses), *([self._apart(poses)] if self.bodies_meet else [])]
+        for value, by_poses in of_poses:
             residuals.append((value, np.einsum("tckj,tkji->tci", by_poses, dposes)))
-        value, which, by_stations, by_poses = self._off_cable(stations, poses)
-        slopes = np.einsum("tsk,tski->tsi", by_stations, dstations[:, which])
-        residuals.append((value, slopes + np.einsum("tckj,tkji->tci", by_poses, dposes)))
+        if self.bodies_meet:
+            value, which, by_stations, by_poses = self._off_cable(stations, poses)
+            slopes = np.einsum("tsk,tski->tsi", by_stations, dstations[:, which])
+            residuals.append((value, slopes + np.einsum("tckj,tkji->tci", by_poses, dposes)))
         if np.isfinite(self.sharpest):
             slopes = terms.turn_excess_slope(stations, dstations, self.rod, self.sharpest)
             residuals.append((self._bends(stations), slopes / BEND_SCALE))
