@@ -90,6 +90,8 @@ class Plan(Brief, ArrayRecord):
         q: (T+1, dof) rod coordinates of the shapes; None where the shapes are no equilibria, or not known to be.
         stages: What only the paper's planner makes; None for every other plan.
         metadata: How it was made: initial trajectory, seed, versions and the resolved configuration.
+        joints: (T+1, 2, j) joint angles [rad] of the arms that hold the grippers, running on without jumps; None where
+            no cell was given.
         verdict: What the search that made it found of it; None of any other plan, such as one from a file. It is not
             saved, and `dataclasses.replace` leaves it behind: what was changed is to be verified again.
     """
@@ -101,13 +103,14 @@ class Plan(Brief, ArrayRecord):
     q: Float[np.ndarray, "T+1 dof"] | None = None
     stages: PaperStages | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
+    joints: Float[np.ndarray, "T+1 2 j"] | None = field(default=None, kw_only=True)
     verdict: Verdict | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         check_shapes(self)
         rows = len(self.shapes)
         _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
-        _require_finite(self, "shapes", "poses", "q")
+        _require_finite(self, "shapes", "poses", "q", "joints")
         if self.stages is not None:
             expected, found = self.shapes.shape[:2], self.stages.progress.shape
             _require(found == expected, f"progress has shape {found}, not {expected}")
@@ -297,6 +300,7 @@ class Rollout(Brief, ArrayRecord):
             `metadata["estimates"]` says of each what it is: the fields of `Estimate` that stay the same, with its name.
         estimates: (K, m) the controller's estimates after each step; None where it has none.
         deviations: (K, m) standard deviations of that.
+        joints: (K+1, 2, j) joint angles [rad] of the arms; None where there are none.
     """
 
     kind: ClassVar[str] = "rollout"
@@ -315,6 +319,7 @@ class Rollout(Brief, ArrayRecord):
     metadata: dict[str, Any] = field(default_factory=dict)
     estimates: Float[np.ndarray, "K m"] | None = None
     deviations: Float[np.ndarray, "K m"] | None = None
+    joints: Float[np.ndarray, "K+1 2 j"] | None = None
 
     def __post_init__(self) -> None:
         check_shapes(self)
@@ -322,7 +327,7 @@ class Rollout(Brief, ArrayRecord):
         _require(self.centreline.shape[1] >= 2, f"a centreline needs 2 points, got {self.centreline.shape[1]}")
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         _require(self.status.dtype.kind not in "biufc", "status holds numbers, not short texts")
-        _require_finite(self, "times", "keypoints", "poses", "centreline", "actions", "estimates", "deviations")
+        _require_finite(self, "times", "keypoints", "poses", "centreline", "actions", "estimates", "deviations", "joints")
         Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))
         _require((self.estimates is None) == (self.deviations is None), "estimates and deviations go together")
         if self.estimates is not None:
