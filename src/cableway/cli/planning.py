@@ -17,6 +17,7 @@ from cableway.cli.options import PictureOptions, TaskOptions, option
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
 from cableway.planning.named import PLANNERS
+from cableway.scene.cell import CELLS
 from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, Planner, make_planner
 
 if TYPE_CHECKING:
@@ -46,6 +47,10 @@ class PlanOptions(PictureOptions, TaskOptions):
     pivot: Annotated[str | None, option(metavar="{grid,rrt_star}")] = None
     """How the pivot path is found; by default, as the planner does."""
 
+    cell: Annotated[str | None, option(metavar="{" + ",".join(CELLS) + ",FILE.yaml}")] = None
+    """Arms that hold the grippers: a plan has their joints, and neither they nor the hands touch anything. By default,
+    what the task says, else grippers alone."""
+
     time_limit: float = 30.0
     """Seconds after which the search for a plan stops, reading the task included; files and pictures are written after
     that. A search that ends earlier does not depend on it."""
@@ -54,6 +59,24 @@ class PlanOptions(PictureOptions, TaskOptions):
         super().__post_init__()
         if not self.time_limit > 0:
             raise InputError(f"--time-limit must be positive, got {self.time_limit}")
+
+    def load(self) -> Task:
+        """See `TaskOptions.load`; in the cell that is asked for.
+
+        Raises:
+            InputError: There is no such cell, or the task leaves its hands no room.
+        """
+        task = super().load()
+        if self.cell is None:
+            return task
+        from cableway.core.errors import TaskError
+        from cableway.scene.files.loading import load_cell
+
+        cell = load_cell(self.cell)
+        try:
+            return task.in_cell(cell)
+        except TaskError as error:
+            raise InputError(f"{self.task} in the cell {cell.name}: {error}") from None
 
     def chosen_planner(self) -> Planner:
         """The planner that the options ask for.
@@ -144,6 +167,10 @@ def write_plans(folder: Path, run: Run, draw: Draw, *, tracked: bool) -> None:
         folder / outputs.PLAN_PICTURE,
         lambda: attempt_figure(run.task, attempt) if run.plan is None else plan_figure(run.task, run.plan),
     )
+    if run.plan is not None and run.plan.joints is not None:
+        from cableway.figures.arms import arms_figure
+
+        _draw(draw, folder / outputs.ARMS_PICTURE, lambda: run.plan and arms_figure(run.task, run.plan))
     if run.alternatives:
         shapes = [each.shapes for each in plans]
         _draw(draw, folder / outputs.ALTERNATIVES_PICTURE, lambda: alternatives_figure(run.task, shapes))

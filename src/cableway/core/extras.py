@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from cableway.core.errors import MissingExtraError
 
 EXTRAS = {
+    "cell": {"coal": "Coal"},
     "ray": {"ray": "Ray"},
     "tang2025": {"casadi": "CasADi", "equinox": "Equinox", "jax": "JAX", "optax": "Optax"},
 }

@@ -26,6 +26,7 @@ from cableway.planning.local_replanning import replanned
 from cableway.planning.projection import ProjectedTrajectory, project
 from cableway.planning.routes.infeasibility import find_blockage
 from cableway.records import Attempt, Plan, Verdict
+from cableway.robot.branches import NoMotion, arm_motion, end_fault
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 
@@ -136,6 +137,15 @@ class Search:
         LOGGER.info("initial trajectory %r, try %d: a plan of %d steps", name, restart + 1, plan.steps)
         return plan
 
+    def out_of_reach(self) -> PlanningError | None:
+        """The error that says why the cell's arms cannot hold the cable at start and goal; None where they can."""
+        fault = None if self.task.cell is None else end_fault(self.task, self.task.cell)
+        if fault is None:
+            return None
+        return PlanningError(
+            f"there is no plan: {fault.reason}", Attempt(fault.reason, at=fault.at), Outcome.INFEASIBLE
+        )
+
     def blocked(self) -> PlanningError | None:
         """The error that says what certainly cannot pass, and where; None where all may."""
         blockage = find_blockage(self.task, self.config.limits.clearance)
@@ -177,6 +187,11 @@ class Search:
         stages = initial.stages_at(projected.places)
         made_by = {} if stages is None else stages.metadata
         plan = Plan(projected.shapes, projected.poses, projected.q, stages, made_by)
+        if self.task.cell is not None:
+            motion = arm_motion(plan.poses, self.task, self.task.cell)
+            if isinstance(motion, NoMotion):
+                return replace(_attempt(motion.reason, plan), at=motion.at)
+            plan = replace(plan, joints=motion.joints, metadata={**made_by, "arms": motion.way.described()})
         self.report("verification", 0.0)
         verdict = verify_plan(plan, self.task, self.config.limits)
         self.report("verification", 1.0)

@@ -92,6 +92,8 @@ def plan(
     search = Search(task, config or PlannerConfig(), seed, progress)
     if search.config.projection.kind != "none":
         end_equilibria(task, search.config.projection)
+    if error := search.out_of_reach():
+        raise error
     try:
         with time_limit(expired):
             if alternatives is None:

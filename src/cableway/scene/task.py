@@ -21,6 +21,7 @@ from cableway.rod.planar import PlanarRod
 from cableway.scene import checks, validity
 from cableway.scene.bodies import Body, body_pairs, outer_bodies
 from cableway.scene.cable import Cable, EstimatedCable
+from cableway.scene.cell import Cell, Way
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.scene import Scene
 from cableway.scene.validity import SPLINE_PIECES as SPLINE_PIECES
@@ -66,9 +67,11 @@ class Draft(Brief):
         goal_poses: The same for the goal.
         plug: Optional plug at the cable's right end.
         port: Optional place the plug goes to; the goal is before it.
+        cell: The arms that hold the grippers, whose body is the cell's tool; None where grippers move by themselves.
 
     Raises:
-        TaskError: A value is of the wrong form, or the port is without a plug.
+        TaskError: A value is of the wrong form, the port is without a plug or in a cell, or the grippers have another
+            body than the cell's tool.
     """
 
     name: str
@@ -82,6 +85,7 @@ class Draft(Brief):
     description: str = ""
     plug: Plug | None = None
     port: Port | None = None
+    cell: Cell | None = None
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and NAME.fullmatch(self.name)):
@@ -90,6 +94,12 @@ class Draft(Brief):
             )
         if self.port is not None and self.plug is None:
             raise TaskError("needs a plug", ("port",))
+        if self.cell is not None and self.plug is not None:
+            raise TaskError("is not modelled on arms, and the task has a cell", ("plug",))
+        if self.cell is not None and self.grippers.body != self.cell.tool:
+            raise TaskError(
+                f"must be the cell's tool, {self.cell.tool}, got {self.grippers.body}", ("grippers", "body")
+            )
         for end in ENDS:
             for name, columns in ((end, checks.XY), (f"{end}_poses", checks.POSE)):
                 if getattr(self, name) is not None:
@@ -184,6 +194,21 @@ class Task(Draft):
         object.__setattr__(moved, "scene", scene)
         moved.__dict__.pop("outer_bodies", None)  # which depend on the heights of its obstacles
         return moved
+
+    def in_cell(self, cell: Cell) -> Task:
+        """The same task with arms: grippers with the body of their tool, and heights where the scene states none.
+
+        Raises:
+            TaskError: The bodies leave start or goal no room, or a plug is held.
+        """
+        grippers = replace(self.grippers, body=cell.tool)
+        return replace(self, scene=cell.furnished(self.scene), grippers=grippers, cell=cell)
+
+    def held(self, way: Way) -> Task:
+        """The same task in its cell, whose arms hold the cable already; for a run that is under way."""
+        taken = copy.copy(self)
+        object.__setattr__(taken, "cell", self.cell and replace(self.cell, way=way))
+        return taken
 
     def at_speed(self, share: float) -> Task:
         """The same task with a share of the grippers' limits, for first trials on a robot.

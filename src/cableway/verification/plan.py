@@ -14,6 +14,7 @@ from cableway.core.time_limit import checkpoint
 from cableway.records import Check, Plan, Verdict
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.verification.arms import arm_checks
 from cableway.verification.bodies import body_checks
 from cableway.verification.ends import Ends
 from cableway.verification.follower import Followed, follow
@@ -116,6 +117,7 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         *_following(followed, ends, clearance, task, limits),
         *_rod_coordinates(plan, task, limits),
         *_optional(plan, followed, task),
+        *arm_checks(plan, task),
     ]
 
 

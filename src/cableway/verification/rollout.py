@@ -10,6 +10,7 @@ from cableway.outcome import START_ERROR, SUCCESS_ERROR, stacked_limit
 from cableway.records import Check, Rollout, Verdict
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
+from cableway.verification.arms import arm_checks
 from cableway.verification.bodies import body_checks
 from cableway.verification.plan import (
     cable_clearance,
@@ -89,4 +90,5 @@ def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
         gripper_separation(rollout.poses, task, CLOSER),
         self_crossings(with_halves(rollout.centreline)),
         *recording_checks(rollout, task, length),
+        *arm_checks(rollout, task),
     ]

@@ -17,6 +17,8 @@ from cableway.core.provenance import versions
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
 from cableway.report import Report, summarize
+from cableway.robot.branches import NoMotion, arm_motion
+from cableway.scene.cell import Way
 from cableway.scene.task import Task
 from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
 from cableway.workflow.events import Listener, Note
@@ -69,8 +71,8 @@ def follow(
         plant = own or perturbation.build(task, options.seed)
         notes = plant.unmodelled
         rollout = track(
-            plant, controller, run.plan, recovery=_recovery(options), watchdog=watchdog, progress=listener.progress,
-            seed=options.seed,
+            plant, controller, run.plan, recovery=_recovery(options, run.plan), watchdog=watchdog,
+            progress=listener.progress, seed=options.seed,
         )  # fmt: skip
         if run.insertion_plan is not None and may_insert(rollout, task):
             insertion = insert_plug(
@@ -89,7 +91,7 @@ def follow(
         problem = (Outcome.INTERRUPTED, "the run was interrupted")
     elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
-    rollout, insertion = _with(rollout, made_by), _with(insertion, made_by)
+    rollout, insertion = _with_arms(_with(rollout, made_by), run), _with(insertion, made_by)
     run = replace(run, rollout=rollout, insertion=insertion)
     try:
         report = summarize(
@@ -117,14 +119,17 @@ def stopped(run: Run, why: str = "the run was cancelled") -> Run:
     return replace(run, report=replace(run.report, outcome=Outcome.INTERRUPTED, failure=why))
 
 
-def _recovery(options: SolveOptions) -> Recovery | None:
-    """Replanning from where the cable is, without a rehearsal: first along what is left of the plan, later anew."""
+def _recovery(options: SolveOptions, plan: Plan) -> Recovery | None:
+    """Replanning from where the cable is, without a rehearsal: first along what is left of the plan, later anew.
+
+    The arms of a cell go on holding the cable as they do.
+    """
     if not options.recovers:
         return None
-    planner, seeds = options.resolved_planner(), itertools.count(options.seed)
+    planner, seeds, way = options.resolved_planner(), itertools.count(options.seed), Way.of_record(plan.metadata)
 
     def replan(task: Task, left: Plan) -> Plan:
-        seed = next(seeds)
+        seed, task = next(seeds), task if way is None else task.held(way)
         return search(task, options, planner, None, seed, previous=left if seed == options.seed else None)
 
     return Recovery(replan=replan)
@@ -137,6 +142,19 @@ def _made_by(task: Task, options: SolveOptions, own: OwnPlant | None) -> dict[st
     if isinstance(options.controller, str) and (model := controller_entry(options.controller).model) is not None:
         made_by["model"] = options.model or model
     return made_by
+
+
+def _with_arms(rollout: Rollout | None, run: Run) -> Rollout | None:
+    """A rollout with the joints of the arms that held the grippers, as they did in the plan; without where that cannot
+    be, and it says why.
+    """
+    way = None if run.plan is None else Way.of_record(run.plan.metadata)
+    if rollout is None or run.task.cell is None or way is None:
+        return rollout
+    motion = arm_motion(rollout.poses, run.task, replace(run.task.cell, way=way))
+    if isinstance(motion, NoMotion):
+        return replace(rollout, metadata={**rollout.metadata, "arms": {"fault": motion.reason}})
+    return replace(rollout, joints=motion.joints, metadata={**rollout.metadata, "arms": way.described()})
 
 
 def _with(rollout: Rollout | None, made_by: dict[str, Any]) -> Rollout | None:

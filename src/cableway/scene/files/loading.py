@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,10 @@ from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.rod.inverse import shape_between
 from cableway.scene import checks
 from cableway.scene.cable import Cable
+from cableway.scene.cell import CELLS, Cell, MountedArm
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
-from cableway.scene.files.schema import validate
+from cableway.scene.files.schema import CellFile, validate
 from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
@@ -134,6 +136,8 @@ def _task(content: Mapping[str, Any], path: Path) -> Task:
         "port": None if port is None else Port(**port),
         **shapes,
     }
+    if (cell := content.get("cell")) is not None:
+        values |= _in_cell(named_cell(cell) if isinstance(cell, str) else _cell(cell), values)
     try:
         if not wrong:
             return Task(**values)
@@ -142,6 +146,55 @@ def _task(content: Mapping[str, Any], path: Path) -> Task:
     except TaskError as error:
         first, *others = (_as_in_file(fault, content) for fault in error.faults)
         raise first.of(error.draft, others) from None
+
+
+def load_cell(source: str | os.PathLike[str]) -> Cell:
+    """The cell of a name of `CELLS` or of a YAML file.
+
+    Raises:
+        UnknownNameError: There is none of that name; the message lists them.
+        TaskError: The file is not one of a cell; the message has the place.
+        FileFormatError: It cannot be read.
+    """
+    path = Path(source)
+    if isinstance(source, str) and path.suffix not in SUFFIXES:
+        return named_cell(source)
+    document = read_document(path)
+    content = validate(document, CellFile)
+    try:
+        return _cell({key: value for key, value in content.items() if key not in ("cableway", "units", "angles")})
+    except TaskError as error:
+        raise document.locate(TaskError(error.problem, error.place[1:])) from None
+
+
+def named_cell(name: str) -> Cell:
+    """The cell of a name.
+
+    Raises:
+        UnknownNameError: There is none; the message lists them.
+    """
+    if name not in CELLS:
+        raise UnknownNameError("cell", name, tuple(CELLS))
+    return CELLS[name]
+
+
+def _cell(section: Mapping[str, Any]) -> Cell:
+    return Cell(**{**section, "arms": tuple(_arm(index, arm) for index, arm in enumerate(section["arms"]))})
+
+
+def _arm(index: int, section: Mapping[str, Any]) -> MountedArm:
+    try:
+        return MountedArm(**section)
+    except TaskError as error:
+        raise error.within("cell", "arms", index) from None
+
+
+def _in_cell(cell: Cell, values: Mapping[str, Any]) -> dict[str, Any]:
+    """What a cell changes in a task: grippers that state no body have its tool, the scene its heights."""
+    grippers = values["grippers"]
+    if grippers.body is None:
+        grippers = replace(grippers, body=cell.tool)
+    return {"cell": cell, "grippers": grippers, "scene": cell.furnished(values["scene"])}
 
 
 def _scene(content: Mapping[str, Any]) -> tuple[Scene, list[TaskError]]:

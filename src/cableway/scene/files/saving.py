@@ -54,6 +54,9 @@ def _content(task: Task) -> dict[str, Any]:
         content["plug"] = dict(vars(task.plug))
     if task.port is not None:
         content["port"] = {**vars(task.port), "position": list(task.port.position)}
+    if task.cell is not None:
+        arms = [{**vars(arm), "position": list(arm.position)} for arm in task.cell.arms]
+        content["cell"] = _stated({**vars(task.cell), "arms": arms, "way": None})
     return content
 
 

@@ -14,6 +14,7 @@ from cableway.core.configuration import Tagged, changed, faults
 from cableway.core.errors import Place, TaskError
 from cableway.scene import checks
 from cableway.scene.cable import Cable
+from cableway.scene.cell import CELLS, TOOLS, MountedArm
 from cableway.scene.checks import AngleUnit, LengthUnit, Quantity
 from cableway.scene.files.document import Document
 from cableway.scene.gripper_bodies import GRIPPER_BODIES
@@ -86,6 +87,17 @@ AnyObstacle = Annotated[
 Shape = Annotated[list[Point] | PosesSection, "a list of keypoints [x, y], or a mapping of grippers and bend"]
 
 
+@dataclass(frozen=True, kw_only=True)
+class CellSection:
+    """The key `cell`."""
+
+    name: Annotated[str, "a short text"]
+    arms: Annotated[list[MountedArm], "a list of two arms"]
+    tool: Annotated[str, ", ".join(TOOLS)] = "2f-85"
+    obstacle_height: Height = None
+    wall_height: Height = None
+
+
 @dataclass(frozen=True)
 class TaskFile:
     """All keys of a task file, in their order."""
@@ -103,6 +115,16 @@ class TaskFile:
     goal: Shape
     plug: Annotated[Plug | None, "a mapping"] = field(default=None, kw_only=True)
     port: Annotated[Port | None, "a mapping"] = field(default=None, kw_only=True)
+    cell: Annotated[str | CellSection | None, f"{', '.join(CELLS)}, or a mapping"] = field(default=None, kw_only=True)
+
+
+@dataclass(frozen=True)
+class CellFile(CellSection):
+    """All keys of a file with a cell."""
+
+    cableway: Annotated[int, f"the format version, {FORMAT_VERSION}"]
+    units: Annotated[LengthUnit, "m, cm or mm"] = field(default="m", kw_only=True)
+    angles: Annotated[AngleUnit, "rad or deg"] = field(default="rad", kw_only=True)
 
 
 def validate(document: Document, kind: type = TaskFile) -> dict[str, Any]:

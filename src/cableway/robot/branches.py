@@ -1,0 +1,245 @@
+"""Which arm holds which end of the cable, and how: the joints of a cell's two arms along a motion of the grippers.
+
+A tool that points straight down leaves an arm eight branches, and a gripper that looks the same from either side two
+turns. Branches meet in singularities only, which a motion keeps away from, so (arm, branch, turn) is chosen once for a
+whole motion and each gripper: of all pairs, the one that keeps most room.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.brief import Brief
+from cableway.core.errors import Point
+from cableway.core.quantities import limit_text, quantity
+from cableway.robot.kinematics import BRANCHES, branch_motion, flange_poses
+from cableway.robot.links import Capsules, arm_clearances, arms_gaps
+from cableway.scene.cell import ARMS, TOOLS, Cell, Way
+from cableway.scene.grippers import SIDES
+from cableway.scene.task import CONTROL_STEP, ENDS, Task
+
+CLEARANCE = 0.010
+"""Least clearance [m] of links in a motion."""
+
+ENOUGH = 0.05
+"""Clearance [m] beyond which more does not make a motion better."""
+
+SINGULAR = 0.06
+"""Least sine of the angles of elbow, wrist and shoulder: 3.4 degrees from a singularity."""
+
+SPEED_SHARE = 0.9
+"""Share of the joints' speed limits that a motion uses."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """One arm along a motion of one gripper.
+
+    Attributes:
+        arm: Which of the cell's.
+        turn: Of its tool, see `flange_poses`.
+        branch: Of its inverse kinematics.
+        joints: (t, 6) [rad], without jumps.
+        clearance: (t,) of its links [m], see `arm_clearances`.
+        placed: (t, k, 2, 3) ends of its capsules [m].
+        effort: Greatest speed of a joint over its limit.
+    """
+
+    arm: int
+    turn: int
+    branch: int
+    joints: Float[np.ndarray, "t 6"]
+    clearance: Float[np.ndarray, "t"]
+    placed: Float[np.ndarray, "t k 2 3"]
+    effort: float
+
+
+@dataclass(frozen=True, repr=False)
+class ArmMotion(Brief):
+    """Both arms along a motion of the grippers.
+
+    Attributes:
+        joints: (t, 2, 6) [rad] of the arms that hold the left and the right end of the cable.
+        way: How they hold it.
+        clearance: Least clearance of a link [m].
+    """
+
+    joints: Float[np.ndarray, "t 2 6"]
+    way: Way
+    clearance: float
+
+
+@dataclass(frozen=True)
+class NoMotion:
+    """Why the arms cannot do it.
+
+    Attributes:
+        reason: One sentence.
+        at: Where on the table [m].
+    """
+
+    reason: str
+    at: Point
+
+
+def arm_motion(poses: Float[np.ndarray, "t 2 3"], task: Task, cell: Cell) -> ArmMotion | NoMotion:
+    """The joints along gripper poses [m, m, rad], a control step from row to row."""
+    found = _pairs(poses, _Packed(task, cell))
+    if isinstance(found, NoMotion):
+        return found
+    best = max(found, key=lambda pair: (min(pair.clearance, ENOUGH), -pair.effort))
+    return ArmMotion(np.stack([best.left.joints, best.right.joints], axis=1), best.way, best.clearance)
+
+
+def end_fault(task: Task, cell: Cell) -> NoMotion | None:
+    """Why the arms cannot hold the cable at start or goal, or at both in the same way; None if they can.
+
+    No motion gets from one way of holding it to another.
+    """
+    packed, ways = _Packed(task, cell), []
+    poses = task.cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[1]
+    for end, held in zip(ENDS, poses, strict=True):
+        found = _pairs(held[None], packed)
+        if isinstance(found, NoMotion):
+            return replace(found, reason=f"at the {end}, {found.reason}")
+        ways.append({pair.way for pair in found})
+    if set.intersection(*ways):
+        return None
+    reason = "the arms cannot hold the cable at the goal as they can at the start, in the same branches of their joints"
+    return NoMotion(reason, _point(poses[1, :, :2].mean(axis=0)))
+
+
+class _Pair(NamedTuple):
+    """Two arms that can follow both grippers without meeting."""
+
+    left: Track
+    right: Track
+    clearance: float
+
+    @property
+    def effort(self) -> float:
+        return max(self.left.effort, self.right.effort)
+
+    @property
+    def way(self) -> Way:
+        return Way(*zip(*((track.arm, track.turn, track.branch) for track in (self.left, self.right)), strict=True))
+
+
+def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: _Packed) -> list[_Pair] | NoMotion:
+    """All pairs, at least one, or only that of the way in which the cell holds the cable; or why there is none."""
+    tracks, way = [], packed.cell.way
+    for side, (name, _) in enumerate(SIDES):
+        found, fault = _tracks(poses[:, side], packed, name, None if way is None else way.of(side))
+        if not found:
+            return fault
+        tracks.append(found)
+    pairs: list[_Pair] = []
+    closest = (-np.inf, 0)
+    for left, right in product(*tracks):
+        if left.arm == right.arm:
+            continue
+        gaps = arms_gaps(left.placed, packed.capsules[left.arm], right.placed, packed.capsules[right.arm])
+        closest = max(closest, (float(gaps.min()), int(gaps.argmin())))
+        if gaps.min() >= CLEARANCE:
+            clearance = min(gaps.min(), left.clearance.min(), right.clearance.min())
+            pairs.append(_Pair(left, right, float(clearance)))
+    if pairs:
+        return pairs
+    gap, row = closest
+    at = _point(poses[row, :, :2].mean(axis=0))
+    if not np.isfinite(gap):
+        return NoMotion("one arm would have to hold both ends", at)
+    near = f"come {limit_text(-gap)} into each other" if gap < 0 else f"come within {quantity(gap)} of each other"
+    return NoMotion(f"the arms {near}", at)
+
+
+def placed_links(
+    joints: Float[np.ndarray, "t 2 6"], task: Task, cell: Cell, way: Way
+) -> list[tuple[Float[np.ndarray, "t k 2 3"], Float[np.ndarray, "k"]]]:
+    """Ends [m] and radii [m] of the capsules of both arms along a motion, that of the left end's holder first."""
+    packed, found = _Packed(task, cell), []
+    for side, arm in enumerate(way.holders):
+        capsules = packed.capsules[arm]
+        placed = np.empty((len(joints), len(capsules.frame), 2, 3))
+        arm_clearances(
+            packed.lengths[arm],
+            packed.bases[arm],
+            np.ascontiguousarray(joints[:, side]),
+            capsules,
+            packed.world,
+            placed,
+        )
+        found.append((placed, capsules.radius))
+    return found
+
+
+class _Packed:
+    """A cell's arms for the kernels."""
+
+    def __init__(self, task: Task, cell: Cell) -> None:
+        self.cell, self.height = cell, task.cable.radius
+        self.lengths = [np.array(model.lengths) for model in cell.models]
+        self.bases = [arm.base(task.scene) for arm in cell.arms]
+        self.reach = TOOLS[cell.tool].reach
+        self.capsules = [Capsules.of(model, TOOLS[cell.tool]) for model in cell.models]
+        *world, heights = task.scene.world.arrays
+        self.world = (*world, np.append(heights[:-1], -np.inf))  # arms come over the walls
+
+
+def _tracks(
+    poses: Float[np.ndarray, "t 3"], packed: _Packed, name: str, only: tuple[int, int, int] | None
+) -> tuple[list[Track], NoMotion]:
+    """All tracks of a gripper, or only that of one arm, turn and branch; and why there are no more."""
+    found: list[Track] = []
+    reached, blocked = 0, (-np.inf, 0)
+    for arm, turn in product(range(ARMS), (0, 1)):
+        flanges = np.linalg.inv(packed.bases[arm]) @ flange_poses(poses, packed.reach, packed.height, turn)
+        for branch in range(BRANCHES):
+            if only not in (None, (arm, turn, branch)):
+                continue
+            joints = np.empty((len(poses), 6))
+            count = branch_motion(packed.lengths[arm], flanges, branch, SINGULAR, joints)
+            reached = max(reached, count)
+            if count < len(poses):
+                continue
+            track = _track(joints, arm, turn, branch, packed)
+            if track is None:
+                continue
+            least = int(track.clearance.argmin())
+            blocked = max(blocked, (float(track.clearance[least]), least))
+            if track.clearance[least] >= CLEARANCE:
+                found.append(track)
+    if reached < len(poses):
+        at = _point(poses[reached])
+        return found, NoMotion(f"no arm reaches the {name} {_place(at)}", at)
+    if not np.isfinite(blocked[0]):
+        return found, NoMotion(f"no joints within their limits follow the {name}", _point(poses[0]))
+    at = _point(poses[blocked[1]])
+    links = f"links come within {quantity(blocked[0])} of table, obstacle or arm"
+    return found, NoMotion(f"no arm follows the {name}: {links} {_place(at)}", at)
+
+
+def _track(joints: Float[np.ndarray, "t 6"], arm: int, turn: int, branch: int, packed: _Packed) -> Track | None:
+    """An arm that takes these joints; None where a joint would leave its limits of position or speed."""
+    model, capsules = packed.cell.models[arm], packed.capsules[arm]
+    joints = np.unwrap(joints, axis=0)
+    joints -= 2 * np.pi * np.round((joints.max(axis=0) + joints.min(axis=0)) / (4 * np.pi))
+    effort = float((np.abs(np.diff(joints, axis=0)).max(axis=0, initial=0.0) / CONTROL_STEP / model.speed_limit).max())
+    if effort > SPEED_SHARE or (np.abs(joints).max(axis=0) > model.position_limit).any():
+        return None
+    placed = np.empty((len(joints), len(capsules.frame), 2, 3))
+    clearance = arm_clearances(packed.lengths[arm], packed.bases[arm], joints, capsules, packed.world, placed)
+    return Track(arm, turn, branch, joints, clearance, placed, effort)
+
+
+def _point(at: Float[np.ndarray, "_"]) -> Point:
+    return float(at[0]), float(at[1])
+
+
+def _place(at: Point) -> str:
+    return f"at ({at[0]:.3f}, {at[1]:.3f}) m"

@@ -1,0 +1,242 @@
+"""A cell: two arms beside the table, each with a gripper that holds an end of the cable, its tool straight down.
+
+What is here are facts: lengths, limits, shapes and places. Kinematics and distances are in `cableway.robot`, and for
+the judge in `cableway.verification`, which shares no code with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import TaskError
+from cableway.scene import checks
+from cableway.scene.checks import Quantity
+from cableway.scene.obstacles import Height
+from cableway.scene.scene import Scene
+
+ARMS = 2
+"""Arms of a cell; arm 0 holds the left end of the cable, or the right one."""
+
+
+class Capsule(NamedTuple):
+    """A segment with a radius, on a link of an arm.
+
+    Attributes:
+        frame: Of the link: 0 the base, which stands still, to 6 the flange.
+        start: Of the segment in that frame [m].
+        end: The other end.
+        radius: [m].
+    """
+
+    frame: int
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """A kind of arm.
+
+    Attributes:
+        lengths: d1, a2, a3, d4, d5, d6 of its Denavit-Hartenberg parameters [m].
+        position_limit: Greatest angle of each joint to either side [rad].
+        speed_limit: Of each joint [rad/s].
+        capsules: That hold its links.
+        joint_names: From base to flange.
+    """
+
+    lengths: tuple[float, ...]
+    position_limit: tuple[float, ...]
+    speed_limit: tuple[float, ...]
+    capsules: tuple[Capsule, ...]
+    joint_names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A gripper on a flange.
+
+    Attributes:
+        reach: From the flange to the axis of the cable between the fingers [m].
+        capsules: That hold it but for its fingertips, which `cableway.scene.gripper_bodies` describes.
+    """
+
+    reach: float
+    capsules: tuple[Capsule, ...]
+
+
+UR5E = ArmModel(
+    lengths=(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
+    position_limit=(2 * math.pi, 2 * math.pi, math.pi, 2 * math.pi, 2 * math.pi, 2 * math.pi),
+    speed_limit=(math.pi,) * 6,
+    capsules=(
+        Capsule(0, (0, 0, 0), (0, 0, 0.06), 0.076),
+        Capsule(1, (0, -0.02, 0), (0, 0.03, 0), 0.073),
+        Capsule(1, (0, 0, 0), (0, 0, 0.03), 0.074),
+        Capsule(2, (0.425, 0, 0.138), (0, 0, 0.138), 0.059),
+        Capsule(2, (0.425, 0, 0.105), (0.425, 0, 0.165), 0.079),
+        Capsule(2, (0, 0, 0.105), (0, 0, 0.165), 0.074),
+        Capsule(3, (0.392, 0, 0.007), (0, 0, 0.007), 0.049),
+        Capsule(3, (0.392, 0, -0.015), (0.392, 0, 0.015), 0.074),
+        Capsule(3, (0, 0, -0.015), (0, 0, 0.015), 0.059),
+        Capsule(4, (0, -0.055, 0), (0, 0.01, 0), 0.043),
+        Capsule(4, (0, 0, -0.04), (0, 0, 0.04), 0.041),
+        Capsule(5, (0, 0.005, 0), (0, 0.02, 0), 0.047),
+        Capsule(5, (0, 0, -0.02), (0, 0, 0.015), 0.054),
+        Capsule(6, (0, 0, -0.035), (0, 0, -0.01), 0.044),
+    ),
+    joint_names=("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+)
+"""Lengths and limits are Universal Robots'; the elbow's limit is where the arm is folded. The capsules hold the meshes
+of MuJoCo Menagerie's model (BSD-3-Clause), by `studies/arm_capsules.py`."""
+
+ARM_MODELS: dict[str, ArmModel] = {"ur5e": UR5E}
+"""By name."""
+
+_HAND = (
+    Capsule(6, (0, 0, 0), (0, 0, 0.06), 0.053),
+    Capsule(6, (0, -0.048, 0.073), (0, 0.048, 0.073), 0.022),
+    Capsule(6, (0, -0.043, 0.093), (0, 0.043, 0.093), 0.022),
+    Capsule(6, (0, -0.031, 0.113), (0, 0.031, 0.113), 0.019),
+)
+"""The 2F-85 above its fingers, which move along the flange's y axis."""
+
+TOOLS: dict[str, Tool] = {
+    "2f-85": Tool(0.161, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.14), 0.025))),
+    "2f-85-long-fingers": Tool(0.241, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.23), 0.014))),
+}
+"""By the name of their bodies in `GRIPPER_BODIES`."""
+
+PLACE = Quantity("m", -10.0, 10.0)
+Metres = Annotated[float, "a number", PLACE]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountedArm:
+    """An arm where it stands.
+
+    Attributes:
+        position: Of its base (x, y, z) [m] from the middle of the workspace, at the height of the table.
+        angle: Of the base's x axis from that of the workspace [rad].
+        model: A name of `ARM_MODELS`.
+
+    Raises:
+        TaskError: There is no such model, or a number is out of range.
+    """
+
+    position: Annotated[tuple[Metres, Metres, Metres], "three numbers [x, y, z]"]
+    angle: checks.Radians = 0.0
+    model: str = "ur5e"
+
+    def __post_init__(self) -> None:
+        checks.check_quantities(self)
+        if self.model not in ARM_MODELS:
+            raise TaskError(f"must be one of {', '.join(ARM_MODELS)}, got {self.model!r}", ("model",))
+        position = checks.rows([self.position], (), (PLACE,) * 3)[0]
+        object.__setattr__(self, "position", tuple(position.tolist()))
+
+    def base(self, scene: Scene) -> Float[np.ndarray, "4 4"]:
+        """Pose of the base in the frame of the workspace, x to the right, y up in the plane of the table, z upwards."""
+        x, y, z = self.position
+        cosine, sine = math.cos(self.angle), math.sin(self.angle)
+        at = (scene.size[0] / 2 + x, scene.size[1] / 2 + y, z)
+        return np.array(
+            [[cosine, -sine, 0, at[0]], [sine, cosine, 0, at[1]], [0, 0, 1, at[2]], [0, 0, 0, 1]], dtype=float
+        )
+
+
+class Way(NamedTuple):
+    """How the arms hold a cable, of the gripper at its left end and at its right one.
+
+    Attributes:
+        holders: Which of the cell's arms.
+        turns: Of its tool: 0 or 1, with the flange's y axis to the left of the cable or to its right.
+        branches: Of its inverse kinematics, see `cableway.robot.kinematics`.
+    """
+
+    holders: tuple[int, int]
+    turns: tuple[int, int]
+    branches: tuple[int, int]
+
+    @classmethod
+    def of_record(cls, metadata: Mapping[str, Any]) -> Way | None:
+        """That of a plan; None where its joints are not known."""
+        arms = metadata.get("arms")
+        return None if arms is None or "branches" not in arms else cls(**{name: tuple(arms[name]) for name in arms})
+
+    def of(self, side: int) -> tuple[int, int, int]:
+        """Arm, turn and branch of one gripper."""
+        return self.holders[side], self.turns[side], self.branches[side]
+
+    def described(self) -> dict[str, list[int]]:
+        """What a record with such joints says of them in its metadata, as `arms`."""
+        return {name: list(value) for name, value in self._asdict().items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """Two arms with the same tool, and how high things on the table are that do not say so.
+
+    Attributes:
+        name: For reports.
+        arms: The two.
+        tool: A name of `TOOLS`; the grippers' body.
+        obstacle_height: Of obstacles without a height [m]; None where nothing passes above them.
+        wall_height: The same of the walls. Arms come over the walls in any case; hands and cable stay within them.
+        way: How the arms hold the cable already, in a run that is under way; None where that is open. Not in files.
+
+    Raises:
+        TaskError: There is no such tool, or there are not two arms.
+    """
+
+    name: str
+    arms: tuple[MountedArm, ...]
+    tool: str = "2f-85"
+    obstacle_height: Height = None
+    wall_height: Height = None
+    way: Way | None = None
+
+    def __post_init__(self) -> None:
+        checks.check_quantities(self, "cell")
+        object.__setattr__(self, "arms", tuple(self.arms))
+        if len(self.arms) != ARMS:
+            raise TaskError(f"must be {ARMS} arms, got {len(self.arms)}", ("cell", "arms"))
+        if self.tool not in TOOLS:
+            raise TaskError(f"must be one of {', '.join(TOOLS)}, got {self.tool!r}", ("cell", "tool"))
+
+    @property
+    def models(self) -> tuple[ArmModel, ...]:
+        """What the arms are."""
+        return tuple(ARM_MODELS[arm.model] for arm in self.arms)
+
+    def furnished(self, scene: Scene) -> Scene:
+        """A scene with the heights of the cell where it states none."""
+        tall = tuple(
+            solid if solid.height is not None else replace(solid, height=self.obstacle_height)
+            for solid in scene.obstacles
+        )
+        wall = self.wall_height if scene.wall_height is None else scene.wall_height
+        return replace(scene, obstacles=tall, wall_height=wall)
+
+
+CELLS: dict[str, Cell] = {
+    f"dual-ur5e{ending}": Cell(
+        name=f"dual-ur5e{ending}",
+        arms=(
+            MountedArm(position=(-0.55, 0.0, 0.15), angle=0.0),
+            MountedArm(position=(0.55, 0.0, 0.15), angle=math.pi),
+        ),
+        tool=f"2f-85{ending}",
+        obstacle_height=0.05,
+        wall_height=0.001,
+    )
+    for ending in ("", "-long-fingers")
+}
+"""By name: two UR5e at either side of a table of up to 0.8 m, facing each other, on pedestals of 15 cm."""
