@@ -67,6 +67,6 @@ def _draw_arms(ax: Axes, links: list[tuple[Float[np.ndarray, "k 2 3"], Float[np.
     """The links of both arms, higher ones above lower ones."""
     for (ends, radius), color in zip(links, COLORS, strict=True):
         for index in np.argsort(ends[..., 2].max(axis=1)):
-            outline = shapely.LineString(ends[index, :, :2]).buffer(radius[index])
+            outline = shapely.LineString(ends[index, :, :2]).buffer(float(radius[index]))
             path = scene.polygon_path(outline)  # pyright: ignore[reportArgumentType]
             ax.add_patch(PathPatch(path, facecolor=color, alpha=0.35, edgecolor=color, linewidth=0.5, zorder=9))
