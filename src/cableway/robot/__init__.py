@@ -1,0 +1,1 @@
+"""Arms that hold the grippers, and what drives them."""
