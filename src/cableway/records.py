@@ -327,7 +327,9 @@ class Rollout(Brief, ArrayRecord):
         _require(self.centreline.shape[1] >= 2, f"a centreline needs 2 points, got {self.centreline.shape[1]}")
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         _require(self.status.dtype.kind not in "biufc", "status holds numbers, not short texts")
-        _require_finite(self, "times", "keypoints", "poses", "centreline", "actions", "estimates", "deviations", "joints")
+        _require_finite(
+            self, "times", "keypoints", "poses", "centreline", "actions", "estimates", "deviations", "joints"
+        )
         Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))
         _require((self.estimates is None) == (self.deviations is None), "estimates and deviations go together")
         if self.estimates is not None:
