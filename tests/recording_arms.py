@@ -52,19 +52,21 @@ class RecordingArm:
         self.broken: Callable[[], None] = lambda: None
         self.moved = moved or (lambda joints: None)
         self.stamp: Callable[[], float] = time.monotonic
-        self.frequency, self.kicked, self.ended = 0.0, math.inf, False
+        self.frequency, self.kicked, self.ended = 0.0, True, False
 
     def servoJ(
         self, q: list[float], speed: float, acceleration: float, time_: float, lookahead_time: float, gain: float, /
     ) -> bool:
         assert not self.ended, "servoJ after the end"
         assert self.frequency, "servoJ without a watchdog"
+        assert self.kicked, "servoJ, and the watchdog was not kicked since the last"
         assert len(q) == 6
         assert all(type(value) is float and math.isfinite(value) and abs(value) <= 2 * math.pi for value in q)
         assert time_ == self.period
         assert 0.03 <= lookahead_time <= 0.2
         assert 100 <= gain <= 2000
         self.calls.append("servoJ")
+        self.kicked = False
         if not self.takes or self.safety != 1:
             return False
         self.sent.append((time.monotonic(), q))
@@ -84,12 +86,12 @@ class RecordingArm:
         self.calls.append("stopJ")
 
     def setWatchdog(self, min_frequency: float, /) -> bool:
-        self.frequency, self.kicked = min_frequency, time.monotonic()
+        self.frequency = min_frequency
         self.calls.append("setWatchdog")
         return True
 
     def kickWatchdog(self) -> bool:
-        self.kicked = time.monotonic()
+        self.kicked = True
         return True
 
     def isProgramRunning(self) -> bool:

@@ -40,7 +40,7 @@ assert PLAN.joints is not None
 
 def servo_rows(text: str) -> tuple[np.ndarray, np.ndarray]:
     """Joint positions and duration [s] of each servoj of a program."""
-    found = re.findall(rf"^  servoj\(\[((?:{NUMBER}(?:, )?)+)\], t=({NUMBER}), ", text, re.MULTILINE)
+    found = re.findall(rf"^  servoj\(\[((?:{NUMBER}(?:, )?)+)\], 0, 0, ({NUMBER}), 0.1, 300\)$", text, re.MULTILINE)
     rows = [[float(value) for value in row.split(", ")] for row, _ in found]
     return np.array(rows), np.array([float(seconds) for _, seconds in found])
 

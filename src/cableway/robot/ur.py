@@ -285,13 +285,13 @@ def _await_report(state: ArmState) -> None:
 
 
 def _receive_interface(host: str) -> ArmState:
-    from rtde_receive import RTDEReceiveInterface
+    from rtde_receive import RTDEReceiveInterface  # pyright: ignore[reportMissingImports]
 
     return RTDEReceiveInterface(host, -1.0, list(VARIABLES))
 
 
 def _control_interface(host: str, rate: float) -> ArmControl:
-    from rtde_control import RTDEControlInterface
+    from rtde_control import RTDEControlInterface  # pyright: ignore[reportMissingImports]
 
     return RTDEControlInterface(host, rate)
 

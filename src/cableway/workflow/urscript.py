@@ -41,7 +41,7 @@ def program(trajectory: Trajectory, arm: int) -> str:
     rows, rate = _rows(trajectory, arm, side), trajectory.header["rate"]
     period = f"{1 / rate:.3f}"
     header = "".join(f"# {name}: {json.dumps(value)}\n" for name, value in trajectory.header.items())
-    servo = f"t={{}}, lookahead_time={LOOKAHEAD}, gain={GAIN:g})"
+    servo = f"0, 0, {{}}, {LOOKAHEAD}, {GAIN:g})"  # without acceleration and speed, which the maker does not use yet
     lines = [
         "def away(q, start):",
         "  local most = 0.0",
