@@ -3,7 +3,8 @@
     python rtde_server.py ADDRESS
 
 says "ready" when it listens on port 30004, then reads lines of JSON: new values of its variables by name, or
-{"answer": false} to fall silent, {"close": true} to drop its connections, {"accept": false} to refuse every request.
+{"answer": false} to fall silent, {"close": true} to drop its connections, {"accept": false} to refuse every request,
+{"start": false} to refuse to send data.
 """
 
 from __future__ import annotations
@@ -36,13 +37,14 @@ class Controller:
         self.values: dict[str, Any] = dict.fromkeys(TYPES, 0)
         self.values |= {"actual_q": [0.0] * 6, "actual_qd": [0.0] * 6, "robot_mode": 7, "safety_mode": 1}
         self.values |= {"safety_status_bits": 1, "robot_status_bits": 3, "runtime_state": 2}
-        self.answer = self.accept = True
+        self.answer = self.accept = self.start = True
         self.clients: list[socket.socket] = []
         self.lock, self.begun = threading.Lock(), time.monotonic()
 
     def told(self, changes: dict[str, Any]) -> None:
         with self.lock:
             self.answer, self.accept = changes.pop("answer", self.answer), changes.pop("accept", self.accept)
+            self.start = changes.pop("start", self.start)
             if changes.pop("close", False):
                 for client in self.clients:
                     with contextlib.suppress(OSError):
@@ -72,8 +74,8 @@ class Controller:
                     kinds = ",".join(TYPES.get(name, "NOT_FOUND") for name in recipe)
                     send(client, kind, struct.pack(">B", 1) + kinds.encode())
                 elif kind in (START, PAUSE):
-                    send(client, kind, ok)
-                    if kind == START and not started.is_set():
+                    send(client, kind, ok if self.start else b"\0")
+                    if kind == START and self.start and not started.is_set():
                         started.set()
                         threading.Thread(target=self.stream, args=(client, recipe, period), daemon=True).start()
                 else:

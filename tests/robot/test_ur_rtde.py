@@ -232,6 +232,8 @@ def test_connections_that_fail_are_said_in_a_sentence(
     assert "timed out; " in refusal((left.address, right.address))
     left.tell(answer=True, accept=False)
     assert "does not speak version 2 of RTDE; " in refusal((left.address, right.address))
+    left.tell(accept=True, start=False)
+    assert ": it sends no data; " in refusal((left.address, right.address))
     with socket.create_server((nobody, ur.PORT)) as other:
         threading.Thread(target=lambda: other.accept()[0].close(), daemon=True).start()
         assert f"no connection to the left arm at {nobody}" in refusal((nobody, nobody))
