@@ -28,7 +28,7 @@ OPTIONS: dict[str, tuple[str, list[str]]] = {
     "run": ("run {task} --from {plan} --no-video --controller open-loop",
             ["controller", "model", "plant", "deadline", "speed", "dry-run", "adapt", "seed", "out", "from"]),
     "check": ("check {task} {plan}", ["out", "seed", "json"]),
-    "export": ("export {plan}", ["task", "rate", "cable", "unverified", "out"]),
+    "export": ("export {plan}", ["task", "rate", "cable", "unverified", "format", "out"]),
     "collect": ("collect --executor none", ["config", "transitions", "workers", "executor", "seed", "out"]),
     "train": ("train --data nowhere", ["data", "config", "model", "from", "devices", "seed", "out"]),
     "evaluate": ("evaluate linear --data {data}", ["data", "horizon", "out"]),
@@ -60,7 +60,7 @@ WRONGLY: dict[str, str] = {
         "--from {rollout} | --from {plan} --planner slide"
     ),
     "run": "maze-1 --from {plan}",
-    "export {plan}": "--out x.txt | --rate 0 | --rate 1e9 | --rate nan | --task maze-1",
+    "export {plan}": "--out x.txt | --rate 0 | --rate 1e9 | --rate nan | --task maze-1 | --format urscript",
     "export": "text.txt --task {task}",
     "tasks": (
         "--random none | --random maze --count 0 | --count 3 | --random slot --width -1 | "

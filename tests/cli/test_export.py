@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from commands import Command
 
 from cableway.records import Plan, Rollout
@@ -30,13 +32,48 @@ def test_a_plan_and_a_rollout_are_exported(cableway: Command, run_folder: Path):
     np.testing.assert_allclose(np.array(content["right"])[[0, -1]], ends, atol=1e-12)
 
 
+def test_a_folder_stands_for_its_plan_and_the_format_decides_the_files(cableway: Command, run_folder: Path):
+    done = cableway("export", run_folder, "--format", "ros", "--json")
+    assert (done.status, done.err) == (0, "")
+    report = json.loads(done.out)
+    assert report["files"] == [f"runs/export/moved-plan-{side}.yaml" for side in ("left", "right")]
+    plan = Plan.load(run_folder / "plan.npz")
+    for arm, path in enumerate(report["files"]):
+        poses = yaml.safe_load(Path(path).read_text())["poses"]
+        assert len(poses) == report["rows"] == len(plan.poses) + 2
+        last = poses[-1]["pose"]["position"]
+        np.testing.assert_allclose([last["x"], last["y"]], plan.poses[-1, arm, :2], atol=1e-12)
+
+
+def test_joints_are_exported_for_each_arm(cableway: Command, run_folder: Path, moved_file: Path):
+    plan = Plan.load(run_folder / "plan.npz")
+    share = np.linspace(0, 1, len(plan.poses))[:, None, None]
+    replace(plan, joints=np.ones((2, 6)) * 0.3 * share).save("arms.npz")
+    done = cableway("export", "arms.npz", "--task", moved_file, "--out", "a.script")
+    assert (done.status, done.err) == (0, "")
+    assert "joint speed" in done.out
+    for side in ("left", "right"):
+        assert Path(f"a-{side}.script").read_text().count("servoj") > 12 * plan.steps
+    assert cableway("export", "arms.npz", "--task", moved_file, "--out", "a.csv").status == 0
+    lines = [line for line in Path("a.csv").read_text().splitlines() if not line.startswith("#")]
+    assert lines[0].endswith(",right_wrist_3_joint")
+    assert float(lines[-1].rsplit(",", 1)[1]) == 0.3
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (("lone.npz",), "task.yaml: no such file; --task must say what lone.npz is of"),
         (("lone.npz", "--task", "maze-1"), "lone.npz: not a verified plan of the task 'maze-1': the cable and "),
         (("lone.npz", "--task", "{task}", "--rate", "0"), "the rate must be from 1 to 10000 Hz, got 0.0"),
-        (("lone.npz", "--task", "{task}", "--out", "a.txt"), "a.txt: the name of a trajectory's file must end in .csv"),
+        (
+            ("lone.npz", "--task", "{task}", "--out", "a.txt"),
+            "a.txt: the name of a trajectory's file must end in .csv, .json",
+        ),
+        (("lone.npz", "--task", "{task}", "--out", "a.csv", "--format", "ros"), "--out a.csv must end in .yaml with "),
+        (("lone.npz", "--format", "rosbag"), "unknown format 'rosbag'; known: csv, json, ros, urscript"),
+        (("lone.npz", "--task", "{task}", "--out", "a.script"), "needs joint positions, and the record has none"),
+        ((".",), "plan.npz: no such file"),
         (("none.npz", "--task", "{task}"), "none.npz: no such file"),
         (("{task}", "--task", "{task}"), "moved.yaml: not an .npz archive"),
     ],

@@ -141,13 +141,13 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path):
             Trajectory.of(PLAN, TASK, rate=rate)
     rollout = perfect_rollout(TASK, PLAN)
     uneven = replace(rollout, times=rollout.times + 0.01 * np.sin(np.arange(len(rollout.times))))
-    with pytest.raises(InputError, match="leave out the rate"):
+    with pytest.raises(InputError, match="CSV and JSON take them as they are, without a rate"):
         Trajectory.of(uneven, TASK, rate=100)
     assert np.diff(Trajectory.of(uneven, TASK).times).std() > 0
     still = replace(rollout, times=np.zeros_like(rollout.times))
     with pytest.raises(InputError, match="each later than the one before"):
         Trajectory.of(still, TASK, unverified=True)
-    with pytest.raises(InputError, match=r"a.txt: .* must end in .csv or .json"):
+    with pytest.raises(InputError, match=r"a.txt: .* must end in .csv, .json, .script or .yaml"):
         Trajectory.of(PLAN, TASK).write(tmp_path / "a.txt")
     assert list(tmp_path.iterdir()) == []
 

@@ -1,4 +1,4 @@
-"""`cableway export`: a plan or a rollout as gripper poses by time, in a file that any program reads."""
+"""`cableway export`: a plan or a rollout as gripper poses and joint positions by time, for robots."""
 
 from __future__ import annotations
 
@@ -9,32 +9,37 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cableway.cli.check import read_record
-from cableway.cli.options import Flag, Maybe, Options
-from cableway.cli.outputs import TASK
+from cableway.cli.options import Flag, Maybe, Options, option
+from cableway.cli.outputs import PLAN, TASK
 from cableway.cli.terminal import Terminal, pairs
-from cableway.core.errors import InputError
+from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.quantities import limit_text, quantity
 
 if TYPE_CHECKING:
     from cableway.scene.task import Task
-    from cableway.workflow.trajectory import Trajectory
+    from cableway.workflow.trajectory import Format, Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)
 class Export(Options):
-    """Write a plan or a rollout as gripper poses by time, CSV or JSON, for robots; a header says frame and units."""
+    """Write gripper poses, and joints of arms, by time, for robots: CSV, JSON, URScript, ROS 2; a header says units."""
 
-    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
-    """A plan.npz or rollout.npz."""
+    run: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RUN")]
+    """Folder of a run, for its plan.npz; or a plan.npz or rollout.npz."""
 
     out: Maybe[Path] = None
-    """A file ending in .csv or .json; by default, runs/export/<task>-<name of FILE>.csv."""
+    """A file ending in .csv, .json, .script or .yaml, the last two with -left and -right before that; by default,
+    runs/export/<task>-<name of the file>."""
+
+    format: Annotated[str | None, option(metavar="{csv,json,urscript,ros}")] = None
+    """By default, what the ending of --out says, or csv."""
 
     task: Maybe[str] = None
     """The task that it is of; by default, the task.yaml beside it."""
 
     rate: Maybe[float] = None
-    """Rows per second on a smooth curve that keeps the limits of the rows; by default, its rows as they are."""
+    """Rows per second on a smooth curve that keeps the limits of the rows; by default, 125 for urscript, 10 for ros,
+    and for csv and json the rows as they are."""
 
     cable: Flag = False
     """The keypoints of the cable, too."""
@@ -46,32 +51,51 @@ class Export(Options):
         """Carry the command out and return its exit status."""
         from cableway.workflow.trajectory import Trajectory
 
-        record, task = read_record(self.file), self._load()
+        kind = self._kind()
+        file = self.run / PLAN if self.run.is_dir() else self.run
+        record, task = read_record(file), self._load(file)
+        rate = kind.rate if self.rate is None else self.rate
         trajectory = Trajectory.of(
-            record, task, rate=self.rate, cable=self.cable, unverified=self.unverified, source=str(self.file)
+            record, task, rate=rate, cable=self.cable, unverified=self.unverified, source=str(file)
         )
-        path = self.out or self.folder("export") / f"{task.name}-{self.file.stem}.csv"
-        trajectory.write(path)
-        report = {"file": str(path), "rows": len(trajectory.times), "header": trajectory.header}
-        Terminal(self).result(report, pairs(_rows(trajectory, path)))
+        path = self.out or self.folder("export") / f"{task.name}-{file.stem}{kind.suffix}"
+        written = [str(each) for each in trajectory.write(path)]
+        report = {"files": written, "rows": len(trajectory.times), "header": trajectory.header}
+        Terminal(self).result(report, pairs(_rows(trajectory, written)))
         return 0
 
-    def _load(self) -> Task:
+    def _kind(self) -> Format:
+        """The format asked for.
+
+        Raises:
+            InputError: There is none of that name or ending, or the two do not go together.
+        """
+        from cableway.workflow.trajectory import FORMATS, format_of
+
+        name = self.format or ("csv" if self.out is None else format_of(self.out))
+        if name not in FORMATS:
+            raise UnknownNameError("format", name, FORMATS)
+        kind = FORMATS[name]
+        if self.out is not None and self.out.suffix.lower() != kind.suffix:
+            raise InputError(f"--out {self.out} must end in {kind.suffix} with --format {name}")
+        return kind
+
+    def _load(self, file: Path) -> Task:
         from cableway.scene.files.loading import load_task
 
-        beside = self.file.with_name(TASK)
+        beside = file.with_name(TASK)
         if self.task is None and not beside.is_file():
-            raise InputError(f"{beside}: no such file; --task must say what {self.file} is of")
+            raise InputError(f"{beside}: no such file; --task must say what {file} is of")
         return load_task(self.task or beside)
 
 
-def _rows(trajectory: Trajectory, path: Path) -> list[tuple[str, str]]:
+def _rows(trajectory: Trajectory, written: list[str]) -> list[tuple[str, str]]:
     """Names and values as text with units."""
     header = trajectory.header
     reached, limits, off = header["reached"], header["limits"], header["off_rows"]
     units = dict(zip(limits, ("m/s", "rad/s", "m/s²", "rad/s²", "m/s³", "rad/s³"), strict=True))
     rows = [
-        ("file", str(path)),
+        *(("file", each) for each in written),
         ("task", header["task"]),
         ("rows", f"{len(trajectory.times)} in {header['duration']:.2f} s"),
         ("verified", header["verified"]),
@@ -80,4 +104,9 @@ def _rows(trajectory: Trajectory, path: Path) -> list[tuple[str, str]]:
     for name, unit in units.items():
         limit = "none" if limits[name] is None else limit_text(limits[name], unit)
         rows.append((name.replace("_", " "), f"{quantity(reached[name], unit)}, limit {limit}"))
+    if trajectory.joints is not None:
+        rows += [
+            (f"joint {name}", quantity(value, unit))
+            for (name, value), unit in zip(header["joints"]["reached"].items(), ("rad/s", "rad/s²"), strict=True)
+        ]
     return [*rows, ("use", header["use"])]

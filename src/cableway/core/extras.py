@@ -11,6 +11,7 @@ EXTRAS = {
     "cell": {"coal": "Coal"},
     "ray": {"ray": "Ray"},
     "tang2025": {"casadi": "CasADi", "equinox": "Equinox", "jax": "JAX", "optax": "Optax"},
+    "ur": {"rtde_control": "ur-rtde"},
 }
 """By extra: its packages and what they are called. OMPL, for Linux only, is looked for where it is used."""
 

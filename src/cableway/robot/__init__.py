@@ -1,1 +1,1 @@
-"""Arms: kinematics, distances of their links, and how two of them follow the grippers of a plan."""
+"""Arms that hold the grippers: kinematics, distances of their links, how they follow a plan, and what drives them."""

@@ -1,4 +1,4 @@
-"""Gripper poses by time, for a robot: a plan or a rollout in a file that needs no cableway to be read."""
+"""Gripper poses and joint positions by time, for a robot: a plan or a rollout in files that need no cableway."""
 
 from __future__ import annotations
 
@@ -19,18 +19,44 @@ from cableway.core.provenance import PACKAGE, describe, versions
 from cableway.geometry.groups import SE2
 from cableway.motion.resampling import smoothed
 from cableway.records import Plan, Rollout, Verdict
+from cableway.robot.ur_arm import joint_names
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification import kind_of, require_verified, verify_record
+from cableway.workflow import ros, urscript
 
 FORMAT = "cableway trajectory 1"
-SUFFIXES = (".csv", ".json")
+SIDES = ("left", "right")
 RATES = (1.0, 10_000.0)
 """Least and greatest rate [Hz]."""
 
 UNEVEN = 1e-6
 """Difference [s] of control steps from which on they are not equal."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
+
+    Attributes:
+        suffix: How its name ends.
+        rate: Rows per second [Hz] where none is asked for; the record's own rows where None.
+        per_arm: Whether there is a file for each arm.
+    """
+
+    suffix: str
+    rate: float | None = None
+    per_arm: bool = False
+
+
+FORMATS = {
+    "csv": Format(".csv"),
+    "json": Format(".json"),
+    "urscript": Format(".script", urscript.RATES[0], per_arm=True),
+    "ros": Format(".yaml", 1 / CONTROL_STEP, per_arm=True),
+}
+"""By name. At one row per control step, the quintic splines of a ROS 2 controller are the curve itself."""
 
 CONVENTIONS = {
     "frame": "the task's: the plane of the table, right-handed, x to the right, y up, origin in the lower left corner "
@@ -42,6 +68,26 @@ CONVENTIONS = {
 }
 """What the header of every file says."""
 
+CURVE_OF_JOINTS = "smoothed joint by joint: where the arms carry the grippers is near the gripper poses, not just there"
+"""What the header says of joints at a rate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointMotion:
+    """Joints of the left and the right arm at the times of a trajectory.
+
+    Attributes:
+        names: Of the j joints of an arm.
+        positions: (k, 2, j) [rad], without jumps.
+        velocities: (k, 2, j) [rad/s]; None of rows that are no curve.
+        accelerations: (k, 2, j) [rad/s²]; None of rows that are no curve.
+    """
+
+    names: tuple[str, ...]
+    positions: Float[np.ndarray, "k 2 j"]
+    velocities: Float[np.ndarray, "k 2 j"] | None = None
+    accelerations: Float[np.ndarray, "k 2 j"] | None = None
+
 
 @dataclass(frozen=True, kw_only=True)
 class Trajectory:
@@ -51,12 +97,14 @@ class Trajectory:
         times: (k,) [s], from 0.
         poses: (k, 2, 3) gripper poses [m, m, rad], left then right, angles without jumps.
         shapes: (k, n, 2) keypoints of the cable [m] at these times; None where they were not asked for.
+        joints: Joints of the arms; None where the record has none.
         header: What a reader has to know, as plain data: frame, units, limits, where it comes from.
     """
 
     times: Float[np.ndarray, "k"]
     poses: Float[np.ndarray, "k 2 3"]
     shapes: Float[np.ndarray, "k n 2"] | None
+    joints: JointMotion | None = None
     header: Mapping[str, Any]
 
     @classmethod
@@ -90,9 +138,9 @@ class Trajectory:
         shapes = record.shapes if isinstance(record, Plan) else record.keypoints
         poses = record.poses.copy()
         poses[..., SE2.space :] = np.unwrap(poses[..., SE2.space :], axis=0)
-        header = _header(record, task, source)
+        header, joints = _header(record, task, source), record.joints
         if rate is None:
-            times = _times(record, source)
+            times, at = _times(record, source), None
             checked, how = "the rows", {"off_rows": {"distance": 0.0, "turn": 0.0}}
         else:
             times, at = _even_times(_times(record, source), rate, source)
@@ -105,23 +153,38 @@ class Trajectory:
             "limits": limits_of(task.grippers),
             "reached": greatest_rates(times, poses),
         }
-        return cls(times=times, poses=poses, shapes=shapes if cable else None, header=header)
+        motion = None if joints is None else _joint_motion(joints, at, _step(record))
+        if motion is not None:
+            header["joints"] = _joint_header(motion, times, at is not None)
+        return cls(times=times, poses=poses, shapes=shapes if cable else None, joints=motion, header=header)
 
-    def write(self, path: Path | str) -> None:
-        """Write a file: CSV below a header of comments, or one JSON object.
+    def write(self, path: Path | str) -> list[Path]:
+        """Write a file of the format that its name ends in (see `FORMATS`), or one for each arm; which they are.
+
+        Where each arm has its own, "-left" and "-right" go before the ending.
 
         Raises:
-            InputError: Its name ends in neither .csv nor .json.
+            InputError: Its name ends otherwise, or the format cannot hold this trajectory.
         """
         path = Path(path)
-        if path.suffix.lower() not in SUFFIXES:
-            raise InputError(f"{path}: the name of a trajectory's file must end in {' or '.join(SUFFIXES)}")
-        write_text(path, self.to_json() if path.suffix.lower() == ".json" else self.to_csv())
+        name = format_of(path)
+        if not FORMATS[name].per_arm:
+            texts = {path: self.to_json() if name == "json" else self.to_csv()}
+        else:
+            text = urscript.program if name == "urscript" else ros.message
+            texts = {path.with_stem(f"{path.stem}-{side}"): text(self, arm) for arm, side in enumerate(SIDES)}
+        for each, content in texts.items():
+            write_text(each, content)
+        return list(texts)
 
     def to_csv(self) -> str:
         """Lines `# name: value` with the values as JSON, then names of columns, then a line for each row."""
         table = np.column_stack([self.times, self.poses.reshape(len(self.times), -1)])
-        names = ["time", *(f"{side}_{name}" for side in ("left", "right") for name in ("x", "y", "theta"))]
+        names = ["time", *(f"{side}_{name}" for side in SIDES for name in ("x", "y", "theta"))]
+        for unit, values in self._joint_columns().items():
+            table = np.column_stack([table, values.reshape(len(table), -1)])
+            assert self.joints is not None
+            names += [f"{side}_{name}{unit}" for side in SIDES for name in self.joints.names]
         if self.shapes is not None:
             table = np.column_stack([table, self.shapes.reshape(len(table), -1)])
             names += [f"{axis}{k}" for k in range(self.shapes.shape[1]) for axis in "xy"]
@@ -131,13 +194,39 @@ class Trajectory:
         return text.getvalue()
 
     def to_json(self) -> str:
-        """One object: `header`, `time` (k), `left` and `right` (k, 3), and `cable` (k, n, 2) where that is there."""
+        """One object: `header`, `time` (k), `left` and `right` (k, 3), and what there is of the following.
+
+        `left_joints`, `right_joints` (k, j), the same with `_velocity` and `_acceleration`, and `cable` (k, n, 2).
+        """
         left, right = self.poses[:, 0], self.poses[:, 1]
         arrays = {"time": self.times, "left": left, "right": right}
+        for quantity, values in self._joint_columns().items():
+            arrays |= {f"{side}_joints{quantity}": values[:, arm] for arm, side in enumerate(SIDES)}
         if self.shapes is not None:
             arrays["cable"] = self.shapes
         content = {"header": dict(self.header), **{name: array.tolist() for name, array in arrays.items()}}
         return json.dumps(content, allow_nan=False) + "\n"
+
+    def _joint_columns(self) -> dict[str, Float[np.ndarray, "k 2 j"]]:
+        """What there is of the joints, by what their names end in."""
+        if self.joints is None:
+            return {}
+        motion = self.joints
+        columns = {"": motion.positions, "_velocity": motion.velocities, "_acceleration": motion.accelerations}
+        return {name: values for name, values in columns.items() if values is not None}
+
+
+def format_of(path: Path) -> str:
+    """The format whose ending a file's name has.
+
+    Raises:
+        InputError: None has it.
+    """
+    found = [name for name, each in FORMATS.items() if each.suffix == path.suffix.lower()]
+    if not found:
+        *first, last = (each.suffix for each in FORMATS.values())
+        raise InputError(f"{path}: the name of a trajectory's file must end in {', '.join(first)} or {last}")
+    return found[0]
 
 
 def limits_of(grippers: Grippers) -> dict[str, float | None]:
@@ -190,6 +279,38 @@ def _times(record: Plan | Rollout, source: str) -> Float[np.ndarray, "t"]:
     return record.times - record.times[0]
 
 
+def _step(record: Plan | Rollout) -> float:
+    """Mean time [s] from row to row."""
+    return CONTROL_STEP if isinstance(record, Plan) else float(np.diff(record.times).mean())
+
+
+def _joint_motion(rows: Float[np.ndarray, "t 2 j"], at: Float[np.ndarray, "k"] | None, step: float) -> JointMotion:
+    """Joints at fractional indices of rows that are a time [s] apart; the rows themselves where there are none."""
+    names = joint_names(rows.shape[2])
+    if at is None:
+        return JointMotion(names=names, positions=rows)
+    curve = (smoothed(rows, at, order) / step**order for order in range(3))
+    return JointMotion(names=names, positions=next(curve), velocities=next(curve), accelerations=next(curve))
+
+
+def _joint_header(motion: JointMotion, times: Float[np.ndarray, "k"], curve: bool) -> dict[str, Any]:
+    """What the header says of the joints; speeds and accelerations by the differences of rows, from rest to rest."""
+    spacing = np.diff(times)[:, None, None]
+    speeds = np.diff(motion.positions, axis=0) / spacing
+    still = np.zeros_like(speeds[:1])
+    changes = np.diff(np.concatenate([still, speeds, still]), axis=0)
+    between = np.concatenate([spacing[:1], (spacing[1:] + spacing[:-1]) / 2, spacing[-1:]])
+    header = {
+        "names": list(motion.names),
+        "unit": "rad",
+        "reached": {
+            "speed": float(np.abs(speeds).max(initial=0.0)),
+            "acceleration": float(np.abs(changes / between).max(initial=0.0)),
+        },
+    }
+    return {**header, "curve": CURVE_OF_JOINTS} if curve else header
+
+
 def _even_times(
     rows: Float[np.ndarray, "t"], rate: float, source: str
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
@@ -200,7 +321,7 @@ def _even_times(
     step = float(steps.mean())
     if np.abs(steps - step).max() > UNEVEN:
         raise InputError(f"{source}: its rows are {steps.min():.4g} to {steps.max():.4g} s apart, for a rate they must "
-                         "be at equal times; leave out the rate")  # fmt: skip
+                         "be at equal times; CSV and JSON take them as they are, without a rate")  # fmt: skip
     times = np.arange(int(np.ceil((len(rows) + 1) * step * rate - 1e-9)) + 1) / rate
     return times, np.minimum(times / step - 1, len(rows))
 
@@ -226,7 +347,8 @@ def _checked_curve(
     if not isinstance(record, Plan) or unverified:
         return "the rows"
     at = np.arange(-1.0, len(poses) + 1)
-    curve = Plan(smoothed(record.shapes, at), smoothed(poses, at), metadata=record.metadata)
+    joints = None if record.joints is None else smoothed(record.joints, at)
+    curve = Plan(smoothed(record.shapes, at), smoothed(poses, at), metadata=record.metadata, joints=joints)
     require_verified(curve, task, f"{source}, as a curve")
     return "the rows, and the curve at each control step"
 

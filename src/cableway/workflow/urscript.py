@@ -1,0 +1,112 @@
+"""Joint positions by time as a program for an arm of Universal Robots, in URScript."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import InputError
+from cableway.core.quantities import quantity
+from cableway.robot.ur_arm import GAIN, JOINT_RANGE, JOINT_SPEED, JOINTS, LOOKAHEAD
+
+if TYPE_CHECKING:
+    from cableway.workflow.trajectory import Trajectory
+
+RATES = (125.0, 250.0, 500.0)
+"""[Hz]: a row takes a whole number of the controller's cycles, of 8 ms (CB3) or 2 ms (e-Series)."""
+
+AT_START = 0.002
+"""Difference [rad] of a joint to the first row at which the program still starts: 2 mm for a tool 1 m away."""
+
+SETTLING = 0.2
+"""Time [s] for which the last row is held, for the arm to get there."""
+
+DECELERATION = 2.0
+"""Of `stopj` [rad/s²]."""
+
+SIGNAL = 0
+"""Standard digital input that starts both arms."""
+
+
+def program(trajectory: Trajectory, arm: int) -> str:
+    """The program of an arm, 0 for the left one: it checks the start, waits for the signal, follows the rows, stops.
+
+    Raises:
+        InputError: There are no joints, or not six; the rate is none of `RATES`; or a row is beyond what a UR5e can do.
+    """
+    side = ("left", "right")[arm]
+    rows, rate = _rows(trajectory, arm, side), trajectory.header["rate"]
+    period = f"{1 / rate:.3f}"
+    header = "".join(f"# {name}: {json.dumps(value)}\n" for name, value in trajectory.header.items())
+    servo = f"0, 0, {{}}, {LOOKAHEAD}, {GAIN:g})"  # without acceleration and speed, which the maker does not use yet
+    lines = [
+        "def away(q, start):",
+        "  local most = 0.0",
+        "  local i = 0",
+        f"  while i < {len(JOINTS)}:",
+        "    if norm(q[i] - start[i]) > most:",
+        "      most = norm(q[i] - start[i])",
+        "    end",
+        "    i = i + 1",
+        "  end",
+        "  return most",
+        "end",
+        f"start = {_list(rows[0])}",
+        *_halt_unless_at_start(side),
+        f"if get_standard_digital_in({SIGNAL}):",
+        *_halt(f"Digital input {SIGNAL} is on already. Switch it off, then start this program again."),
+        "end",
+        f"while not get_standard_digital_in({SIGNAL}):",
+        "  sync()",
+        "end",
+        *_halt_unless_at_start(side),
+        *(f"servoj({_list(row)}, {servo.format(period)}" for row in rows),
+        f"servoj({_list(rows[-1])}, {servo.format(SETTLING)}",
+        f"stopj({DECELERATION})",
+    ]
+    body = "".join(f"  {line}\n" for line in lines)
+    title = f"# {side} arm, one row every {period} s, joints: {', '.join(JOINTS)} [rad]\n"
+    return f"{title}{header}def cableway_{side}():\n{body}end\n"
+
+
+def _rows(trajectory: Trajectory, arm: int, side: str) -> Float[np.ndarray, "k 6"]:
+    if trajectory.joints is None:
+        raise InputError(
+            "a program for an arm needs joint positions, and the record has none: only runs in a cell with arms have"
+        )
+    rows = trajectory.joints.positions[:, arm]
+    if rows.shape[1] != len(JOINTS):
+        raise InputError(f"a program in URScript needs {len(JOINTS)} joints an arm, and the record has {rows.shape[1]}")
+    rate = trajectory.header.get("rate")
+    if rate not in RATES:
+        shown = "none" if rate is None else f"{rate:g}"
+        raise InputError(f"the rate of a program in URScript must be 125, 250 or 500 Hz, got {shown}")
+    farthest = float(np.abs(rows).max())
+    if farthest > JOINT_RANGE:
+        raise InputError(
+            f"a joint of the {side} arm is at {quantity(farthest, 'rad')}, and a UR5e turns "
+            f"{quantity(JOINT_RANGE, 'rad')} at most to either side"
+        )
+    fastest = float(np.abs(np.diff(rows, axis=0)).max()) * rate
+    if fastest > JOINT_SPEED:
+        raise InputError(
+            f"a joint of the {side} arm turns at {quantity(fastest, 'rad/s')}, and those of a UR5e reach "
+            f"{quantity(JOINT_SPEED, 'rad/s')}; make the plan again with a lower --speed"
+        )
+    return rows
+
+
+def _halt_unless_at_start(side: str) -> list[str]:
+    said = f"The {side} arm is not at the start of its program. Move it there, then start the program again."
+    return [f"if away(get_actual_joint_positions(), start) > {AT_START}:", *_halt(said), "end"]
+
+
+def _halt(said: str) -> list[str]:
+    return [f'  popup("{said}", title="cableway", error=True, blocking=True)', "  halt"]
+
+
+def _list(row: Float[np.ndarray, "6"]) -> str:
+    return f"[{', '.join(f'{value:.9f}' for value in row)}]"
