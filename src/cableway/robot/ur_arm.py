@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -11,12 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import SimulationError, raised, said
+from cableway.scene.cell import UR5E
 
-JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
-"""Of an arm, in the maker's order, by the names of the maker's ROS driver."""
+JOINTS = UR5E.joint_names
+"""Of an arm, in the maker's order."""
 
-JOINT_RANGE, JOINT_SPEED = 2 * math.pi, math.pi
-"""How far a joint of a UR5e turns to either side [rad], and how fast [rad/s] (the maker's data sheet)."""
+JOINT_RANGE, JOINT_SPEED = max(UR5E.position_limit), max(UR5E.speed_limit)
+"""How far a joint of a UR5e turns to either side [rad], and how fast [rad/s]."""
 
 LOOKAHEAD, GAIN = 0.1, 300.0
 """Of servoJ, the maker's defaults [s, 1]: the arm is led smoothly, and lags by the first."""

@@ -49,7 +49,7 @@ class ArmModel:
         position_limit: Greatest angle of each joint to either side [rad].
         speed_limit: Of each joint [rad/s].
         capsules: That hold its links.
-        joint_names: From base to flange.
+        joint_names: From base to flange, as the maker's ROS driver calls them.
     """
 
     lengths: tuple[float, ...]
@@ -72,6 +72,8 @@ class Tool:
     capsules: tuple[Capsule, ...]
 
 
+WRISTS = ("wrist_1", "wrist_2", "wrist_3")
+
 UR5E = ArmModel(
     lengths=(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
     position_limit=(2 * math.pi, 2 * math.pi, math.pi, 2 * math.pi, 2 * math.pi, 2 * math.pi),
@@ -92,7 +94,7 @@ UR5E = ArmModel(
         Capsule(5, (0, 0, -0.02), (0, 0, 0.015), 0.054),
         Capsule(6, (0, 0, -0.035), (0, 0, -0.01), 0.044),
     ),
-    joint_names=("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+    joint_names=tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", *WRISTS)),
 )
 """Lengths and limits are Universal Robots'; the elbow's limit is where the arm is folded. The capsules hold the meshes
 of MuJoCo Menagerie's model (BSD-3-Clause), by `studies/arm_capsules.py`."""
