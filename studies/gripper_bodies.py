@@ -1,6 +1,7 @@
 """Plans and runs with grippers that have bodies: random tasks with a witness, and the catalogue with lower posts.
 
     .venv/bin/python studies/gripper_bodies.py posts 100 200 --out runs/gripper-bodies     # seeds 100 to 199
+    .venv/bin/python studies/gripper_bodies.py cell 100 200 --run                          # the same between two arms
     .venv/bin/python studies/gripper_bodies.py catalogue --height 0.05 --body 2f-85
 
 Each task is planned, verified and, with `--run`, led on its nominal cable. Beside it stands the clearance that the plan
@@ -57,7 +58,7 @@ def judged(task: cw.Task, run: bool) -> dict[str, Any]:
         "pieces_clearance": float(pieces_clearance(lines, plan.poses, task).min()),
     }
     try:
-        blind = cw.plan(replace(task, grippers=replace(task.grippers, body=None)), seed=0)
+        blind = cw.plan(replace(task, grippers=replace(task.grippers, body=None), cell=None), seed=0)
         lines = polyline.spline(blind.shapes, 4)
         found["pieces_clearance_of_discs"] = float(pieces_clearance(lines, blind.poses, task).min())
     except CablewayError as error:
@@ -88,7 +89,7 @@ def main() -> None:
         if given.kind == "catalogue"
         else ((f"{given.kind}-{seed}", cw.random_task(seed, given.kind)) for seed in range(*given.seeds))
     )
-    cw.plan(cw.random_task(0, "posts"), seed=0)  # compiles
+    cw.plan(cw.random_task(0, "cell"), seed=0)  # compiles
     for name, task in tasks:
         if name not in done:
             result = {"possible": False, "why": task} if isinstance(task, str) else judged(task, given.run)

@@ -13,6 +13,8 @@ from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.geometry import se2
 from cableway.geometry.convex import polyline_distance
 from cableway.motion.sweeps import swept_shapes
+from cableway.robot.branches import NoMotion, arm_motion
+from cableway.scene.cell import CELLS
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tasks.blocked import blocked
@@ -56,11 +58,13 @@ class Kind:
         draw: Makes a draft, or raises `Rejected`; takes the width of the passage too where there is one.
         widths: Least, usual and largest width [m] of its passage; None for a kind without one.
         obstructed: Whether the goal is far and something stands in the straight way to it.
+        cell: Whether two arms hold the grippers, which can follow the motion that solves the task.
     """
 
     draw: Callable[..., Draft]
     widths: tuple[float, float, float] | None = None
     obstructed: bool = True
+    cell: bool = False
 
 
 KINDS = {
@@ -68,6 +72,7 @@ KINDS = {
     "dense": Kind(draw=dense),
     "sizes": Kind(draw=sizes),
     "posts": Kind(draw=posts),
+    "cell": Kind(draw=posts, cell=True),
     "straight": Kind(draw=straight),
     "s-shaped": Kind(draw=s_shaped),
     "table": Kind(draw=table),
@@ -106,7 +111,8 @@ def random_task_with_witness(seed: int, kind: str, *, width: float | None = None
     reasons: dict[str, int] = {}
     for _ in range(TRIES):
         try:
-            return _task(f"{kind}-{seed}", KINDS[kind].draw(rng, **options), KINDS[kind].obstructed)
+            task, witness = _task(f"{kind}-{seed}", KINDS[kind].draw(rng, **options), KINDS[kind].obstructed)
+            return (_in_cell(task, witness), witness) if KINDS[kind].cell and witness else (task, witness)
         except Rejected as reason:
             reasons[str(reason)] = reasons.get(str(reason), 0) + 1
     listed = ", ".join(f"{reason} ({count})" for reason, count in reasons.items())
@@ -152,6 +158,15 @@ def _task(name: str, draft: Draft, obstructed: bool) -> tuple[Task, Witness | No
     except TaskError as error:
         raise Rejected(error.problem) from None
     return task, Witness(q) if draft.solvable else None
+
+
+def _in_cell(task: Task, witness: Witness) -> Task:
+    """The task between two UR5e with its grippers, which can follow its witness."""
+    cell = next(cell for cell in CELLS.values() if cell.tool == task.grippers.body)
+    task = task.in_cell(cell)
+    if isinstance(arm_motion(task.cable.rod.shapes(witness.q)[1], task, cell), NoMotion):
+        raise Rejected("the arms cannot follow")
+    return task
 
 
 def _in_the_way(scene: Scene, setup: Setup, ends: Float[np.ndarray, "2 6"]) -> bool:

@@ -1,0 +1,186 @@
+"""Plans in a cell: their joints, who refuses what arms cannot do, and the judge of both."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cableway as cw
+from cableway.core.errors import InputError, PlanningError, SimulationError, TaskError, UnknownNameError
+from cableway.outcome import Outcome
+from cableway.robot.branches import ArmMotion, NoMotion, arm_motion, end_fault
+from cableway.robot.cell_kinematics import CellKinematics
+from cableway.scene.cell import CELLS, Cell, MountedArm, Way
+from cableway.scene.files.loading import load_cell
+from cableway.scene.obstacles import Disc
+from cableway.tasks.generation import random_task_with_witness
+
+
+@pytest.fixture(scope="module")
+def planned() -> tuple[cw.Task, cw.Plan]:
+    task = cw.random_task(0, "cell")
+    return task, cw.plan(task, seed=0)
+
+
+def failed(plan: cw.Plan, task: cw.Task) -> set[str]:
+    return {check.name for check in cw.verify_plan(plan, task).failures()}
+
+
+def test_a_plan_has_joints_that_run_on_and_the_judge_passes_them(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    assert plan.joints is not None
+    assert plan.joints.shape == (plan.steps + 1, 2, 6)
+    assert np.abs(np.diff(plan.joints, axis=0)).max() < 0.3
+    assert cw.verify_plan(plan, task).passed
+    names = {check.name for check in cw.verify_plan(plan, task).checks}
+    assert {"tool distance", "joint speed", "arm clearance", "arm clearance from the table"} <= names
+
+
+def test_kinematics_of_the_cell_lead_back_and_forth(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    assert plan.joints is not None
+    way = Way.of_record(plan.metadata)
+    assert way is not None
+    arms = CellKinematics(task, way)
+    for row in (0, plan.steps // 2, plan.steps):
+        at = arms.poses(plan.joints[row])
+        np.testing.assert_allclose(at[:, :2], plan.poses[row][:, :2], atol=1e-9)
+        turned = plan.joints[row] + 2 * np.pi * np.array([[0, 1, 0, 0, 0, -1]] * 2)
+        np.testing.assert_allclose(arms.joints(plan.poses[row], turned), turned, atol=1e-9)
+    with pytest.raises(SimulationError, match=r"the arm at the left gripper cannot reach"):
+        arms.joints(plan.poses[0] + np.array([[9.0, 0, 0]] * 2), plan.joints[0])
+    with pytest.raises(InputError, match="has no cell"):
+        CellKinematics(cw.load_task("single-obstacle-1"), way)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda plan: replace(plan, joints=None), "arms"),
+        (lambda plan: replace(plan, metadata={}), "arms"),
+        (lambda plan: replace(plan, metadata={"arms": {"holders": [1, 1], "turns": [0, 0]}}), "arms"),
+        (lambda plan: replace(plan, joints=plan.joints + 0.01), "tool distance"),
+        (lambda plan: replace(plan, joints=plan.joints[:, ::-1]), "tool distance"),
+        (lambda plan: replace(plan, joints=plan.joints + np.eye(6)[5] * 0.1), "tool angle"),
+        (lambda plan: replace(plan, joints=plan.joints + np.eye(6)[0] * 4 * np.pi), "joint position"),
+        (lambda plan: replace(plan, joints=plan.joints + 2 * np.pi * (np.arange(len(plan.joints)) > 5)[:, None, None]),
+         "joint speed"),
+    ],
+)  # fmt: skip
+def test_the_judge_refuses_joints_that_are_not_those_of_the_plan(planned, change, name: str):
+    task, plan = planned
+    assert name in failed(change(plan), task)
+
+
+def test_the_judge_finds_links_in_each_other_and_in_what_is_tall(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    cell = task.cell
+    assert cell is not None
+    left, right = cell.arms
+    x, y, z = right.position
+    near = replace(cell, arms=(left, replace(right, position=(x - 0.5, y, z))))
+    assert "arm clearance" in failed(plan, replace(task, cell=near))
+    deep = replace(cell, arms=(left, replace(right, position=(x, y, z - 0.3))))
+    assert "arm clearance from the table" in failed(plan, replace(task, cell=deep))
+    assert cell.furnished(task.scene) == task.scene
+    tall = replace(task.scene, obstacles=tuple(replace(each, height=None) for each in task.scene.obstacles))
+    assert "arm clearance from the table" in failed(plan, task.in_scene(tall))
+
+
+def test_arms_that_do_not_reach_are_told_before_the_search():
+    task = cw.random_task(0, "cell")
+    assert task.cell is not None
+    far = tuple(replace(arm, position=(2 * arm.position[0], 0.0, 0.15)) for arm in task.cell.arms)
+    task = replace(task, cell=replace(task.cell, arms=far))
+    with pytest.raises(PlanningError, match="there is no plan: at the start, no arm reaches the") as error:
+        cw.plan(task)
+    assert error.value.outcome == Outcome.INFEASIBLE
+    assert error.value.attempt.at is not None
+
+
+def test_a_witness_is_followed_and_in_no_other_way_where_the_cable_is_held():
+    task, witness = random_task_with_witness(1, "cell")
+    assert witness is not None
+    assert task.cell is not None
+    poses = task.cable.rod.shapes(witness.q)[1]
+    motion = arm_motion(poses, task, task.cell)
+    assert isinstance(motion, ArmMotion)
+    assert end_fault(task, task.cell) is None
+    held = task.held(motion.way).cell
+    assert held is not None
+    again = arm_motion(poses, task, held)
+    assert isinstance(again, ArmMotion)
+    np.testing.assert_array_equal(again.joints, motion.joints)
+    swapped = motion.way._replace(holders=motion.way.holders[::-1], turns=motion.way.turns[::-1])
+    other = arm_motion(poses, task, replace(task.cell, way=swapped))
+    assert isinstance(other, NoMotion) or other.way == swapped
+    assert Way.of_record({"arms": motion.way.described()}) == motion.way
+    assert Way.of_record({}) is None
+
+
+def test_a_run_in_a_cell_has_the_joints_of_what_the_grippers_did():
+    task = cw.random_task(2, "cell")
+    run = cw.solve(task, cw.SolveOptions(time_limit=60.0))
+    assert run.success, run.report.failure
+    assert run.rollout is not None
+    assert run.rollout.joints is not None
+    assert run.plan is not None
+    assert run.rollout.metadata["arms"] == run.plan.metadata["arms"]
+    assert run.report.rollout_verdict is not None
+    assert "tool distance" in {check.name for check in run.report.rollout_verdict.checks}
+
+
+def test_a_named_task_in_a_cell_and_its_file(tmp_path: Path):
+    task = cw.load_task("single-obstacle-1").in_cell(CELLS["dual-ur5e"])
+    assert task.grippers.body == "2f-85"
+    assert {each.height for each in task.scene.obstacles} == {0.05}
+    path = tmp_path / "task.yaml"
+    task.save(path)
+    assert cw.load_task(path) == task
+    text = path.read_text()
+    path.write_text(text[: text.index("\ncell:")] + "\ncell: dual-ur5e\n")
+    assert cw.load_task(path) == task
+
+
+def test_a_cell_from_a_file(tmp_path: Path):
+    path = tmp_path / "cell.yaml"
+    path.write_text(
+        "cableway: 1\nunits: mm\nangles: deg\nname: mine\ntool: 2f-85\nobstacle_height: 80\n"
+        "arms:\n- {position: [-500, 0, 100]}\n- {position: [500, 0, 100], angle: 180}\n"
+    )
+    cell = load_cell(path)
+    assert cell.arms[1] == MountedArm(position=(0.5, 0.0, 0.1), angle=np.pi)
+    assert cell.obstacle_height == pytest.approx(0.08)
+    path.write_text(path.read_text().replace("[500, 0, 100]", "[50000, 0, 100]"))
+    with pytest.raises(TaskError, match=r"cell.yaml:\d+: arms\[1\].position"):
+        load_cell(path)
+    path.write_text("cableway: 1\nname: mine\ntool: pliers\narms: [{position: [0, 0, 0]}, {position: [1, 0, 0]}]\n")
+    with pytest.raises(TaskError, match="tool must be one of 2f-85, 2f-85-long-fingers, got 'pliers'"):
+        load_cell(path)
+    with pytest.raises(UnknownNameError, match="unknown cell 'tripod'; known: dual-ur5e"):
+        load_cell("tripod")
+
+
+def test_what_is_no_cell():
+    arm = MountedArm(position=(0.0, 0.0, 0.0))
+    with pytest.raises(TaskError, match="must be 2 arms, got 1"):
+        Cell(name="one", arms=(arm,))
+    with pytest.raises(TaskError, match="model must be one of ur5e, got 'ur3'"):
+        MountedArm(position=(0.0, 0.0, 0.0), model="ur3")
+    task = cw.load_task("single-obstacle-1")
+    with pytest.raises(TaskError, match="must be the cell's tool, 2f-85, got disc"):
+        replace(task, cell=CELLS["dual-ur5e"], grippers=replace(task.grippers, body="disc"))
+    with pytest.raises(TaskError, match="plug is not modelled on arms"):
+        cw.load_task("insertion").in_cell(CELLS["dual-ur5e"])
+
+
+def test_a_post_that_appears_under_a_link_is_found_by_planner_and_judge_alike(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    way = Way.of_record(plan.metadata)
+    assert task.cell is not None
+    assert way is not None
+    column = Disc(center=(0.06, task.scene.size[1] / 2), radius=0.02, height=0.6)  # before the base of arm 0
+    blocked = task.in_scene(replace(task.scene, obstacles=(*task.scene.obstacles, column)))
+    assert isinstance(arm_motion(plan.poses, blocked, replace(task.cell, way=way)), NoMotion)
+    assert "arm clearance from the table" in failed(plan, blocked)
