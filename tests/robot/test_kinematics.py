@@ -118,7 +118,8 @@ def test_a_link_below_the_table_or_in_a_tall_obstacle_is_found():
     placed, high = np.empty((1, len(CAPSULES.frame), 2, 3)), np.eye(4)
     high[2, 3] = 0.3
     free = arm_clearances(LENGTHS, high, flat, CAPSULES, EMPTY, placed)[0]
-    assert arm_clearances(LENGTHS, np.eye(4), flat, CAPSULES, EMPTY, placed)[0] == pytest.approx(free - 0.3, abs=1e-9)
+    lowest = 0.1625 - 0.0997 - 0.054  # of the second wrist, with the base on the table
+    assert arm_clearances(LENGTHS, np.eye(4), flat, CAPSULES, EMPTY, placed)[0] == pytest.approx(lowest, abs=1e-9)
     place = (np.array([[[-0.6, -0.05]]]), np.array([1]), np.array([0.05]), np.array([9.0, 9.0]))
     box = np.array([[-0.65, -0.1, -0.55, 0.0]])
     tall, low = ((*place, box, np.array([height, -np.inf])) for height in (0.5, 0.1))
