@@ -42,8 +42,17 @@ def main() -> None:
     results = [result for job in jobs if (result := read_result(job, given.out))]
     for plant in plants:
         of = [result for result in results if result.plant == plant]
-        print(f"{plant:24s} {sum(r.success for r in of):3d} of {len(of):3d}, contact {sum(r.contact for r in of)}")
-    print(f"all: {sum(r.success for r in results)} of {len(results)}, contact {sum(r.contact for r in results)}")
+        print(f"{plant:24s} {counts(of)}")
+    print(f"all: {counts(results)}")
+
+
+def counts(results: list[Result]) -> str:
+    """Successes and contacts; those of faults that were avoidable, too."""
+    avoidable = [result for result in results if result.unavoidable is False and result.contact]
+    return (
+        f"{sum(r.success for r in results):3d} of {len(results):3d}, contact {sum(r.contact for r in results)}"
+        f", avoidable {len(avoidable)}"
+    )
 
 
 def tasks(kinds: str) -> list[str]:
@@ -76,6 +85,7 @@ def show(result: Result) -> None:
     """A line of an episode."""
     what = "" if result.success else f" {result.outcome}: {result.detail}"
     touch = f", clearance {1000 * result.clearance:.2f} mm" if result.clearance is not None else ""
+    touch += " avoidable" if result.contact and result.unavoidable is False else ""
     print(f"{result.episode}: {'success' if result.success else 'FAILED'}, recovered {result.recovered}{touch}{what}",
           flush=True)  # fmt: skip
 

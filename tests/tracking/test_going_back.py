@@ -21,8 +21,9 @@ from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import Loop
 from cableway.tracking.observed import hysteresis
-from cableway.tracking.recovery import ATTEMPTS, FRICTION, Recovery, Watch
+from cableway.tracking.recovery import ATTEMPTS, BACK, FRICTION, Recovery, Watch
 from cableway.tracking.stopping import TrackConfig
+from cableway.tracking.suspicion import has_left, suspected
 from cableway.tracking.watchdog import Watchdog
 
 ROD = PlanarRod(0.3)
@@ -100,6 +101,20 @@ def test_a_contact_is_suspected_once_however_often_a_plan_is_looked_for() -> Non
     assert ending is not None
     assert ending.outcome is Outcome.BLOCKED_WAY
     assert asked == [1] * ATTEMPTS
+    assert len(loop.suspected) == 1
+
+
+def test_a_cable_that_still_lies_at_the_contact_goes_back_farther() -> None:
+    """It was held before the way that is taken back at first: what held it has no room beside it yet."""
+    loop = led(TASK, steps=28)
+    watch = Watch(Recovery(replan=lambda task, left: PLAN), CONTROL_STEP)
+    place, later = PLAN.shapes[10, 6], PLAN.shapes[20, 6]
+    contact = Contact(place, (place - later) / np.linalg.norm(place - later))
+    back = PLAN.shapes[28 - round(BACK / CONTROL_STEP)]
+    assert not has_left(contact, back, TASK)
+    assert not suspected(contact, back, TASK)
+    assert watch.avoid(loop, contact) is None
+    np.testing.assert_allclose(loop.poses, PLAN.poses[0], atol=1e-6)
     assert len(loop.suspected) == 1
 
 

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 from jaxtyping import Float
 
 from cableway.control.base import Contact
@@ -22,27 +21,18 @@ from cableway.records import Observation, Plan
 from cableway.rod.contact import contact_on
 from cableway.rod.inverse import nearest_shapes
 from cableway.scene.clearance import clearances
-from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOST, Loop
 from cableway.tracking.observed import at_rest, clearance, distances, hysteresis, mean, root_mean_square
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
+from cableway.tracking.suspicion import LEAST_ROOM, has_left, suspected
 
 LOGGER = logging.getLogger(__name__)
 
 BACK = 1.5
 """Time [s] for which the grippers go back from a contact that nobody expected: it is noticed within 1 s."""
-
-SUSPECTED = (0.015, 0.01, 0.006, 0.003)
-"""Radii [m] of discs of which one is then taken to stand beside the cable; keypoints are some 25 mm apart."""
-
-LEAST_ROOM = 0.001
-"""Clearance [m] that such a disc leaves to the cable and to the goal."""
-
-KNOWN = 0.02
-"""Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
 
 FRICTION = 0.004
 """Root mean square distance [m] from the way it went of a cable that was led back, from which friction holds it. Noise
@@ -87,9 +77,10 @@ class Recovery(Checked):
     Where something unknown seems to hold the cable, as the controller has it or as it lies once it has left its plan,
     the grippers first take back their motions of the last `BACK` seconds, and the new plan leads round a disc that is
     supposed to stand there. A cable that is then not where it had been on the way is held by friction; there is no such
-    disc for it, and what holds the cable less far off than that is taken for friction from then on. Where there is no
-    plan from where the cable is, or it touches something there, the grippers go back in the same way and it is tried
-    again, up to `ATTEMPTS` times.
+    disc for it, and what holds the cable less far off than that is taken for friction from then on. Where the cable
+    still lies in the disc they go back farther, up to `ATTEMPTS` times as far. Where there is no plan from where the
+    cable is, or it touches something there, the grippers go back in the same way and it is tried again, up to
+    `ATTEMPTS` times.
 
     Attributes:
         replan: Plans a task that starts where the cable is, given the plan that was left. Raises `PlanningError` where
@@ -256,17 +247,25 @@ class Watch:
         if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
             return seen
         way = np.array([connected(frame, loop.task.cable) for frame in loop.log.observed])
-        ending = loop.back_off(math.ceil(BACK / loop.plant.control_step))
-        if ending is not None:
-            return ending
-        seen = self._rested(loop, BACKING_OFF, self._rest)
+        seen = self._led_back(loop)
         off = FRICTION if isinstance(seen, Ending) else hysteresis(seen, way)
         if off > FRICTION:
             LOGGER.info("at %.1f s: friction: %.1f mm off the way here", loop.time, 1000 * off)
             self.friction = max(self.friction, off)
             return self.recover(loop, Outcome.LEFT_PLAN, seen=seen)
+        for _ in range(ATTEMPTS - 1):
+            if isinstance(seen, Ending) or has_left(contact, seen, loop.task):
+                break
+            # it touched before what was taken back of its way; so far back it need not lie as it did, friction or not
+            seen = self._led_back(loop)
+        if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
+            return seen
         ending = self.recover(loop, Outcome.BLOCKED_WAY, contact, seen)
         return ending and Ending(ending.outcome, f"{held_up(contact)}; {ending.detail}")
+
+    def _led_back(self, loop: Loop) -> Float[np.ndarray, "n 2"] | Ending:
+        """Where the cable lies [m] once the grippers went back from a contact; "no plan" where it is not seen."""
+        return loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._rested(loop, BACKING_OFF, self._rest)
 
     def recover(
         self,
@@ -312,7 +311,7 @@ class Watch:
         if isinstance(keypoints, Ending):
             return keypoints._replace(outcome=failed) if keypoints.outcome is Outcome.NO_PLAN else keypoints
         if contact is not None:
-            loop.suspected.extend(_suspected(contact, keypoints, loop.task))
+            loop.suspected.extend(suspected(contact, keypoints, loop.task))
         if wrong := disagreement(keypoints, loop.poses, loop.state.reference):
             return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
         if first and why is not None and clearances(keypoints[None], loop.poses[None], loop.task).min() < LEAST_ROOM:
@@ -367,21 +366,3 @@ class Watch:
                     raise
         task = loop.task.resumed_from(keypoints)
         return task, self._recovery.replan(task, loop.plan)
-
-
-def _suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> list[Disc]:
-    """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies.
-
-    None where something known is near, what was suspected before included.
-    """
-    if task.scene.signed_distance(contact.place) < KNOWN:
-        return []
-    lines = [shapely.LineString(shape) for shape in (keypoints, task.goal)]
-    ends = shapely.MultiPoint(np.concatenate([keypoints[[0, -1]], task.goal[[0, -1]]]))
-    for radius in SUSPECTED:
-        center = contact.place - (radius + task.cable.radius) * contact.direction
-        place = shapely.Point(center)
-        beside = min(line.distance(place) for line in lines) - task.cable.radius
-        if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:
-            return [Disc(center=(float(center[0]), float(center[1])), radius=radius)]
-    return []

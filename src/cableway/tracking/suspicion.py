@@ -1,0 +1,61 @@
+"""What is taken to stand where something that nobody knows of held the cable."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from jaxtyping import Float
+
+from cableway.control.base import Contact
+from cableway.scene.obstacles import Disc
+from cableway.scene.task import Task
+
+SUSPECTED = (0.015, 0.01, 0.006, 0.003)
+"""Radii [m] of discs of which one is then taken to stand beside the cable; keypoints are some 25 mm apart."""
+
+LEAST_ROOM = 0.001
+"""Clearance [m] that such a disc leaves to the cable and to the goal."""
+
+KNOWN = 0.02
+"""Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
+
+
+def suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> list[Disc]:
+    """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies.
+
+    None where something known is near, what was suspected before included.
+
+    Args:
+        contact: Where it was held.
+        keypoints: (n, 2) where the cable lies now [m].
+        task: With the scene as it is known.
+    """
+    found = None if _is_known(contact, task) else _largest(contact, (keypoints, task.goal), task)
+    return [] if found is None else [found]
+
+
+def has_left(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> bool:
+    """Whether a cable that is led back leaves as much room for what held it as the goal does.
+
+    One that does not may still touch it. Args as for `suspected`.
+    """
+    if _is_known(contact, task):
+        return True
+    return _largest(contact, (keypoints, task.goal), task) == _largest(contact, (task.goal,), task)
+
+
+def _is_known(contact: Contact, task: Task) -> bool:
+    return bool(task.scene.signed_distance(contact.place) < KNOWN)
+
+
+def _largest(contact: Contact, shapes: tuple[Float[np.ndarray, "n 2"], ...], task: Task) -> Disc | None:
+    """The largest disc beside the cable at a contact in which none of some shapes [m] lies, nor their grippers."""
+    lines = [shapely.LineString(shape) for shape in shapes]
+    ends = shapely.MultiPoint(np.concatenate([shape[[0, -1]] for shape in shapes]))
+    for radius in SUSPECTED:
+        center = contact.place - (radius + task.cable.radius) * contact.direction
+        place = shapely.Point(center)
+        beside = min(line.distance(place) for line in lines) - task.cable.radius
+        if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:
+            return Disc(center=(float(center[0]), float(center[1])), radius=radius)
+    return None
