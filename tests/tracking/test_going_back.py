@@ -16,6 +16,7 @@ from cableway.geometry.convex import signed_distance
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
 from cableway.rod.planar import PlanarRod
+from cableway.scene.clearance import body_clearance
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
@@ -101,6 +102,29 @@ def test_a_contact_is_suspected_once_however_often_a_plan_is_looked_for() -> Non
     assert ending.outcome is Outcome.BLOCKED_WAY
     assert asked == [1] * ATTEMPTS
     assert len(loop.suspected) == 1
+
+
+def test_a_peg_felt_beside_a_wide_hand_is_planned_round() -> None:
+    """The hand stands above where the peg is supposed to be, which is as high as the cable and lower than the hand."""
+    task = replace(TASK, grippers=replace(TASK.grippers, body="2f-85"), scene=replace(TASK.scene, wall_height=0.001))
+    loop = led(task)
+    assert loop.task.grippers.pieces
+    asked: list[Task] = []
+
+    def replan(task: Task, left: Plan) -> Plan:
+        asked.append(task)
+        return replace(PLAN, metadata={"from": "there"})
+
+    watch, back = Watch(Recovery(replan=replan), CONTROL_STEP), PLAN.shapes[5]  # where the grippers go back to
+    assert watch.avoid(loop, Contact(back[1] + 0.003 * outward(back), -outward(back))) is None
+    (disc,), (now,) = loop.suspected, asked
+    blind = [body_clearance(body, loop.poses[None], Scene(obstacles=(replace(disc, height=None),), wall_height=0.001))
+             for body in task.grippers.pieces]  # fmt: skip
+    assert min(blind) < 0, "were it as high as can be, the hand would be in it"
+    assert disc.height is not None
+    assert disc.height >= 2 * task.cable.radius
+    assert now.scene.obstacles[-1] == disc
+    assert min(body_clearance(body, loop.poses[None], now.scene) for body in task.grippers.pieces) > 0
 
 
 class HeldByFriction(HalfHidden):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOST, Loop
-from cableway.tracking.observed import at_rest, clearance, distances, hysteresis, mean, root_mean_square
+from cableway.tracking.observed import LEAVING, at_rest, clearance, distances, hysteresis, mean, root_mean_square
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
 
@@ -219,9 +219,9 @@ class Watch:
         return float(self._kept(task, plan)[round(progress * plan.steps) :].min()) < -self._recovery.room
 
     def _kept(self, task: Task, plan: Plan) -> Float[np.ndarray, "t"]:
-        """Clearance [m] of each row of a plan."""
+        """Clearance [m] of each row of a plan, as `observed.clearance` has it."""
         if self._checked is None or self._checked[0] is not plan or self._checked[1] != task.scene:
-            self._checked = plan, task.scene, clearances(plan.shapes, plan.poses, task).min(axis=1)
+            self._checked = plan, task.scene, clearances(plan.shapes, plan.poses, task, LEAVING).min(axis=1)
         return self._checked[2]
 
     def takes_for_friction(self, contact: Contact) -> bool:
@@ -312,10 +312,11 @@ class Watch:
         if isinstance(keypoints, Ending):
             return keypoints._replace(outcome=failed) if keypoints.outcome is Outcome.NO_PLAN else keypoints
         if contact is not None:
-            loop.suspected.extend(_suspected(contact, keypoints, loop.task))
+            loop.suspected.extend(_suspected(contact, keypoints, loop.poses, loop.task))
         if wrong := disagreement(keypoints, loop.poses, loop.state.reference):
             return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
-        if first and why is not None and clearances(keypoints[None], loop.poses[None], loop.task).min() < LEAST_ROOM:
+        least = clearances(keypoints[None], loop.poses[None], loop.task, LEAVING).min()
+        if first and why is not None and least < LEAST_ROOM:
             return Ending(failed, "the cable touches something")
         try:
             found = loop.compute(lambda: self._plan_from(loop, keypoints, why is None), status)
@@ -369,10 +370,13 @@ class Watch:
         return task, self._recovery.replan(task, loop.plan)
 
 
-def _suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> list[Disc]:
+def _suspected(
+    contact: Contact, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], task: Task
+) -> list[Disc]:
     """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies.
 
-    None where something known is near, what was suspected before included.
+    It is as high as the cable at least, and no higher than what of a gripper is above it now or will be at the goal:
+    for all that is known, anything in between. None where something known is near, what was suspected before included.
     """
     if task.scene.signed_distance(contact.place) < KNOWN:
         return []
@@ -383,5 +387,15 @@ def _suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task
         place = shapely.Point(center)
         beside = min(line.distance(place) for line in lines) - task.cable.radius
         if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:
-            return [Disc(center=(float(center[0]), float(center[1])), radius=radius)]
+            least = _lowest_above(place.buffer(radius + LEAST_ROOM), (poses, task.gripper_poses("goal")), task)
+            if least >= 2 * task.cable.radius:
+                height = least if math.isfinite(least) else None
+                return [Disc(center=(float(center[0]), float(center[1])), radius=radius, height=height)]
     return []
+
+
+def _lowest_above(place: shapely.Polygon, poses: Sequence[Float[np.ndarray, "2 3"]], task: Task) -> float:
+    """Height [m] of the lowest body, more than a disc, of grippers at some poses above a place; infinite without."""
+    solid = [body for body in task.bodies if len(body.outline) > 1]
+    above = (b.heights[0] for at in poses for b in solid if shapely.Polygon(b.placed(at[b.side])).intersects(place))
+    return min(above, default=math.inf)
