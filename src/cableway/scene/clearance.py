@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
 from jaxtyping import Float, Int
 
 from cableway.geometry import polyline
@@ -118,3 +119,10 @@ def clearances(
     found += [body_clearance(body, poses, task.scene) for body in task.outer_bodies]
     others = [bodies_gap(task.body_pairs, poses), cable_gap(task.bodies, lines, poses, task.cable, margin)]
     return np.column_stack([*found, *(gap for gap in others if np.isfinite(gap).all())])
+
+
+def lowest_above(place: shapely.Polygon, poses: Sequence[Float[np.ndarray, "2 3"]], bodies: Sequence[Body]) -> float:
+    """Height [m] of the lowest body, more than a disc, of grippers at some poses above a place; infinite without."""
+    placed = ((body.heights[0], body.placed(at[body.side])) for at in poses for body in bodies)
+    above = (low for low, line in placed if len(line) > 1 and shapely.Polygon(line).intersects(place))
+    return min(above, default=math.inf)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
 from cableway.rod.contact import contact_on
 from cableway.rod.inverse import nearest_shapes
-from cableway.scene.clearance import clearances
+from cableway.scene.clearance import clearances, lowest_above
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
@@ -315,8 +315,8 @@ class Watch:
             loop.suspected.extend(_suspected(contact, keypoints, loop.poses, loop.task))
         if wrong := disagreement(keypoints, loop.poses, loop.state.reference):
             return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
-        least = clearances(keypoints[None], loop.poses[None], loop.task, LEAVING).min()
-        if first and why is not None and least < LEAST_ROOM:
+        room = clearances(keypoints[None], loop.poses[None], loop.task, LEAVING)
+        if first and why is not None and room.min() < LEAST_ROOM:
             return Ending(failed, "the cable touches something")
         try:
             found = loop.compute(lambda: self._plan_from(loop, keypoints, why is None), status)
@@ -387,15 +387,8 @@ def _suspected(
         place = shapely.Point(center)
         beside = min(line.distance(place) for line in lines) - task.cable.radius
         if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:
-            least = _lowest_above(place.buffer(radius + LEAST_ROOM), (poses, task.gripper_poses("goal")), task)
+            least = lowest_above(place.buffer(radius + LEAST_ROOM), [poses, task.gripper_poses("goal")], task.bodies)
             if least >= 2 * task.cable.radius:
-                height = least if math.isfinite(least) else None
-                return [Disc(center=(float(center[0]), float(center[1])), radius=radius, height=height)]
+                at, height = (float(center[0]), float(center[1])), None if math.isinf(least) else least
+                return [Disc(center=at, radius=radius, height=height)]
     return []
-
-
-def _lowest_above(place: shapely.Polygon, poses: Sequence[Float[np.ndarray, "2 3"]], task: Task) -> float:
-    """Height [m] of the lowest body, more than a disc, of grippers at some poses above a place; infinite without."""
-    solid = [body for body in task.bodies if len(body.outline) > 1]
-    above = (b.heights[0] for at in poses for b in solid if shapely.Polygon(b.placed(at[b.side])).intersects(place))
-    return min(above, default=math.inf)
