@@ -11,9 +11,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cableway.control.limits import last_filter, span_limit, within_limits
-from cableway.scene.clearance import bodies_gap
+from cableway.geometry.groups import SE2
+from cableway.rod.inverse import fit_keypoints, meet_poses
+from cableway.scene.clearance import bodies_gap, cable_gap
 from cableway.scene.files.loading import load_task
+from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.obstacles import Disc
+from cableway.scene.scene import Scene
 from cableway.scene.task import Grippers
 from cableway.tasks.generation import random_task
 
@@ -86,6 +90,36 @@ def test_hands_are_not_led_into_each_other_or_into_a_post():
     np.testing.assert_array_equal(last_filter(-together, at, empty, 1.0), -together)
     post = task.in_scene(replace(task.scene, obstacles=(Disc(center=(0.33, 0.4), radius=0.005, height=0.2),)))
     assert np.abs(last_filter(-together, at, post, 1.0)[0]).max() < 0.012
+
+
+def test_a_hand_is_not_led_onto_the_cable():
+    """Commands that would lead a bar across the end of a cable onto it are cut; the same commands back are not."""
+    outline = np.array([[-0.01, -0.06], [0.01, -0.06], [0.01, 0.06], [-0.01, 0.06]])
+    bars = Grippers(body=(BodyPart(outline=outline, heights=(0.002, 0.01)),))
+    task, rng = random_task(0, "posts"), np.random.default_rng(2)
+    task = replace(task, scene=Scene((0.8, 0.8), (), 0.001), grippers=bars)
+    q = task.start_equilibrium + rng.normal(size=(4000, 6)) * [0.0, 0.0, 0.3, 20, 20, 6]
+    stations, poses = task.cable.rod.shapes(q)
+    near = (np.abs(cable_gap(task.bodies, stations, poses, task.cable) - 0.002) < 0.0015) & (
+        bodies_gap(task.body_pairs, poses) > 0.03
+    )
+    cut = 0
+    for lies, at in zip(task.cable.rod.at_keypoints(stations[near])[:20], poses[near], strict=False):
+        for turn in (-0.08, 0.08):
+            for side in range(2):
+                action = np.zeros((2, 3))
+                action[side, 2] = turn
+                sent = last_filter(action, at, task, 1.0, lies=lies)
+                np.testing.assert_array_equal(last_filter(action, at, task, 1.0), action)
+                ends = SE2.plus(at, np.array([[[0.0]], [[1.0]]]) * sent)
+                q = fit_keypoints(task.cable.rod, lies)[0]
+                gaps = []
+                for end in ends:
+                    q = meet_poses(task.cable.rod, end, q[None])[0]
+                    gaps.append(cable_gap(task.bodies, task.cable.rod.shapes(q[None])[0], end[None], task.cable)[0])
+                assert gaps[1] > min(gaps[0], 0.0) - 1e-4
+                cut += (sent != action).any()
+    assert 3 < cut < 77
 
 
 def test_a_plug_is_kept_out_of_what_is_not_its_port():

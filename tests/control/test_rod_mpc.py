@@ -20,17 +20,18 @@ from cableway.estimation.rod_filter import EstimatorConfig, RodEstimator
 from cableway.estimation.rod_kernels import predict
 from cableway.geometry import convex
 from cableway.geometry.groups import SE2
-from cableway.motion.limits import BodyPoints
-from cableway.motion.terms import body_shortfall, clearance_shortfall, span_excess
+from cableway.motion.limits import BodyMeetings, BodyPoints
+from cableway.motion.terms import bodies_shortfall, body_shortfall, cable_shortfall, clearance_shortfall, span_excess
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan, Rollout
 from cableway.rod import material
-from cableway.rod.fitting import fit_along
+from cableway.rod.fitting import fit_along, scales
 from cableway.rod.inverse import fit_keypoints, shape_between
 from cableway.rod.kernels import batch_shapes
 from cableway.rod.material import CURVATURE, GRASPS, LENGTH, STIFFNESS
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
+from cableway.scene.clearance import bodies_gap, cable_gap
 from cableway.scene.grippers import Plug
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
@@ -134,8 +135,8 @@ def test_what_the_controller_keeps_clear_of_costs_as_in_motion(seed: int) -> Non
     bodies, world, offset = BodyPoints.of(task), task.scene.world, np.zeros((49, 2))
     normal, gradient = np.empty((12, 12)), np.empty(12)
     cost = rod_kernels.assemble(
-        q, PLAN.poses[2], p, modes, ROD.stride, offset, WANTED, bodies, world.arrays, LIMITS,
-        Weights(0.0, 0.0, 0.05, 0.0, 30.0, 100.0, 0.0), normal, gradient,
+        q, PLAN.poses[2], p, modes, ROD.stride, offset, WANTED, bodies, BodyMeetings.of(task), world.arrays,
+        LIMITS, Weights(0.0, 0.0, 0.05, 0.0, 30.0, 100.0, 0.0), normal, gradient,
     )  # fmt: skip
     stations, _, ends, _ = batch_shapes(q, p, modes, 0)
     cable = [clearance_shortfall(line[1:-1], world, LIMITS.cable_radius + keep)[0]
@@ -161,7 +162,7 @@ def test_the_cost_and_its_derivative_agree(seed: int) -> None:
     def cost(q: np.ndarray) -> float:
         return rod_kernels.assemble(
             q, PLAN.poses[2], p, modes, ROD.stride, np.full((49, 2), 1e-3), WANTED, BodyPoints.of(task),
-            task.scene.world.arrays, LIMITS, weights, normal, gradient,
+            BodyMeetings.of(task), task.scene.world.arrays, LIMITS, weights, normal, gradient,
         )  # fmt: skip
 
     cost(q)
@@ -173,6 +174,73 @@ def test_the_cost_and_its_derivative_agree(seed: int) -> None:
             nudge[t, k] = 1e-6 * scale[k]
             numeric = (cost(q + nudge) - cost(q - nudge)) / 2e-6
             assert exact[t, k] == pytest.approx(numeric, rel=2e-4, abs=1e-7)
+
+
+def hands() -> Task:
+    """With a 2F-85."""
+    return next(task for seed in range(9) if (task := random_task(seed, "posts")).grippers.body == "2f-85")
+
+
+def near_hands(task: Task, count: int) -> np.ndarray:
+    """Shapes whose hands come near to each other, and others near to the cable."""
+    rng = np.random.default_rng(1)
+    q = task.start_equilibrium + rng.normal(size=(4000, 6)) * [0.0, 0.0, 0.3, 12, 12, 3]
+    stations, poses = task.cable.rod.shapes(q)
+    gaps = bodies_gap(task.body_pairs, poses), cable_gap(task.bodies, stations, poses, task.cable, 0.02)
+    return np.concatenate([q[np.abs(gap) < 0.01][:count] for gap in gaps])
+
+
+def test_hands_from_each_other_and_from_the_cable_cost_as_in_motion() -> None:
+    """And the slope of it is that of the cost."""
+    task = hands()
+    task = task.in_scene(replace(task.scene, obstacles=(), wall_height=0.001))
+    rod, meetings, weight = task.cable.rod, BodyMeetings.of(task), 30.0
+    (p, modes), q = rod.arrays, near_hands(task, 4)
+    bodies, world, offset = BodyPoints.of(task), task.scene.world.arrays, np.zeros((2 * rod.hinges + 1, 2))
+    normal, gradient, keep = np.empty((6, 6)), np.empty(6), 0.02
+
+    def cost(row: np.ndarray) -> float:
+        wanted = Wanted(task.start[None], np.zeros((1, 2, 3)), np.zeros((1, 3)), np.ones(1), np.array([keep]))
+        return rod_kernels.assemble(
+            row[None], np.zeros((2, 3)), p, modes, rod.stride, offset, wanted, bodies, meetings, world,
+            Limits(1.0, 1.0, 0.0, task.cable.radius), Weights(0.0, 0.0, 0.05, 0.0, weight, 0.0, 0.0), normal, gradient,
+        )  # fmt: skip
+
+    met = np.zeros(2)
+    for row in q:
+        stations, poses = rod.shapes(row[None])
+        lacks = bodies_shortfall(task.body_pairs, poses, keep)[0], cable_shortfall(stations, poses, task, keep)[0]
+        squares = np.array([np.sum(lack**2) for lack in lacks])
+        met += squares > 0
+        found, exact = cost(row), gradient.copy()
+        assert found == pytest.approx(weight * squares.sum() / 2, rel=1e-9)
+        for k, unit in enumerate(scales(p[0])):
+            nudge = 1e-6 * unit * (np.arange(6) == k)
+            numeric = (cost(row + nudge) - cost(row - nudge)) / 2e-6
+            assert exact[k] == pytest.approx(numeric, rel=1e-3, abs=1e-6)
+    assert (met >= 3).all()
+
+
+def test_discs_meet_nothing() -> None:
+    """So that nothing is computed for them."""
+    assert len(BodyMeetings.of(TASK).side) == 0
+    assert len(BodyMeetings.of(hands()).side) == 6
+
+
+def test_hands_are_led_apart() -> None:
+    """Where the plan brings them within less than the clearance that is kept, the next action opens the gap."""
+    task = hands()
+    task = task.in_scene(replace(task.scene, obstacles=(), wall_height=0.001))
+    shapes, poses = task.cable.rod.shapes(near_hands(task, 12))
+    gap = bodies_gap(task.body_pairs, poses)
+    row = int(np.flatnonzero((gap > 0) & (gap < 0.005))[0])
+    plan = Plan(
+        np.repeat(task.cable.rod.at_keypoints(shapes)[row : row + 1], 30, 0), np.repeat(poses[row : row + 1], 30, 0)
+    )
+    controller = RodMPC(RodMPCConfig(hold=0.0))
+    state, at = controller.init(task, plan), poses[row]
+    action = controller.step(state, Observation(0.0, plan.shapes[0], at))[0]
+    assert bodies_gap(task.body_pairs, SE2.plus(at, action)[None])[0] > gap[row] + 1e-4
 
 
 @pytest.mark.parametrize("seed", [0, 1, 3, 4])
@@ -574,7 +642,7 @@ def test_frames_taken_earlier_or_later_are_no_contact() -> None:
 
 def test_a_post_that_appears_counts_for_the_whole_hand():
     """Which pieces of a gripper could touch something depends on how high that is."""
-    task = next(task for seed in range(9) if (task := random_task(seed, "posts")).grippers.body == "2f-85")
+    task = hands()
     plan = Plan(np.repeat(task.start[None], 3, axis=0), np.repeat(task.gripper_poses("start")[None], 3, axis=0))
     controller = RodMPC()
     state = controller.init(task, plan)

@@ -15,12 +15,14 @@ from cableway.core.errors import InputError, TaskError
 from cableway.geometry import se2
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
+from cableway.scene.clearance import body_clearance
 from cableway.scene.files.loading import load_task, task_names
 from cableway.scene.files.saving import save_task
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Polygon
 from cableway.scene.scene import Scene
 from cableway.scene.task import RESUMED_STABILITY, Task
+from cableway.tasks.generation import random_task
 
 LINE = np.column_stack([np.linspace(0.2, 0.5, 13), np.full(13, 0.1)])
 
@@ -219,6 +221,23 @@ def test_a_cable_that_touches_something_is_resumed_from_just_beside_it(depth):
     resumed = task(scene=Scene(obstacles=(disc,))).resumed_from(measured)
     assert float(resumed.scene.clearance(resumed.start[None], resumed.cable.radius)[0]) > 0.0008
     assert np.linalg.norm(resumed.start - measured, axis=1).max() < depth + 0.003
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_hand_in_a_post_is_resumed_from_just_beside_it(side):
+    """A gripper pose is known as well as the end of the cable is seen."""
+    made = next(made for seed in range(9) if (made := random_task(seed, "posts")).grippers.body == "2f-85")
+    x, y, angle = made.gripper_poses("start")[0]
+    center = np.array([x, y]) + side * (0.0635 + 0.02 - 0.004) * se2.direction(angle + np.pi / 2)
+    post = Disc(center=(float(center[0]), float(center[1])), radius=0.02, height=0.09)
+    seen = made.in_scene(Scene((0.8, 0.8), (post,), 0.001))
+    resumed = seen.resumed_from(made.start)
+    before, after = (
+        min(body_clearance(body, each.gripper_poses("start")[None], seen.scene)[0] for body in made.grippers.pieces)
+        for each in (seen, resumed)
+    )
+    assert before < 0 < after
+    assert np.linalg.norm(resumed.start - made.start, axis=1).max() < 0.01
 
 
 def test_a_cable_deep_in_something_is_not_resumed():

@@ -105,6 +105,24 @@ def test_a_cable_led_into_an_obstacle_touches_it_and_hardly_enters() -> None:
     assert -0.001 < least <= 0
 
 
+@pytest.mark.parametrize("height", [0.001, 0.012, 0.2])
+def test_obstacles_are_as_high_as_stated_and_the_lowest_stops_the_cable(height: float) -> None:
+    """Led on for 40 mm over where the disc stands, the cable is held up by one lower than its middle, too."""
+    middle = OPEN.start[6]
+    away = middle - OPEN.start[[0, -1]].mean(axis=0)
+    away /= np.linalg.norm(away)
+    disc = Disc(center=tuple((middle + 0.04 * away).tolist()), radius=0.02, height=height)
+    plant = TablePlant(replace(OPEN, scene=replace(OPEN.scene, obstacles=(disc,))))
+    geom, stands = plant.model.geom("obstacle 0"), max(height, 2 * OPEN.cable.radius)
+    np.testing.assert_allclose([geom.pos[2], geom.size[1]], [stands / 2, stands / 2])
+    least = np.inf
+    for _ in range(10):
+        plant.step(np.array([[*0.004 * away, 0.0]] * 2))
+        least = min(least, plant.measure().clearance)
+    assert -0.001 < least <= 0
+    assert np.abs(plant._data.xpos[1 : plant.config.segments + 1, 2] - OPEN.cable.radius).max() < 0.002
+
+
 def test_the_same_run_is_the_same_and_a_branch_goes_on_bit_for_bit() -> None:
     plant, action = TablePlant(TASK), np.array([[0.002, 0.001, 0.01]] * 2)
     moved(plant, action, 3)

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from quasi_static import GOAL, START, QuasiStaticPlant, outward, straight_plan, task_for
 
 from cableway.control.open_loop import OpenLoop
 from cableway.core.errors import PlanningError
+from cableway.geometry import se2
+from cableway.geometry.groups import SE2
 from cableway.outcome import KEYPOINTS, Outcome
 from cableway.records import Observation, Plan
 from cableway.rod.inverse import nearest_shapes
@@ -17,7 +20,9 @@ from cableway.scene.clearance import clearances
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.tasks.generation import random_task
 from cableway.tracking import Recovery, track
+from cableway.tracking.observed import clearance
 from cableway.tracking.recovery import AHEAD, NEAR, Watch
 
 UNIFORM = PlanarRod(0.3)
@@ -89,3 +94,19 @@ def test_a_cable_that_rests_almost_a_failure_away_from_its_goal_is_led_on_while_
     for stacked, missed in ((0.02, False), (0.029, True), (0.028, False), (np.nan, False), (0.025, True)):
         shape = PLAN.shapes[-1] + [stacked / np.sqrt(KEYPOINTS), 0.0]
         assert watch.is_off_goal(Observation(0.0, shape, PLAN.poses[-1]), PLAN, TASK) == missed, stacked
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_frame_older_than_the_gripper_poses_shows_no_hand_on_its_own_cable(seed: int) -> None:
+    """Hands that go on at full speed along the cable, each way, 150 mm from all else."""
+    task = random_task(seed, "posts")
+    assert task.grippers.pieces
+    task = task.in_scene(Scene((5.0, 5.0), (), 0.001))
+    shape, poses = task.start + 2.0, task.gripper_poses("start") + [2.0, 2.0, 0.0]
+    plan = Plan(np.repeat(shape[None], 2, axis=0), np.repeat(poses[None], 2, axis=0))
+    for ahead in (-task.grippers.max_step, task.grippers.max_step):
+        watch = Watch(Recovery(replan=nowhere), CONTROL_STEP)
+        late = SE2.plus(poses, np.stack([[*(ahead * se2.direction(pose[2])), 0.0] for pose in poses]))
+        frames = [Observation(0.0, shape, at) for at in (poses, poses, poses, late)]
+        assert not any(watch.is_closing_in(frame, plan, 0.0, task) for frame in frames)
+        assert clearance(frames[-1], task) > 0.01

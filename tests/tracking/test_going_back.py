@@ -16,6 +16,7 @@ from cableway.geometry.convex import signed_distance
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
 from cableway.rod.planar import PlanarRod
+from cableway.scene.clearance import body_clearance
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
@@ -111,11 +112,35 @@ def test_a_cable_that_still_lies_at_the_contact_goes_back_farther() -> None:
     place, later = PLAN.shapes[10, 6], PLAN.shapes[20, 6]
     contact = Contact(place, (place - later) / np.linalg.norm(place - later))
     back = PLAN.shapes[28 - round(BACK / CONTROL_STEP)]
-    assert not has_left(contact, back, TASK)
-    assert not suspected(contact, back, TASK)
+    back_poses = PLAN.poses[28 - round(BACK / CONTROL_STEP)]
+    assert not has_left(contact, back, back_poses, TASK)
+    assert not suspected(contact, back, back_poses, TASK)
     assert watch.avoid(loop, contact) is None
     np.testing.assert_allclose(loop.poses, PLAN.poses[0], atol=1e-6)
     assert len(loop.suspected) == 1
+
+
+def test_a_peg_felt_beside_a_wide_hand_is_planned_round() -> None:
+    """The hand stands above where the peg is supposed to be, which is as high as the cable and lower than the hand."""
+    task = replace(TASK, grippers=replace(TASK.grippers, body="2f-85"), scene=replace(TASK.scene, wall_height=0.001))
+    loop = led(task)
+    assert loop.task.grippers.pieces
+    asked: list[Task] = []
+
+    def replan(task: Task, left: Plan) -> Plan:
+        asked.append(task)
+        return replace(PLAN, metadata={"from": "there"})
+
+    watch, back = Watch(Recovery(replan=replan), CONTROL_STEP), PLAN.shapes[5]  # where the grippers go back to
+    assert watch.avoid(loop, Contact(back[1] + 0.003 * outward(back), -outward(back))) is None
+    (disc,), (now,) = loop.suspected, asked
+    blind = [body_clearance(body, loop.poses[None], Scene(obstacles=(replace(disc, height=None),), wall_height=0.001))
+             for body in task.grippers.pieces]  # fmt: skip
+    assert min(blind) < 0, "were it as high as can be, the hand would be in it"
+    assert disc.height is not None
+    assert disc.height >= 2 * task.cable.radius
+    assert now.scene.obstacles[-1] == disc
+    assert min(body_clearance(body, loop.poses[None], now.scene) for body in task.grippers.pieces) > 0
 
 
 class HeldByFriction(HalfHidden):

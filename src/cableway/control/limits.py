@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from cableway.estimation.rod_filter import MET
 from cableway.geometry.groups import SE2
 from cableway.motion.validity import gripper_spans
+from cableway.rod.fitting import meet_ends
+from cableway.rod.inverse import fit_keypoints
 from cableway.scene.bodies import RIGHT, Body
-from cableway.scene.clearance import bodies_gap, body_clearance
+from cableway.scene.clearance import bodies_gap, body_clearance, cable_gap
 from cableway.scene.task import CONTROL_STEP, Grippers, Task
 
 MARGIN = 1.0 - 1e-9
@@ -59,13 +62,15 @@ def last_filter(
     task: Task,
     max_span: float,
     before: Float[np.ndarray, "2 3"] | None = None,
+    lies: Float[np.ndarray, "n 2"] | None = None,
 ) -> Float[np.ndarray, "2 3"]:
     """What of an action may leave for the plant, whoever made it.
 
     No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at all
     where it is not: the grippers farther apart than `max_span`, or nearer to each other than `Grippers.least_span`;
-    a body of theirs in an obstacle, a wall or a body of the other, but for a plug before its port. An action that
-    breaks one of the latter is made in part, in steps of a quarter.
+    a body of theirs in an obstacle, a wall, a body of the other or the cable, but for a plug before its port. An action
+    that breaks one of the latter is made in part, in steps of a quarter. Where the cable will be is what its nominal
+    rod says, led on from where it was seen.
 
     Where the task limits acceleration, the change from one action to the next is limited, too; but the grippers stop
     faster than that where they would otherwise come too far apart, too near to each other, or into an obstacle.
@@ -76,6 +81,7 @@ def last_filter(
         task: Limits, scene and bodies.
         max_span: Largest distance [m] of the grippers at which the cable is not taut.
         before: (2, 3) the action of the control step before [m, m, rad]; None where there is none to compare with.
+        lies: (n, 2) keypoints of the cable as it was last seen whole [m]; None where it was not.
     """
     action = np.asarray(action, float)
     if not np.isfinite(action).all():
@@ -89,6 +95,8 @@ def last_filter(
     kept = np.column_stack([kept, gripper_spans(reached) - task.grippers.least_span])
     if task.body_pairs:
         kept = np.column_stack([kept, bodies_gap(task.body_pairs, reached)])
+    if lies is not None and any(body.meets_cable(task.cable.radius) for body in task.bodies):
+        kept = np.column_stack([kept, _cable_room(lies, reached, task)])
     allowed = (kept >= np.minimum(kept[0], 0.0) - ROUNDING).all(axis=1)
     # the first share that is not allowed bounds those that are
     share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0
@@ -106,6 +114,22 @@ def _body_room(body: Body, poses: Float[np.ndarray, "k 2 3"], task: Task) -> Flo
     tip = task.port.alignment(task.plug, poses[:, RIGHT])
     entering = (tip.depth > -task.port.standoff) & (np.abs(tip.lateral) <= task.plug.width)
     return np.where(entering & (np.abs(tip.angle) <= ASKEW), np.inf, room)
+
+
+def _cable_room(
+    lies: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "k 2 3"], task: Task
+) -> Float[np.ndarray, "k"]:
+    """Least clearance [m] of bodies from a cable that lay along keypoints, led to gripper `poses` one after the other.
+
+    Infinite where its nominal rod cannot be held so.
+    """
+    rod, room = task.cable.rod, np.full(len(poses), np.inf)
+    q = rod.continued(fit_keypoints(rod, lies)[0], poses[0])
+    for k, ends in enumerate(poses):
+        if meet_ends(q, ends, *rod.arrays) > MET:
+            break
+        room[k] = cable_gap(task.bodies, rod.shapes(q[None])[0], ends[None], task.cable)[0]
+    return room
 
 
 def _within_acceleration(

@@ -3,8 +3,9 @@
 Arrays are those of `cableway.rod.fitting`; theta is laid out as in `cableway.rod.material`.
 
 Note:
-    Clearance and gripper span are the terms of `cableway.motion.terms`, by the same points round the bodies. Here they
-    go row by row into the normal equations, without arrays of slopes in between: one optimisation takes a millisecond.
+    Clearance, of bodies from each other and from the cable too, and gripper span are the terms of
+    `cableway.motion.terms`, by the same points round the bodies. Here they go row by row into the normal equations,
+    without arrays of slopes in between: one optimisation takes a millisecond.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.compiled import inlined, kernel
-from cableway.geometry.convex import nearest_obstacle
+from cableway.geometry.convex import convex_distance, nearest_obstacle
 from cableway.rod.fitting import scaled_shape, scales, workspace
 from cableway.rod.least_squares import Rule, add_row, advance, begin
 
@@ -140,6 +141,68 @@ def _add_clearance(
 
 
 @inlined
+def _add_meetings(
+    normal,
+    gradient,
+    stations,
+    dstations,
+    ends,
+    dends,
+    offset,
+    meetings,
+    length,
+    cable_radius,
+    wanted,
+    weight,
+    rates,
+    at,
+):
+    """Add what bodies lack of clearance from each other and from the cable, with the offset. Returns the cost."""
+    last, cost = len(stations) - 1, 0.0
+    for m in range(len(meetings.side)):
+        side, first, count = meetings.side[m], meetings.begins[m], meetings.begins[m + 1] - meetings.begins[m]
+        place, spot, radius, start, arm_x, arm_y = last * side, last * (1 - side), 0.0, 0, 0.0, 0.0
+        at_x, at_y = stations[place, 0] + offset[place, 0], stations[place, 1] + offset[place, 1]
+        cable = count == 0
+        if cable:
+            radius = cable_radius
+            start = math.ceil((meetings.reach[m] + cable_radius + wanted) * last / length)
+            count = last + 1 - start
+        elif (
+            math.hypot(stations[spot, 0] + offset[spot, 0] - at_x, stations[spot, 1] + offset[spot, 1] - at_y)
+            >= meetings.reach[m] + wanted
+        ):
+            count = 0
+        c, s, co, so = math.cos(ends[side, 2]), math.sin(ends[side, 2]), 1.0, 0.0
+        if not cable:
+            co, so = math.cos(ends[1 - side, 2]), math.sin(ends[1 - side, 2])
+        for i in range(count):
+            if cable:
+                spot = start + i if side == 0 else i
+            else:
+                px, py = meetings.at[first + i, 0], meetings.at[first + i, 1]
+                arm_x, arm_y = co * px - so * py, so * px + co * py
+            x, y = (
+                stations[spot, 0] + offset[spot, 0] + arm_x - at_x,
+                stations[spot, 1] + offset[spot, 1] + arm_y - at_y,
+            )
+            distance, gx, gy = convex_distance(
+                c * x + s * y, c * y - s * x, meetings.outline[m], meetings.counts[m], radius
+            )
+            short = wanted - distance
+            if short > 0.0:
+                gx, gy = c * gx - s * gy, s * gx + c * gy
+                for a in range(len(rates)):
+                    turn, other = dends[side, 2, a], 0.0 if cable else dends[1 - side, 2, a]
+                    dx = dstations[spot, 0, a] - arm_y * other - dstations[place, 0, a] + y * turn
+                    dy = dstations[spot, 1, a] + arm_x * other - dstations[place, 1, a] - x * turn
+                    rates[a] = -gx * dx - gy * dy
+                add_row(normal, gradient, rates, short, weight, at)
+                cost += weight * short * short
+    return cost
+
+
+@inlined
 def _add_motion(normal, gradient, ends, dends, last, dlast, wanted, limits, weights, rates, earlier, at):
     """Add how far the motion of the ends is from the one wanted (2, 3), and beyond its limits. Returns the cost."""
     w_motion, lever, w_limit = weights.motion, weights.turn_lever, weights.limits
@@ -181,7 +244,7 @@ def _add_separation(normal, gradient, ends, dends, least, most, weight, rates, a
 
 
 @inlined
-def assemble(q, before, p, modes, stride, offset, wanted, bodies, world, limits, weights, normal, gradient):
+def assemble(q, before, p, modes, stride, offset, wanted, bodies, meetings, world, limits, weights, normal, gradient):
     """Half the sum of the squares over the horizon, its Gauss-Newton matrix (lower) and gradient, see `rod_mpc`.
 
     Unknowns are counted in units of `scales`.
@@ -193,6 +256,7 @@ def assemble(q, before, p, modes, stride, offset, wanted, bodies, world, limits,
         offset: (2N+1, 2) [m] added to every station.
         wanted: `Wanted`.
         bodies: `cableway.motion.limits.BodyPoints`.
+        meetings: `cableway.motion.limits.BodyMeetings`.
         world: arrays of `convex.ConvexWorld`.
         limits: `Limits`.
         weights: `Weights`.
@@ -221,6 +285,10 @@ def assemble(q, before, p, modes, stride, offset, wanted, bodies, world, limits,
             normal, gradient, stations, dstations, ends, dends, offset, bodies, world, limits.cable_radius,
             wanted.clearance[t], weights.clearance, rates, at,
         )  # fmt: skip
+        cost += _add_meetings(
+            normal, gradient, stations, dstations, ends, dends, offset, meetings, p[0], limits.cable_radius,
+            wanted.clearance[t], weights.clearance, rates, at,
+        )  # fmt: skip
         cost += _add_motion(
             normal, gradient, ends, dends, last, dlast, wanted.steps[t], limits, weights, rates, earlier, at
         )
@@ -233,7 +301,7 @@ def assemble(q, before, p, modes, stride, offset, wanted, bodies, world, limits,
 
 
 @kernel
-def optimize(q, before, p, modes, stride, offset, wanted, bodies, world, limits, weights):
+def optimize(q, before, p, modes, stride, offset, wanted, bodies, meetings, world, limits, weights):
     """Damped least squares on `assemble` from q (H, 6), which it changes."""
     search, units = begin(q.ravel()), np.empty(q.size)
     scale = scales(p[0])
@@ -241,8 +309,8 @@ def optimize(q, before, p, modes, stride, offset, wanted, bodies, world, limits,
         units[a] = scale[a % len(scale)]
     while True:
         cost = assemble(
-            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, bodies, world, limits, weights,
-            search.trial_normal, search.trial_gradient,
+            search.trial.reshape(q.shape), before, p, modes, stride, offset, wanted, bodies, meetings, world, limits,
+            weights, search.trial_normal, search.trial_gradient,
         )  # fmt: skip
         if not advance(search, cost, units, CORRECTION):
             break

@@ -10,7 +10,7 @@ end poses once all that was sent is done, and s_ref,k the plan's shapes:
         sum_k  w_s |s(q_k) + b - s_ref,k|^2                           tracking
              + w_m |e(q_k) - e(q_{k-1}) - (e*_k - e*_{k-1})|_R^2      motion, fed forward from the fit
              + w_l |l(q_k) - l*_k|^2                                  load: away from folds, where shapes vanish
-             + w_c max(0, d_k - clearance)^2                          of every station and the bodies
+             + w_c max(0, d_k - clearance)^2                          of stations and bodies
              + w_g max(0, gap - max_span)^2 + max(0, least - gap)^2    distance between the ends
              + w_b max(0, step - largest)^2                           limits of the grippers
 
@@ -41,7 +41,7 @@ from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
 from cableway.estimation.rod_filter import MET, EstimatorConfig
 from cableway.motion.interpolation import rows_at
-from cableway.motion.limits import BodyPoints
+from cableway.motion.limits import BodyMeetings, BodyPoints
 from cableway.motion.time_parametrization import gripper_effort
 from cableway.records import Observation, Plan
 from cableway.rod import kernels
@@ -132,6 +132,7 @@ class RodMPCState(EstimatingState):
         clearance: (T + 1,) least clearance of the plan's rows [m].
         limits: Of grippers and cable.
         bodies: What moves with the grippers.
+        meetings: What of it could meet the other gripper's or the cable.
     """
 
     shapes: Float[np.ndarray, "t d"]
@@ -139,6 +140,7 @@ class RodMPCState(EstimatingState):
     clearance: Float[np.ndarray, "t"]
     limits: rod_kernels.Limits
     bodies: BodyPoints
+    meetings: BodyMeetings
 
 
 class RodMPC(Controller[RodMPCState]):
@@ -160,7 +162,8 @@ class RodMPC(Controller[RodMPCState]):
         )
         state = RodMPCState(
             **beginning, shapes=shapes, fits=rows_at(shapes, beginning["plan"].rows(0, self.config.horizon + 1)),
-            clearance=_least_clearance(plan, task), limits=limits, bodies=BodyPoints.of(task),
+            clearance=self._least_clearance(plan, task), limits=limits, bodies=BodyPoints.of(task),
+            meetings=BodyMeetings.of(task),
         )  # fmt: skip
         self.step(state, Observation(0.0, plan.shapes[0], plan.poses[0]))  # compiles what a step needs
         return state
@@ -172,7 +175,12 @@ class RodMPC(Controller[RodMPCState]):
     def in_scene(self, state: RodMPCState, task: Task) -> RodMPCState:
         """See `Controller.in_scene`."""
         task = state.task.in_scene(task.scene)
-        return replace(state, task=task, clearance=_least_clearance(state.plan.plan, task), bodies=BodyPoints.of(task))
+        kept = self._least_clearance(state.plan.plan, task)
+        return replace(state, task=task, clearance=kept, bodies=BodyPoints.of(task))
+
+    def _least_clearance(self, plan: Plan, task: Task) -> Float[np.ndarray, "t"]:
+        """Of cable and bodies in each row of a plan [m], of what leaves a gripper only where it could be `far`."""
+        return clearances(plan.shapes, plan.poses, task, self.config.far).min(axis=1)
 
     def step(self, state: RodMPCState, observation: Observation | None) -> tuple[Float[np.ndarray, "2 3"], RodMPCState]:
         """See `Controller.step`."""
@@ -255,7 +263,7 @@ class RodMPC(Controller[RodMPCState]):
         )
         rod_kernels.optimize(
             q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), horizon, state.bodies,
-            state.task.scene.world.arrays, state.limits, config.weights,
+            state.meetings, state.task.scene.world.arrays, state.limits, config.weights,
         )  # fmt: skip
         reached = kernels.batch_shapes(q[:1], p, modes, 0)[2]
         farthest = float(span_limit(ends[1:2], estimate.length, config.max_span)[0])
@@ -275,11 +283,6 @@ def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
         first = fit_keypoints(rod, plan.shapes[0])[0]
         q = np.vstack([first, fit_sequence(rod, plan.shapes[1:], first)])
     return np.array([rod.continued(row, poses) for row, poses in zip(q, plan.poses, strict=True)])
-
-
-def _least_clearance(plan: Plan, task: Task) -> Float[np.ndarray, "t"]:
-    """Of cable and bodies in each row of a plan [m]."""
-    return clearances(plan.shapes, plan.poses, task).min(axis=1)
 
 
 def _at_stations(offset: Float[np.ndarray, "n 2"], stride: int) -> Float[np.ndarray, "s 2"]:

@@ -44,7 +44,7 @@ def is_free(q, space):
         return False
     if crosses_itself(stations) or self_distance(stations, limits.apart) < limits.self_distance:
         return False
-    return arms.count == 0 or arms_are_free(poses, arms)
+    return arms.number == 0 or arms_are_free(poses, arms)
 
 
 @kernel

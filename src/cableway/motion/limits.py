@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from cableway.core.checks import Bounds, Checked
-from cableway.scene.bodies import Body
+from cableway.scene.bodies import Body, padded
 from cableway.scene.cable import Cable
 from cableway.scene.task import Task
 
@@ -94,6 +94,42 @@ class BodyPoints(NamedTuple):
         return cls(
             np.repeat(sides, counts), np.concatenate(points), np.repeat(rounding, counts), np.repeat(lowest, counts)
         )
+
+
+class BodyMeetings(NamedTuple):
+    """What bodies could meet besides obstacles, and what that costs in control: the other gripper's and the cable.
+
+    Each meeting is of one outline, with points `BODY_SPACING` apart round a body of the other gripper, or with the
+    cable, which has no points here.
+
+    Attributes:
+        side: (m,) gripper that each outline moves with.
+        outline: (m, v, 2) [m] in its frame, rows past `counts` unused.
+        counts: (m,) vertices of each.
+        reach: (m,) [m] of the outline from its gripper; together with that of the body that it meets.
+        begins: (m + 1,) index of the first point of each meeting; the last one is their number.
+        at: (k, 2) where the points are in the frame of the other gripper [m].
+    """
+
+    side: Int[np.ndarray, "m"]
+    outline: Float[np.ndarray, "m v 2"]
+    counts: Int[np.ndarray, "m"]
+    reach: Float[np.ndarray, "m"]
+    begins: Int[np.ndarray, "m+1"]
+    at: Float[np.ndarray, "k 2"]
+
+    @classmethod
+    def of(cls, task: Task) -> BodyMeetings:
+        """Those of `Task.body_pairs`, each way, and of the bodies that could meet the cable; none of discs."""
+        pairs = [pair for a, b in task.body_pairs for pair in ((a, b), (b, a))]
+        over = [body for body in task.bodies if body.meets_cable(task.cable.radius)]
+        points = [one.boundary(BODY_SPACING)[:-1] for one, _ in pairs] + [np.zeros((0, 2))] * len(over)
+        met = [other for _, other in pairs] + over
+        reach = [one.reach + other.reach for one, other in pairs] + [body.reach for body in over]
+        outline, counts = padded([body.outline for body in met])
+        begins = np.cumsum([0, *map(len, points)], dtype=np.int64)
+        sides = np.array([body.side for body in met], dtype=np.int64)
+        return cls(sides, outline, counts, np.array(reach, float), begins, np.concatenate([np.zeros((0, 2)), *points]))
 
 
 def sharpest_turn_of(task: Task) -> float:

@@ -23,7 +23,6 @@ from cableway.records import Passage, Plan
 from cableway.robot.branches import ways
 from cableway.scene.files.loading import TaskSource, as_task
 
-
 WAYS = 4
 """Ways in which the arms of a cell may hold the cable that are searched by themselves, those with most room."""
 

@@ -23,7 +23,7 @@ class PackedArms(NamedTuple):
     """The arms that hold the left and the right end of a cable, in one way.
 
     Attributes:
-        count: 2, or 0 where there are none.
+        number: 2, or 0 where there are none.
         lengths: (2, 6), see `cableway.robot.kinematics` [m].
         bases: (2, 4, 4) poses of the bases.
         branches: (2,).
@@ -34,7 +34,7 @@ class PackedArms(NamedTuple):
         clearance: Of links [m].
     """
 
-    count: int
+    number: int
     lengths: Float[np.ndarray, "2 6"]
     bases: Float[np.ndarray, "2 4 4"]
     branches: Int[np.ndarray, "2"]

@@ -185,10 +185,7 @@ def pack(
         radius: Of the cable [m].
         margin: Clearance [m] that bodies keep from the cable.
     """
-    outline = np.zeros((len(bodies), max((len(body.outline) for body in bodies), default=1), 2))
-    for row, body in zip(outline, bodies, strict=True):
-        row[: len(body.outline)] = body.outline
-    counts = np.array([len(body.outline) for body in bodies], dtype=np.int64)
+    outline, counts = padded([body.outline for body in bodies])
     sides = np.array([body.side for body in bodies], dtype=np.int64)
     order = {id(body): index for index, body in enumerate(bodies)}
     places = np.array([(order[id(a)], order[id(b)]) for a, b in pairs], dtype=np.int64).reshape(-1, 2)
@@ -197,6 +194,17 @@ def pack(
     lowest = np.array([body.heights[0] for body in bodies], dtype=float)
     kept, near = np.array(distance, float), (np.array(over, np.int64), np.array(arc, float))
     return PackedBodies(sides, outline, counts, kept, lowest, places, *near)
+
+
+def padded(
+    outlines: Sequence[Float[np.ndarray, "_ 2"]],
+) -> tuple[Float[np.ndarray, "b v 2"], Int[np.ndarray, "b"]]:
+    """Outlines [m] as one array, rows past the number of vertices of each unused, and those numbers."""
+    counts = np.array([len(outline) for outline in outlines], dtype=np.int64)
+    packed = np.zeros((len(outlines), int(counts.max(initial=1)), 2))
+    for row, outline in zip(packed, outlines, strict=True):
+        row[: len(outline)] = outline
+    return packed, counts
 
 
 def held_arc(body: Body, radius: float, margin: float) -> float:

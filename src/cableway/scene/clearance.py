@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
 from jaxtyping import Float, Int
 
 from cableway.geometry import polyline
@@ -107,14 +108,21 @@ def pieces_clearance(
 
 
 def clearances(
-    shapes: Float[np.ndarray, "t n 2"], poses: Float[np.ndarray, "t 2 3"], task: Task
+    shapes: Float[np.ndarray, "t n 2"], poses: Float[np.ndarray, "t 2 3"], task: Task, margin: float = 0.0
 ) -> Float[np.ndarray, "t c"]:
     """Clearances [m] of the cable, of each of `Task.outer_bodies`, and of bodies from each other and the cable.
 
-    A column each; those of what cannot meet are left out.
+    A column each; those of what cannot meet are left out. `margin` [m] as for `cable_gap`.
     """
     lines = polyline.spline(shapes, PIECES)
     found = [task.scene.clearance(lines, task.cable.radius)]
     found += [body_clearance(body, poses, task.scene) for body in task.outer_bodies]
-    others = [bodies_gap(task.body_pairs, poses), cable_gap(task.bodies, lines, poses, task.cable)]
+    others = [bodies_gap(task.body_pairs, poses), cable_gap(task.bodies, lines, poses, task.cable, margin)]
     return np.column_stack([*found, *(gap for gap in others if np.isfinite(gap).all())])
+
+
+def lowest_above(place: shapely.Polygon, poses: Sequence[Float[np.ndarray, "2 3"]], bodies: Sequence[Body]) -> float:
+    """Height [m] of the lowest body, more than a disc, of grippers at some poses above a place; infinite without."""
+    placed = ((body.heights[0], body.placed(at[body.side])) for at in poses for body in bodies)
+    above = (low for low, line in placed if len(line) > 1 and shapely.Polygon(line).intersects(place))
+    return min(above, default=math.inf)

@@ -229,8 +229,8 @@ class Task(Draft):
         """The same task from where the cable is now.
 
         The start is the equilibrium nearest to the keypoints, which takes away most of what a camera adds. Where the
-        cable would touch something or snap there, or nearly, it is moved off by as little as possible, or else it is
-        the stable one between the same grippers.
+        cable or a gripper would touch something or snap there, or nearly, it is moved off by as little as possible, or
+        else it is the stable one between the same grippers.
 
         Args:
             keypoints: (n, 2) [m] as measured.
@@ -261,14 +261,23 @@ class Task(Draft):
             Once in a recovery, so by SciPy. Not by `cableway.motion`, which comes after tasks: a start is where the
             cable is, and may keep less than a plan.
         """
+        from cableway.scene.clearance import bodies_gap, body_clearance, cable_gap  # which read this class
+
         keypoints = rod.at_keypoints(rod.shapes(q[None])[0])[0]
+        solid = [body for body in self.outer_bodies if len(body.outline) > 1]
 
         def lack(x: np.ndarray) -> np.ndarray:
-            stations, less = rod.shapes(x[None])[0][0], RESUMED_STABILITY - rod.stability(x[None], RESUMED_STABILITY)[0]
+            (stations,), poses = rod.shapes(x[None])
+            less = RESUMED_STABILITY - rod.stability(x[None], RESUMED_STABILITY)[0]
             wanted = np.full(len(stations), self.cable.radius + RESUMED_CLEARANCE)
             wanted[[0, -1]] += max(0.0, self.grippers.radius - self.cable.radius)
             short = LACK_WEIGHT * np.maximum(0.0, wanted - self.scene.signed_distance(stations))
-            return np.concatenate([short, STABILITY_WEIGHT * less])
+            if not solid:
+                return np.concatenate([short, STABILITY_WEIGHT * less])
+            apart, off = bodies_gap(self.body_pairs, poses), cable_gap(self.bodies, stations[None], poses, self.cable)
+            room = np.concatenate([*(body_clearance(body, poses, self.scene) for body in solid), apart, off])
+            near = LACK_WEIGHT * np.maximum(0.0, RESUMED_CLEARANCE - room)
+            return np.concatenate([short, STABILITY_WEIGHT * less, near])
 
         def residuals(x: np.ndarray) -> np.ndarray:
             stations = rod.shapes(x[None])[0]

@@ -76,7 +76,7 @@ def chain_spec(cable: Cable, scene: Scene | None, time_step: float) -> mujoco.Mj
     if scene is None:
         _drop_capsules(spec)
     else:
-        heights, disc = (-HALF_HEIGHT, HALF_HEIGHT), mujoco.mjtGeom.mjGEOM_SPHERE
+        heights, disc = [(-HALF_HEIGHT, HALF_HEIGHT)] * len(scene.obstacles), mujoco.mjtGeom.mjGEOM_SPHERE
         add_scene(spec, scene, heights, disc, contype=0, conaffinity=1, condim=1)
     return spec
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -17,19 +18,19 @@ from cableway.scene.scene import Scene
 
 
 def add_scene(
-    spec: mujoco.MjSpec, scene: Scene, heights: tuple[float, float], disc: mujoco.mjtGeom, **surface: Any
+    spec: mujoco.MjSpec, scene: Scene, heights: Sequence[tuple[float, float]], disc: mujoco.mjtGeom, **surface: Any
 ) -> None:
-    """Obstacles from the one height [m] to the other, and walls, which are half spaces.
+    """Obstacles, each from the one of its heights [m] to the other, and walls, which are half spaces.
 
     Args:
         spec: The model.
         scene: Obstacles and workspace.
-        heights: Of the lower and the upper face.
+        heights: Of the lower and the upper face of each obstacle.
         disc: A disc is a sphere about the middle height or a cylinder.
         surface: How all of these meet the cable.
     """
-    for index, obstacle in enumerate(scene.obstacles):
-        _add_obstacle(spec, obstacle, heights, disc, name=f"obstacle {index}", **surface)
+    for index, (obstacle, faces) in enumerate(zip(scene.obstacles, heights, strict=True)):
+        _add_obstacle(spec, obstacle, faces, disc, name=f"obstacle {index}", **surface)
     corner = [*scene.size, 0.0]
     inward = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0])
     for name, point, normal in zip(WALLS, ([0.0] * 3, [0.0] * 3, corner, corner), inward, strict=True):

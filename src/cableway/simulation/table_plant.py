@@ -3,8 +3,9 @@
 It shares nothing with the planar rod of planner and estimator but the shape its settling starts from. The cable is a
 chain of capsules of length h, the first and the last half as long, with ball joints that bend and twist with the
 stiffness EI / h. It has weight, lies on the table, and rubs on table, obstacles and walls with elliptic friction cones.
-Obstacles are prisms that stand on the table. Each gripper is a first-order servo: it follows the commanded motion with
-the time constant `TableConfig.servo_time`, and reports where it is.
+Obstacles are prisms that stand on the table, as high as the task states and no lower than the cable is thick: it passes
+above none. Each gripper is a first-order servo: it follows the commanded motion with the time constant
+`TableConfig.servo_time`, and reports where it is.
 
 Note:
     The twisting stiffness GJ equals EI; it is 0.67 EI for a solid rod of rubber. The cable does not collide with
@@ -76,7 +77,7 @@ class TableConfig(Checked):
         friction: Coefficient between cable and table, along the cable.
         across: Friction across the cable over that along it.
         obstacle_friction: Coefficient between cable and obstacles.
-        obstacle_height: [m].
+        obstacle_height: Of obstacles whose height the task leaves open [m].
         servo_time: Time constant [s] of the grippers' servos.
 
     Raises:
@@ -299,8 +300,9 @@ def build_model(cable: Cable, scene: Scene, config: TableConfig) -> mujoco.MjMod
     option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
     add_plane(spec, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], name="table", **_surface(config.friction))
     _add_chain(spec, cable, config)
-    heights, disc = (0.0, config.obstacle_height), mujoco.mjtGeom.mjGEOM_CYLINDER
-    add_scene(spec, scene, heights, disc, **_surface(config.obstacle_friction))
+    stated = [config.obstacle_height if each.height is None else each.height for each in scene.obstacles]
+    heights = [(0.0, max(height, 2 * cable.radius)) for height in stated]  # the cable passes above nothing
+    add_scene(spec, scene, heights, mujoco.mjtGeom.mjGEOM_CYLINDER, **_surface(config.obstacle_friction))
     model = spec.compile()
     bends = cable.length / (config.segments - 1) * cable.along("rest_curvature", _joints(config)[1:-1])
     model.qpos_spring[7:] = turned(bends).ravel()

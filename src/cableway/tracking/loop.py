@@ -15,7 +15,7 @@ from cableway.control.base import Controller, ControllerState
 from cableway.control.limits import last_filter
 from cableway.core.errors import CablewayError, ControlError, PressedError, SimulationError, raised, said
 from cableway.estimation.delay import LONGEST_DELAY
-from cableway.estimation.gating import poses_usable
+from cableway.estimation.gating import connected, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Plan, Rollout
@@ -167,6 +167,7 @@ class Loop:
         self._rule = StopRule(config, plan, plant.control_step, plant.task.cable.swing_period)
         self._gate, self._silence, self._attachment = MessageGate(), Silence(), Attachment(plant.control_step)
         self._slack = Slack(plant.task.cable)
+        self._lies: np.ndarray | None = None
         self._see(plant.reset())
         start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
         self._robot = FollowingError(SE2.continued(start, plan.poses[0]), plant.control_step)
@@ -290,7 +291,7 @@ class Loop:
 
     def _filtered(self, action: np.ndarray) -> np.ndarray:
         """What of an action may leave for the plant; a stop needs not ask."""
-        return last_filter(action, self._robot.target, self.guard.task, self._most_span, self._before)
+        return last_filter(action, self._robot.target, self.guard.task, self._most_span, self._before, self._lies)
 
     @property
     def _before(self) -> np.ndarray:
@@ -300,6 +301,8 @@ class Loop:
     def _see(self, message: Observation) -> None:
         self.observation = self._gate.accepted(message)
         self._most_span = self._slack.most_span(self.observation)
+        keypoints = connected(self.observation.keypoints, self.plant.task.cable)
+        self._lies = keypoints if np.isfinite(keypoints).all() else self._lies
 
     def _hold(self) -> Ending | None:
         """One control step in which the measured gripper poses become the target."""

@@ -15,6 +15,11 @@ from cableway.records import Observation
 from cableway.scene.clearance import clearances
 from cableway.scene.task import Task
 
+LEAVING = 0.03
+"""Margin [m] with which a cable leaves the gripper that holds it. Nearer to it nothing can be seen of contact with its
+body: a frame is older than the gripper poses by a step of up to 13 mm, which extrapolation doubles, and ends are held
+askew."""
+
 
 def at_rest(frames: list[Float[np.ndarray, "n 2"]], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:
     """Where the cable came to rest [m].
@@ -81,9 +86,9 @@ def root_mean_square(distances: Float[np.ndarray, "k"]) -> float:
 
 def clearance(observation: Observation, task: Task) -> float:
     """Of the observed cable and the grippers [m]; infinite where a keypoint is missing or no cable can have it, or a
-    gripper pose is missing.
+    gripper pose is missing. How near the cable is to a gripper that it leaves does not count, see `LEAVING`.
     """
     keypoints = connected(observation.keypoints, task.cable)
     if not (np.isfinite(keypoints).all() and poses_usable(observation)):
         return math.inf
-    return float(clearances(keypoints[None], observation.poses[None], task).min())
+    return float(clearances(keypoints[None], observation.poses[None], task, LEAVING).min())

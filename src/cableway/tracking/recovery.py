@@ -24,7 +24,7 @@ from cableway.scene.clearance import clearances
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOST, Loop
-from cableway.tracking.observed import at_rest, clearance, distances, hysteresis, mean, root_mean_square
+from cableway.tracking.observed import LEAVING, at_rest, clearance, distances, hysteresis, mean, root_mean_square
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
 from cableway.tracking.suspicion import LEAST_ROOM, has_left, suspected
@@ -210,9 +210,9 @@ class Watch:
         return float(self._kept(task, plan)[round(progress * plan.steps) :].min()) < -self._recovery.room
 
     def _kept(self, task: Task, plan: Plan) -> Float[np.ndarray, "t"]:
-        """Clearance [m] of each row of a plan."""
+        """Clearance [m] of each row of a plan, as `observed.clearance` has it."""
         if self._checked is None or self._checked[0] is not plan or self._checked[1] != task.scene:
-            self._checked = plan, task.scene, clearances(plan.shapes, plan.poses, task).min(axis=1)
+            self._checked = plan, task.scene, clearances(plan.shapes, plan.poses, task, LEAVING).min(axis=1)
         return self._checked[2]
 
     def takes_for_friction(self, contact: Contact) -> bool:
@@ -254,7 +254,7 @@ class Watch:
             self.friction = max(self.friction, off)
             return self.recover(loop, Outcome.LEFT_PLAN, seen=seen)
         for _ in range(ATTEMPTS - 1):
-            if isinstance(seen, Ending) or has_left(contact, seen, loop.task):
+            if isinstance(seen, Ending) or has_left(contact, seen, loop.poses, loop.task):
                 break
             # it touched before what was taken back of its way; so far back it need not lie as it did, friction or not
             seen = self._led_back(loop)
@@ -311,10 +311,11 @@ class Watch:
         if isinstance(keypoints, Ending):
             return keypoints._replace(outcome=failed) if keypoints.outcome is Outcome.NO_PLAN else keypoints
         if contact is not None:
-            loop.suspected.extend(suspected(contact, keypoints, loop.task))
+            loop.suspected.extend(suspected(contact, keypoints, loop.poses, loop.task))
         if wrong := disagreement(keypoints, loop.poses, loop.state.reference):
             return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
-        if first and why is not None and clearances(keypoints[None], loop.poses[None], loop.task).min() < LEAST_ROOM:
+        room = clearances(keypoints[None], loop.poses[None], loop.task, LEAVING)
+        if first and why is not None and room.min() < LEAST_ROOM:
             return Ending(failed, "the cable touches something")
         try:
             found = loop.compute(lambda: self._plan_from(loop, keypoints, why is None), status)

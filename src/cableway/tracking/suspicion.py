@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import shapely
 from jaxtyping import Float
 
 from cableway.control.base import Contact
+from cableway.scene.clearance import lowest_above
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
 
@@ -20,36 +23,46 @@ KNOWN = 0.02
 """Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
 
 
-def suspected(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> list[Disc]:
+def suspected(
+    contact: Contact, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], task: Task
+) -> list[Disc]:
     """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies.
 
-    None where something known is near, what was suspected before included.
+    It is as high as the cable at least, and no higher than what of a gripper is above it now or will be at the goal:
+    for all that is known, anything in between. None where something known is near, what was suspected before included.
 
     Args:
         contact: Where it was held.
         keypoints: (n, 2) where the cable lies now [m].
+        poses: (2, 3) where the grippers are [m, m, rad].
         task: With the scene as it is known.
     """
-    found = None if _is_known(contact, task) else _largest(contact, (keypoints, task.goal), task)
+    found = None if _is_known(contact, task) else _largest(contact, (keypoints, task.goal), poses, task)
     return [] if found is None else [found]
 
 
-def has_left(contact: Contact, keypoints: Float[np.ndarray, "n 2"], task: Task) -> bool:
+def has_left(
+    contact: Contact, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], task: Task
+) -> bool:
     """Whether a cable that is led back leaves as much room for what held it as the goal does.
 
     One that does not may still touch it. Args as for `suspected`.
     """
     if _is_known(contact, task):
         return True
-    return _largest(contact, (keypoints, task.goal), task) == _largest(contact, (task.goal,), task)
+    return _largest(contact, (keypoints, task.goal), poses, task) == _largest(contact, (task.goal,), poses, task)
 
 
 def _is_known(contact: Contact, task: Task) -> bool:
     return bool(task.scene.signed_distance(contact.place) < KNOWN)
 
 
-def _largest(contact: Contact, shapes: tuple[Float[np.ndarray, "n 2"], ...], task: Task) -> Disc | None:
-    """The largest disc beside the cable at a contact in which none of some shapes [m] lies, nor their grippers."""
+def _largest(
+    contact: Contact, shapes: tuple[Float[np.ndarray, "n 2"], ...], poses: Float[np.ndarray, "2 3"], task: Task
+) -> Disc | None:
+    """The largest disc beside the cable at a contact in which none of some shapes [m] lies, nor their grippers, and
+    above which no gripper is lower than the cable is thick.
+    """
     lines = [shapely.LineString(shape) for shape in shapes]
     ends = shapely.MultiPoint(np.concatenate([shape[[0, -1]] for shape in shapes]))
     for radius in SUSPECTED:
@@ -57,5 +70,8 @@ def _largest(contact: Contact, shapes: tuple[Float[np.ndarray, "n 2"], ...], tas
         place = shapely.Point(center)
         beside = min(line.distance(place) for line in lines) - task.cable.radius
         if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:
-            return Disc(center=(float(center[0]), float(center[1])), radius=radius)
+            least = lowest_above(place.buffer(radius + LEAST_ROOM), [poses, task.gripper_poses("goal")], task.bodies)
+            if least >= 2 * task.cable.radius:
+                at, height = (float(center[0]), float(center[1])), None if math.isinf(least) else least
+                return Disc(center=at, radius=radius, height=height)
     return None
