@@ -1,7 +1,7 @@
 """Compiled kernels of `cableway.motion.validity`: whether one shape is free.
 
-A `space` is (rod, world, limits, bodies, arms): parameters and modes of the rod (`cableway.rod.kernels`),
-`ConvexWorld.arrays`, `ShapeLimits`, `PackedBodies`, `PackedArms`.
+A `space` is (rod, world, limits, bodies): parameters and modes of the rod (`cableway.rod.kernels`),
+`ConvexWorld.arrays`, `ShapeLimits`, `PackedBodies`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import numpy as np
 
 from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import box_gap, convex_distance, wall_distance
-from cableway.robot.free import arms_are_free
 from cableway.rod.kernels import stability, world_shape
 from cableway.scene.bodies import bodies_keep_apart, bodies_keep_distance, bodies_keep_off
 
@@ -23,7 +22,7 @@ def is_free(q, space):
 
     The cheapest tests come first.
     """
-    rod, world, limits, bodies, arms = space
+    rod, world, limits, bodies = space
     p, modes = rod
     last = 2 * modes.shape[1]
     stations, poses = np.empty((last + 1, 2)), np.empty((2, 3))
@@ -42,9 +41,7 @@ def is_free(q, space):
     gradient = np.empty(3)
     if stability(q[3:], p, modes, limits.stability, gradient) < limits.stability:
         return False
-    if crosses_itself(stations) or self_distance(stations, limits.apart) < limits.self_distance:
-        return False
-    return arms.number == 0 or arms_are_free(poses, arms)
+    return not crosses_itself(stations) and self_distance(stations, limits.apart) >= limits.self_distance
 
 
 @kernel

@@ -19,15 +19,10 @@ from cableway.geometry.convex import ConvexWorld, polyline_distance
 from cableway.geometry.groups import SE2
 from cableway.motion import kernels
 from cableway.motion.limits import Margins, ShapeLimits, body_rounding, sharpest_turn_of, stations_apart
-from cableway.robot.branches import least_arm_clearance
-from cableway.robot.free import PackedArms
 from cableway.rod.held_rod import HeldRod
 from cableway.scene.bodies import Body, pack
 from cableway.scene.clearance import bodies_gap, body_clearance, cable_gap
 from cableway.scene.task import Task
-
-ARM_CLEARANCE = 0.02
-"""Of links in a search [m]; the optimisation after it, which does not see them, may take some."""
 
 STRAIGHTER = 1e-3
 """Share of the length from which the grippers are farther apart than they were."""
@@ -70,7 +65,7 @@ class FreeSpace:
         outer = task.outer_bodies
         kept = [_body_distance(body, poses, task, margins) if body in outer else -math.inf for body in task.bodies]
         bodies = pack(task.bodies, kept, task.body_pairs, task.cable.radius, margins.clearance)
-        return cls(rod, (rod.arrays, task.scene.world.arrays, limits, bodies, _arms(task, poses)))
+        return cls(rod, (rod.arrays, task.scene.world.arrays, limits, bodies))
 
     def are_free(self, q: Float[np.ndarray, "k dof"]) -> Bool[np.ndarray, "k"]:
         """Which configurations are free."""
@@ -141,14 +136,6 @@ def is_pulled_straight(poses: Float[np.ndarray, "t 2 pose"], length: float, most
     limits = np.full(len(spans), most)
     limits[: bent[0]], limits[bent[-1] + 1 :] = spans[0] + STRAIGHTER, spans[-1] + STRAIGHTER
     return bool((spans > limits).any())
-
-
-def _arms(task: Task, ends: Float[np.ndarray, "2 2 pose"]) -> PackedArms:
-    """The arms of a task's cell, where it says how they hold the cable: else they are chosen afterwards."""
-    if task.cell is None or task.cell.way is None:
-        return PackedArms.none(task)
-    clearance = min(ARM_CLEARANCE, *(least_arm_clearance(held, task, task.cell) - 1e-6 for held in ends))
-    return PackedArms.of(task, task.cell, task.cell.way, clearance)
 
 
 def _body_distance(body: Body, ends: Float[np.ndarray, "2 2 pose"], task: Task, margins: Margins) -> float:

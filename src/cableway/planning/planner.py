@@ -14,20 +14,13 @@ from cableway.core.errors import Cancelled, InputError, PlanningError, PlanningI
 from cableway.core.time_limit import OutOfTime, time_limit
 from cableway.outcome import Outcome
 from cableway.planning.alternatives import find_alternatives
-from cableway.planning.candidates import Accept, Search
+from cableway.planning.candidates import Search
 from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import PIVOTED, Progress
 from cableway.planning.projection import end_equilibria
 from cableway.planning.routes.homotopy import requested_route, unmet_request
 from cableway.records import Passage, Plan
-from cableway.robot.branches import ways
 from cableway.scene.files.loading import TaskSource, as_task
-
-WAYS = 4
-"""Ways in which the arms of a cell may hold the cable that are searched by themselves, those with most room."""
-
-IN_A_WAY: tuple[InitialName, ...] = ("corridor", "anywhere")
-"""Initial trajectories of such a search."""
 
 
 @overload
@@ -119,20 +112,6 @@ def plan(
         raise PlanningInterrupted(reason, search.best, Outcome.INTERRUPTED) from None
 
 
-def _in_ways(search: Search, accept: Accept) -> Plan | None:
-    """A plan for the arms of a cell, each way of holding the cable by itself: the search then sees them."""
-    task = search.task
-    if task.cell is None or task.cell.way is not None:
-        return None
-    for way in ways(task, task.cell)[:WAYS]:
-        within = Search(task.held(way), search.config, search.seed, search.report)
-        trajectories = within.trajectories()
-        found = (within.follow(trajectories, name, accept) for name in IN_A_WAY)
-        if (plan := next((each for each in found if each is not None), None)) is not None:
-            return plan
-    return None
-
-
 def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage], previous: Plan | None) -> Plan:
     """The plan of the first initial trajectory that leads to one."""
     task, config = search.task, search.config
@@ -151,12 +130,8 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
         found = search.follow(trajectories, name, accept)
         if found is not None:
             return found
-        if place > 0:
-            continue
-        if error := search.blocked():
+        if place == 0 and (error := search.blocked()):
             raise error
-        if (found := _in_ways(search, accept)) is not None:
-            return found
     found = search.follow_closely(accept) or search.straight
     if found is not None:
         return found

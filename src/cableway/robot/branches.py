@@ -17,7 +17,6 @@ from jaxtyping import Float
 from cableway.core.brief import Brief
 from cableway.core.errors import Point
 from cableway.core.quantities import limit_text, quantity
-from cableway.robot.free import SINGULAR, below_arms
 from cableway.robot.kinematics import BRANCHES, branch_motion, flange_poses
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps
 from cableway.scene.cell import ARMS, TOOLS, Cell, Way
@@ -29,6 +28,9 @@ CLEARANCE = 0.010
 
 ENOUGH = 0.05
 """Clearance [m] beyond which more does not make a motion better."""
+
+SINGULAR = 0.06
+"""Least sine of the angles of elbow, wrist and shoulder: 3.4 degrees from a singularity."""
 
 SPEED_SHARE = 0.9
 """Share of the joints' speed limits that a motion uses."""
@@ -99,36 +101,17 @@ def end_fault(task: Task, cell: Cell) -> NoMotion | None:
 
     No motion gets from one way of holding it to another.
     """
-    packed, held_in, poses = _Packed(task, cell), [], _end_poses(task)
+    packed, ways = _Packed(task, cell), []
+    poses = task.cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[1]
     for end, held in zip(ENDS, poses, strict=True):
         found = _pairs(held[None], packed)
         if isinstance(found, NoMotion):
             return replace(found, reason=f"at the {end}, {found.reason}")
-        held_in.append({pair.way for pair in found})
-    if set.intersection(*held_in):
+        ways.append({pair.way for pair in found})
+    if set.intersection(*ways):
         return None
     reason = "the arms cannot hold the cable at the goal as they can at the start, in the same branches of their joints"
     return NoMotion(reason, _point(poses[1, :, :2].mean(axis=0)))
-
-
-def ways(task: Task, cell: Cell) -> list[Way]:
-    """How the arms can hold the cable both at the task's start and at its goal, with most room first."""
-    packed, room = _Packed(task, cell), []
-    for held in _end_poses(task):
-        found = _pairs(held[None], packed)
-        room.append({} if isinstance(found, NoMotion) else {pair.way: pair.clearance for pair in found})
-    both = set(room[0]) & set(room[1])
-    return sorted(both, key=lambda way: (-min(ENOUGH, room[0][way], room[1][way]), way))
-
-
-def least_arm_clearance(held: Float[np.ndarray, "2 3"], task: Task, cell: Cell) -> float:
-    """Least clearance [m] of links with the grippers at their poses, as the cell holds the cable; 0 if it cannot."""
-    found = _pairs(held[None], _Packed(task, cell))
-    return 0.0 if isinstance(found, NoMotion) else found[0].clearance
-
-
-def _end_poses(task: Task) -> Float[np.ndarray, "2 2 3"]:
-    return task.cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[1]
 
 
 class _Pair(NamedTuple):
@@ -204,7 +187,8 @@ class _Packed:
         self.bases = [arm.base(task.scene) for arm in cell.arms]
         self.reach = TOOLS[cell.tool].reach
         self.capsules = [Capsules.of(model, TOOLS[cell.tool]) for model in cell.models]
-        self.world = below_arms(task)
+        *world, heights = task.scene.world.arrays
+        self.world = (*world, np.append(heights[:-1], -np.inf))  # arms come over the walls
 
 
 def _tracks(
