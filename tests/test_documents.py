@@ -21,6 +21,7 @@ from cableway.cli.entry import DONE, FAILED, INTERRUPTED, WRONG_INPUT
 from cableway.datasets.recordings import Description
 from cableway.outcome import Outcome
 from cableway.scene.files.document import read_document
+from cableway.scene.files.loading import load_cell
 from cableway.scene.files.schema import validate
 from cableway.simulation.episodes import CollectionConfig
 from cableway.simulation.perturbations.reading import read_perturbation
@@ -105,8 +106,8 @@ def whole_files() -> list[str]:
 
 
 def test_every_file_shown_can_be_read(tmp_path: Path):
-    """A task, which has a start, or a collection, or a recording, or a plant."""
-    path, tasks, plants, collections, recordings = tmp_path / "shown.yaml", 0, 0, 0, 0
+    """A task, which has a start, or a collection, or a recording, or a cell, which has arms, or a plant."""
+    path, tasks, plants, collections, recordings, cells = tmp_path / "shown.yaml", 0, 0, 0, 0, 0
     for block in whole_files():
         path.write_text(block)
         if "start:" in block:
@@ -115,10 +116,12 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
             collections += Collect(config=path).configuration() != CollectionConfig()
         elif "\nfile:" in block:
             recordings += Path(validate(read_document(path), Description)["file"]).suffix == ".csv"
+        elif "\narms:" in block:
+            cells += len(load_cell(path).arms) == 2
         else:
             plants += read_perturbation(path, cableway.load_task("multi-obstacle-1")).cable != cableway.Cable()
-    assert tasks + plants + collections + recordings == len(whole_files())
-    assert min(tasks, plants, collections, recordings) > 0
+    assert tasks + plants + collections + recordings + cells == len(whole_files())
+    assert min(tasks, plants, collections, recordings, cells) > 0
 
 
 def links() -> list[tuple[Path, str]]:

@@ -155,7 +155,8 @@ class Trajectory:
         }
         motion = None if joints is None else _joint_motion(joints, at, _step(record))
         if motion is not None:
-            header["joints"] = _joint_header(motion, times, at is not None)
+            arms = describe(record.metadata.get("arms", {}))
+            header["joints"] = {"arms": arms, **_joint_header(motion, times, at is not None)}
         return cls(times=times, poses=poses, shapes=shapes if cable else None, joints=motion, header=header)
 
     def write(self, path: Path | str) -> list[Path]:
