@@ -59,6 +59,7 @@ def test_kinematics_of_the_cell_lead_back_and_forth(planned: tuple[cw.Task, cw.P
     [
         (lambda plan: replace(plan, joints=None), "arms"),
         (lambda plan: replace(plan, metadata={}), "arms"),
+        (lambda plan: replace(plan, metadata={"arms": ["left"]}), "arms"),
         (lambda plan: replace(plan, metadata={"arms": {"holders": [1, 1], "turns": [0, 0]}}), "arms"),
         (lambda plan: replace(plan, joints=plan.joints + 0.01), "tool distance"),
         (lambda plan: replace(plan, joints=plan.joints[:, ::-1]), "tool distance"),
@@ -116,7 +117,8 @@ def test_a_witness_is_followed_and_in_no_other_way_where_the_cable_is_held():
     other = arm_motion(poses, task, replace(task.cell, way=swapped))
     assert isinstance(other, NoMotion) or other.way == swapped
     assert Way.of_record({"arms": motion.way.described()}) == motion.way
-    assert Way.of_record({}) is None
+    for forged in (None, 3, ["left"], {"holders": [0, 1]}, {"holders": [0, 0], "turns": [0, 0], "branches": [0, 0]}):
+        assert Way.of_record({} if forged is None else {"arms": forged}) is None
 
 
 def test_a_run_in_a_cell_has_the_joints_of_what_the_grippers_did():

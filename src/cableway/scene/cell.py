@@ -169,9 +169,16 @@ class Way(NamedTuple):
 
     @classmethod
     def of_record(cls, metadata: Mapping[str, Any]) -> Way | None:
-        """That of a plan; None where its joints are not known."""
+        """That of a plan; None where it says of none."""
         arms = metadata.get("arms")
-        return None if arms is None or "branches" not in arms else cls(**{name: tuple(arms[name]) for name in arms})
+        given: list[Any] = [arms.get(name) for name in cls._fields] if isinstance(arms, dict) else []
+        if not given or not all(isinstance(pair, list) and len(pair) == ARMS for pair in given):
+            return None
+        holders, turns, branches = given
+        known = holders in ([0, 1], [1, 0]) and all(turn in (0, 1) for turn in turns)
+        if not known or not all(branch in range(8) for branch in branches):
+            return None
+        return cls(*((int(left), int(right)) for left, right in given))
 
     def of(self, side: int) -> tuple[int, int, int]:
         """Arm, turn and branch of one gripper."""

@@ -70,8 +70,10 @@ def arm_checks(record: Plan | Rollout, task: Task) -> list[Check]:
     require("cell", "the verification of arms")
     holders, turns = _how(record)
     if record.joints is None or record.joints.shape[2] != 6 or not holders:
-        fault = record.metadata.get("arms", {}).get("fault", "the record has no joints of the cell's two arms")
-        return [Check("arms", 0.0, "", 2.0, False, str(fault))]
+        arms = record.metadata.get("arms")
+        fault = arms.get("fault") if isinstance(arms, dict) else None
+        why = str(fault or "the record has no joints of the cell's two arms")
+        return [Check("arms", 0.0, "", 2.0, False, why)]
     at, dense = _dense(record.joints, record.poses, holders, task, cell)
     flanges = [_flanges(cell, holders[side], dense[:, side], task) for side in range(2)]
     solids = [_solids(cell, holders[side], dense[:, side], task) for side in range(2)]
