@@ -22,6 +22,7 @@ from cableway.core.errors import InputError, SimulationError
 from cableway.geometry.convex import polyline_distance
 from cableway.scene.files.loading import task_names
 from cableway.simulation.perturbations.variants import (
+    CELL_SUITE,
     FAULTS_SUITE,
     LIMP_SUITE,
     PLANTS_SUITE,
@@ -77,6 +78,7 @@ IN_TURN = {
     "sensing": SENSING_SUITE,
     "table": TABLE_SUITE,
     "limp": LIMP_SUITE,
+    "cell": CELL_SUITE,
     "faults": FAULTS_SUITE,
     "lengths": ("nominal",) * len(LENGTHS) + ("hard",) * len(LENGTHS),
     "lab-unconstrained": ("laid",),

@@ -207,6 +207,9 @@ SENSING_SUITE = tuple(_SENSING)
 TABLE_SUITE = tuple(TABLE_KINDS)
 """Perturbations of the suite "table"."""
 
+CELL_SUITE = ("table-uniform", "table-coiled", "table-limp")
+"""Perturbations of the suite "cell"."""
+
 LIMP_SUITE = tuple(LIMP_KINDS)
 """Perturbations of the suite "limp"."""
 
