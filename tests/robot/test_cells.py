@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import cableway as cw
+from cableway.cli.planning import CELL_NAMES
 from cableway.core.errors import InputError, PlanningError, SimulationError, TaskError, UnknownNameError
 from cableway.outcome import Outcome
 from cableway.robot.branches import ArmMotion, NoMotion, arm_motion, end_fault
@@ -15,6 +16,7 @@ from cableway.scene.cell import CELLS, Cell, MountedArm, Way
 from cableway.scene.files.loading import load_cell
 from cableway.scene.obstacles import Disc
 from cableway.tasks.generation import random_task_with_witness
+from cableway.verdict import FINDINGS
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +36,7 @@ def test_a_plan_has_joints_that_run_on_and_the_judge_passes_them(planned: tuple[
     assert np.abs(np.diff(plan.joints, axis=0)).max() < 0.3
     assert cw.verify_plan(plan, task).passed
     names = {check.name for check in cw.verify_plan(plan, task).checks}
-    assert {"tool distance", "joint speed", "arm clearance", "arm clearance from the table"} <= names
+    assert {"tool distance", "joint speed", "arm clearance", "arm clearance from the table"} <= names <= set(FINDINGS)
 
 
 def test_kinematics_of_the_cell_lead_back_and_forth(planned: tuple[cw.Task, cw.Plan]):
@@ -164,6 +166,10 @@ def test_a_cell_from_a_file(tmp_path: Path):
         load_cell("tripod")
 
 
+def test_the_help_names_the_cells():
+    assert "{" + ",".join([*CELLS, "FILE.yaml"]) + "}" == CELL_NAMES
+
+
 def test_what_is_no_cell():
     arm = MountedArm(position=(0.0, 0.0, 0.0))
     with pytest.raises(TaskError, match="must be 2 arms, got 1"):
@@ -186,3 +192,17 @@ def test_a_post_that_appears_under_a_link_is_found_by_planner_and_judge_alike(pl
     blocked = task.in_scene(replace(task.scene, obstacles=(*task.scene.obstacles, column)))
     assert isinstance(arm_motion(plan.poses, blocked, replace(task.cell, way=way)), NoMotion)
     assert "arm clearance from the table" in failed(plan, blocked)
+
+
+def test_what_the_grippers_did_has_joints_whether_it_kept_clearance_or_not(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    way = Way.of_record(plan.metadata)
+    assert task.cell is not None
+    assert way is not None
+    column = Disc(center=(0.06, task.scene.size[1] / 2), radius=0.02, height=0.6)
+    blocked = task.in_scene(replace(task.scene, obstacles=(*task.scene.obstacles, column)))
+    made = arm_motion(plan.poses, blocked, replace(task.cell, way=way), made=True)
+    assert isinstance(made, ArmMotion)
+    assert plan.joints is not None
+    np.testing.assert_allclose(made.joints, plan.joints, atol=1e-9)
+    assert made.clearance < 0

@@ -244,7 +244,9 @@ def test_values_that_stand_for_many_others_are_not_written_out(tmp_path: Path):
 
 
 # ------------------------------------------------------------------------------------------------ keys and types
-TASK_KEYS = "cableway, units, angles, name, description, workspace, cable, grippers, obstacles, start, goal, plug, port"
+TASK_KEYS = (
+    "cableway, units, angles, name, description, workspace, cable, grippers, obstacles, start, goal, plug, port, cell"
+)
 CABLE_KEYS = (
     "length, radius, keypoints, bending_stiffness, stiffness_profile, rest_curvature, yield_curvature, "
     "damping_time, linear_density, friction, drag, min_bend_radius, preset"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import shapely
 
 from cableway.core.errors import CablewayError, InputError
 from cableway.records import Plan
+from cableway.robot.branches import ArmMotion, arm_motion
 from cableway.scene.files.loading import load_task
 from cableway.scene.files.saving import save_task
 from cableway.scene.task import Task
@@ -38,7 +40,12 @@ def plan_of(task: Task, witness: Witness) -> Plan:
     """The witness as a plan."""
     rod = task.cable.rod
     stations, poses = rod.shapes(witness.q)
-    return Plan(np.ascontiguousarray(rod.at_keypoints(stations)), poses)
+    plan = Plan(np.ascontiguousarray(rod.at_keypoints(stations)), poses)
+    if task.cell is None:
+        return plan
+    motion = arm_motion(poses, task, task.cell)
+    assert isinstance(motion, ArmMotion)
+    return replace(plan, joints=motion.joints, metadata={"arms": motion.way.described()})
 
 
 def test_every_kind_is_tried():
@@ -118,7 +125,7 @@ def test_dense_tasks_are_dense_and_passable():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (dict(seed=0, kind="fog"), "unknown kind of random task 'fog'; known: blocked, clutter"),
+        (dict(seed=0, kind="fog"), "unknown kind of random task 'fog'; known: blocked, cell, clutter"),
         (dict(seed=-1, kind="clutter"), "seed must not be negative, got -1"),
         (dict(seed=0, kind="clutter", width=0.1), "width is not for clutter; kinds with a width: slot"),
         (dict(seed=0, kind="slot", width=0.01), "width of slot must be from 0.025 to 0.2 m, got 0.01"),

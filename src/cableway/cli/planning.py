@@ -17,7 +17,6 @@ from cableway.cli.options import PictureOptions, TaskOptions, option
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
 from cableway.planning.named import PLANNERS
-from cableway.scene.cell import CELLS
 from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, Planner, make_planner
 
 if TYPE_CHECKING:
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 
 CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + ",package.module:Class}"
 PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
+CELL_NAMES = "{dual-ur5e,dual-ur5e-long-fingers,FILE.yaml}"
 LEAST_TIME = 1e-3
 """Time limit [s] of a search for which reading the task left none."""
 
@@ -47,7 +47,7 @@ class PlanOptions(PictureOptions, TaskOptions):
     pivot: Annotated[str | None, option(metavar="{grid,rrt_star}")] = None
     """How the pivot path is found; by default, as the planner does."""
 
-    cell: Annotated[str | None, option(metavar="{" + ",".join(CELLS) + ",FILE.yaml}")] = None
+    cell: Annotated[str | None, option(metavar=CELL_NAMES)] = None
     """Arms that hold the grippers: a plan has their joints, and neither they nor the hands touch anything. By default,
     what the task says, else grippers alone."""
 

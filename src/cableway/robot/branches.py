@@ -87,9 +87,18 @@ class NoMotion:
     at: Point
 
 
-def arm_motion(poses: Float[np.ndarray, "t 2 3"], task: Task, cell: Cell) -> ArmMotion | NoMotion:
-    """The joints along gripper poses [m, m, rad], a control step from row to row."""
-    found = _pairs(poses, _Packed(task, cell))
+def arm_motion(
+    poses: Float[np.ndarray, "t 2 3"], task: Task, cell: Cell, *, made: bool = False
+) -> ArmMotion | NoMotion:
+    """The joints along gripper poses [m, m, rad], a control step from row to row.
+
+    Args:
+        poses: Of the grippers.
+        task: The task.
+        cell: Its cell.
+        made: Whether the grippers made this motion; if it kept clearance and limits is then left to the judge.
+    """
+    found = _pairs(poses, _Packed(task, cell, made))
     if isinstance(found, NoMotion):
         return found
     best = max(found, key=lambda pair: (min(pair.clearance, ENOUGH), -pair.effort))
@@ -145,7 +154,7 @@ def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: _Packed) -> list[_Pair] | 
             continue
         gaps = arms_gaps(left.placed, packed.capsules[left.arm], right.placed, packed.capsules[right.arm])
         closest = max(closest, (float(gaps.min()), int(gaps.argmin())))
-        if gaps.min() >= CLEARANCE:
+        if gaps.min() >= packed.clearance:
             clearance = min(gaps.min(), left.clearance.min(), right.clearance.min())
             pairs.append(_Pair(left, right, float(clearance)))
     if pairs:
@@ -181,7 +190,10 @@ def placed_links(
 class _Packed:
     """A cell's arms for the kernels."""
 
-    def __init__(self, task: Task, cell: Cell) -> None:
+    def __init__(self, task: Task, cell: Cell, made: bool = False) -> None:
+        self.clearance, self.singular, self.effort = (
+            (-np.inf, 0.0, np.inf) if made else (CLEARANCE, SINGULAR, SPEED_SHARE)
+        )
         self.cell, self.height = cell, task.cable.radius
         self.lengths = [np.array(model.lengths) for model in cell.models]
         self.bases = [arm.base(task.scene) for arm in cell.arms]
@@ -203,7 +215,7 @@ def _tracks(
             if only not in (None, (arm, turn, branch)):
                 continue
             joints = np.empty((len(poses), 6))
-            count = branch_motion(packed.lengths[arm], flanges, branch, SINGULAR, joints)
+            count = branch_motion(packed.lengths[arm], flanges, branch, packed.singular, joints)
             reached = max(reached, count)
             if count < len(poses):
                 continue
@@ -212,7 +224,7 @@ def _tracks(
                 continue
             least = int(track.clearance.argmin())
             blocked = max(blocked, (float(track.clearance[least]), least))
-            if track.clearance[least] >= CLEARANCE:
+            if track.clearance[least] >= packed.clearance:
                 found.append(track)
     if reached < len(poses):
         at = _point(poses[reached])
@@ -230,7 +242,8 @@ def _track(joints: Float[np.ndarray, "t 6"], arm: int, turn: int, branch: int, p
     joints = np.unwrap(joints, axis=0)
     joints -= 2 * np.pi * np.round((joints.max(axis=0) + joints.min(axis=0)) / (4 * np.pi))
     effort = float((np.abs(np.diff(joints, axis=0)).max(axis=0, initial=0.0) / CONTROL_STEP / model.speed_limit).max())
-    if effort > SPEED_SHARE or (np.abs(joints).max(axis=0) > model.position_limit).any():
+    beyond = effort > packed.effort or (np.abs(joints).max(axis=0) > model.position_limit).any()
+    if beyond and np.isfinite(packed.effort):
         return None
     placed = np.empty((len(joints), len(capsules.frame), 2, 3))
     clearance = arm_clearances(packed.lengths[arm], packed.bases[arm], joints, capsules, packed.world, placed)

@@ -301,7 +301,7 @@ class Loop:
     def _see(self, message: Observation) -> None:
         self.observation = self._gate.accepted(message)
         self._most_span = self._slack.most_span(self.observation)
-        keypoints = connected(self.observation.keypoints, self.plant.task.cable)
+        keypoints = connected(self.observation.keypoints, self.guard.task.cable)
         self._lies = keypoints if np.isfinite(keypoints).all() else self._lies
 
     def _hold(self) -> Ending | None:

@@ -56,10 +56,15 @@ class Solid(NamedTuple):
 TOOL = 7
 
 
-def arm_checks(record: Plan | Rollout, task: Task) -> list[Check]:
+def arm_checks(record: Plan | Rollout, task: Task, clearance: float = CLEARANCE) -> list[Check]:
     """Whether a cell's arms hold the grippers of a record, within their joints' limits, and touch nothing.
 
     None where the task has no cell; a record without joints, or that does not say which arm holds which end, fails.
+
+    Args:
+        record: The record.
+        task: The task that it is of.
+        clearance: Least clearance of links [m].
 
     Raises:
         MissingExtraError: Coal is not installed.
@@ -81,8 +86,8 @@ def arm_checks(record: Plan | Rollout, task: Task) -> list[Check]:
     return [
         *_tip_checks(flanges, turns, record, task, cell, at),
         *_joint_checks(record.joints, holders, cell),
-        _closest(_pairs(solids), at, step),
-        _lowest(solids, task, at, step),
+        _closest(_pairs(solids), at, step, clearance),
+        _lowest(solids, task, at, step, clearance),
     ]
 
 
@@ -217,7 +222,7 @@ def _pairs(solids: list[list[Solid]]) -> list[tuple[Solid, Solid]]:
     return [*both, *((a, b) for a, b in own if abs(min(a.link, 6) - min(b.link, 6)) > NEIGHBOURS)]
 
 
-def _closest(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], step: float) -> Check:
+def _closest(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:
     """Least clearance of pairs, nearest by their enclosing spheres first, until none can be nearer."""
     import coal as library
 
@@ -247,7 +252,7 @@ def _closest(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], step:
         if gap < best:
             best, place, who = float(gap), float(at[row]), f"{a.name} and {b.name if b.name != a.name else 'itself'}"
     value = best - step
-    return Check("arm clearance", value, "m", CLEARANCE, value >= CLEARANCE, who, place)
+    return Check("arm clearance", value, "m", limit, value >= limit and value > 0, who, place)
 
 
 def _shape(coal: Any, solid: Solid) -> Any:
@@ -264,7 +269,7 @@ def _placed(coal: Any, ends: Float[np.ndarray, "2 3"]) -> Any:
     return coal.Transform3s(turn.as_matrix(), ends.mean(axis=0))
 
 
-def _lowest(solids: list[list[Solid]], task: Task, at: Float[np.ndarray, "s"], step: float) -> Check:
+def _lowest(solids: list[list[Solid]], task: Task, at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:
     """Least clearance of links, from the shoulder on, from the table and what stands on it.
 
     Of a link only the part that is lower than an obstacle's top and the link's radius is compared, seen from above.
@@ -287,7 +292,7 @@ def _lowest(solids: list[list[Solid]], task: Task, at: Float[np.ndarray, "s"], s
                 best, place = float(gaps[nearest]), float(at[low[nearest]])
                 who = f"{solid.name} and {task.scene.name_of(index)}"
     value = best - step / 2
-    return Check("arm clearance from the table", value, "m", CLEARANCE, value >= CLEARANCE, who, place)
+    return Check("arm clearance from the table", value, "m", limit, value >= limit and value > 0, who, place)
 
 
 def _below(ends: Float[np.ndarray, "2 3"], height: float) -> Float[np.ndarray, "2 2"]:

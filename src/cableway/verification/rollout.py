@@ -90,5 +90,5 @@ def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
         gripper_separation(rollout.poses, task, CLOSER),
         self_crossings(with_halves(rollout.centreline)),
         *recording_checks(rollout, task, length),
-        *arm_checks(rollout, task),
+        *arm_checks(rollout, task, 0.0),
     ]

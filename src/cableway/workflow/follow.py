@@ -151,7 +151,7 @@ def _with_arms(rollout: Rollout | None, run: Run) -> Rollout | None:
     way = None if run.plan is None else Way.of_record(run.plan.metadata)
     if rollout is None or run.task.cell is None or way is None:
         return rollout
-    motion = arm_motion(rollout.poses, run.task, replace(run.task.cell, way=way))
+    motion = arm_motion(rollout.poses, run.task, replace(run.task.cell, way=way), made=True)
     if isinstance(motion, NoMotion):
         return replace(rollout, metadata={**rollout.metadata, "arms": {"fault": motion.reason}})
     return replace(rollout, joints=motion.joints, metadata={**rollout.metadata, "arms": way.described()})
