@@ -70,8 +70,8 @@ class Draft(Brief):
         cell: The arms that hold the grippers, whose body is the cell's tool; None where grippers move by themselves.
 
     Raises:
-        TaskError: A value is of the wrong form, the port is without a plug or in a cell, or the grippers have another
-            body than the cell's tool.
+        TaskError: A value is of the wrong form, the port is without a plug, or in a cell there is a plug, or the
+            grippers have another body than its tool.
     """
 
     name: str
