@@ -24,7 +24,7 @@ PRINTED = {"models", "planning"}
 """Pages of what scripts of `studies` print, without data so far."""
 
 
-OURS = {name: name for name in ("faults", "lab-unconstrained", "lengths", "limp", "plants", "table")}
+OURS = {name: name for name in ("cell", "faults", "lab-unconstrained", "lengths", "limp", "plants", "table")}
 """Page of our own method's results by suite, `standard` for all others."""
 
 
