@@ -15,7 +15,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from gripper_outlines import edges, pad_gap
+from gripper_outlines import closed, edges
 
 from cableway.robot.kinematics import link_frames
 from cableway.scene.cell import TOOLS, UR5E, Capsule
@@ -65,16 +65,7 @@ def arm(path: Path) -> None:
 
 def hand(path: Path) -> None:
     """Print that of the hand, closed on a cable of 8 mm."""
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    low, high = model.actuator_ctrlrange[0]
-    for _ in range(20):
-        middle = (low + high) / 2
-        mujoco.mj_resetData(model, data)
-        data.ctrl[:] = middle
-        for _ in range(int(2.0 / model.opt.timestep)):
-            mujoco.mj_step(model, data)
-        low, high = (middle, high) if pad_gap(model, data) > 0.008 else (low, middle)
+    model, data = closed(path, 0.008)
     points = edges(model, data).reshape(-1, 3)
     points[:, 2] -= points[:, 2].max() - 0.163
     points = points[points[:, 2] < 0.163 - TIPS][:, [1, 0, 2]]  # its fingers move along x, a tool's along y

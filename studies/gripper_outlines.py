@@ -56,13 +56,9 @@ def pad_gap(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     return float(sum(inner))
 
 
-def main() -> None:
-    """Close the gripper and print its layers."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("model", type=Path)
-    parser.add_argument("--cable", type=float, default=0.008, help="thickness [m]")
-    given = parser.parse_args()
-    model = mujoco.MjModel.from_xml_path(str(given.model))
+def closed(path: Path, cable: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The gripper, its pads as far apart as a cable is thick [m]."""
+    model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     low, high = model.actuator_ctrlrange[0]
     for _ in range(20):
@@ -71,7 +67,17 @@ def main() -> None:
         data.ctrl[:] = middle
         for _ in range(int(2.0 / model.opt.timestep)):
             mujoco.mj_step(model, data)
-        low, high = (middle, high) if pad_gap(model, data) > given.cable else (low, middle)
+        low, high = (middle, high) if pad_gap(model, data) > cable else (low, middle)
+    return model, data
+
+
+def main() -> None:
+    """Close the gripper and print its layers."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--cable", type=float, default=0.008, help="thickness [m]")
+    given = parser.parse_args()
+    model, data = closed(given.model, given.cable)
     lines = edges(model, data)
     lines[..., 2] = lines[..., 2].max() - lines[..., 2]
     print(f"pads {1e3 * pad_gap(model, data):.1f} mm apart; extents [mm], not centred by at most", end=" ")

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from cableway.scene.files.loading import load_cell
 from cableway.scene.obstacles import Disc
 from cableway.tasks.generation import random_task_with_witness
 from cableway.verdict import FINDINGS
+from cableway.workflow.follow import _recovery
+from cableway.workflow.registry import Planner
 
 
 @pytest.fixture(scope="module")
@@ -206,3 +209,19 @@ def test_what_the_grippers_did_has_joints_whether_it_kept_clearance_or_not(plann
     assert plan.joints is not None
     np.testing.assert_allclose(made.joints, plan.joints, atol=1e-9)
     assert made.clearance < 0
+
+
+def test_a_recovery_goes_on_with_the_arms_as_they_hold_the_cable(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    way, asked = Way.of_record(plan.metadata), []
+
+    def find(task: cw.Task, **options: Any) -> cw.Plan:
+        asked.append(task)
+        return plan
+
+    recovery = _recovery(cw.SolveOptions(planner=Planner(None, find)), plan)
+    assert recovery is not None
+    assert recovery.replan(task, plan) is plan
+    assert asked[0].cell.way == way is not None
+    assert task.cell is not None
+    assert task.cell.way is None

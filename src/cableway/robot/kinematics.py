@@ -16,7 +16,6 @@ from jaxtyping import Float
 
 from cableway.core.compiled import inlined, kernel
 
-JOINTS = 6
 BRANCHES = 8
 
 
