@@ -13,11 +13,12 @@ from cableway.core.errors import InputError, PlanningError, SimulationError, Tas
 from cableway.outcome import Outcome
 from cableway.robot.branches import ArmMotion, NoMotion, arm_motion, end_fault
 from cableway.robot.cell_kinematics import CellKinematics
-from cableway.scene.cell import CELLS, Cell, MountedArm, Way
+from cableway.scene.cell import ARM_MODELS, CELLS, Cell, MountedArm, Way
 from cableway.scene.files.loading import load_cell
 from cableway.scene.obstacles import Disc
 from cableway.tasks.generation import random_task_with_witness
 from cableway.verdict import FINDINGS
+from cableway.verification.arms import arm_checks
 from cableway.workflow.follow import _recovery
 from cableway.workflow.registry import Planner
 
@@ -225,3 +226,39 @@ def test_a_recovery_goes_on_with_the_arms_as_they_hold_the_cable(planned: tuple[
     assert asked[0].cell.way == way is not None
     assert task.cell is not None
     assert task.cell.way is None
+
+
+@pytest.mark.parametrize("limits", [{"position_limit": (0.3,) * 6}, {"speed_limit": (0.05,) * 6}])
+def test_joints_beyond_their_limits_are_no_motion(
+    planned: tuple[cw.Task, cw.Plan], limits: dict[str, Any], monkeypatch
+):
+    task, plan = planned
+    assert task.cell is not None
+    assert isinstance(arm_motion(plan.poses, task, task.cell), ArmMotion)
+    monkeypatch.setitem(ARM_MODELS, "ur5e", replace(ARM_MODELS["ur5e"], **limits))
+    found = arm_motion(plan.poses, task, task.cell)
+    assert isinstance(found, NoMotion)
+    assert "no joints within their limits follow the left gripper" in found.reason
+
+
+def test_ends_that_are_held_in_different_branches_are_told_before_the_search():
+    task = cw.random_task(312, "posts")
+    cell = next(cell for cell in CELLS.values() if cell.tool == task.grippers.body)
+    fault = end_fault(task.in_cell(cell), cell)
+    assert fault is not None
+    assert "at the goal as they can at the start, in the same branches" in fault.reason
+
+
+def test_the_judge_takes_off_what_links_may_come_nearer_between_its_looks(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    way = Way.of_record(plan.metadata)
+    assert task.cell is not None
+    assert way is not None
+    on_rows = arm_motion(plan.poses, task, replace(task.cell, way=way))
+    assert isinstance(on_rows, ArmMotion)
+    found = [check.value for check in cw.verify_plan(plan, task).checks if check.name.startswith("arm clearance")]
+    assert on_rows.clearance - 0.02 < min(found) < on_rows.clearance - 0.0005
+    fast = replace(plan, joints=plan.joints[::12], poses=plan.poses[::12], shapes=plan.shapes[::12], q=None)
+    swept = [check for check in arm_checks(fast, task) if check.name.startswith("arm clearance")]
+    assert all(check.value > min(found) - 0.02 for check in swept), "looks are as near to each other where rows are not"
+    assert any(check.row is not None and check.row % 1 for check in swept)

@@ -125,3 +125,21 @@ def test_a_link_below_the_table_or_in_a_tall_obstacle_is_found():
     tall, low = ((*place, box, np.array([height, -np.inf])) for height in (0.5, 0.1))
     assert arm_clearances(LENGTHS, high, flat, CAPSULES, tall, placed)[0] < -0.02
     assert arm_clearances(LENGTHS, high, flat, CAPSULES, low, placed)[0] == pytest.approx(free)
+
+
+def test_the_clearance_of_an_arm_from_itself_is_that_of_coal():
+    joints, high = np.random.default_rng(3).uniform(-2.6, 2.6, (40, 6)), np.eye(4)
+    high[2, 3] = 3.0  # the table is far
+    placed = np.empty((40, len(CAPSULES.frame), 2, 3))
+    found = arm_clearances(LENGTHS, high, joints, CAPSULES, EMPTY, placed)
+    request, result, touching = coal.DistanceRequest(), coal.DistanceResult(), 0
+    for row in range(40):
+        least = np.inf
+        for i, frame in enumerate(CAPSULES.frame):
+            for j in np.flatnonzero(CAPSULES.frame <= frame - 3):
+                result.clear()
+                one, other = (shape(placed[row, k], CAPSULES.radius[k]) for k in (i, j))
+                least = min(least, coal.distance(*one, *other, request, result))
+        touching += least < 0
+        assert found[row] == pytest.approx(least, abs=1e-6) or max(found[row], least) < 0
+    assert 0 < touching < 40
