@@ -262,3 +262,11 @@ def test_the_judge_takes_off_what_links_may_come_nearer_between_its_looks(planne
     swept = [check for check in arm_checks(fast, task) if check.name.startswith("arm clearance")]
     assert all(check.value > min(found) - 0.02 for check in swept), "looks are as near to each other where rows are not"
     assert any(check.row is not None and check.row % 1 for check in swept)
+
+
+def test_an_exported_trajectory_says_which_arms_its_joints_are_of(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    trajectory = cw.Trajectory.of(plan, task, rate=125)
+    assert trajectory.header["joints"]["arms"] == plan.metadata["arms"]
+    assert trajectory.joints is not None
+    np.testing.assert_allclose(trajectory.joints.positions[[0, -1]], plan.joints[[0, -1]], atol=1e-9)
