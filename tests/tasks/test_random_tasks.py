@@ -23,7 +23,7 @@ SOLVABLE = {
     "dense": (1, 2),
     "sizes": (4, 5),
     "posts": (0, 1),
-    "cell": (0, 3),
+    "cell": (0, 1, 3),
     "straight": (2, 3),
     "s-shaped": (0,),
     "table": (0,),
