@@ -42,18 +42,22 @@ TOGETHER = 2.0
 LEAST_SPREAD = 0.1
 """Least mean square of the best contact's residuals, in such deviations: keypoints are known to 0.5 mm at best."""
 
-SURE = 1.5
-"""Standard deviation of the contact's place, in keypoints, up to which it is known."""
+LEAST_SHARE = 0.05
+"""Probability of a place from which the contact may be there."""
 
 EVALUATIONS = 30
 
+LEAST_KEYPOINTS = 3
+"""Of a rod."""
 
-def contact_on(
+
+def contacts_on(
     rod: PlanarRod, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
-    """Point of the cable's centreline at which something holds it [m], and the direction of its force (a unit vector).
+) -> list[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]]:
+    """Where something may hold a cable: points of its centreline [m], and the directions of the force (unit vectors).
 
-    None where no single contact explains the keypoints, or contacts far apart do, or none is needed.
+    One contact is at one of them, the likeliest first. None where no single contact explains the keypoints, or none is
+    needed.
 
     Args:
         rod: Uniform; its length is that of the cable.
@@ -61,18 +65,15 @@ def contact_on(
         poses: (2, 3) of the grippers [m, m, rad].
     """
     free, q = _free(rod, keypoints, poses)
-    tried = [_held_at(rod, keypoints, poses, index, q) for index in range(2, len(keypoints) - 2)]
+    tried = [_held_at(rod, keypoints, poses, index, q) for index in range(1, len(keypoints) - 1)]
     costs = np.array([cost for cost, *_ in tried])
     if not len(costs) or costs.min() > min(LARGEST * keypoints.size, NEEDED * free):
-        return None
+        return []
     spread = max(TOGETHER * float(costs.min()) / keypoints.size, LEAST_SPREAD)
     shares = np.exp((costs.min() - costs) / (2 * spread))
     shares /= shares.sum()
-    places = np.arange(len(tried))
-    if shares @ (places - shares @ places) ** 2 > SURE**2:
-        return None
-    force = shares @ np.array([force for *_, force in tried])
-    return shares @ np.array([place for _, place, _ in tried]), force / np.linalg.norm(force)
+    likely = [index for index in np.argsort(-shares) if shares[index] > LEAST_SHARE]
+    return [(tried[index][1], tried[index][2] / np.linalg.norm(tried[index][2])) for index in likely]
 
 
 def _free(
@@ -115,7 +116,8 @@ def _held_at(
 
     spacing = rod.length / (len(keypoints) - 1)
     parts = keypoints[: index + 1], keypoints[index:]
-    left, right = (PlanarRod(spacing * (len(part) - 1), len(part)) for part in parts)
+    left, right = (PlanarRod(spacing * (len(part) - 1), max(len(part), LEAST_KEYPOINTS)) for part in parts)
+    every = [slice(None, None, rod.keypoints - 1 if len(part) == 2 else 1) for rod, part in zip((left, right), parts, strict=True)]
 
     def residuals(x: np.ndarray) -> np.ndarray:
         q, r = np.split(x, 2)
@@ -125,8 +127,8 @@ def _held_at(
         moments = _moment(left, q, before) - _moment(right, r, after)
         return np.concatenate(
             [
-                (left.at_keypoints(stations)[0] - parts[0]).ravel() / NOISE,
-                (right.at_keypoints(stations_after)[0] - parts[1])[1:].ravel() / NOISE,
+                (left.at_keypoints(stations)[0][every[0]] - parts[0]).ravel() / NOISE,
+                (right.at_keypoints(stations_after)[0][every[1]] - parts[1])[1:].ravel() / NOISE,
                 (held / GRASP).ravel(),
                 SE2.minus(before[None], after[None])[0] / MEETING,
                 [rod.length * moments / SAME_MOMENT],
@@ -135,7 +137,7 @@ def _held_at(
 
     units = np.concatenate([left.units, right.units])
     starts = (
-        np.concatenate([fit_keypoints(left, parts[0])[0], fit_keypoints(right, parts[1])[0]]),
+        np.concatenate([fit_keypoints(one, _filled(part))[0] for one, part in zip((left, right), parts, strict=True)]),
         np.concatenate([_part(rod, free, left, 0.0), _part(rod, free, right, left.length)]),
     )
     found = min(
@@ -145,6 +147,11 @@ def _held_at(
     q, r = np.split(found.x, 2)
     place = left.shapes(q[None])[1][0, 1, :2]
     return 2 * float(found.cost), place, _force(left, q) - _force(right, r)
+
+
+def _filled(part: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:
+    """Keypoints, with one between if they are only two."""
+    return part if len(part) >= LEAST_KEYPOINTS else np.stack([part[0], part.mean(axis=0), part[1]])
 
 
 def _force(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from cableway.core.quantities import place
 from cableway.estimation.gating import LEAST_SHARE, connected, poses_usable
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
-from cableway.rod.contact import contact_on
+from cableway.rod.contact import contacts_on
 from cableway.rod.inverse import nearest_shapes
 from cableway.scene.clearance import clearances
 from cableway.scene.scene import Scene
@@ -219,7 +219,7 @@ class Watch:
         """Whether friction, as it was seen so far, holds the cable as far off as that."""
         return contact.off is not None and contact.off < self.friction
 
-    def avoid(self, loop: Loop, contact: Contact | None) -> Ending | None:
+    def avoid(self, loop: Loop, contact: Contact | None, why: Outcome | None = Outcome.LEFT_PLAN) -> Ending | None:
         """Stop and look, go back from something that nobody knew of, and replan round where it seems to be.
 
         Not round what turns out to be friction by then.
@@ -233,45 +233,56 @@ class Watch:
         Returns:
             How the run ended, if it did.
         """
-        status, steps = (LOST, self._rest) if contact is None else (BACKING_OFF, self._rest // 2)
-        seen = self._rested(loop, status, steps)
+        contacts = [] if contact is None else [contact]
         hidden = bool(loop.task.cable.swing_period or self.friction)
+        if contact is None and hidden:
+            return self.recover(loop, why)
+        status = LOST if contact is None else BACKING_OFF
+        seen = self._rested(loop, status, self._rest // 2)
         if not isinstance(seen, Ending) and not hidden:
             poses, rod, lies = loop.poses, loop.task.cable.rod, seen
-            found = loop.compute(lambda: contact_on(rod, lies, poses), status)
+            found = loop.compute(lambda: contacts_on(rod, lies, poses), status)
             if isinstance(found, Ending):
                 return found
-            contact = contact if found is None else Contact(*found)
-        if contact is None:
-            return self.recover(loop, Outcome.LEFT_PLAN, seen=seen)
+            contacts = [Contact(*one) for one in found] or contacts
+        if not contacts:
+            return self.recover(loop, why)
         if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
             return seen
         way = np.array([connected(frame, loop.task.cable) for frame in loop.log.observed])
-        seen = self._led_back(loop)
+        seen = self._led_back(loop, contacts)
         off = FRICTION if isinstance(seen, Ending) else hysteresis(seen, way)
         if off > FRICTION:
             LOGGER.info("at %.1f s: friction: %.1f mm off the way here", loop.time, 1000 * off)
             self.friction = max(self.friction, off)
             return self.recover(loop, Outcome.LEFT_PLAN, seen=seen)
-        for _ in range(ATTEMPTS - 1):
-            if isinstance(seen, Ending) or has_left(contact, seen, loop.poses, loop.task):
-                break
-            # it touched before what was taken back of its way; so far back it need not lie as it did, friction or not
-            seen = self._led_back(loop)
+        if not (isinstance(seen, Ending) or has_left(contacts, seen, loop.poses, loop.plant.task)):
+            seen = self._led_back(loop, contacts)
         if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
             return seen
-        ending = self.recover(loop, Outcome.BLOCKED_WAY, contact, seen)
-        return ending and Ending(ending.outcome, f"{held_up(contact)}; {ending.detail}")
+        ending = self.recover(loop, Outcome.BLOCKED_WAY, contacts, seen)
+        return ending and Ending(ending.outcome, f"{held_up(contacts[0])}; {ending.detail}")
 
-    def _led_back(self, loop: Loop) -> Float[np.ndarray, "n 2"] | Ending:
-        """Where the cable lies [m] once the grippers went back from a contact; "no plan" where it is not seen."""
-        return loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._rested(loop, BACKING_OFF, self._rest)
+    def _led_back(self, loop: Loop, contacts: Sequence[Contact]) -> Float[np.ndarray, "n 2"] | Ending:
+        """Where the cable lies [m] once the grippers went back from a contact; "no plan" where it is not seen.
+
+        They go back for `BACK` seconds, and as long again where it does not seem to have left the contact by then.
+        """
+        steps = math.ceil(BACK / loop.plant.control_step)
+        ending = loop.back_off(steps) or loop.back_off(steps, lambda: self._has_left(loop, contacts))
+        return ending or self._rested(loop, BACKING_OFF, self._rest)
+
+    @staticmethod
+    def _has_left(loop: Loop, contacts: Sequence[Contact]) -> bool:
+        """Whether the cable, as it is seen now, has left a contact; one that is not seen whole may not have."""
+        keypoints = connected(loop.observation.keypoints, loop.task.cable)
+        return bool(np.isfinite(keypoints).all()) and has_left(contacts, keypoints, loop.poses, loop.plant.task)
 
     def recover(
         self,
         loop: Loop,
         why: Outcome | None,
-        contact: Contact | None = None,
+        contacts: Sequence[Contact] = (),
         seen: Float[np.ndarray, "n 2"] | Ending | None = None,
     ) -> Ending | None:
         """Stand still, replan from where the cable is and follow the new plan; how the run ended, if it did.
@@ -281,24 +292,24 @@ class Watch:
         Args:
             loop: The run.
             why: How the run ends where it cannot go on; None where the first plan may still be followed.
-            contact: With something unknown, to plan round.
+            contacts: Places of one with something unknown, to plan round.
             seen: Where the cable lies [m], or why that is not known, if the grippers stand still already.
         """
         LOGGER.info("at %.1f s: replanning: %s", loop.time, why or "the way ahead, or the end, is not as planned")
         if len(self.recovered) >= self._recovery.times:
             return Ending(why, f"already replanned {len(self.recovered)} times") if why else None
-        ending = self._replan(loop, why, contact, seen, first=True)
+        ending = self._replan(loop, why, contacts, seen, first=True)
         for _ in range(ATTEMPTS - 1):
             if ending is None or why is None or ending.outcome is not why:
                 break
-            ending = loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._replan(loop, why, contact)
+            ending = loop.back_off(math.ceil(BACK / loop.plant.control_step)) or self._replan(loop, why, contacts)
         return ending if ending is None or why is not None or ending.outcome is not Outcome.NO_PLAN else None
 
     def _replan(
         self,
         loop: Loop,
         why: Outcome | None,
-        contact: Contact | None,
+        contacts: Sequence[Contact],
         seen: Float[np.ndarray, "n 2"] | Ending | None = None,
         first: bool = False,
     ) -> Ending | None:
@@ -310,8 +321,7 @@ class Watch:
         keypoints = self._rested(loop, status, self._rest) if seen is None else seen
         if isinstance(keypoints, Ending):
             return keypoints._replace(outcome=failed) if keypoints.outcome is Outcome.NO_PLAN else keypoints
-        if contact is not None:
-            loop.suspected.extend(suspected(contact, keypoints, loop.poses, loop.task))
+        loop.suspect(suspected(contacts, keypoints, loop.poses, loop.plant.task))
         if wrong := disagreement(keypoints, loop.poses, loop.state.reference):
             return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
         room = clearances(keypoints[None], loop.poses[None], loop.task, LEAVING)

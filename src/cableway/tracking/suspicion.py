@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
@@ -16,6 +17,9 @@ from cableway.scene.task import Task
 SUSPECTED = (0.015, 0.01, 0.006, 0.003)
 """Radii [m] of discs of which one is then taken to stand beside the cable; keypoints are some 25 mm apart."""
 
+UNSURE = 0.003
+"""How far [m] such a disc reaches beyond where it would just touch the cable: its place is known no better."""
+
 LEAST_ROOM = 0.001
 """Clearance [m] that such a disc leaves to the cable and to the goal."""
 
@@ -24,33 +28,36 @@ KNOWN = 0.02
 
 
 def suspected(
-    contact: Contact, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], task: Task
+    contacts: Sequence[Contact], keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], task: Task
 ) -> list[Disc]:
     """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies.
 
     It is as high as the cable at least, and no higher than what of a gripper is above it now or will be at the goal:
-    for all that is known, anything in between. None where something known is near, what was suspected before included.
+    for all that is known, anything in between. None where something known is near.
 
     Args:
-        contact: Where it was held.
+        contacts: Where it may have been held; one disc each.
         keypoints: (n, 2) where the cable lies now [m].
         poses: (2, 3) where the grippers are [m, m, rad].
         task: With the scene as it is known.
     """
-    found = None if _is_known(contact, task) else _largest(contact, (keypoints, task.goal), poses, task)
-    return [] if found is None else [found]
+    unknown = [contact for contact in contacts if not _is_known(contact, task)]
+    found = [_largest(contact, (keypoints, task.goal), poses, task) for contact in unknown]
+    return [disc for disc in found if disc is not None]
 
 
 def has_left(
-    contact: Contact, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], task: Task
+    contacts: Sequence[Contact], keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"], task: Task
 ) -> bool:
     """Whether a cable that is led back leaves as much room for what held it as the goal does.
 
     One that does not may still touch it. Args as for `suspected`.
     """
-    if _is_known(contact, task):
-        return True
-    return _largest(contact, (keypoints, task.goal), poses, task) == _largest(contact, (task.goal,), poses, task)
+    return all(
+        _largest(contact, (keypoints, task.goal), poses, task) == _largest(contact, (task.goal,), poses, task)
+        for contact in contacts
+        if not _is_known(contact, task)
+    )
 
 
 def _is_known(contact: Contact, task: Task) -> bool:
@@ -65,8 +72,9 @@ def _largest(
     """
     lines = [shapely.LineString(shape) for shape in shapes]
     ends = shapely.MultiPoint(np.concatenate([shape[[0, -1]] for shape in shapes]))
-    for radius in SUSPECTED:
-        center = contact.place - (radius + task.cable.radius) * contact.direction
+    for beyond in SUSPECTED:
+        center = contact.place - (beyond + task.cable.radius) * contact.direction
+        radius = beyond + UNSURE
         place = shapely.Point(center)
         beside = min(line.distance(place) for line in lines) - task.cable.radius
         if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:

@@ -4,8 +4,8 @@ Such an answer is dropped, and with it the controller's new state. In its place 
 control step before, in the same directions: a cable that is led at a steady pace is not jerked to a stop by one missed
 step, and grippers that coast so come to rest within one more step of their own, however often it happens. They do so
 only where that is safe, as far as can be judged without the controller: they may not come farther apart, nor nearer to
-each other than the task allows; and with the cable moved along as the ends carry it (`blend_jacobian`), neither cable
-nor grippers may come nearer to an obstacle than a margin, unless they are nearer already and it leads them away. Where
+each other than the task allows; and with the cable moved as its nominal rod would (`motion_jacobian`), neither cable nor
+grippers may come nearer to an obstacle than a margin, unless they are nearer already and it leads them away. Where
 the cable was not fully observed, nothing is moved. After a few such steps in a row the grippers stand still until the
 controller answers again; where it does not for long, the run ends.
 """
@@ -22,7 +22,6 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState, Status
-from cableway.control.jacobian import blend_jacobian
 from cableway.control.limits import within_limits
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.errors import ControlError, raised, said
@@ -31,6 +30,7 @@ from cableway.geometry.groups import SE2
 from cableway.motion.validity import gripper_spans
 from cableway.outcome import Outcome
 from cableway.records import Observation
+from cableway.rod.inverse import fit_keypoints, motion_jacobian
 from cableway.scene.clearance import clearances
 from cableway.scene.task import Task
 from cableway.tracking.stopping import Ending
@@ -201,17 +201,28 @@ class Guard:
         keypoints = observation.keypoints
         return np.shape(keypoints) == self.task.start.shape and bool(np.isfinite(keypoints).all())
 
-    def is_safe(self, action: Float[np.ndarray, "2 3"], observation: Observation) -> bool:
-        """Whether an action leads neither cable nor grippers nearer to anything than they may, as far as is seen."""
+    def is_safe(
+        self, action: Float[np.ndarray, "2 3"], observation: Observation, margin: float | None = None
+    ) -> bool:
+        """Whether an action leads neither cable nor grippers nearer to anything than they may, as far as is seen.
+
+        Args:
+            action: (2, 3) what would be sent [m, m, rad].
+            observation: The newest one.
+            margin: Clearance [m] down to which they may come; that of the watchdog where None.
+        """
         poses, keypoints = observation.poses, observation.keypoints
         if not (self._sees(observation) and poses_usable(observation)):
             return True
-        moved = keypoints + (blend_jacobian(keypoints, poses) @ action.ravel()).reshape(keypoints.shape)
+        rod = self.task.cable.rod
+        moves = motion_jacobian(rod, fit_keypoints(rod, keypoints)[0]) @ action.ravel()
+        moved = keypoints + moves.reshape(keypoints.shape)
         ends = np.stack([poses, SE2.plus(poses, action)])
         now, then = clearances(np.stack([keypoints, moved]), ends, self.task)
         span, span_after = gripper_spans(ends)
         apart = span_after >= min(self.task.grippers.least_span, span)
-        return bool(apart) and bool((then >= np.minimum(self._watchdog.margin, now)).all())
+        kept = self._watchdog.margin if margin is None else margin
+        return bool(apart) and bool((then >= np.minimum(kept, now)).all())
 
 
 def _made(sent: Float[np.ndarray, "2 3"], action: Float[np.ndarray, "2 3"]) -> float:
