@@ -113,8 +113,8 @@ def test_a_cable_that_still_lies_at_the_contact_goes_back_farther() -> None:
     contact = Contact(place, (place - later) / np.linalg.norm(place - later))
     back = PLAN.shapes[28 - round(BACK / CONTROL_STEP)]
     back_poses = PLAN.poses[28 - round(BACK / CONTROL_STEP)]
-    assert not has_left(contact, back, back_poses, TASK)
-    assert not suspected(contact, back, back_poses, TASK)
+    assert not has_left([contact], back, back_poses, TASK)
+    assert not suspected([contact], back, back_poses, TASK)
     assert watch.avoid(loop, contact) is None
     np.testing.assert_allclose(loop.poses, PLAN.poses[0], atol=1e-6)
     assert len(loop.suspected) == 1

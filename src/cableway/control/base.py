@@ -77,8 +77,12 @@ class ControllerState:
         """The cable as it turned out to be, for controllers that estimate it once they have; None for others."""
         return None
 
-    def contact(self) -> Contact | None:
-        """What seems to hold the cable, for controllers that can tell; None for nothing."""
+    def contact(self, share: float = 1.0) -> Contact | None:
+        """What seems to hold the cable, for controllers that can tell; None for nothing.
+
+        Args:
+            share: Of what it takes to be sure, from which something may.
+        """
         return None
 
     def overruled(self, action: Float[np.ndarray, "2 3"], status: str, waits: bool | None = None) -> Self:

@@ -85,9 +85,9 @@ class EstimatingState(FollowerState):
         estimate = replace(estimate, q=q, surprise=estimate.surprise.forgotten())
         return replace(self, estimator=estimator, estimate=estimate)
 
-    def contact(self) -> Contact | None:
+    def contact(self, share: float = 1.0) -> Contact | None:
         """See `ControllerState.contact`; none while the estimates settle."""
-        held = self.estimator.held_at(self.estimate)
+        held = self.estimator.held_at(self.estimate, share)
         visible = np.flatnonzero(np.isfinite(self.tracker.keypoints[:, 0]))
         if held is None or self.index < self.plan.held_steps or not len(visible):
             return None

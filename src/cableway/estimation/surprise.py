@@ -98,13 +98,13 @@ class Surprise:
             jitter=max(differs, JITTER_KEPT * self.jitter),
         )
 
-    def held_at(self) -> tuple[int, Float[np.ndarray, "2"], float] | None:
+    def held_at(self, share: float = 1.0) -> tuple[int, Float[np.ndarray, "2"], float] | None:
         """Keypoint at which something that is not known holds the cable, in which direction, and the root mean square
-        residual [m]; None for none.
+        residual [m]; None where innovation and residual are not both beyond that share of their limits.
         """
         innovations, residuals = np.linalg.norm(self.differences, axis=-1)
         limits = self.limits + max(self.jitter - NO_JITTER, 0.0)
-        if (np.array([innovations.max(), residuals.max()]) <= limits).any():
+        if (np.array([innovations.max(), residuals.max()]) <= share * limits).any():
             return None
         worst = int(np.argmax(residuals))
         return worst, self.differences[1, worst] / residuals[worst], float(np.sqrt(np.mean(residuals**2)))

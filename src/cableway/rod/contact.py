@@ -117,7 +117,10 @@ def _held_at(
     spacing = rod.length / (len(keypoints) - 1)
     parts = keypoints[: index + 1], keypoints[index:]
     left, right = (PlanarRod(spacing * (len(part) - 1), max(len(part), LEAST_KEYPOINTS)) for part in parts)
-    every = [slice(None, None, rod.keypoints - 1 if len(part) == 2 else 1) for rod, part in zip((left, right), parts, strict=True)]
+    every = [
+        slice(None, None, rod.keypoints - 1 if len(part) == 2 else 1)
+        for rod, part in zip((left, right), parts, strict=True)
+    ]
 
     def residuals(x: np.ndarray) -> np.ndarray:
         q, r = np.split(x, 2)

@@ -138,6 +138,8 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
         return watch.avoid(loop, contact) if watch is not None else Ending(Outcome.BLOCKED_WAY, held_up(contact))
     if watch is None:
         return ending
+    if ending is None and watch.may_be_held(loop):
+        return watch.look(loop)
     closing_in = watch.is_closing_in(loop.observation, loop.plan, loop.state.progress, loop.task)
     if (
         ending is None

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -19,40 +19,21 @@ from cableway.estimation.gating import connected, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Plan, Rollout
-from cableway.scene.clearance import clearances
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
-from cableway.tracking.observed import at_rest
 from cableway.tracking.plant import Plant
 from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
+from cableway.tracking.suspicion import narrowed
 from cableway.tracking.watchdog import Guard, Watchdog
+from cableway.tracking.way_back import LEAST_ROOM, Motion, had_room
 
 LOGGER = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-
-class Motion(NamedTuple):
-    """What was sent while a plan was followed, and what was seen before it: keypoints [m], grippers' poses."""
-
-    action: Float[np.ndarray, "2 3"]
-    keypoints: Float[np.ndarray, "n 2"]
-    poses: Float[np.ndarray, "2 3"]
-
-
-
-NEAR_WAY = 0.03
-"""Mean distance [m] of the keypoints from where they were seen on the way there up to which the cable goes back as it
-came: two control steps of the grippers at most, and what a contact or friction does."""
-
-FRAMES = 5
-"""Frames in a row that say where the cable was, in whose later half each keypoint was most likely seen."""
-
-LEAST_ROOM = 0.001
-"""Clearance [m] down to which the grippers go back the way they came, on which nothing was in theirs."""
 
 LOST = "off the plan: stopped"
 """Status of a step in which the grippers stand still because the cable has left its plan."""
@@ -246,38 +227,15 @@ class Loop:
             if self._robot.short and not self._robot.holding:
                 ending = self._without_motion(_still(), BACKING_OFF)
                 continue
-            back, motions = self._back()
-            known = self._came_by() or self.guard.is_safe(back, self.observation, LEAST_ROOM)
-            if self._robot.holding or not known:
+            back = self._filtered(-self._way[-1].action)
+            known = had_room(self._way, self.observation, self.guard.task)
+            if self._robot.holding or not (known or self.guard.is_safe(back, self.observation, LEAST_ROOM)):
                 return None
-            del self._way[-motions:]
+            self._way.pop()
             self.state = self.state.overruled(back, BACKING_OFF)
             self.log.act(back, 0.0, BACKING_OFF, self.state.estimates())
             ending = self._send(back)
         return ending
-
-    def _back(self) -> tuple[Float[np.ndarray, "2 3"], int]:
-        """What takes back the last motion, or the last two where the limits allow it, and how many that are."""
-        if len(self._way) > 1 and not self.task.cable.swing_period:
-            both = -(self._way[-1].action + self._way[-2].action)
-            if np.array_equal(self._filtered(both), both):
-                return both, 2
-        return self._filtered(-self._way[-1].action), 1
-
-    def _came_by(self) -> bool:
-        """Whether the cable lies near where it was seen on the way there, where it had room.
-
-        Grippers that go back then lead it there again.
-        """
-        task, now = self.guard.task, connected(self.observation.keypoints, self.guard.task.cable)
-        if not (np.isfinite(now).all() and poses_usable(self.observation)):
-            return False
-        lay = at_rest([motion.keypoints for motion in self._way[-FRAMES:]], self._way[-1].poses)
-        if np.linalg.norm(now - lay, axis=1).mean() > NEAR_WAY:
-            return False
-        ends = np.stack([self.observation.poses, self._way[-1].poses])
-        here, there = clearances(np.stack([now, lay]), ends, task)
-        return bool((there >= np.minimum(LEAST_ROOM, here)).all())
 
     @property
     def recent_references(self) -> Float[np.ndarray, "k n 2"]:
@@ -285,9 +243,10 @@ class Loop:
         since = max(self._followed, len(self.log.reference) - 1 - LONGEST_DELAY)
         return np.array([*self.log.reference[since + 1 :], self.state.reference])
 
-    def suspect(self, discs: list[Disc]) -> None:
-        """Take it that something stands there, from now on."""
-        self.suspected.extend(disc for disc in discs if disc not in self.suspected)
+    def suspect(self, discs: list[Disc], keypoints: Float[np.ndarray, "n 2"]) -> None:
+        """Take it that something stands there from now on, but nowhere where the cable lies [m]."""
+        new = [disc for disc in discs if disc not in self.suspected]
+        self.suspected = narrowed([*self.suspected, *new], keypoints, self.plant.task)
 
     def follow(self, task: Task, plan: Plan) -> None:
         """Go on with another plan."""

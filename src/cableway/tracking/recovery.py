@@ -14,7 +14,6 @@ from jaxtyping import Float
 from cableway.control.base import Contact
 from cableway.core.checks import Checked, NotNegative
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
-from cableway.core.quantities import place
 from cableway.estimation.gating import LEAST_SHARE, connected, poses_usable
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
@@ -27,7 +26,7 @@ from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOST, Loop
 from cableway.tracking.observed import LEAVING, at_rest, clearance, distances, hysteresis, mean, root_mean_square
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
-from cableway.tracking.suspicion import LEAST_ROOM, has_left, suspected
+from cableway.tracking.suspicion import LEAST_ROOM, has_left, held_up, suspected
 
 LOGGER = logging.getLogger(__name__)
 
@@ -40,6 +39,12 @@ of 2 mm makes 1.4 mm of it, on development tasks, friction that passes for a con
 
 FORESEEN = 3
 """Times in one run that the grippers stop because of what the estimated cable would do."""
+
+DOUBT = 0.7
+"""Share of what the controller takes for a contact from which the grippers stop to look."""
+
+LOOKS = 3
+"""Times in one run that they do so."""
 
 FOLDING = 5.0
 """Stability margin below which the estimated cable would soon snap to another shape."""
@@ -74,13 +79,13 @@ class Recovery(Checked):
     then what that cable can come nearest to the task's. With that cable the controller's way along the rest of a plan
     is looked at every `foresight` seconds: where it would fold or touch something there, a plan is made at once.
 
-    Where something unknown seems to hold the cable, as the controller has it or as it lies once it has left its plan,
-    the grippers first take back their motions of the last `BACK` seconds, and the new plan leads round a disc that is
-    supposed to stand there. A cable that is then not where it had been on the way is held by friction; there is no such
-    disc for it, and what holds the cable less far off than that is taken for friction from then on. Where the cable
-    still lies in the disc they go back farther, up to `ATTEMPTS` times as far. Where there is no plan from where the
-    cable is, or it touches something there, the grippers go back in the same way and it is tried again, up to
-    `ATTEMPTS` times.
+    Where something unknown seems to hold the cable, as the controller has it or as the cable lies when the grippers
+    stop because it may be held, has left its plan or would do so, they first take back their motions of the last `BACK`
+    seconds, and farther where it still lies at the contact. The new plan leads round discs that are supposed to stand
+    wherever the contact may be. A cable that is then not where it had been on the way is held by friction; there are no
+    discs for it, and what holds the cable less far off than that is taken for friction from then on. Where there is no
+    plan from where the cable is, or it touches something there, the grippers go back in the same way and it is tried
+    again, up to `ATTEMPTS` times.
 
     Attributes:
         replan: Plans a task that starts where the cable is, given the plan that was left. Raises `PlanningError` where
@@ -114,11 +119,6 @@ class Recovery(Checked):
     room: NotNegative[float] = 0.006
 
 
-def held_up(contact: Contact) -> str:
-    """What a report says of a contact that nobody expected."""
-    return f"something unknown seems to hold the cable near {place(contact.place)}"
-
-
 def swing(task: Task) -> float:
     """How far [m] a cable that swings is from its equilibria where the grippers come to full speed in one period of its
     first mode, as plans have it: acceleration over the square of the angular frequency; 0 for others.
@@ -139,7 +139,7 @@ class Watch:
         self.recovered: list[float] = []
         self._missed = math.inf
         self.friction = 0.0
-        self._steps, self._foreseen = 0, 0
+        self._steps, self._foreseen, self._looks = 0, 0, 0
         self._foresight = max(1, math.ceil(recovery.foresight / control_step))
 
     def foresees(self, loop: Loop) -> bool:
@@ -219,36 +219,58 @@ class Watch:
         """Whether friction, as it was seen so far, holds the cable as far off as that."""
         return contact.off is not None and contact.off < self.friction
 
+    def may_be_held(self, loop: Loop) -> bool:
+        """Whether something unknown may hold the cable, so that it is worth a stop; a few times in one run."""
+        doubtful = loop.state.contact(DOUBT)
+        if doubtful is None or self.friction or self._looks >= LOOKS:
+            return False
+        self._looks += 1
+        return True
+
+    def look(self, loop: Loop) -> Ending | None:
+        """Stop and look whether something unknown holds the cable, and avoid it if so; how the run ended, if it did."""
+        seen = self._rested(loop, LOST, self._rest // 2)
+        found = self._contacts(loop, seen, LOST)
+        return found if isinstance(found, Ending) else self._go_round(loop, found) if found else None
+
     def avoid(self, loop: Loop, contact: Contact | None, why: Outcome | None = Outcome.LEFT_PLAN) -> Ending | None:
         """Stop and look, go back from something that nobody knew of, and replan round where it seems to be.
-
-        Not round what turns out to be friction by then.
 
         Args:
             loop: The run.
             contact: As the controller has it; None where the cable has only left its plan. Where nothing is seen to
                 hold it then, either, a plan is made from where it is. Of a cable that swings, or that friction holds,
                 that cannot be seen.
+            why: How the run ends where there is none; None where the present one may still be followed.
 
         Returns:
             How the run ended, if it did.
         """
-        contacts = [] if contact is None else [contact]
         hidden = bool(loop.task.cable.swing_period or self.friction)
         if contact is None and hidden:
             return self.recover(loop, why)
         status = LOST if contact is None else BACKING_OFF
         seen = self._rested(loop, status, self._rest // 2)
-        if not isinstance(seen, Ending) and not hidden:
-            poses, rod, lies = loop.poses, loop.task.cable.rod, seen
-            found = loop.compute(lambda: contacts_on(rod, lies, poses), status)
-            if isinstance(found, Ending):
-                return found
-            contacts = [Contact(*one) for one in found] or contacts
+        contacts = [] if hidden else self._contacts(loop, seen, status)
+        if isinstance(contacts, Ending):
+            return contacts
+        contacts = contacts or ([] if contact is None else [contact])
         if not contacts:
             return self.recover(loop, why)
         if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
             return seen
+        return self._go_round(loop, contacts)
+
+    def _contacts(self, loop: Loop, seen: Float[np.ndarray, "n 2"] | Ending, status: str) -> list[Contact] | Ending:
+        """Where something may hold a cable at rest [m]; nowhere where that is not seen."""
+        if isinstance(seen, Ending):
+            return []
+        poses, rod = loop.poses, loop.task.cable.rod
+        found = loop.compute(lambda: contacts_on(rod, seen, poses), status)
+        return found if isinstance(found, Ending) else [Contact(*one) for one in found]
+
+    def _go_round(self, loop: Loop, contacts: Sequence[Contact]) -> Ending | None:
+        """Go back from a contact and replan round it, but not round what turns out to be friction by then."""
         way = np.array([connected(frame, loop.task.cable) for frame in loop.log.observed])
         seen = self._led_back(loop, contacts)
         off = FRICTION if isinstance(seen, Ending) else hysteresis(seen, way)
@@ -268,15 +290,13 @@ class Watch:
 
         They go back for `BACK` seconds, and as long again where it does not seem to have left the contact by then.
         """
-        steps = math.ceil(BACK / loop.plant.control_step)
-        ending = loop.back_off(steps) or loop.back_off(steps, lambda: self._has_left(loop, contacts))
-        return ending or self._rested(loop, BACKING_OFF, self._rest)
 
-    @staticmethod
-    def _has_left(loop: Loop, contacts: Sequence[Contact]) -> bool:
-        """Whether the cable, as it is seen now, has left a contact; one that is not seen whole may not have."""
-        keypoints = connected(loop.observation.keypoints, loop.task.cable)
-        return bool(np.isfinite(keypoints).all()) and has_left(contacts, keypoints, loop.poses, loop.plant.task)
+        def left() -> bool:
+            now = connected(loop.observation.keypoints, loop.task.cable)
+            return has_left(contacts, now, loop.poses, loop.plant.task)
+
+        steps = math.ceil(BACK / loop.plant.control_step)
+        return loop.back_off(steps) or loop.back_off(steps, left) or self._rested(loop, BACKING_OFF, self._rest)
 
     def recover(
         self,
@@ -321,7 +341,7 @@ class Watch:
         keypoints = self._rested(loop, status, self._rest) if seen is None else seen
         if isinstance(keypoints, Ending):
             return keypoints._replace(outcome=failed) if keypoints.outcome is Outcome.NO_PLAN else keypoints
-        loop.suspect(suspected(contacts, keypoints, loop.poses, loop.plant.task))
+        loop.suspect(suspected(contacts, keypoints, loop.poses, loop.plant.task), keypoints)
         if wrong := disagreement(keypoints, loop.poses, loop.state.reference):
             return Ending(Outcome.PLANT_FAILED if np.any(loop.log.actions) else Outcome.WRONG_SETUP, wrong)
         room = clearances(keypoints[None], loop.poses[None], loop.task, LEAVING)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from jaxtyping import Float
 
 from cableway.control.base import Contact
+from cableway.core.quantities import place
 from cableway.scene.clearance import lowest_above
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
@@ -25,6 +27,11 @@ LEAST_ROOM = 0.001
 
 KNOWN = 0.02
 """Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
+
+
+def held_up(contact: Contact) -> str:
+    """What a report says of a contact that nobody expected."""
+    return f"something unknown seems to hold the cable near {place(contact.place)}"
 
 
 def suspected(
@@ -51,13 +58,25 @@ def has_left(
 ) -> bool:
     """Whether a cable that is led back leaves as much room for what held it as the goal does.
 
-    One that does not may still touch it. Args as for `suspected`.
+    One that does not, or is not seen whole, may still touch it. Args as for `suspected`.
     """
-    return all(
+    return bool(np.isfinite(keypoints).all()) and all(
         _largest(contact, (keypoints, task.goal), poses, task) == _largest(contact, (task.goal,), poses, task)
         for contact in contacts
         if not _is_known(contact, task)
     )
+
+
+def narrowed(discs: Sequence[Disc], keypoints: Float[np.ndarray, "n 2"], task: Task) -> list[Disc]:
+    """What is left of suspected discs of a cable that lies along `keypoints` [m], so that nothing stands there."""
+    line, left = shapely.LineString(keypoints), []
+    for disc in discs:
+        room = line.distance(shapely.Point(disc.center)) - task.cable.radius - LEAST_ROOM
+        if room >= disc.radius:
+            left.append(disc)
+        elif room >= SUSPECTED[-1]:
+            left.append(replace(disc, radius=room))
+    return left
 
 
 def _is_known(contact: Contact, task: Task) -> bool:
@@ -75,10 +94,10 @@ def _largest(
     for beyond in SUSPECTED:
         center = contact.place - (beyond + task.cable.radius) * contact.direction
         radius = beyond + UNSURE
-        place = shapely.Point(center)
-        beside = min(line.distance(place) for line in lines) - task.cable.radius
-        if min(beside, ends.distance(place) - task.grippers.radius) > radius + LEAST_ROOM:
-            least = lowest_above(place.buffer(radius + LEAST_ROOM), [poses, task.gripper_poses("goal")], task.bodies)
+        there = shapely.Point(center)
+        beside = min(line.distance(there) for line in lines) - task.cable.radius
+        if min(beside, ends.distance(there) - task.grippers.radius) > radius + LEAST_ROOM:
+            least = lowest_above(there.buffer(radius + LEAST_ROOM), [poses, task.gripper_poses("goal")], task.bodies)
             if least >= 2 * task.cable.radius:
                 at, height = (float(center[0]), float(center[1])), None if math.isinf(least) else least
                 return Disc(center=at, radius=radius, height=height)

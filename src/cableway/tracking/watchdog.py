@@ -4,8 +4,8 @@ Such an answer is dropped, and with it the controller's new state. In its place 
 control step before, in the same directions: a cable that is led at a steady pace is not jerked to a stop by one missed
 step, and grippers that coast so come to rest within one more step of their own, however often it happens. They do so
 only where that is safe, as far as can be judged without the controller: they may not come farther apart, nor nearer to
-each other than the task allows; and with the cable moved as its nominal rod would (`motion_jacobian`), neither cable nor
-grippers may come nearer to an obstacle than a margin, unless they are nearer already and it leads them away. Where
+each other than the task allows; and with the cable moved as its nominal rod would be (`motion_jacobian`), neither cable
+nor grippers may come nearer to an obstacle than a margin, unless they are nearer already and it leads them away. Where
 the cable was not fully observed, nothing is moved. After a few such steps in a row the grippers stand still until the
 controller answers again; where it does not for long, the run ends.
 """
@@ -201,9 +201,7 @@ class Guard:
         keypoints = observation.keypoints
         return np.shape(keypoints) == self.task.start.shape and bool(np.isfinite(keypoints).all())
 
-    def is_safe(
-        self, action: Float[np.ndarray, "2 3"], observation: Observation, margin: float | None = None
-    ) -> bool:
+    def is_safe(self, action: Float[np.ndarray, "2 3"], observation: Observation, margin: float | None = None) -> bool:
         """Whether an action leads neither cable nor grippers nearer to anything than they may, as far as is seen.
 
         Args:
