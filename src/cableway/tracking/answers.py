@@ -40,6 +40,7 @@ class AnsweringPlant:
         require_interface(plant, "the plant", ("task", "control_step"), {"reset": 0, "step": 1, "measure": 0})
         self._plant, self._moved = plant, False
         self._stations: int | None = None
+        self._joints: list[np.ndarray] = []
         self.control_step = float(_numbers(plant.control_step, (), "the plant has a control_step"))
         if not 0 < self.control_step < np.inf:
             raise InputError(f"the plant's control_step must be finite and positive, got {self.control_step!r}")
@@ -70,6 +71,7 @@ class AnsweringPlant:
             SimulationError: The start cannot be taken.
         """
         answer = _asked(self._plant.reset, "reset", CablewayError)
+        self._joints = []
         return usable_observation(answer, self._keypoints, "the plant's reset")
 
     def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
@@ -92,7 +94,15 @@ class AnsweringPlant:
         answer = _asked(self._plant.measure, "measure")
         measured = self._during_a_run(lambda: _usable_measurement(answer, self._keypoints, self._stations))
         self._stations = len(measured.centreline)
+        if measured.joints is not None:
+            self._joints.append(measured.joints)
         return measured
+
+    @property
+    def joints(self) -> Float[np.ndarray, "k 2 j"] | None:
+        """Joint angles [rad] of the arms in every measurement since the last reset; None where one has none."""
+        measured = self._joints
+        return np.array(measured) if measured and len({row.shape for row in measured}) == 1 else None
 
     def _during_a_run(self, judge: Callable[[], T]) -> T:
         """What a judge of an answer returns; an answer that it refuses ends the run once something was moved."""
@@ -149,6 +159,7 @@ def _usable_measurement(answer: Any, keypoints: int, stations: int | None) -> Me
         poses=finite("poses", 2, SE2.size),
         centreline=finite("centreline", points, SE2.space),
         clearance=float(finite("clearance")),
+        joints=None if answer.joints is None else finite("joints", 2, np.shape(answer.joints)[-1]),
         gripper_clearance=float(finite("gripper_clearance")),
     )
 
