@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import SimulationError
-from cableway.core.quantities import quantity
+from cableway.core.quantities import limit_text, told_apart
 from cableway.geometry.groups import SE2
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.robot.kinematics import link_frames
@@ -132,11 +132,8 @@ class ArmDrive:
         beyond = np.abs(joints) - [model.position_limit for model in self._models]
         if beyond.max() > 0:
             side, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
-            wanted, most = abs(float(joints[side, joint])), self._models[side].position_limit[joint]
-            raise SimulationError(
-                f"the arm at the {SIDES[side][0]} would have to turn its {self._models[side].joint_names[joint]} to "
-                f"{quantity(wanted, 'rad')}, limit {quantity(most, 'rad')}"
-            )
+            most = self._models[side].position_limit[joint]
+            raise self._refusal(side, joint, "to", abs(float(joints[side, joint])), most, "rad")
         return joints
 
     def _require_slow(self, joints: Float[np.ndarray, "2 6"]) -> None:
@@ -145,11 +142,16 @@ class ArmDrive:
         share = speeds / [model.speed_limit for model in self._models]
         if share.max() > 1:
             side, joint = np.unravel_index(int(share.argmax()), share.shape)
-            most = self._models[side].speed_limit[joint]
-            raise SimulationError(
-                f"the arm at the {SIDES[side][0]} would have to turn its {self._models[side].joint_names[joint]} at "
-                f"{quantity(float(speeds[side, joint]), 'rad/s')}, limit {quantity(most, 'rad/s')}"
+            raise self._refusal(
+                side, joint, "at", float(speeds[side, joint]), self._models[side].speed_limit[joint], "rad/s"
             )
+
+    def _refusal(self, side: int, joint: int, how: str, wanted: float, most: float, unit: str) -> SimulationError:
+        name, found = self._models[side].joint_names[joint], told_apart(wanted, most, unit)
+        limit = limit_text(most, unit)
+        return SimulationError(
+            f"the arm at the {SIDES[side][0]} would have to turn its {name} {how} {found}, limit {limit}"
+        )
 
 
 def _add_links(

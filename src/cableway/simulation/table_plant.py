@@ -171,7 +171,10 @@ class TablePlant:
     @property
     def unmodelled(self) -> tuple[str, ...]:
         """See `CableSimulator.unmodelled`."""
-        return () if self.task.plug is None else ("The plug does not collide.",)
+        notes = [] if self.task.plug is None else ["The plug does not collide."]
+        if self.cable.drag or self.cable.yield_curvature:
+            notes.append("A cable on this table has no drag and takes no set.")
+        return tuple(notes)
 
     def reset(self) -> Observation:
         """Go back to the start; the same run after it gives the same result bit for bit."""
