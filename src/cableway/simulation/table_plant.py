@@ -203,7 +203,7 @@ class TablePlant:
     def measure(self) -> Measurement:
         """The truth after the last step, seen from above, with the least clearances during it."""
         line, joints = self._line(), self._drive.joints()
-        ends = SE2.compose(self._reached, self.grasp.offsets(self.time))
+        ends = SE2.compose(self._reached, self.grasp.offsets(self.time - self.control_step / 2))
         return Measurement(self._keypoints(line), ends, line, *self._clearances, joints=joints)
 
     def state(self) -> TableState:

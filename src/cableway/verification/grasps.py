@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.records import Plan, Rollout
+from cableway.scene.task import CONTROL_STEP
 
 GRASP_OFFSET = 0.02
 """Largest distance [m] of a cable's end from where its gripper should hold it; recorded poses may be those of either.
@@ -31,7 +32,8 @@ def tool_poses(record: Plan | Rollout) -> Float[np.ndarray, "t 2 3"]:
     if not isinstance(grasp, dict) or not isinstance(record, Rollout):
         return poses
     slip = grasp.get("slip_time")
-    slipped = record.times >= slip if isinstance(slip, int | float) else np.zeros(len(poses), bool)
+    middles = record.times - CONTROL_STEP / 2  # of the steps that led to the rows: in one of them the cable slips
+    slipped = middles >= slip if isinstance(slip, int | float) else np.zeros(len(poses), bool)
     for side, name in enumerate(("left", "right")):
         for rows, stage in ((~slipped, name), (slipped, f"{name}_after")):
             dx, dy, angle = _offset(grasp.get(stage))

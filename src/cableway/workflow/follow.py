@@ -22,7 +22,7 @@ from cableway.records import Plan, Rollout
 from cableway.report import Report, summarize
 from cableway.robot.branches import NoMotion, arm_motion
 from cableway.scene.cell import Way
-from cableway.scene.task import Task
+from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
 from cableway.tracking.answers import AnsweringPlant
@@ -160,7 +160,7 @@ def _with_arms(
         return rollout
     joints = None if plant is None else plant.joints
     if joints is None:
-        offsets = np.array([perturbation.grasp.offsets(time) for time in rollout.times])
+        offsets = np.array([perturbation.grasp.offsets(time - CONTROL_STEP / 2) for time in rollout.times])
         grippers = SE2.compose(rollout.poses, SE2.inverse(offsets))
         motion = arm_motion(grippers, run.task, replace(run.task.cell, way=way), made=True)
         if isinstance(motion, NoMotion):
