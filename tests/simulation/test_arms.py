@@ -43,10 +43,6 @@ def led(plant: TablePlant, action: np.ndarray, steps: int) -> list:
     return [(plant.step(action), plant.measure())[1] for _ in range(steps)]
 
 
-def weights(model: mujoco.MjModel) -> np.ndarray:
-    return np.array([model.body(f"left link {k}").mass[0] for k in range(1, 7)])
-
-
 @pytest.fixture(scope="module")
 def followed() -> tuple[TablePlant, np.ndarray, list]:
     """A plant led along the plan without feedback, then waiting; every command and measurement."""
@@ -87,7 +83,8 @@ def test_mujoco_has_the_grippers_where_the_kinematics_have_them():
 
 def test_masses_are_the_makers():
     model = plant_of().model
-    assert weights(model).sum() == pytest.approx(17.7)  # of the 20.6 kg of the arm, its base left out
+    links = sum(model.body(f"left link {k}").mass[0] for k in range(1, 7))
+    assert links == pytest.approx(17.7)  # of the 20.6 kg of the arm, its base left out
     assert model.body("right tool").mass[0] == TOOLS["2f-85"].mass.mass
     np.testing.assert_allclose(model.body("left link 2").ipos, UR5E.links[1].center)
 

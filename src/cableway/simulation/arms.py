@@ -32,7 +32,7 @@ from cableway.scene.cell import TOOLS, ArmModel, Mass, Way
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import Task
 from cableway.simulation.drives import NAMES
-from cableway.simulation.surroundings import ARMS, SOLID, add_prism, turned
+from cableway.simulation.surroundings import ARMS, CONTACT, SOLID, add_prism, turned
 
 LAG = LOOKAHEAD
 """Time [s] by which a joint follows its command late: that of the maker's servoJ."""
@@ -52,19 +52,16 @@ class ArmDrive:
         way: How the arms hold the cable.
         start: (2, 6) joint positions [rad] near which they begin, for the number of whole turns.
         time_step: Of the model [s].
-        contact: How stiff contacts of the arms are.
 
     Raises:
         InputError: The task has no cell.
     """
 
-    def __init__(
-        self, task: Task, way: Way, start: Float[np.ndarray, "2 6"], time_step: float, contact: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, task: Task, way: Way, start: Float[np.ndarray, "2 6"], time_step: float) -> None:
         self._kinematics, self._task, self._way = CellKinematics(task, way), task, way
         assert task.cell is not None
         self._cell, self._models = task.cell, [task.cell.models[arm] for arm in way.holders]
-        self._commanded, self._time_step, self._contact = np.array(start, float), time_step, contact
+        self._commanded, self._time_step = np.array(start, float), time_step
         self._measured = self._commanded.copy()
         self._places, self._welds = np.empty((2, 6), int), np.empty(2, int)
 
@@ -72,7 +69,7 @@ class ArmDrive:
         """See `GripperDrive`."""
         tool, radius = TOOLS[self._cell.tool], self._task.cable.radius
         for side, name in enumerate(NAMES):
-            met = {"contype": ARMS[side], "conaffinity": SOLID | ARMS[1 - side], **self._contact}
+            met = {"contype": ARMS[side], "conaffinity": SOLID | ARMS[1 - side], **CONTACT}
             base = self._cell.arms[self._way.holders[side]].base(self._task.scene)
             flange = _add_links(spec, name, self._models[side], base, met)
             _set_mass(flange.add_body(name=f"{name} tool"), tool.mass)
@@ -131,7 +128,7 @@ class ArmDrive:
         joints = self._kinematics.joints(poses, self._commanded)
         beyond = np.abs(joints) - [model.position_limit for model in self._models]
         if beyond.max() > 0:
-            side, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
+            side, joint = divmod(int(beyond.argmax()), beyond.shape[1])
             most = self._models[side].position_limit[joint]
             raise self._refusal(side, joint, "to", abs(float(joints[side, joint])), most, "rad")
         return joints
@@ -141,7 +138,7 @@ class ArmDrive:
         speeds = np.abs(joints - self._commanded) / self._time_step
         share = speeds / [model.speed_limit for model in self._models]
         if share.max() > 1:
-            side, joint = np.unravel_index(int(share.argmax()), share.shape)
+            side, joint = divmod(int(share.argmax()), share.shape[1])
             raise self._refusal(
                 side, joint, "at", float(speeds[side, joint]), self._models[side].speed_limit[joint], "rad/s"
             )
@@ -158,10 +155,9 @@ def _add_links(
     spec: mujoco.MjSpec, name: str, model: ArmModel, base: Float[np.ndarray, "4 4"], met: Mapping[str, Any]
 ) -> mujoco.MjsBody:
     """Add an arm with its servos, and return the body that has the frame of its flange."""
-    frames = np.tile(np.eye(4), (7, 1, 1))
-    found = np.empty((7, 3, 4))
-    link_frames(np.array(model.lengths), base, np.zeros(6), found)
-    frames[:, :3] = found
+    frames, at_zero = np.tile(np.eye(4), (7, 1, 1)), np.empty((7, 3, 4))
+    link_frames(np.array(model.lengths), base, np.zeros(6), at_zero)
+    frames[:, :3] = at_zero
     body = spec.worldbody.add_body(name=f"{name} base", **_placed(frames[0]))
     for k in range(7):
         if k:

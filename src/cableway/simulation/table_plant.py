@@ -40,13 +40,10 @@ from cableway.simulation.chain import collected_warnings
 from cableway.simulation.drives import NAMES, FreeGrippers, GripperDrive
 from cableway.simulation.perturbations.grasp import GraspConfig
 from cableway.simulation.plant import PlantConfig, checked_action, nearest_start
-from cableway.simulation.surroundings import CABLE, SOLID, SURROUNDINGS, add_plane, add_scene, hold, turned
+from cableway.simulation.surroundings import CABLE, CONTACT, SOLID, SURROUNDINGS, add_plane, add_scene, hold, turned
 
 HOLD = {"solref": [0.005, 1.0], "solimp": [0.99, 0.9999, 0.001, 0.5, 2.0]}
 """Stiffness of a grasp: a time constant of two time steps."""
-
-CONTACT = {"solref": [0.005, 1.0], "solimp": [0.99, 0.999, 0.001, 0.5, 2.0]}
-"""Stiffness of contacts: a time constant of two time steps. A cable pressed with 0.1 N gives way by less than 1 mm."""
 
 ROLLING = [0.005, 0.0001]
 """Torsional and rolling friction [m], MuJoCo's defaults."""

@@ -21,7 +21,7 @@ from cableway.simulation.perturbations.faults import FaultConfig, FaultyPlant
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable, Offset
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
 from cableway.simulation.plant import CableSimulator, PlantConfig
-from cableway.simulation.table_plant import CONTACT, TableConfig, TablePlant
+from cableway.simulation.table_plant import TableConfig, TablePlant
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,7 +150,8 @@ class Perturbation(Checked):
 
     def as_dict(self, task: Task) -> dict[str, Any]:
         """The resolved configuration as plain data, for the record of a run."""
-        names = ("grasp", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table", "arms")
+        names = ["grasp", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table"]
+        names += [] if task.cell is None else ["arms"]
         parts = {name: describe(getattr(self, name)) for name in names}
         return {**describe(self.simulation), "cable": describe(self.true_cable(task)), **parts}
 
@@ -160,7 +161,7 @@ def _arms_of(plan: Plan, task: Task, table: TableConfig) -> ArmDrive | None:
     way = Way.of_record(plan.metadata)
     if way is None or plan.joints is None:
         return None
-    return ArmDrive(task, way, plan.joints[0], table.time_step, CONTACT)
+    return ArmDrive(task, way, plan.joints[0], table.time_step)
 
 
 def _start_between(task: Task, offsets: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:
