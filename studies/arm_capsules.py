@@ -5,7 +5,7 @@
 
 For each link, and for the closed hand above its fingertips, the farthest that a vertex is outside all capsules of its
 link is printed: 0 where they hold it. Menagerie's lengths are the maker's rounded to millimetres; the frames of links
-are compared, too.
+are compared, too. Of the hand, without its mount, mass, centre of mass and moments of inertia follow.
 """
 
 from __future__ import annotations
@@ -67,10 +67,21 @@ def hand(path: Path) -> None:
     """Print that of the hand, closed on a cable of 8 mm."""
     model, data = closed(path, 0.008)
     points = edges(model, data).reshape(-1, 3)
-    points[:, 2] -= points[:, 2].max() - 0.163
+    mount = points[:, 2].max() - 0.163
+    points[:, 2] -= mount
     points = points[points[:, 2] < 0.163 - TIPS][:, [1, 0, 2]]  # its fingers move along x, a tool's along y
     links = [each for each in UR5E.capsules if each.frame == 6]
     print(f"2f-85: {1e3 * outside(points, [*TOOLS['2f-85'].capsules, *links]):.1f} mm outside")
+    parts = [part for part in range(1, model.nbody) if model.body(part).name != "base_mount"]
+    mass = model.body_mass[parts]
+    center = mass @ data.xipos[parts] / mass.sum()
+    inertia = np.zeros((3, 3))
+    for part in parts:
+        axes, arm = data.ximat[part].reshape(3, 3), data.xipos[part] - center
+        inertia += axes @ np.diag(model.body_inertia[part]) @ axes.T
+        inertia += model.body_mass[part] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    moments = np.diag(inertia)[[1, 0, 2]]  # as above
+    print(f"2f-85: {mass.sum():.3f} kg, {center[2] - mount:.3f} m from the flange, {moments.round(8).tolist()} kg m²")
 
 
 def main() -> None:

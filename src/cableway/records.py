@@ -243,7 +243,8 @@ class Measurement(Brief):
         poses: (2, 3) true gripper poses [m, m, rad].
         centreline: (M, 2) the whole cable [m].
         clearance: Least clearance [m] of the cable's surface during the step, negative by the penetration.
-        gripper_clearance: Least clearance [m] of the gripper discs during the step.
+        gripper_clearance: Least clearance [m] of grippers, and of arms that carry them, during the step.
+        joints: (2, j) joint angles [rad] of these arms, left then right; None where there are none.
     """
 
     keypoints: Float[np.ndarray, "n 2"]
@@ -251,6 +252,7 @@ class Measurement(Brief):
     centreline: Float[np.ndarray, "M 2"]
     clearance: float
     gripper_clearance: float
+    joints: Float[np.ndarray, "2 j"] | None = None
 
 
 @dataclass(frozen=True)

@@ -100,6 +100,7 @@ def test_of_a_preset_all_but_the_length_is_taken(write):
         ("cableway: 1\nsimulation: {control_step: 0.05}", "control_step must be 0.1 s, the step of the controllers"),
         ("cableway: 1\npegs: [[330, 330, 15]]", r"center\[0\] must be from -50 to 50 m, got 330.0$"),
         ("cableway: 1\npegs: [[0.35, 0.14, 0.02]]", r"pegs as here, start overlaps obstacles\[0\] \(disc at "),
+        ("cableway: 1\narms: stiff", "lab.yaml:2: arms must be one of simulated, exact, got 'stiff'"),
         ("[1", "not valid YAML"),
     ],
 )

@@ -16,9 +16,12 @@ from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.cell import ARM_MODELS, CELLS, Cell, MountedArm, Way
 from cableway.scene.files.loading import load_cell
 from cableway.scene.obstacles import Disc
+from cableway.simulation.perturbations.grasp import GraspConfig
+from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tasks.generation import random_task_with_witness
 from cableway.verdict import FINDINGS
 from cableway.verification.arms import arm_checks
+from cableway.verification.grasps import tool_poses
 from cableway.workflow.follow import _recovery
 from cableway.workflow.registry import Planner
 
@@ -127,16 +130,40 @@ def test_a_witness_is_followed_and_in_no_other_way_where_the_cable_is_held():
         assert Way.of_record({} if forged is None else {"arms": forged}) is None
 
 
-def test_a_run_in_a_cell_has_the_joints_of_what_the_grippers_did():
+ASKEW = GraspConfig(
+    left=(0.004, -0.002, 0.1),
+    left_after=(0.004, -0.002, 0.1),
+    right=(-0.003, 0.003, -0.12),
+    slip_time=3.0,
+    right_after=(-0.001, 0.001, -0.08),
+)
+
+
+@pytest.mark.parametrize("arms", ["simulated", "exact"])
+def test_a_run_in_a_cell_has_the_joints_of_the_plant_or_of_what_the_grippers_did(arms: Any):
+    """Also where the cable is held askew: a rollout has the poses of its ends, and the tools are at the grippers."""
     task = cw.random_task(2, "cell")
-    run = cw.solve(task, cw.SolveOptions(time_limit=60.0))
+    perturbation = Perturbation(arms=arms, grasp=ASKEW)
+    run = cw.solve(task, cw.SolveOptions(time_limit=60.0, perturbation=perturbation))
     assert run.success, run.report.failure
     assert run.rollout is not None
     assert run.rollout.joints is not None
     assert run.plan is not None
     assert run.rollout.metadata["arms"] == run.plan.metadata["arms"]
+    assert run.rollout.metadata["plant"]["arms"] == arms
+    assert (run.rollout.metadata["plant"]["table"] is None) == (arms == "exact")
     assert run.report.rollout_verdict is not None
     assert "tool distance" in {check.name for check in run.report.rollout_verdict.checks}
+    motion = arm_motion(
+        tool_poses(run.rollout), task, replace(task.cell, way=Way.of_record(run.plan.metadata)), made=True
+    )
+    assert isinstance(motion, ArmMotion)
+    off = np.abs(motion.joints - run.rollout.joints).max()
+    assert off < (1e-9 if arms == "exact" else 5e-3)
+    assert off > 0 or arms == "exact", "joints that servos hold are never just those"
+    forged = {**run.rollout.metadata["plant"], "grasp": {"left": [0.0, 0.0, 0.0], "right": [9.0, "x", None]}}
+    lying = replace(run.rollout, metadata={**run.rollout.metadata, "plant": forged})
+    assert "tool distance" in {check.name for check in cw.verify_rollout(lying, task).failures()}
 
 
 def test_a_named_task_in_a_cell_and_its_file(tmp_path: Path):

@@ -76,7 +76,7 @@ def test_the_judges_kinematics_are_the_same():
 def test_a_tool_points_down_at_the_gripper(turn: int):
     poses = np.array([[0.2, 0.3, 0.5], [0.1, -0.4, -2.8]])
     flanges = flange_poses(poses, 0.161, 0.004, turn)
-    np.testing.assert_allclose(gripper_poses(flanges, turn), poses, atol=1e-12)
+    np.testing.assert_allclose(gripper_poses(flanges, 0.161, turn), poses, atol=1e-12)
     tips = flanges @ np.array([0, 0, 0.161, 1])
     np.testing.assert_allclose(tips[:, :3], np.column_stack([poses[:, :2], [0.004, 0.004]]), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(flanges[:, :3, :3]), 1.0)

@@ -114,6 +114,9 @@ MEASURED: dict[str, Answers] = {
     "reported clearance that is not finite": lambda it: replace(it, clearance=np.nan),
     "reported clearance that is not finite, or beyond 1e+06": lambda it: replace(it, clearance=1e9),
     "reported gripper_clearance of shape (2,), not ()": lambda it: replace(it, gripper_clearance=np.ones(2)),
+    "reported joints of shape (6,), not (2, 6)": lambda it: replace(it, joints=np.zeros(6)),
+    "reported joints of type list, not real numbers": lambda it: replace(it, joints=[[0.0, 1.0], [2.0]]),
+    "reported joints that are not finite": lambda it: replace(it, joints=np.full((2, 7), np.nan)),
 }
 CASES = [
     *(("step", said) for said in WRONG | SEEN),
@@ -417,3 +420,21 @@ def test_a_run_that_waits_until_its_time_is_over_says_for_what() -> None:
     rollout = track(dark, JacobianFeedback(), PLAN, config=TrackConfig(overtime=5.0))
     assert rollout.outcome is Outcome.TIMED_OUT
     assert rollout.detail == "the camera has not seen the cable for 9.1 s"
+
+
+def test_joints_are_kept_where_every_measurement_since_the_start_has_them() -> None:
+    plant = AnsweringPlant(
+        Misbehaving("measure", lambda it: replace(it, joints=np.full((2, 7), float(it.clearance))), 0)
+    )
+    assert plant.joints is None
+    plant.reset()
+    rows = [plant.measure().joints for _ in range(2)]
+    np.testing.assert_array_equal(plant.joints, np.array(rows))
+    plant.reset()
+    assert plant.joints is None
+    late = AnsweringPlant(Misbehaving("measure", lambda it: replace(it, joints=np.zeros((2, 6))), 1))
+    late.reset()
+    late.measure()
+    late.step(np.zeros((2, 3)))
+    assert late.measure().joints is not None
+    assert late.joints is None, "the first measurement had none"

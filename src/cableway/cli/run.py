@@ -35,7 +35,7 @@ class Run(PlanOptions):
 
     plant: Annotated[str | None, option(metavar="{FILE.yaml,package.module:Class}")] = None
     """Perturbations of the simulated plant (cable, grasp, noise, latency), or another plant, whose code is run.
-    By default, the task's cable without noise."""
+    By default, the task's cable without noise, in a cell held by simulated arms."""
 
     deadline: Maybe[float] = None
     """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch, PathPatch
 
 from cableway.figures import scene, style
 from cableway.records import Plan
-from cableway.robot.branches import placed_links
+from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.cell import Way
 from cableway.scene.task import CONTROL_STEP, Task
 
@@ -28,7 +28,7 @@ def arms_figure(task: Task, plan: Plan) -> Figure | None:
     if task.cell is None or plan.joints is None or way is None:
         return None
     rows = [0, plan.steps // 2, plan.steps]
-    links = placed_links(plan.joints[rows], task, task.cell, way)
+    links = CellKinematics(task, way).links(plan.joints[rows])
     low, high = _extent(links, task)
     width = (style.DOUBLE - scene.LEFT - 2 * scene.BETWEEN - scene.RIGHT) / 3
     height = width * (high[1] - low[1]) / (high[0] - low[0])

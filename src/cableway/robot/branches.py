@@ -18,7 +18,7 @@ from cableway.core.brief import Brief
 from cableway.core.errors import Point
 from cableway.core.quantities import limit_text, quantity
 from cableway.robot.kinematics import BRANCHES, branch_motion, flange_poses
-from cableway.robot.links import Capsules, arm_clearances, arms_gaps
+from cableway.robot.links import Capsules, arm_clearances, arms_gaps, world_of_arms
 from cableway.scene.cell import ARMS, TOOLS, Cell, Way
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import CONTROL_STEP, ENDS, Task
@@ -167,26 +167,6 @@ def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: _Packed) -> list[_Pair] | 
     return NoMotion(f"the arms {near}", at)
 
 
-def placed_links(
-    joints: Float[np.ndarray, "t 2 6"], task: Task, cell: Cell, way: Way
-) -> list[tuple[Float[np.ndarray, "t k 2 3"], Float[np.ndarray, "k"]]]:
-    """Ends [m] and radii [m] of the capsules of both arms along a motion, that of the left end's holder first."""
-    packed, found = _Packed(task, cell), []
-    for side, arm in enumerate(way.holders):
-        capsules = packed.capsules[arm]
-        placed = np.empty((len(joints), len(capsules.frame), 2, 3))
-        arm_clearances(
-            packed.lengths[arm],
-            packed.bases[arm],
-            np.ascontiguousarray(joints[:, side]),
-            capsules,
-            packed.world,
-            placed,
-        )
-        found.append((placed, capsules.radius))
-    return found
-
-
 class _Packed:
     """A cell's arms for the kernels."""
 
@@ -199,8 +179,7 @@ class _Packed:
         self.bases = [arm.base(task.scene) for arm in cell.arms]
         self.reach = TOOLS[cell.tool].reach
         self.capsules = [Capsules.of(model, TOOLS[cell.tool]) for model in cell.models]
-        *world, heights = task.scene.world.arrays
-        self.world = (*world, np.append(heights[:-1], -np.inf))  # arms come over the walls
+        self.world = world_of_arms(task.scene)
 
 
 def _tracks(

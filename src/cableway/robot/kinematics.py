@@ -125,8 +125,11 @@ def flange_poses(poses: Float[np.ndarray, "t 3"], reach: float, height: float, t
     return flanges
 
 
-def gripper_poses(flanges: Float[np.ndarray, "t 4 4"], turn: int) -> Float[np.ndarray, "t 3"]:
-    """Gripper poses [m, m, rad] of flanges whose tool points straight down, the inverse of `flange_poses`."""
+def gripper_poses(flanges: Float[np.ndarray, "t 3 4"], reach: float, turn: int) -> Float[np.ndarray, "t 3"]:
+    """Gripper poses [m, m, rad] of flanges whose tool points down, the inverse of `flange_poses`.
+
+    Where the tool does not point straight down, that of its tip, seen from above.
+    """
     sign = 1.0 - 2.0 * turn
     angle = np.arctan2(-sign * flanges[:, 1, 0], -sign * flanges[:, 0, 0])
-    return np.column_stack([flanges[:, :2, 3], angle])
+    return np.column_stack([flanges[:, :2, 3] + reach * flanges[:, :2, 2], angle])

@@ -12,6 +12,7 @@ from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import segment_clearance
 from cableway.robot.kinematics import link_frames
 from cableway.scene.cell import ArmModel, Tool
+from cableway.scene.scene import Scene
 
 APART = 3
 """Joints between two links of an arm that can touch each other; nearer ones are kept apart by their limits."""
@@ -42,6 +43,12 @@ class Capsules(NamedTuple):
             np.array([each.radius for each in every]),
             len(model.capsules),
         )
+
+
+def world_of_arms(scene: Scene) -> tuple[np.ndarray, ...]:
+    """What links may touch, for `arm_clearances`: obstacles, but not the walls, which arms come over."""
+    *world, heights = scene.world.arrays
+    return (*world, np.append(heights[:-1], -np.inf))
 
 
 @inlined

@@ -40,6 +40,20 @@ class Capsule(NamedTuple):
     radius: float
 
 
+class Mass(NamedTuple):
+    """What a rigid part weighs, in the frame that it moves with.
+
+    Attributes:
+        mass: [kg].
+        center: Of mass [m].
+        inertia: About that: xx, yy, zz, xy, xz, yz [kg m²].
+    """
+
+    mass: float
+    center: tuple[float, float, float]
+    inertia: tuple[float, float, float, float, float, float]
+
+
 @dataclass(frozen=True)
 class ArmModel:
     """A kind of arm.
@@ -48,6 +62,9 @@ class ArmModel:
         lengths: d1, a2, a3, d4, d5, d6 of its Denavit-Hartenberg parameters [m].
         position_limit: Greatest angle of each joint to either side [rad].
         speed_limit: Of each joint [rad/s].
+        torque_limit: Of each joint [N m].
+        stiffness: With which the servo of each joint holds its position [N m/rad].
+        links: Masses of the links that joints move, from shoulder to flange.
         capsules: That hold its links.
         joint_names: From base to flange, as the maker's ROS driver calls them.
     """
@@ -55,6 +72,9 @@ class ArmModel:
     lengths: tuple[float, ...]
     position_limit: tuple[float, ...]
     speed_limit: tuple[float, ...]
+    torque_limit: tuple[float, ...]
+    stiffness: tuple[float, ...]
+    links: tuple[Mass, ...]
     capsules: tuple[Capsule, ...]
     joint_names: tuple[str, ...]
 
@@ -65,10 +85,12 @@ class Tool:
 
     Attributes:
         reach: From the flange to the axis of the cable between the fingers [m].
+        mass: Of all of it, in the frame of the flange.
         capsules: That hold it but for its fingertips, which `cableway.scene.gripper_bodies` describes.
     """
 
     reach: float
+    mass: Mass
     capsules: tuple[Capsule, ...]
 
 
@@ -78,6 +100,16 @@ UR5E = ArmModel(
     lengths=(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
     position_limit=(2 * math.pi, 2 * math.pi, math.pi, 2 * math.pi, 2 * math.pi, 2 * math.pi),
     speed_limit=(math.pi,) * 6,
+    torque_limit=(150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
+    stiffness=(2000.0, 2000.0, 2000.0, 500.0, 500.0, 500.0),
+    links=(
+        Mass(3.761, (0, -0.02561, 0.00193), (0.00700210, 0.00648091, 0.00657286, 7.3e-7, -1.053e-5, 0.00049994)),
+        Mass(8.058, (0.2125, 0, 0.11336), (0.01505885, 0.33388086, 0.33247207, -5.4e-5, 5.63e-6, -1.81e-6)),
+        Mass(2.846, (0.15, 0, 0.0265), (0.00399632, 0.07879254, 0.07848510, -1.365e-5, 0.00137272, -6.6e-6)),
+        Mass(1.37, (0, -0.0018, 0.01634), (0.00165491, 0.00135962, 0.00126279, -2.82e-6, -4.38e-6, 0.00010157)),
+        Mass(1.3, (0, 0.0018, 0.01634), (0.00135617, 0.00127827, 0.00096614, -2.74e-6, 4.44e-6, -5.048e-5)),
+        Mass(0.365, (0, 0, -0.001159), (0.00018694, 0.00018908, 0.00025756, 6e-8, -1.7e-7, -9.2e-7)),
+    ),
     capsules=(
         Capsule(0, (0, 0, 0), (0, 0, 0.06), 0.076),
         Capsule(1, (0, -0.02, 0), (0, 0.03, 0), 0.073),
@@ -96,8 +128,10 @@ UR5E = ArmModel(
     ),
     joint_names=tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", *WRISTS)),
 )
-"""Lengths and limits are Universal Robots'; the elbow's limit is where the arm is folded. The capsules hold the meshes
-of MuJoCo Menagerie's model (BSD-3-Clause), by `studies/arm_capsules.py`."""
+"""Lengths, limits and masses are Universal Robots', the latter as their ROS 2 description has them
+(`config/ur5e/physical_parameters.yaml` and `joint_limits.yaml`); the elbow's limit is where the arm is folded. The
+stiffness is that of MuJoCo Menagerie's model (BSD-3-Clause), whose meshes the capsules hold, by
+`studies/arm_capsules.py`."""
 
 ARM_MODELS: dict[str, ArmModel] = {"ur5e": UR5E}
 """By name."""
@@ -110,11 +144,14 @@ _HAND = (
 )
 """The 2F-85 above its fingers, which move along the flange's y axis."""
 
+_HAND_MASS = Mass(0.903, (0, 0, 0.044), (0.00087627, 0.0007357, 0.00027307, 0, 0, 0))
+"""Of the 2F-85 closed on a cable of 8 mm in MuJoCo Menagerie's model (BSD-2-Clause), by `studies/arm_capsules.py`."""
+
 TOOLS: dict[str, Tool] = {
-    "2f-85": Tool(0.161, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.14), 0.025))),
-    "2f-85-long-fingers": Tool(0.241, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.23), 0.014))),
+    "2f-85": Tool(0.161, _HAND_MASS, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.14), 0.025))),
+    "2f-85-long-fingers": Tool(0.241, _HAND_MASS, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.23), 0.014))),
 }
-"""By the name of their bodies in `GRIPPER_BODIES`."""
+"""By the name of their bodies in `GRIPPER_BODIES`; longer fingers weigh nothing more here."""
 
 PLACE = Quantity("m", -10.0, 10.0)
 Metres = Annotated[float, "a number", PLACE]

@@ -28,7 +28,7 @@ import numpy as np
 from cableway.scene.cable import PROFILES, Cable
 from cableway.scene.scene import Scene
 from cableway.simulation.links import link_extents, link_lengths, middle_link
-from cableway.simulation.surroundings import add_gripper, add_scene
+from cableway.simulation.surroundings import add_free_gripper, add_scene, hold
 from cableway.simulation.table import add_friction, viscosity
 
 HALF_HEIGHT = 0.1
@@ -156,4 +156,5 @@ def _add_grippers(spec: mujoco.MjSpec, cable: Cable, time_step: float) -> None:
     last, extent = cable.rod.hinges, float(link_lengths(cable.rod)[-1])
     for name, link, along in (("left", 0, -extent), ("right", last, extent)):
         stiff = {"solref": [GRASP_TIME_CONSTANT * time_step, 1.0], "solimp": [*GRASP_IMPEDANCE, *_IMPEDANCE_CURVE]}
-        add_gripper(spec, name, f"link {link}", along, **stiff)
+        add_free_gripper(spec, name)
+        hold(spec, name, f"link {link}", along, **stiff)

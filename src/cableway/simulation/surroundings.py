@@ -1,4 +1,4 @@
-"""What both plants' MuJoCo models have in common: obstacles, walls, grippers, and turns about the vertical."""
+"""What the plants' MuJoCo models have in common: obstacles, walls, grippers, and turns about the vertical."""
 
 # MuJoCo's bindings are compiled and carry no type information
 # pyright: reportAttributeAccessIssue=false
@@ -15,6 +15,13 @@ from jaxtyping import Float
 from cableway.geometry.convex import WALLS
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.scene import Scene
+
+CABLE, SURROUNDINGS, SOLID, ARMS = 1, 2, 4, (8, 16)
+"""Bits of the collision masks of models in space: the cable, what it meets, what arms meet besides, and each arm."""
+
+CONTACT = {"solref": [0.005, 1.0], "solimp": [0.99, 0.999, 0.001, 0.5, 2.0]}
+"""Stiffness of contacts in space: a time constant of two time steps. A cable pressed with 0.1 N gives way by less than
+1 mm."""
 
 
 def add_scene(
@@ -56,16 +63,31 @@ def _add_obstacle(
             kind, at = mujoco.mjtGeom.mjGEOM_BOX, [*obstacle.center, middle]
             spec.worldbody.add_geom(type=kind, pos=at, quat=quat, size=size, **surface)
         case _:
-            corners = [[*vertex, height] for height in heights for vertex in obstacle.vertices]
-            spec.add_mesh(name=surface["name"], uservert=np.ravel(corners).tolist())
-            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=surface["name"], **surface)
+            add_prism(spec, spec.worldbody, obstacle.vertices, heights, **surface)
 
 
-def add_gripper(spec: mujoco.MjSpec, name: str, body: str, along: float, **weld: Any) -> None:
-    """A body without dynamics, welded to a point so far [m] along another body."""
+def add_prism(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    outline: Float[np.ndarray, "k 2"],
+    heights: tuple[float, float],
+    **surface: Any,
+) -> None:
+    """A convex outline [m] between two heights [m], in the frame of a body."""
+    corners = [[*vertex, height] for height in heights for vertex in outline]
+    spec.add_mesh(name=surface["name"], uservert=np.ravel(corners).tolist())
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=surface["name"], **surface)
+
+
+def add_free_gripper(spec: mujoco.MjSpec, name: str) -> None:
+    """A body without dynamics."""
     spec.worldbody.add_body(name=f"{name} gripper", mocap=True)
+
+
+def hold(spec: mujoco.MjSpec, name: str, body: str, along: float, **weld: Any) -> None:
+    """Weld a gripper to a point so far [m] along another body."""
     kind, bodies = mujoco.mjtEq.mjEQ_WELD, mujoco.mjtObj.mjOBJ_BODY
-    held = spec.add_equality(type=kind, objtype=bodies, name1=body, name2=f"{name} gripper", **weld)
+    held = spec.add_equality(name=name, type=kind, objtype=bodies, name1=body, name2=f"{name} gripper", **weld)
     # anchor in the gripper, then position and quaternion of the gripper in the body, torque scale
     held.data = [0.0, 0.0, 0.0, along, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
 

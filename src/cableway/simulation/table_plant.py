@@ -1,11 +1,12 @@
-"""A second plant: a cable in space that lies on a table, led by grippers with servos.
+"""A second plant: a cable in space that lies on a table, led by grippers with servos, or by the arms of a cell.
 
 It shares nothing with the planar rod of planner and estimator but the shape its settling starts from. The cable is a
 chain of capsules of length h, the first and the last half as long, with ball joints that bend and twist with the
 stiffness EI / h. It has weight, lies on the table, and rubs on table, obstacles and walls with elliptic friction cones.
 Obstacles are prisms that stand on the table, as high as the task states and no lower than the cable is thick: it passes
-above none. Each gripper is a first-order servo: it follows the commanded motion with the time constant
-`TableConfig.servo_time`, and reports where it is.
+above none. What moves the grippers is a `GripperDrive`: each is a first-order servo that follows the commanded motion
+with the time constant `TableConfig.servo_time`, or arms carry them (`cableway.simulation.arms`). They report where they
+are. A weld holds each end of the cable in its gripper.
 
 Note:
     The twisting stiffness GJ equals EI; it is 0.67 EI for a solid rod of rubber. The cable does not collide with
@@ -36,18 +37,13 @@ from cableway.scene.clearance import pieces_clearance
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.chain import collected_warnings
+from cableway.simulation.drives import NAMES, FreeGrippers, GripperDrive
 from cableway.simulation.perturbations.grasp import GraspConfig
 from cableway.simulation.plant import PlantConfig, checked_action, nearest_start
-from cableway.simulation.surroundings import add_gripper, add_plane, add_scene, turned
-
-CABLE, SURROUNDINGS = 1, 2
-"""Bits of MuJoCo's collision masks."""
+from cableway.simulation.surroundings import CABLE, CONTACT, SOLID, SURROUNDINGS, add_plane, add_scene, hold, turned
 
 HOLD = {"solref": [0.005, 1.0], "solimp": [0.99, 0.9999, 0.001, 0.5, 2.0]}
 """Stiffness of a grasp: a time constant of two time steps."""
-
-CONTACT = {"solref": [0.005, 1.0], "solimp": [0.99, 0.999, 0.001, 0.5, 2.0]}
-"""Stiffness of contacts: a time constant of two time steps. A cable pressed with 0.1 N gives way by less than 1 mm."""
 
 ROLLING = [0.005, 0.0001]
 """Torsional and rolling friction [m], MuJoCo's defaults."""
@@ -78,7 +74,7 @@ class TableConfig(Checked):
         across: Friction across the cable over that along it.
         obstacle_friction: Coefficient between cable and obstacles.
         obstacle_height: Of obstacles whose height the task leaves open [m].
-        servo_time: Time constant [s] of the grippers' servos.
+        servo_time: Time constant [s] of the servos of grippers that no arms carry.
 
     Raises:
         InputError: A value is out of range.
@@ -110,14 +106,14 @@ class TableState:
     Attributes:
         physics: MuJoCo's integration state.
         commanded: Gripper poses asked for so far [m, m, rad].
-        reached: Where the grippers are [m, m, rad].
+        drive: What moves the grippers, see `GripperDrive.state`.
         steps: Control steps since the start.
-        clearances: Of cable and gripper discs in the last step [m].
+        clearances: Of the cable, and of grippers and arms, in the last step [m].
     """
 
     physics: Float[np.ndarray, "s"]
     commanded: Float[np.ndarray, "2 3"]
-    reached: Float[np.ndarray, "2 3"]
+    drive: Float[np.ndarray, "2 k"]
     steps: int
     clearances: tuple[float, float]
 
@@ -131,10 +127,12 @@ class TablePlant:
         grasp: Where its ends are in the grippers; a slip takes one control step.
         config: What the table plant is.
         nominal: The task that planner and controller know; `task` where None.
+        drive: What moves the grippers; servos of their own where None.
 
     Raises:
         InputError: The cable is shorter than the distance of its ends at the start.
-        SimulationError: The cable has no stable shape there, or touches something once it lies still.
+        SimulationError: The cable has no stable shape there, or something touches once it lies still; or the drive
+            cannot bring the grippers there.
     """
 
     control_step = CONTROL_STEP
@@ -147,13 +145,16 @@ class TablePlant:
         grasp: GraspConfig | None = None,
         config: TableConfig | None = None,
         nominal: Task | None = None,
+        drive: GripperDrive | None = None,
     ) -> None:
         self.task, self._scene = nominal or task, task.scene
         self.cable, self.grasp, self.config = cable or task.cable, grasp or GraspConfig(), config or TableConfig()
-        self.model = build_model(self.cable, task.scene, self.config)
+        self._drive = drive or FreeGrippers(self.config.servo_time, self.config.time_step, self.cable.radius)
+        self.model = build_model(self.cable, task.scene, self.config, self._drive)
         self._data = mujoco.MjData(self.model)
-        self._is_scene = self.model.geom_contype == SURROUNDINGS
+        self._is_scene = self.model.geom_contype & SURROUNDINGS > 0
         self._is_scene[self.model.geom("table").id] = False
+        self._is_cable = self.model.geom_contype == CABLE
         self._tip = self.cable.length / (2 * (self.config.segments - 1))
         self._steps, self._clearances = 0, (math.inf, math.inf)
         self._start(task)
@@ -167,7 +168,10 @@ class TablePlant:
     @property
     def unmodelled(self) -> tuple[str, ...]:
         """See `CableSimulator.unmodelled`."""
-        return () if self.task.plug is None else ("The plug does not collide.",)
+        notes = [] if self.task.plug is None else ["The plug does not collide."]
+        if self.cable.drag or self.cable.yield_curvature:
+            notes.append("A cable on this table has no drag and takes no set.")
+        return tuple(notes)
 
     def reset(self) -> Observation:
         """Go back to the start; the same run after it gives the same result bit for bit."""
@@ -195,30 +199,37 @@ class TablePlant:
 
     def measure(self) -> Measurement:
         """The truth after the last step, seen from above, with the least clearances during it."""
-        line = self._line()
-        ends = SE2.compose(self._reached, self.grasp.offsets(self.time))
-        return Measurement(self._keypoints(line), ends, line, *self._clearances)
+        line, joints = self._line(), self._drive.joints()
+        ends = SE2.compose(self._reached, self.grasp.offsets(self.time - self.control_step / 2))
+        return Measurement(self._keypoints(line), ends, line, *self._clearances, joints=joints)
 
     def state(self) -> TableState:
         """A copy of the whole state, to branch a run from."""
         physics = np.empty(mujoco.mj_stateSize(self.model, STATE))
         mujoco.mj_getState(self.model, self._data, physics, STATE)
-        return TableState(physics, self._commanded.copy(), self._reached.copy(), self._steps, self._clearances)
+        return TableState(physics, self._commanded.copy(), self._drive.state(), self._steps, self._clearances)
 
     def restore(self, state: TableState) -> None:
         """Go back to a state of this plant; what follows is the same bit for bit."""
         mujoco.mj_setState(self.model, self._data, state.physics, STATE)
         mujoco.mj_forward(self.model, self._data)
-        self._commanded, self._reached = state.commanded.copy(), state.reached.copy()
+        self._drive.restore(state.drive)
+        self._commanded = state.commanded.copy()
         self._steps, self._clearances = state.steps, state.clearances
 
     def _observe(self) -> Observation:
-        return Observation(time=self.time, keypoints=self._keypoints(self._line()), poses=self._reached.copy())
+        return Observation(time=self.time, keypoints=self._keypoints(self._line()), poses=self._reached)
+
+    @property
+    def _reached(self) -> Float[np.ndarray, "2 3"]:
+        """Where the grippers are [m, m, rad]; the angles run on."""
+        return SE2.continued(self._drive.poses(), self._commanded)
 
     def _start(self, task: Task) -> None:
         """Lay the cable into the stable shape of its length nearest to the task's start, and let it come to rest."""
         poses = task.cable.rod.end_poses(task.start_equilibrium[None])[0]
-        self._commanded, self._reached = poses.copy(), poses.copy()
+        self._commanded = poses.copy()
+        self._drive.begin(self.model, self._data, poses)
         start = nearest_start(self.cable, task, SE2.compose(poses, self.grasp.offsets(0.0)))
         self._lay(self.cable.rod.shapes(start[None])[0][0])
         for _ in range(round(LONGEST_SETTLING / self.control_step)):
@@ -227,47 +238,50 @@ class TablePlant:
             if np.abs(self._line() - before).max() < REST * self.control_step:
                 break
         if min(self._clearances) <= 0:
-            raise SimulationError(f"the cable touches something at the start, {quantity(-min(self._clearances))} deep")
+            what = "the cable touches" if self._clearances[0] <= 0 else "a gripper or an arm touches"
+            raise SimulationError(f"{what} something at the start, {quantity(-min(self._clearances))} deep")
 
     def _lay(self, line: Float[np.ndarray, "v 2"]) -> None:
         """Lay the chain along a planar curve of its length."""
         points = polyline.point_at(line, float(polyline.length(line)) * _joints(self.config))
         angles = np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1]))
+        quaternions = turned(np.r_[angles[:1], np.diff(angles)])
         self._data.qpos[:3] = [*points[0], self.cable.radius]
-        self._data.qpos[3:] = turned(np.r_[angles[:1], np.diff(angles)]).ravel()
+        self._data.qpos[3 : 3 + quaternions.size] = quaternions.ravel()
 
     def _lead(self, target: Float[np.ndarray, "2 3"]) -> tuple[float, float]:
         """Move the grippers' targets at constant speed in one control step; the least clearances on the way."""
         data, count = self._data, self.config.substeps
         offsets = self.grasp.offsets(self.time + self.control_step / 2)
-        late = math.exp(-self.config.time_step / self.config.servo_time) if self.config.servo_time else 0.0
-        lines, poses, deepest = [], [], math.inf
+        lines, poses, joints, deepest = [], [], [], math.inf
         data.warning.number[:] = 0
         with collected_warnings() as messages:
             for substep in range(1, count + 1):
                 wanted = self._commanded + substep / count * (target - self._commanded)
-                self._reached = wanted + late * (self._reached - wanted)
-                ends = SE2.compose(self._reached, offsets)
-                data.mocap_pos[:] = np.column_stack([ends[:, :2], np.full(2, self.cable.radius)])  # above the table
-                data.mocap_quat[:] = turned(ends[:, 2])
+                self._drive.lead(self.model, data, wanted, offsets)
                 mujoco.mj_step(self.model, data)
                 deepest = min(deepest, self._contact())
                 if substep % EVERY == 0:
                     lines.append(self._line())
-                    poses.append(self._reached.copy())
+                    poses.append(self._reached)
+                    joints.append(self._drive.joints())
         if data.warning.number.any() or not np.isfinite(data.qpos).all():
             raise SimulationError(f"the simulation diverged: {' '.join(messages[:1]) or 'a state is not finite'}")
-        slip = np.linalg.norm(lines[-1][[0, -1]] - data.mocap_pos[:, :2], axis=1).max()
+        slip = np.linalg.norm(lines[-1][[0, -1]] - SE2.position(SE2.compose(poses[-1], offsets)), axis=1).max()
         if slip > SLIP_DISTANCE:
             raise SimulationError(f"the cable slipped in a gripper by {quantity(slip)}, pulled or pressed too hard")
         cable = float(self._scene.clearance(np.array(lines), self.cable.radius).min())
         discs = float(self._scene.signed_distance(np.array(poses)[:, :, :2]).min()) - self.task.grippers.radius
         pieces = pieces_clearance(np.array(lines), np.array(poses), self.task.in_scene(self._scene))
-        return min(cable, deepest), min(discs, float(pieces.min()))
+        arms = self._drive.clearance(np.array(joints))
+        return min(cable, deepest), min(discs, float(pieces.min()), arms)
 
     def _contact(self) -> float:
         """Distance [m] of the deepest contact of the cable with an obstacle or a wall; infinite without one."""
-        touching = self._is_scene[self._data.contact.geom].any(axis=1) if self._data.ncon else np.zeros(0, bool)
+        if not self._data.ncon:
+            return math.inf
+        geoms = self._data.contact.geom
+        touching = self._is_scene[geoms].any(axis=1) & self._is_cable[geoms].any(axis=1)
         return float(self._data.contact.dist[touching].min()) if touching.any() else math.inf
 
     def _line(self) -> Float[np.ndarray, "v 2"]:
@@ -281,14 +295,15 @@ class TablePlant:
         return np.column_stack([np.interp(places, _joints(self.config), column) for column in line.T])
 
 
-def build_model(cable: Cable, scene: Scene, config: TableConfig) -> mujoco.MjModel:
-    """MuJoCo's model of a cable on a table among obstacles; of its bodies without dynamics the first is the left one.
+def build_model(cable: Cable, scene: Scene, config: TableConfig, drive: GripperDrive) -> mujoco.MjModel:
+    """MuJoCo's model of a cable on a table among obstacles, its ends held by the grippers of a drive.
 
     Args:
         cable: Length, radius, weight per metre, stiffness, damping time, and the profiles of stiffness and rest
             curvature.
         scene: Obstacles and workspace.
         config: Everything else.
+        drive: What moves the grippers.
     """
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
@@ -300,12 +315,18 @@ def build_model(cable: Cable, scene: Scene, config: TableConfig) -> mujoco.MjMod
     option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
     add_plane(spec, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0], name="table", **_surface(config.friction))
     _add_chain(spec, cable, config)
+    drive.add(spec)
+    last, share = config.segments - 1, cable.length / (2 * (config.segments - 1))
+    for name, link, along in zip(NAMES, (0, last), (0.0, share), strict=True):
+        hold(spec, name, f"segment {link}", along, **HOLD)
     stated = [config.obstacle_height if each.height is None else each.height for each in scene.obstacles]
     heights = [(0.0, max(height, 2 * cable.radius)) for height in stated]  # the cable passes above nothing
     add_scene(spec, scene, heights, mujoco.mjtGeom.mjGEOM_CYLINDER, **_surface(config.obstacle_friction))
+    for name in ("table", *(f"obstacle {index}" for index in range(len(heights)))):
+        spec.geom(name).contype |= SOLID
     model = spec.compile()
     bends = cable.length / (config.segments - 1) * cable.along("rest_curvature", _joints(config)[1:-1])
-    model.qpos_spring[7:] = turned(bends).ravel()
+    model.qpos_spring[7 : 7 + 4 * len(bends)] = turned(bends).ravel()
     return model
 
 
@@ -346,5 +367,3 @@ def _add_chain(spec: mujoco.MjSpec, cable: Cable, config: TableConfig) -> None:
         if config.across != 1.0:  # MuJoCo's first tangent of a capsule on a plane is along the capsule
             pair = spec.add_pair(geomname1="table", geomname2=name, condim=3, **CONTACT)
             pair.friction = [config.friction, config.across * config.friction, *ROLLING, ROLLING[-1]]
-    for name, link, along in (("left", 0, 0.0), ("right", count - 1, before)):
-        add_gripper(spec, name, f"segment {link}", along, **HOLD)

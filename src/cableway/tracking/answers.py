@@ -20,6 +20,9 @@ from cableway.tracking.plant import Plant
 
 T = TypeVar("T")
 
+ARM_JOINTS = 6
+"""Joints of an arm, for messages."""
+
 
 class AnsweringPlant:
     """A plant as the loop asks it: whatever it raises or answers instead of a record is a `SimulationError`.
@@ -40,6 +43,7 @@ class AnsweringPlant:
         require_interface(plant, "the plant", ("task", "control_step"), {"reset": 0, "step": 1, "measure": 0})
         self._plant, self._moved = plant, False
         self._stations: int | None = None
+        self._joints: list[np.ndarray | None] = []
         self.control_step = float(_numbers(plant.control_step, (), "the plant has a control_step"))
         if not 0 < self.control_step < np.inf:
             raise InputError(f"the plant's control_step must be finite and positive, got {self.control_step!r}")
@@ -70,6 +74,7 @@ class AnsweringPlant:
             SimulationError: The start cannot be taken.
         """
         answer = _asked(self._plant.reset, "reset", CablewayError)
+        self._joints = []
         return usable_observation(answer, self._keypoints, "the plant's reset")
 
     def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
@@ -92,7 +97,14 @@ class AnsweringPlant:
         answer = _asked(self._plant.measure, "measure")
         measured = self._during_a_run(lambda: _usable_measurement(answer, self._keypoints, self._stations))
         self._stations = len(measured.centreline)
+        self._joints.append(measured.joints)
         return measured
+
+    @property
+    def joints(self) -> Float[np.ndarray, "k 2 j"] | None:
+        """Joint angles [rad] of the arms in every measurement since the last reset; None where one has none."""
+        rows = [row for row in self._joints if row is not None]
+        return np.array(rows) if 0 < len(rows) == len(self._joints) and len({row.shape for row in rows}) == 1 else None
 
     def _during_a_run(self, judge: Callable[[], T]) -> T:
         """What a judge of an answer returns; an answer that it refuses ends the run once something was moved."""
@@ -150,7 +162,16 @@ def _usable_measurement(answer: Any, keypoints: int, stations: int | None) -> Me
         centreline=finite("centreline", points, SE2.space),
         clearance=float(finite("clearance")),
         gripper_clearance=float(finite("gripper_clearance")),
+        joints=None if answer.joints is None else finite("joints", 2, _columns(answer.joints)),
     )
+
+
+def _columns(value: Any) -> int:
+    """Of what should be a table; those of an arm's joints where it is none."""
+    try:
+        return np.shape(value)[1] or ARM_JOINTS
+    except (ValueError, IndexError):
+        return ARM_JOINTS
 
 
 def _possible(numbers: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:

@@ -70,5 +70,6 @@ class Plant(Protocol):
 
         A run is judged by it. A simulator knows the truth. A robot gives its best knowledge: the keypoints last
         observed, a line through them for the whole cable, and the clearance of that line. All of it must be finite.
+        Where arms carry the grippers, it may have their joints: in a cell the rollout then has them.
         """
         ...

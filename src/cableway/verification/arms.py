@@ -20,6 +20,7 @@ from cableway.scene.cell import TOOLS, ArmModel, Capsule, Cell
 from cableway.scene.obstacles import to_shapely
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.geometry import pose_distance
+from cableway.verification.grasps import tool_poses
 
 STEP = 0.004
 """Greatest way [m] of an end of a capsule between two looks at the motion."""
@@ -120,7 +121,7 @@ def _tip_checks(
     at: Float[np.ndarray, "s"],
 ) -> list[Check]:  # fmt: skip
     """How far the tools are from the grippers' poses, and from pointing straight down."""
-    rows, poses = np.arange(len(record.poses)), record.poses
+    rows, poses = np.arange(len(record.poses)), tool_poses(record)
     wanted = np.stack([[np.interp(at, rows, column) for column in poses[:, side].T] for side in range(2)])
     off, askew = [], []
     for side, flange in enumerate(flanges):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +21,7 @@ from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.bodies import piece_clearances
 from cableway.verification.follower import follow
 from cableway.verification.geometry import at_equal_arcs, turn
+from cableway.verification.grasps import GRASP_OFFSET, stated
 from cableway.verification.plan import at_most
 from cableway.verification.swept import distances
 
@@ -33,10 +33,6 @@ LONGEST_CONTROL_STEP = 1.0
 
 CLEARANCE_ERROR = 5e-4
 """Distance [m] by which a clearance may be recorded above that of its row."""
-
-GRASP_OFFSET = 0.02
-"""Largest distance [m] of a cable's end from where its gripper should hold it; recorded poses may be those of either.
-Measured: 5 mm."""
 
 GRASP_ANGLE = 0.2
 """Angle [rad] between a gripper and the cable's end: held askew by 10 degrees and more; measured: 1.5 degrees."""
@@ -89,22 +85,14 @@ def plant_length(rollout: Rollout, task: Task) -> float | None:
     Raises:
         InputError: They state something else than a length.
     """
-    length = _stated(rollout, "plant", "cable", "length")
+    length = stated(rollout, "plant", "cable", "length")
     if length is None:
         return None
     if not Bounds(0, LARGEST, open=True).hold(length, whole=False):
         raise InputError(f"plant.cable.length must be positive and at most {LARGEST:g} m, got {shown(length)}")
-    differs = any(_stated(rollout, "plant", name) is not None for name in ("start", "table"))
-    same = _stated(rollout, "plant", "cable") == describe(task.cable)
+    differs = any(stated(rollout, "plant", name) is not None for name in ("start", "table"))
+    same = stated(rollout, "plant", "cable") == describe(task.cable)
     return None if same and not differs else float(length)
-
-
-def _stated(rollout: Rollout, *keys: str) -> Any:
-    """What the metadata say under nested keys; None where they say nothing."""
-    found: Any = rollout.metadata
-    for key in keys:
-        found = found.get(key) if isinstance(found, dict) else None
-    return found
 
 
 def recording_checks(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
@@ -144,7 +132,7 @@ def _clearances(rollout: Rollout, task: Task) -> list[Check]:
 
     A record is the least since the row before, so it may be below. Of displaced obstacles only the walls count.
     """
-    scene = replace(task.scene, obstacles=()) if _stated(rollout, "plant", "obstacles") else task.scene
+    scene = replace(task.scene, obstacles=()) if stated(rollout, "plant", "obstacles") else task.scene
     discs = np.min([distances(rollout.poses[:, k : k + 1, :2], scene)[0] for k in range(2)], axis=0)
     pieces = piece_clearances(rollout.poses, rollout.centreline, task.in_scene(scene))
     grippers = np.minimum(discs - task.grippers.radius, pieces)
@@ -188,9 +176,9 @@ def _times(rollout: Rollout) -> list[Check]:
         return []
     usual = float(np.median(steps))
     irregular = (steps <= 0) | (np.abs(steps - usual) > ROW_JITTER * usual)
-    stated = (_stated(rollout, "control_step"), _stated(rollout, "plant", "control_step"))
+    steps_stated = (stated(rollout, "control_step"), stated(rollout, "plant", "control_step"))
     possible = Bounds(0, LONGEST_CONTROL_STEP, open=True)
-    wanted = min((step for step in stated if possible.hold(step, whole=False)), default=CONTROL_STEP)
+    wanted = min((step for step in steps_stated if possible.hold(step, whole=False)), default=CONTROL_STEP)
     first = int(np.argmax(irregular)) + 1 if irregular.any() else None
     return [
         Check("rows out of time", float(irregular.sum()), "", 0.0, not irregular.any(), row=first),

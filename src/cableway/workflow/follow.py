@@ -8,19 +8,24 @@ import logging
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from cableway.commands import Commands
 from cableway.control.base import Controller
 from cableway.control.insertion import InsertionController
 from cableway.core.errors import ControlError, SimulationError, TrackingInterrupted
 from cableway.core.plugins import is_plugin, load_plugin
 from cableway.core.provenance import versions
+from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
 from cableway.report import Report, summarize
 from cableway.robot.branches import NoMotion, arm_motion
 from cableway.scene.cell import Way
-from cableway.scene.task import Task
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
+from cableway.tracking.answers import AnsweringPlant
 from cableway.workflow.events import Listener, Note
 from cableway.workflow.find import search
 from cableway.workflow.own_plant import OwnPlant
@@ -63,13 +68,13 @@ def follow(
     """
     assert run.plan is not None
     task, perturbation, watchdog = run.task, options.perturbation, Watchdog(deadline=options.deadline)
-    rollout = insertion = problem = None
+    plant = rollout = insertion = problem = None
     actual, notes, made_by = task, (), _made_by(task, options, own)
     LOGGER.info("plant: %s", json.dumps(made_by["plant"]))
     try:
         actual = perturbation.true_task(task)
-        plant = own or perturbation.build(task, options.seed)
-        notes = plant.unmodelled
+        simulated = own or perturbation.build(task, options.seed, run.plan)
+        plant, notes = own or AnsweringPlant(simulated), simulated.unmodelled
         rollout = track(
             plant, controller, run.plan, recovery=_recovery(options, run.plan), watchdog=watchdog,
             progress=listener.progress, seed=options.seed,
@@ -91,7 +96,7 @@ def follow(
         problem = (Outcome.INTERRUPTED, "the run was interrupted")
     elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
-    rollout, insertion = _with_arms(_with(rollout, made_by), run), _with(insertion, made_by)
+    rollout, insertion = _with_arms(_with(rollout, made_by), run, plant, perturbation), _with(insertion, made_by)
     run = replace(run, rollout=rollout, insertion=insertion)
     try:
         report = summarize(
@@ -144,17 +149,25 @@ def _made_by(task: Task, options: SolveOptions, own: OwnPlant | None) -> dict[st
     return made_by
 
 
-def _with_arms(rollout: Rollout | None, run: Run) -> Rollout | None:
-    """A rollout with the joints of the arms that held the grippers, as they did in the plan; without where that cannot
-    be, and it says why.
+def _with_arms(
+    rollout: Rollout | None, run: Run, plant: AnsweringPlant | None, perturbation: Perturbation
+) -> Rollout | None:
+    """A rollout with the joints of the arms that held the grippers as they did in the plan: as the plant measured them,
+    or else where the grippers were; without where that cannot be, and it says why.
     """
     way = None if run.plan is None else Way.of_record(run.plan.metadata)
     if rollout is None or run.task.cell is None or way is None:
         return rollout
-    motion = arm_motion(rollout.poses, run.task, replace(run.task.cell, way=way), made=True)
-    if isinstance(motion, NoMotion):
-        return replace(rollout, metadata={**rollout.metadata, "arms": {"fault": motion.reason}})
-    return replace(rollout, joints=motion.joints, metadata={**rollout.metadata, "arms": way.described()})
+    joints = None if plant is None else plant.joints
+    if joints is None:
+        offsets = np.array([perturbation.grasp.offsets(time - CONTROL_STEP / 2) for time in rollout.times])
+        grippers = SE2.compose(rollout.poses, SE2.inverse(offsets))
+        motion = arm_motion(grippers, run.task, replace(run.task.cell, way=way), made=True)
+        if isinstance(motion, NoMotion):
+            return replace(rollout, metadata={**rollout.metadata, "arms": {"fault": motion.reason}})
+        joints = motion.joints
+    described = {**rollout.metadata, "arms": way.described()}
+    return replace(rollout, joints=joints[: len(rollout.times)], metadata=described)
 
 
 def _with(rollout: Rollout | None, made_by: dict[str, Any]) -> Rollout | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from cableway.core.checks import require_type
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.workflow.compilation import Compilation
@@ -31,6 +33,8 @@ def solve(task: TaskSource, options: SolveOptions | None = None, on_event: OnEve
     options, listener = SolveOptions() if options is None else options, Listener(on_event)
     require_type(options, SolveOptions, "options")
     task = as_task(task).at_speed(options.speed)
+    if options.plant is None:
+        options = replace(options, perturbation=options.perturbation.resolved(task))
     controller = prepare_controller(options, listener) if options.track else None
     plant = prepare_plant(task, options, listener) if options.track else None
     with Compilation(listener, tracking=controller is not None and needs_kernels(options)) as compilation:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import Checked, NotNegative
+from cableway.core.checks import Checked, Choice, NotNegative
 from cableway.core.errors import InputError, SimulationError
 from cableway.core.provenance import describe
+from cableway.records import Plan
 from cableway.rod.inverse import nearest_equilibrium
 from cableway.scene.cable import Cable
+from cableway.scene.cell import Way
 from cableway.scene.task import Task
+from cableway.simulation.arms import ArmDrive
 from cableway.simulation.perturbations.faults import FaultConfig, FaultyPlant
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable, Offset
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
@@ -41,6 +44,7 @@ class Perturbation(Checked):
         faults: What goes wrong with robot, link and camera.
         simulation: How the planar plant is simulated.
         table: The table plant instead, where not None; `simulation` means nothing then.
+        arms: Of a task in a cell: "simulated" with their servos, or "exact" where they are wherever the grippers are.
         notes: Sentences for the reader of a report.
 
     Raises:
@@ -57,6 +61,7 @@ class Perturbation(Checked):
     faults: FaultConfig = field(default_factory=FaultConfig)
     simulation: PlantConfig = field(default_factory=PlantConfig)
     table: TableConfig | None = None
+    arms: Annotated[Literal["simulated", "exact"], Choice("arms")] = "simulated"
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -77,6 +82,12 @@ class Perturbation(Checked):
         cable = self.true_cable(task)
         on_table = 0.0 if self.table is None else self.table.friction * max(1.0, self.table.across)
         return cable.friction_number(max(cable.friction, on_table))
+
+    def resolved(self, task: Task) -> Perturbation:
+        """With the table that the simulated arms of a cell stand at; without one, as rough as the cable's own is."""
+        if task.cell is None or self.arms == "exact" or self.table is not None:
+            return self
+        return replace(self, table=TableConfig(friction=self.true_cable(task).friction))
 
     def known_task(self, task: Task) -> Task:
         """What the controller knows from `revealed` on: the task, with the obstacles and pegs where they are.
@@ -107,27 +118,31 @@ class Perturbation(Checked):
             return known
         return replace(known, start=_start_between(task, np.array(self.start)), start_poses=None)
 
-    def build(self, task: Task, seed: int = 0) -> SensedPlant | FaultyPlant:
+    def build(self, task: Task, seed: int = 0, plan: Plan | None = None) -> SensedPlant | FaultyPlant:
         """The plant.
 
         Args:
             task: What planner and controller know.
             seed: Of noise and lost frames.
+            plan: Whose arms hold the cable, and as it says, in a cell; where it says nothing grippers float.
 
         Raises:
             InputError: Cable or displacements do not fit the task.
             SimulationError: The plant cannot take the start.
         """
-        sensed = SensedPlant(self._cable_plant(task), self.sensing, seed)
+        sensed = SensedPlant(self.resolved(task)._cable_plant(task, plan), self.sensing, seed)
         known_at_once = not (self.obstacles or self.pegs) or self.revealed == 0
         if self.faults == FaultConfig() and known_at_once:
             return sensed
         return FaultyPlant(sensed, self.faults, task, self.revealed)
 
-    def _cable_plant(self, task: Task) -> CableSimulator | GraspedCable | TablePlant:
+    def _cable_plant(self, task: Task, plan: Plan | None) -> CableSimulator | GraspedCable | TablePlant:
         """The cable between the grippers."""
         if self.table is not None:
-            return TablePlant(self.true_task(task), self.cable, self.grasp, self.table, self.known_task(task))
+            true, drive = self.true_task(task), None
+            if plan is not None and self.arms == "simulated" and true.cell is not None:
+                drive = _arms_of(plan, true, self.table)
+            return TablePlant(true, self.cable, self.grasp, self.table, self.known_task(task), drive)
         plant = CableSimulator(self.true_task(task), self.simulation, self.cable)
         if self.grasp == GraspConfig() and self.start is None and not (self.obstacles or self.pegs):
             return plant
@@ -135,9 +150,18 @@ class Perturbation(Checked):
 
     def as_dict(self, task: Task) -> dict[str, Any]:
         """The resolved configuration as plain data, for the record of a run."""
-        names = ("grasp", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table")
+        names = ["grasp", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table"]
+        names += [] if task.cell is None else ["arms"]
         parts = {name: describe(getattr(self, name)) for name in names}
         return {**describe(self.simulation), "cable": describe(self.true_cable(task)), **parts}
+
+
+def _arms_of(plan: Plan, task: Task, table: TableConfig) -> ArmDrive | None:
+    """The arms of a cell as a plan has them; None where it does not say how they hold the cable."""
+    way = Way.of_record(plan.metadata)
+    if way is None or plan.joints is None:
+        return None
+    return ArmDrive(task, way, plan.joints[0], table.time_step)
 
 
 def _start_between(task: Task, offsets: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:

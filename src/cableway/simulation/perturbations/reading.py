@@ -20,7 +20,7 @@ FORMAT_VERSION = 1
 """The value of the key `cableway`."""
 
 SECTIONS = (
-    "cable", "grasp", "simulation", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table",
+    "cable", "grasp", "simulation", "sensing", "start", "obstacles", "pegs", "revealed", "faults", "table", "arms",
 )  # fmt: skip
 """Keys of the file: fields of `Perturbation`."""
 

@@ -1,0 +1,124 @@
+"""Runs in a cell whose arms are simulated: success, contact, error, how far joints are behind, time of a control step.
+
+    .venv/bin/python studies/arm_servos.py 5000 5020 --out runs/arm-servos     # seeds 5000 to 5019
+    .venv/bin/python studies/arm_servos.py 5000 5020 --arms exact              # the same with arms that follow exactly
+
+Random tasks `cell` on perturbations of the suite `cell`. A joint is behind by its commanded position less the measured
+one at the end of a control step; times are the plant's processor time for one. Results are appended to
+`ARMS.jsonl` in the folder as they come, and runs that are there are not done again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import cableway as cw
+from cableway.core.provenance import versions
+from cableway.robot.cell_kinematics import CellKinematics
+from cableway.scene.cell import Way
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.perturbations.variants import named_perturbation
+from cableway.simulation.table_plant import TablePlant
+
+STEPS: list[float] = []
+"""Processor time [s] of the control steps of the run under way."""
+
+
+class Timed(TablePlant):
+    """The plant, which notes how long its steps take."""
+
+    def step(self, action: np.ndarray) -> Any:
+        """See `TablePlant.step`."""
+        before = time.process_time()
+        observation = super().step(action)
+        STEPS.append(time.process_time() - before)
+        return observation
+
+
+def behind(task: cw.Task, rollout: cw.Rollout) -> np.ndarray:
+    """How far (k, 2, 6) the joints of a rollout are behind their commands [rad] after each step."""
+    way = Way.of_record(rollout.metadata)
+    if rollout.joints is None or way is None:
+        return np.zeros((0, 2, 6))
+    arms, joints = CellKinematics(task, way), rollout.joints
+    target, near, rows = arms.poses(joints[0]), joints[0], []
+    for action in rollout.actions:
+        target = target + action
+        near = arms.joints(target, near)
+        rows.append(near)
+    return np.array(rows) - joints[1:]
+
+
+def judged(task: cw.Task, perturbation: Perturbation, seed: int) -> dict[str, Any]:
+    """What became of a run."""
+    STEPS.clear()
+    options = cw.SolveOptions(perturbation=perturbation, seed=seed, time_limit=60.0, clock=time.process_time)
+    run = cw.solve(task, options)
+    report, found = run.report, {"steps": list(STEPS)}
+    if run.rollout is not None:
+        found["behind"] = np.abs(behind(task, run.rollout)).max(axis=(1, 2)).tolist()
+        found["clearance"] = run.rollout.least_clearance
+        found["recovered"] = len(run.rollout.metadata["recovered"])
+    return {"outcome": str(report.outcome), "why": report.failure, "shape_error": report.shape_error, **found}
+
+
+def spread(values: list[float], scale: float) -> str:
+    """Median, 95th percentile and greatest of some values."""
+    if not len(values):
+        return "none"
+    return " / ".join(f"{scale * value:.3g}" for value in (np.median(values), np.quantile(values, 0.95), max(values)))
+
+
+def summary(results: list[dict[str, Any]]) -> str:
+    """The figures of some runs."""
+    led = [each for each in results if each["shape_error"] is not None]
+    joints, steps = ([value for each in led for value in each.get(name, [])] for name in ("behind", "steps"))
+    succeeded = sum(each["outcome"] == "success" for each in results)
+    touched = sum(not each["clearance"] > 0 for each in led)
+    return (
+        f"{len(results)} runs, {succeeded} succeeded, {touched} of {len(led)} with contact, "
+        f"{sum(each['recovered'] > 0 for each in led)} with a recovery; median / 95% / worst: error [mm] "
+        f"{spread([each['shape_error'] for each in led], 1e3)}, joint behind by [mrad] {spread(joints, 1e3)}, "
+        f"control step of the plant [ms] {spread(steps, 1e3)}"
+    )
+
+
+def main() -> None:
+    """Go through the tasks and sum up."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("seeds", type=int, nargs=2)
+    parser.add_argument("--plants", nargs="+", default=("table-uniform", "table-coiled"))
+    parser.add_argument("--arms", default="simulated")
+    parser.add_argument("--out", type=Path, default=Path("runs/arm-servos"))
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    path = given.out / f"{given.arms}.jsonl"
+    lines = path.read_text().splitlines() if path.exists() else []
+    done = {(result["task"], result["plant"]): result for result in map(json.loads, lines)}
+    import cableway.simulation.perturbations.perturbation as building
+
+    building.TablePlant = Timed  # pyright: ignore[reportPrivateImportUsage]
+    wanted = [(seed, plant) for seed in range(*given.seeds) for plant in given.plants]
+    for seed, plant in wanted:
+        key = (f"cell-{seed}", plant)
+        if key not in done:
+            task = cw.random_task(seed, "cell")
+            result = judged(task, replace(named_perturbation(plant, task, seed), arms=given.arms), seed)
+            done[key] = {"task": key[0], "plant": plant, **result, "versions": versions()}
+            with path.open("a") as file:
+                file.write(json.dumps(done[key]) + "\n")
+        shown = {name: value for name, value in done[key].items() if name not in ("versions", "behind", "steps")}
+        print(json.dumps(shown), flush=True)
+    for plant in given.plants:
+        print(f"{plant}: {summary([done[f'cell-{seed}', plant] for seed in range(*given.seeds)])}")
+
+
+if __name__ == "__main__":
+    main()
