@@ -48,6 +48,7 @@ class ArmModel:
         lengths: d1, a2, a3, d4, d5, d6 of its Denavit-Hartenberg parameters [m].
         position_limit: Greatest angle of each joint to either side [rad].
         speed_limit: Of each joint [rad/s].
+        acceleration_limit: Of each joint [rad/s²]; torque is checked nowhere.
         capsules: That hold its links.
         joint_names: From base to flange, as the maker's ROS driver calls them.
     """
@@ -55,6 +56,7 @@ class ArmModel:
     lengths: tuple[float, ...]
     position_limit: tuple[float, ...]
     speed_limit: tuple[float, ...]
+    acceleration_limit: tuple[float, ...]
     capsules: tuple[Capsule, ...]
     joint_names: tuple[str, ...]
 
@@ -78,6 +80,7 @@ UR5E = ArmModel(
     lengths=(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
     position_limit=(2 * math.pi, 2 * math.pi, math.pi, 2 * math.pi, 2 * math.pi, 2 * math.pi),
     speed_limit=(math.pi,) * 6,
+    acceleration_limit=(5.0,) * 6,
     capsules=(
         Capsule(0, (0, 0, 0), (0, 0, 0.06), 0.076),
         Capsule(1, (0, -0.02, 0), (0, 0.03, 0), 0.073),
@@ -96,8 +99,10 @@ UR5E = ArmModel(
     ),
     joint_names=tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", *WRISTS)),
 )
-"""Lengths and limits are Universal Robots'; the elbow's limit is where the arm is folded. The capsules hold the meshes
-of MuJoCo Menagerie's model (BSD-3-Clause), by `studies/arm_capsules.py`."""
+"""Lengths and limits are Universal Robots'; the elbow's limit is where the arm is folded. A UR5e has limits of torque,
+none of acceleration that are public: that is what the maker's configuration of MoveIt takes, `joint_limits.yaml` of
+`ur_moveit_config`. The capsules hold the meshes of MuJoCo Menagerie's model (BSD-3-Clause), by
+`studies/arm_capsules.py`."""
 
 ARM_MODELS: dict[str, ArmModel] = {"ur5e": UR5E}
 """By name."""
