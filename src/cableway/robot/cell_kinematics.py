@@ -94,6 +94,10 @@ class CellKinematics:
         found = np.where((away > 0)[..., None], found, near)
         return found + 2 * np.pi * np.round((near - found) / (2 * np.pi)), np.where(away > 0, away, -1.0)
 
+    def along(self, poses: Float[np.ndarray, "t 2 3"]) -> Float[np.ndarray, "t 2 6"]:
+        """Joint positions [rad] along gripper poses [m, m, rad] that the arms reach, without jumps."""
+        return np.unwrap(self.held(poses, np.zeros((2, 6)))[0], axis=0)
+
     def room(self, joints: Float[np.ndarray, "k 2 6"]) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 6"]]:
         """What the arms have left at joint positions [rad].
 
