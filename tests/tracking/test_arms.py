@@ -16,7 +16,7 @@ from cableway.control.open_loop import OpenLoop
 from cableway.core.errors import SimulationError
 from cableway.outcome import Outcome
 from cableway.records import Observation
-from cableway.robot.branches import ArmMotion, arm_motion
+from cableway.robot.branches import SINGULAR, ArmMotion, arm_motion
 from cableway.robot.cell_kinematics import LEAST
 from cableway.robot.held_arms import ROOM, HeldArms
 from cableway.scene.cell import ARM_MODELS, Way
@@ -164,19 +164,22 @@ def test_joints_are_kept_within_their_limits_of_position(
 def test_arms_are_not_led_out_of_their_reach(planned: tuple[cw.Task, cw.Plan]):
     task, plan = moved(planned[0], -0.1), planned[1]
     arms, at = held(plan, task), plan.poses[0]
-    assert task.cell is not None
+    free = replace(task, scene=replace(task.scene, size=(3.0, 3.0), obstacles=()))
     outward = np.zeros((2, 3))
-    outward[plan.metadata["arms"]["holders"].index(1), 0] = -0.012  # away from the base of arm 1
-    for _ in range(60):
-        sent = last_filter(outward, at, replace(task, scene=replace(task.scene, size=(3.0, 3.0), obstacles=())),
-                           FAR_APART, arms=arms)  # fmt: skip
-        at = at + sent
-        arms = arms.led(at)
-        if not sent.any():
-            break
-    assert not sent.any(), "it stands before the arm is stretched out"
+    outward[plan.metadata["arms"]["holders"].index(1), 0] = -1.0  # away from the base of arm 1
+    for step in (0.012, 0.0001):  # the latter, so that joints stay slow
+        for _ in range(200):
+            sent = last_filter(step * outward, at, free, FAR_APART, arms=arms)
+            if not sent.any():
+                break
+            at = at + sent
+            arms = arms.led(at)
+        else:
+            raise AssertionError("it did not stand before the arm is stretched out")
+    away = arms.kinematics.held(at[None], arms.joints)[1].min()
+    assert SINGULAR <= away < SINGULAR + 0.02
     with pytest.raises(SimulationError, match=r"the arm at the (left|right) gripper cannot reach"):
-        arms.led(at + 10 * outward)
+        arms.led(at + 0.1 * outward)
 
 
 def test_without_a_cell_or_a_plan_for_arms_there_are_none(planned: tuple[cw.Task, cw.Plan]):

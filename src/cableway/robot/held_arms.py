@@ -74,32 +74,30 @@ class HeldArms:
         Each gripper's change is shortened in its own direction. Where even going on as before would accelerate a joint
         by more than its limit, that is its limit here.
         """
+        most = self.kinematics.acceleration_limit * CONTROL_STEP**2
         for _ in range(EASINGS):
             tried = SE2.plus(poses, np.stack([before, action]))
-            going_on, asked = self._accelerations(self.kinematics.held(tried, self.joints)[0])
-            most, change = np.maximum(np.abs(going_on), EASED), asked - going_on
-            if (np.abs(asked) <= np.maximum(most, 1.0)).all():
+            reached = self.kinematics.held(tried, self.joints)[0]
+            going_on, asked = (reached - self.joints - self.moved) / most
+            limit, change = np.maximum(np.abs(going_on), EASED), asked - going_on
+            if (np.abs(asked) <= np.maximum(limit, 1.0)).all():
                 break
-            left = np.where(change > 0, most - going_on, most + going_on)
+            left = np.where(change > 0, limit - going_on, limit + going_on)
             share = np.where(np.abs(change) > left, left / np.maximum(np.abs(change), 1e-300), 1.0).min(axis=1)
             action = before + share[:, None] * (action - before)
         return action
-
-    def _accelerations(self, joints: Float[np.ndarray, "k 2 6"]) -> Float[np.ndarray, "k 2 6"]:
-        """Accelerations over their limits of joints that are there [rad] one control step later."""
-        return (joints - self.joints - self.moved) / (self.kinematics.acceleration_limit * CONTROL_STEP**2)
 
     def room(self, poses: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k c"]:
         """What is left to the arms at gripper poses [m, m, rad] that are reached in one control step.
 
         Each column is of one limit, and below zero beyond it: clearance of links over `ROOM`, distance from
-        singularities over that of plans, way to the joints' limits of position, of speed, and of acceleration over
-        that limit. All are minus infinity where an arm cannot get there.
+        singularities over that of plans, way to the joints' limits of position and of speed. All are minus infinity
+        where an arm cannot get there. For acceleration see `eased`.
         """
         joints, away = self.kinematics.held(poses, self.joints)
         clearance, turn = self.kinematics.room(joints)
         speed = CONTROL_STEP * self.kinematics.speed_limit - np.abs(joints - self.joints)
-        ease = 1.0 - np.abs(self._accelerations(joints)).max(axis=2)
-        each = (turn.reshape(len(poses), -1), speed.reshape(len(poses), -1), ease)
-        room = np.column_stack([clearance - ROOM, away - SINGULAR, *each])
+        room = np.column_stack(
+            [clearance - ROOM, away - SINGULAR, turn.reshape(len(poses), -1), speed.reshape(len(poses), -1)]
+        )
         return np.where((away > 0).all(axis=1, keepdims=True), room, -np.inf)
