@@ -1,21 +1,26 @@
 """Plans in a cell: their joints, who refuses what arms cannot do, and the judge of both."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from recording_arms import RecordingArm
 
 import cableway as cw
 from cableway.cli.planning import CELL_NAMES
 from cableway.core.errors import InputError, PlanningError, SimulationError, TaskError, UnknownNameError
 from cableway.outcome import Outcome
+from cableway.planning.projection import LIMIT_SHARE
 from cableway.robot.branches import ArmMotion, NoMotion, arm_motion, end_fault
-from cableway.robot.cell_kinematics import CellKinematics
+from cableway.robot.cell_kinematics import LEAST, CellKinematics
+from cableway.robot.ur import URRobot
 from cableway.scene.cell import ARM_MODELS, CELLS, Cell, MountedArm, Way
 from cableway.scene.files.loading import load_cell
 from cableway.scene.obstacles import Disc
+from cableway.scene.task import CONTROL_STEP
 from cableway.simulation.perturbations.grasp import GraspConfig
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tasks.generation import random_task_with_witness
@@ -268,6 +273,21 @@ def test_joints_beyond_their_limits_are_no_motion(
     assert "no joints within their limits follow the left gripper" in found.reason
 
 
+def test_a_plan_gives_joints_the_time_that_they_need_to_accelerate(
+    planned: tuple[cw.Task, cw.Plan], monkeypatch: pytest.MonkeyPatch
+):
+    task, plan = planned
+    monkeypatch.setitem(ARM_MODELS, "ur5e", replace(ARM_MODELS["ur5e"], acceleration_limit=(1.0,) * 6))
+    slow = cw.plan(task, seed=0)
+    for each, limit in ((plan, 5.0), (slow, 1.0)):
+        assert each.joints is not None
+        at_rest = np.concatenate([each.joints[:1], each.joints, each.joints[-1:]])
+        accelerations = np.diff(at_rest, 2, axis=0) / CONTROL_STEP**2
+        assert 0.4 * limit < np.abs(accelerations).max() <= LIMIT_SHARE * limit * (1 + 1e-6)
+    assert slow.steps > 1.3 * plan.steps
+    assert slow.metadata["arms"] == plan.metadata["arms"]
+
+
 def test_ends_that_are_held_in_different_branches_are_told_before_the_search():
     task = cw.random_task(312, "posts")
     cell = next(cell for cell in CELLS.values() if cell.tool == task.grippers.body)
@@ -297,3 +317,62 @@ def test_an_exported_trajectory_says_which_arms_its_joints_are_of(planned: tuple
     assert trajectory.header["joints"]["arms"] == plan.metadata["arms"]
     assert trajectory.joints is not None
     np.testing.assert_allclose(trajectory.joints.positions[[0, -1]], plan.joints[[0, -1]], atol=1e-9)
+
+
+def sent_along(plan: cw.Plan, task: cw.Task, kinematics: Any) -> tuple[list[RecordingArm], str]:
+    """Arms that were sent along a plan, a hundredth of a second from command to command, and what ended that."""
+    assert plan.joints is not None
+    now = iter(np.arange(0.0, 1e3, 0.008))
+    both = [RecordingArm(joints, 1 / 125) for joints in kinematics.joints(plan.poses[0], plan.joints[0])]
+    arms = [each.arm(f"{side} arm") for side, each in zip(("left", "right"), both, strict=True)]
+    robot = URRobot(task, arms, kinematics, Seen(), joint_speed=3.0, clock=lambda: float(next(now)))
+    try:
+        for row in np.arange(0.0, plan.steps, 0.05):
+            share = row % 1
+            robot.send((1 - share) * plan.poses[int(row)] + share * plan.poses[int(row) + 1])
+    except SimulationError as error:
+        return both, str(error)
+    return both, ""
+
+
+class Seen:
+    """A camera that sees nothing."""
+
+    def keypoints(self) -> np.ndarray:
+        return np.full((13, 2), np.nan)
+
+
+class Blind:
+    """Kinematics of one's own, which knows of no links."""
+
+    def __init__(self, known: CellKinematics) -> None:
+        self.poses, self.joints = known.poses, known.joints
+
+
+def test_the_driver_sends_no_links_together(planned: tuple[cw.Task, cw.Plan]):
+    task, plan = planned
+    way = Way.of_record(plan.metadata)
+    assert way is not None
+    assert task.cell is not None
+    both, said = sent_along(plan, task, CellKinematics(task, way))
+    assert said == ""
+    assert len(both[0].sent) == 20 * plan.steps
+    column = Disc(center=(0.15, task.scene.size[1] / 2), radius=0.02, height=0.6)
+    first, second = task.cell.arms
+    x, y, z = second.position
+    near = replace(task.cell, arms=(first, replace(second, position=(x - 0.4, y, z))))
+    cases = {
+        r"^links of the arm at the right gripper would come within [34]\.\d mm of table": task.in_scene(
+            replace(task.scene, obstacles=(*task.scene.obstacles, column))
+        ),
+        r" would come within [34]\.\d mm of ": replace(task, cell=near),
+    }
+    for pattern, other in cases.items():
+        kinematics = CellKinematics(other, way)
+        both, said = sent_along(plan, other, kinematics)
+        assert re.search(pattern, said), said
+        joints = np.stack([[row for _, row in each.sent] for each in both], axis=1)
+        assert 20 < len(joints) < 20 * plan.steps
+        assert kinematics.room(joints)[0].min() >= LEAST - 1e-9
+        assert sent_along(plan, other, Blind(kinematics))[1] == ""
+        assert kinematics.fault(joints[-1], joints[-2]) == "", "back they may"

@@ -223,7 +223,7 @@ def test_what_no_arm_can_do_is_refused(tmp_path: Path):
         (PLAN, None, "a.script", "must be 125, 250 or 500 Hz, got none"),
         (PLAN, 100.0, "a.script", "must be 125, 250 or 500 Hz, got 100"),
         (four, 125.0, "a.script", "needs 6 joints an arm, and the record has 4"),
-        (beyond, 125.0, "a.script", "of the left arm is at 395 degrees, and a UR5e turns 360 degrees at most"),
+        (beyond, 125.0, "a.script", "left arm would have to turn its elbow_joint to 395 degrees, limit 180 degrees"),
         (fast, 125.0, "a.script", "turns at .* degrees/s, and those of a UR5e reach 180 degrees/s"),
         (PLAN, None, "a.yaml", "only a curve has these: give a rate"),
     ]

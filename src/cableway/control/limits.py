@@ -8,6 +8,7 @@ from jaxtyping import Float
 from cableway.estimation.rod_filter import MET
 from cableway.geometry.groups import SE2
 from cableway.motion.validity import gripper_spans
+from cableway.robot.held_arms import HeldArms
 from cableway.rod.fitting import meet_ends
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.bodies import RIGHT, Body
@@ -63,17 +64,19 @@ def last_filter(
     max_span: float,
     before: Float[np.ndarray, "2 3"] | None = None,
     lies: Float[np.ndarray, "n 2"] | None = None,
+    arms: HeldArms | None = None,
 ) -> Float[np.ndarray, "2 3"]:
     """What of an action may leave for the plant, whoever made it.
 
     No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at all
     where it is not: the grippers farther apart than `max_span`, or nearer to each other than `Grippers.least_span`;
-    a body of theirs in an obstacle, a wall, a body of the other or the cable, but for a plug before its port. An action
-    that breaks one of the latter is made in part, in steps of a quarter. Where the cable will be is what its nominal
-    rod says, led on from where it was seen.
+    a body of theirs in an obstacle, a wall, a body of the other or the cable, but for a plug before its port; an arm
+    that cannot follow, see `HeldArms.room`. An action that breaks one of the latter is made in part, in steps of a
+    quarter. Where the cable will be is what its nominal rod says, led on from where it was seen.
 
-    Where the task limits acceleration, the change from one action to the next is limited, too; but the grippers stop
-    faster than that where they would otherwise come too far apart, too near to each other, or into an obstacle.
+    Where the task or an arm limits acceleration, the change from one action to the next is limited, too; but the
+    grippers stop faster than that where they would otherwise come too far apart, too near to each other, or into an
+    obstacle.
 
     Args:
         action: (2, 3) gripper motion [m, m, rad]; one that is not finite becomes standing still.
@@ -82,12 +85,14 @@ def last_filter(
         max_span: Largest distance [m] of the grippers at which the cable is not taut.
         before: (2, 3) the action of the control step before [m, m, rad]; None where there is none to compare with.
         lies: (n, 2) keypoints of the cable as it was last seen whole [m]; None where it was not.
+        arms: What holds the grippers, sent to `poses`; None where they move by themselves.
     """
     action = np.asarray(action, float)
     if not np.isfinite(action).all():
         action = np.zeros_like(action)
     if before is not None:
         action = _within_acceleration(action, before, task.grippers)
+        action = action if arms is None else arms.eased(action, before, poses)
     if exceeds_limits(action, task.grippers) or _span(action, poses) > max_span:
         action = within_limits(action, poses, task.grippers, max_span)
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
@@ -97,6 +102,8 @@ def last_filter(
         kept = np.column_stack([kept, bodies_gap(task.body_pairs, reached)])
     if lies is not None and any(body.meets_cable(task.cable.radius) for body in task.bodies):
         kept = np.column_stack([kept, _cable_room(lies, reached, task)])
+    if arms is not None:
+        kept = np.column_stack([kept, arms.room(reached)])
     allowed = (kept >= np.minimum(kept[0], 0.0) - ROUNDING).all(axis=1)
     # the first share that is not allowed bounds those that are
     share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from cableway.core.errors import PlanningError
 from cableway.core.time_limit import checkpoint
 from cableway.geometry.groups import SE2
+from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP
 
@@ -73,18 +74,21 @@ def at_equal_effort(
     return np.interp(np.linspace(0, total[-1], count + 1), total, fine)
 
 
-def ramp_effort(poses: Float[np.ndarray, "t 2 3"], grippers: Grippers) -> Float[np.ndarray, "t+3 2"]:
+def ramp_effort(
+    poses: Float[np.ndarray, "t 2 3"], grippers: Grippers, arms: CellKinematics | None = None
+) -> Float[np.ndarray, "t+3 2"]:
     """Acceleration and jerk over their limits, from rest before the first row to rest after the last.
 
     Args:
         poses: One row per control step [m, m, rad].
         grippers: The limits.
+        arms: What holds them all along, whose joints have limits of acceleration; None where nothing does.
 
     Returns:
         Columns: acceleration, whose entry i is centred on row i - 1, and jerk, centred on row i - 1.5; zero where
         there is no limit, and in the first row of acceleration, which has one entry fewer.
     """
-    padded = np.concatenate([np.repeat(poses[:1], 3, axis=0), poses, np.repeat(poses[-1:], 3, axis=0)])
+    padded = _at_rest(poses)
     padded[..., SE2.space :] = np.unwrap(padded[..., SE2.space :], axis=0)
     effort = np.zeros((len(poses) + 3, 2))
     limits = ((grippers.max_acceleration, grippers.max_turn_acceleration), (grippers.max_jerk, grippers.max_turn_jerk))
@@ -93,7 +97,15 @@ def ramp_effort(poses: Float[np.ndarray, "t 2 3"], grippers: Grippers) -> Float[
         change = np.diff(padded, order, axis=0)[: len(effort)] / CONTROL_STEP**order
         moved = np.linalg.norm(SE2.position(change), axis=2).max(1) / (move or np.inf)
         effort[:, column] = np.maximum(moved, np.abs(change[..., SE2.space :]).max((1, 2)) / (turn or np.inf))
+    if arms is not None:
+        change = np.diff(_at_rest(arms.along(poses)), 2, axis=0)[: len(effort)] / CONTROL_STEP**2
+        effort[:, 0] = np.maximum(effort[:, 0], (np.abs(change) / arms.acceleration_limit).max((1, 2)))
     return effort
+
+
+def _at_rest(rows: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "t+6 ..."]:
+    """Rows between two rests."""
+    return np.concatenate([np.repeat(rows[:1], 3, axis=0), rows, np.repeat(rows[-1:], 3, axis=0)])
 
 
 def with_ramps(
@@ -103,6 +115,7 @@ def with_ramps(
     poses_at: Callable[[Float[np.ndarray, "k"]], Float[np.ndarray, "k 2 3"]],
     grippers: Grippers,
     keypoints: int = 13,
+    arms: CellKinematics | None = None,
 ) -> Float[np.ndarray, "k"]:
     """Places among `fine` between which no step asks more than `share` of the limits, ramps from and to rest included.
 
@@ -117,6 +130,7 @@ def with_ramps(
         poses_at: Poses of the grippers [m, m, rad] at places, with angles that run on.
         grippers: The limits.
         keypoints: Of the cable; a plan with many has fewer rows.
+        arms: What holds the grippers all along, see `ramp_effort`.
 
     Raises:
         PlanningError: The motion takes more control steps than a plan may have.
@@ -135,7 +149,7 @@ def with_ramps(
         times = _times(grid, slower, slope)
         require_rows(times[-1], keypoints)
         at, when = _rows(grid, times, total, fine, window)
-        beyond = ramp_effort(poses_at(at), grippers) / share
+        beyond = ramp_effort(poses_at(at), grippers, arms) / share
         if beyond.max() <= 1 + ROUNDING:
             return at
         # a motion that is slower by a factor f accelerates f² times less and jerks f³ times less
@@ -149,7 +163,8 @@ def with_ramps(
         times = STRETCH * times
         require_rows(times[-1], keypoints)
         at, _ = _rows(grid, times, total, fine, window)
-        if ramp_effort(poses_at(at), grippers).max() <= share * (1 + ROUNDING) or times[-1] > 100 * total[-1] + 1000:
+        most = ramp_effort(poses_at(at), grippers, arms).max()
+        if most <= share * (1 + ROUNDING) or times[-1] > 100 * total[-1] + 1000:
             return at
 
 

@@ -23,7 +23,7 @@ from cableway.planning.initial_trajectories import (
     Progress,
 )
 from cableway.planning.local_replanning import replanned
-from cableway.planning.projection import ProjectedTrajectory, project
+from cableway.planning.projection import ProjectedTrajectory, project, stepped
 from cableway.planning.routes.infeasibility import find_blockage
 from cableway.records import Attempt, Plan, Verdict
 from cableway.robot.branches import NoMotion, arm_motion, end_fault
@@ -191,6 +191,12 @@ class Search:
             motion = arm_motion(plan.poses, self.task, self.task.cell)
             if isinstance(motion, NoMotion):
                 return replace(_attempt(motion.reason, plan), at=motion.at)
+            if self.task.cell.way is None and projected.nodes is not None and projected.node_places is not None:
+                # now that it is known which joints move, they get the time that they need
+                held = copy(self)
+                held.task = self.task.held(motion.way)
+                eased = stepped(projected.nodes, projected.node_places, held.task, self.config.projection)
+                return held._judge(eased, initial)
             plan = replace(plan, joints=motion.joints, metadata={**made_by, "arms": motion.way.described()})
         self.report("verification", 0.0)
         verdict = verify_plan(plan, self.task, self.config.limits)

@@ -26,6 +26,8 @@ from cableway.motion.interpolation import evenly_moved, rows_at, subdivided
 from cableway.motion.time_parametrization import at_equal_effort, gripper_effort, require_rows, with_ramps
 from cableway.motion.validity import gripper_spans
 from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig, optimize_trajectory
+from cableway.robot.branches import SINGULAR
+from cableway.robot.cell_kinematics import CellKinematics
 from cableway.rod import inverse
 from cableway.rod.lag import lag
 from cableway.rod.planar import PlanarRod
@@ -208,7 +210,7 @@ def step_evenly(
 ) -> tuple[Float[np.ndarray, "K+1 dof"], Float[np.ndarray, "K+1"]]:
     """The same polyline in q with rows none of which asks more than `LIMIT_SHARE` of the limits.
 
-    The motion begins and ends at rest, see `_with_ramps`.
+    The motion begins and ends at rest, see `_with_ramps`. Of arms that hold the cable, so do the joints.
 
     Returns:
         q (K+1, dof) and the fractional index of each row in the q given.
@@ -221,8 +223,16 @@ def step_evenly(
     effort = np.max([effort, np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES), _slack_effort(poses, task)], axis=0)
     grippers = _with_ramps(task)
     poses_at = lambda places: rod.shapes(rows_at(q, places))[1]  # noqa: E731
-    at = with_ramps(fine, effort, LIMIT_SHARE, poses_at, grippers, task.cable.keypoints)
+    at = with_ramps(fine, effort, LIMIT_SHARE, poses_at, grippers, task.cable.keypoints, _arms(poses, task))
     return rows_at(q, at), at
+
+
+def _arms(poses: Float[np.ndarray, "f 2 3"], task: Task) -> CellKinematics | None:
+    """The arms that hold the cable, where it is known how, and they can do so all along; else other checks say why."""
+    if task.cell is None or task.cell.way is None:
+        return None
+    arms = CellKinematics(task, task.cell.way)
+    return arms if arms.held(poses, np.zeros((2, 6)))[1].min() >= SINGULAR else None
 
 
 def _with_ramps(task: Task) -> Grippers:

@@ -98,7 +98,7 @@ def arm_motion(
         cell: Its cell.
         made: Whether the grippers made this motion; if it kept clearance and limits is then left to the judge.
     """
-    found = _pairs(poses, _Packed(task, cell, made))
+    found = _pairs(poses, PackedCell(task, cell, made))
     if isinstance(found, NoMotion):
         return found
     best = max(found, key=lambda pair: (min(pair.clearance, ENOUGH), -pair.effort))
@@ -110,7 +110,7 @@ def end_fault(task: Task, cell: Cell) -> NoMotion | None:
 
     No motion gets from one way of holding it to another.
     """
-    packed, ways = _Packed(task, cell), []
+    packed, ways = PackedCell(task, cell), []
     poses = task.cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[1]
     for end, held in zip(ENDS, poses, strict=True):
         found = _pairs(held[None], packed)
@@ -139,7 +139,7 @@ class _Pair(NamedTuple):
         return Way(*zip(*((track.arm, track.turn, track.branch) for track in (self.left, self.right)), strict=True))
 
 
-def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: _Packed) -> list[_Pair] | NoMotion:
+def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: PackedCell) -> list[_Pair] | NoMotion:
     """All pairs, at least one, or only that of the way in which the cell holds the cable; or why there is none."""
     tracks, way = [], packed.cell.way
     for side, (name, _) in enumerate(SIDES):
@@ -152,7 +152,7 @@ def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: _Packed) -> list[_Pair] | 
     for left, right in product(*tracks):
         if left.arm == right.arm:
             continue
-        gaps = arms_gaps(left.placed, packed.capsules[left.arm], right.placed, packed.capsules[right.arm])
+        gaps = packed.gaps((left.arm, right.arm), left.placed, right.placed)
         closest = max(closest, (float(gaps.min()), int(gaps.argmin())))
         if gaps.min() >= packed.clearance:
             clearance = min(gaps.min(), left.clearance.min(), right.clearance.min())
@@ -167,7 +167,7 @@ def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: _Packed) -> list[_Pair] | 
     return NoMotion(f"the arms {near}", at)
 
 
-class _Packed:
+class PackedCell:
     """A cell's arms for the kernels."""
 
     def __init__(self, task: Task, cell: Cell, made: bool = False) -> None:
@@ -181,15 +181,33 @@ class _Packed:
         self.capsules = [Capsules.of(model, TOOLS[cell.tool]) for model in cell.models]
         self.world = world_of_arms(task.scene)
 
+    def flanges(self, arm: int, poses: Float[np.ndarray, "t 3"], turn: int) -> Float[np.ndarray, "t 4 4"]:
+        """Poses of an arm's flange in the frame of its base, where it holds the cable at gripper poses [m, m, rad]."""
+        return np.linalg.inv(self.bases[arm]) @ flange_poses(poses, self.reach, self.height, turn)
+
+    def placed(
+        self, arm: int, joints: Float[np.ndarray, "t 6"]
+    ) -> tuple[Float[np.ndarray, "t k 2 3"], Float[np.ndarray, "t"]]:
+        """Ends of an arm's capsules, and the clearance of its links [m], see `arm_clearances`, at joints [rad]."""
+        capsules, joints = self.capsules[arm], np.ascontiguousarray(joints)
+        ends = np.empty((len(joints), len(capsules.frame), 2, 3))
+        return ends, arm_clearances(self.lengths[arm], self.bases[arm], joints, capsules, self.world, ends)
+
+    def gaps(
+        self, arms: tuple[int, int], left: Float[np.ndarray, "t k 2 3"], right: Float[np.ndarray, "t k 2 3"]
+    ) -> Float[np.ndarray, "t"]:
+        """Distance [m] of two arms from the ends of their capsules, see `arms_gaps`."""
+        return arms_gaps(left, self.capsules[arms[0]], right, self.capsules[arms[1]])
+
 
 def _tracks(
-    poses: Float[np.ndarray, "t 3"], packed: _Packed, name: str, only: tuple[int, int, int] | None
+    poses: Float[np.ndarray, "t 3"], packed: PackedCell, name: str, only: tuple[int, int, int] | None
 ) -> tuple[list[Track], NoMotion]:
     """All tracks of a gripper, or only that of one arm, turn and branch; and why there are no more."""
     found: list[Track] = []
     reached, blocked = 0, (-np.inf, 0)
     for arm, turn in product(range(ARMS), (0, 1)):
-        flanges = np.linalg.inv(packed.bases[arm]) @ flange_poses(poses, packed.reach, packed.height, turn)
+        flanges = packed.flanges(arm, poses, turn)
         for branch in range(BRANCHES):
             if only not in (None, (arm, turn, branch)):
                 continue
@@ -215,17 +233,16 @@ def _tracks(
     return found, NoMotion(f"no arm follows the {name}: {links} {_place(at)}", at)
 
 
-def _track(joints: Float[np.ndarray, "t 6"], arm: int, turn: int, branch: int, packed: _Packed) -> Track | None:
+def _track(joints: Float[np.ndarray, "t 6"], arm: int, turn: int, branch: int, packed: PackedCell) -> Track | None:
     """An arm that takes these joints; None where a joint would leave its limits of position or speed."""
-    model, capsules = packed.cell.models[arm], packed.capsules[arm]
+    model = packed.cell.models[arm]
     joints = np.unwrap(joints, axis=0)
     joints -= 2 * np.pi * np.round((joints.max(axis=0) + joints.min(axis=0)) / (4 * np.pi))
     effort = float((np.abs(np.diff(joints, axis=0)).max(axis=0, initial=0.0) / CONTROL_STEP / model.speed_limit).max())
     beyond = effort > packed.effort or (np.abs(joints).max(axis=0) > model.position_limit).any()
     if beyond and np.isfinite(packed.effort):
         return None
-    placed = np.empty((len(joints), len(capsules.frame), 2, 3))
-    clearance = arm_clearances(packed.lengths[arm], packed.bases[arm], joints, capsules, packed.world, placed)
+    placed, clearance = packed.placed(arm, joints)
     return Track(arm, turn, branch, joints, clearance, placed, effort)
 
 

@@ -1,4 +1,4 @@
-"""Joints and gripper poses of a cell's arms, for who drives them, and where their links are."""
+"""Joints and gripper poses of a cell's arms, where their links are and what room they leave, for who drives them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, SimulationError
-from cableway.robot.branches import SINGULAR
-from cableway.robot.kinematics import branch_joints, flange_poses, gripper_poses, link_frames
-from cableway.robot.links import Capsules, arm_clearances, arms_gaps, world_of_arms
-from cableway.scene.cell import TOOLS, Way
+from cableway.core.quantities import quantity
+from cableway.robot.branches import SINGULAR, PackedCell
+from cableway.robot.kinematics import branch_joints, gripper_poses, link_frames
+from cableway.scene.cell import Way
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import Task
+
+LEAST = 0.004
+"""Clearance [m] of links that is kept by whoever commands arms: the judge of plans asks for as much, and takes up to
+that off a rollout for what links may come nearer between its looks."""
+
+ROUNDING = 1e-9
+"""[m]."""
 
 
 class CellKinematics:
@@ -21,6 +28,12 @@ class CellKinematics:
         task: A task in a cell.
         way: How its arms hold the cable, as `Way.of_record` has it from a plan's metadata.
 
+    Attributes:
+        way: The same.
+        position_limit: (2, 6) of the joints of the arms at the left and the right gripper, to either side [rad].
+        speed_limit: (2, 6) [rad/s].
+        acceleration_limit: (2, 6) [rad/s²].
+
     Raises:
         InputError: The task has no cell.
     """
@@ -28,52 +41,98 @@ class CellKinematics:
     def __init__(self, task: Task, way: Way) -> None:
         if task.cell is None:
             raise InputError(f"the task {task.name!r} has no cell, whose arms could be driven")
-        self._cell, self._way, self._height = task.cell, way, task.cable.radius
-        self._bases = [task.cell.arms[arm].base(task.scene) for arm in way.holders]
-        self._models = [task.cell.models[arm] for arm in way.holders]
-        self._lengths = [np.array(model.lengths) for model in self._models]
-        self._capsules = [Capsules.of(model, TOOLS[task.cell.tool]) for model in self._models]
-        self._world = world_of_arms(task.scene)
+        self._packed, self.way = PackedCell(task, task.cell), way
+        models = [task.cell.models[arm] for arm in way.holders]
+        self.position_limit = np.array([model.position_limit for model in models])
+        self.speed_limit = np.array([model.speed_limit for model in models])
+        self.acceleration_limit = np.array([model.acceleration_limit for model in models])
+        self.room(np.zeros((1, 2, 6)))  # compiles what it needs
 
     def poses(self, joints: Float[np.ndarray, "2 6"]) -> Float[np.ndarray, "2 3"]:
         """Gripper poses [m, m, rad] at joint positions [rad]."""
-        found, frames, reach = np.empty((2, 3)), np.empty((7, 3, 4)), TOOLS[self._cell.tool].reach
-        for side in range(2):
-            link_frames(self._lengths[side], self._bases[side], np.ascontiguousarray(joints[side], float), frames)
-            found[side] = gripper_poses(frames[6:], reach, self._way.turns[side])[0]
+        found, frames = np.empty((2, 3)), np.empty((7, 3, 4))
+        for side, arm in enumerate(self.way.holders):
+            lengths, base = self._packed.lengths[arm], self._packed.bases[arm]
+            link_frames(lengths, base, np.ascontiguousarray(joints[side], float), frames)
+            found[side] = gripper_poses(frames[6:], self._packed.reach, self.way.turns[side])[0]
         return found
 
-    def joints(self, poses: Float[np.ndarray, "2 3"], near: Float[np.ndarray, "2 6"]) -> Float[np.ndarray, "2 6"]:
+    def joints(
+        self, poses: Float[np.ndarray, "2 3"], near: Float[np.ndarray, "2 6"], least: float = SINGULAR
+    ) -> Float[np.ndarray, "2 6"]:
         """Joint positions [rad] that lead to gripper poses [m, m, rad], each in the turn nearest to `near`.
+
+        Args:
+            poses: Of the grippers.
+            near: Joint positions [rad].
+            least: Distance from singularities down to which they are taken, see `branch_joints`.
 
         Raises:
             SimulationError: An arm cannot get there in its branch, or is too near to a singularity there.
         """
-        found, reach = np.empty((2, 6)), TOOLS[self._cell.tool].reach
+        found, away = self.held(np.asarray(poses, float)[None], near)
         for side, (name, _) in enumerate(SIDES):
-            held = np.asarray(poses[side], float)[None]
-            flange = np.linalg.inv(self._bases[side]) @ flange_poses(held, reach, self._height, self._way.turns[side])
-            if not branch_joints(self._lengths[side], flange[0], self._way.branches[side], found[side]) >= SINGULAR:
-                x, y = held[0, :2]
+            if not away[0, side] >= least:
+                x, y = poses[side][:2]
                 raise SimulationError(f"the arm at the {name} cannot reach ({x:.3f}, {y:.3f}) m in its branch")
-        return found + 2 * np.pi * np.round((np.asarray(near) - found) / (2 * np.pi))
+        return found[0]
+
+    def held(
+        self, poses: Float[np.ndarray, "k 2 3"], near: Float[np.ndarray, "2 6"]
+    ) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2"]]:
+        """Joint positions [rad] that lead to gripper poses [m, m, rad], and how far they are from singularities.
+
+        Returns:
+            Each in the turn nearest to `near`; and the distances of `branch_joints`, negative where an arm does not
+            reach its pose, and its joints are those of `near`.
+        """
+        found, away = np.empty((len(poses), 2, 6)), np.empty((len(poses), 2))
+        for side, (arm, turn, branch) in enumerate(map(self.way.of, range(2))):
+            lengths, flanges = self._packed.lengths[arm], self._packed.flanges(arm, poses[:, side], turn)
+            for k, flange in enumerate(flanges):
+                away[k, side] = branch_joints(lengths, flange, branch, found[k, side])
+        found = np.where((away > 0)[..., None], found, near)
+        return found + 2 * np.pi * np.round((near - found) / (2 * np.pi)), np.where(away > 0, away, -1.0)
+
+    def along(self, poses: Float[np.ndarray, "t 2 3"]) -> Float[np.ndarray, "t 2 6"]:
+        """Joint positions [rad] along gripper poses [m, m, rad] that the arms reach, without jumps."""
+        return np.unwrap(self.held(poses, np.zeros((2, 6)))[0], axis=0)
+
+    def room(self, joints: Float[np.ndarray, "k 2 6"]) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 6"]]:
+        """What the arms have left at joint positions [rad].
+
+        Returns:
+            Clearance [m] of the left arm's links from table, obstacles and its own links, the same of the right arm,
+            and the distance of both arms from each other; and the way to the joints' limits of position [rad].
+        """
+        left, right = (self._packed.placed(arm, joints[:, side]) for side, arm in enumerate(self.way.holders))
+        gaps = self._packed.gaps(self.way.holders, left[0], right[0])
+        return np.column_stack([left[1], right[1], gaps]), self.position_limit - np.abs(joints)
+
+    def fault(self, before: Float[np.ndarray, "2 6"], joints: Float[np.ndarray, "2 6"]) -> str:
+        """Why the arms must not go from joint positions to others [rad], in a sentence; "" where they may.
+
+        Links would come within `LEAST` of something; nearer than they are, where they are as near already.
+        """
+        now, then = self.room(np.stack([before, joints]))[0]
+        over = np.minimum(now, LEAST) - ROUNDING - then
+        which = int(over.argmax())
+        if over[which] <= 0:
+            return ""
+        near = quantity(then[which]) if then[which] > 0 else "0 mm"
+        if which == len(SIDES):
+            return f"the arms would come within {near} of each other"
+        return f"links of the arm at the {SIDES[which][0]} would come within {near} of table, obstacle or arm"
 
     def links(
         self, joints: Float[np.ndarray, "t 2 6"]
     ) -> list[tuple[Float[np.ndarray, "t k 2 3"], Float[np.ndarray, "k"]]]:
         """Ends [m] and radii [m] of the capsules of both arms at joint positions [rad], left then right."""
-        return [(placed, capsules.radius) for placed, capsules, _ in self._placed(joints)]
+        holders = enumerate(self.way.holders)
+        return [
+            (self._packed.placed(arm, joints[:, side])[0], self._packed.capsules[arm].radius) for side, arm in holders
+        ]
 
     def clearance(self, joints: Float[np.ndarray, "t 2 6"]) -> Float[np.ndarray, "t"]:
-        """Least clearance [m] of the links of both arms at joint positions [rad]: see `arm_clearances`, `arms_gaps`."""
-        left, right = self._placed(joints)
-        return np.min([left[2], right[2], arms_gaps(*left[:2], *right[:2])], axis=0)
-
-    def _placed(self, joints: Float[np.ndarray, "t 2 6"]) -> list[tuple[np.ndarray, Capsules, np.ndarray]]:
-        """Of each arm the ends of its capsules, the capsules, and their clearance from all but the other arm."""
-        found = []
-        for side, capsules in enumerate(self._capsules):
-            placed, angles = np.empty((len(joints), len(capsules.frame), 2, 3)), np.ascontiguousarray(joints[:, side])
-            arm = (self._lengths[side], self._bases[side], angles)
-            found.append((placed, capsules, arm_clearances(*arm, capsules, self._world, placed)))
-        return found
+        """Least clearance [m] of the links of both arms at joint positions [rad], see `room`."""
+        return self.room(joints)[0].min(axis=1)

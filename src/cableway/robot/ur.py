@@ -25,7 +25,8 @@ from cableway.core.errors import InputError, SimulationError, raised
 from cableway.core.extras import require
 from cableway.core.quantities import quantity
 from cableway.records import Observation
-from cableway.robot.ur_arm import GAIN, JOINT_RANGE, JOINT_SPEED, JOINTS, LOOKAHEAD, Arm, ArmControl, ArmState
+from cableway.robot.cell_kinematics import CellKinematics
+from cableway.robot.ur_arm import GAIN, JOINT_SPEED, JOINTS, LOOKAHEAD, Arm, ArmControl, ArmState, beyond_range
 from cableway.scene.task import Task
 
 RATES = (125.0, 500.0)
@@ -69,6 +70,9 @@ class Camera(Protocol):
 
 class URRobot:
     """Two arms and a camera as a `tracking.Robot`.
+
+    With the kinematics of a cell, it sends nothing that brings links nearer to each other, to the table or to an
+    obstacle than `cell_kinematics.LEAST`; with others, it does not know where links are.
 
     Args:
         task: What is to be done.
@@ -153,7 +157,8 @@ class URRobot:
         """See `tracking.Robot.send`.
 
         Raises:
-            SimulationError: An arm is stopped or lost, cannot reach its pose, or would have to move too fast for it.
+            SimulationError: An arm is stopped or lost, cannot reach its pose, would have to move too fast or too far
+                for it, or to bring a link to something.
         """
         if self._stopped.is_set():
             raise SimulationError("the arms were stopped for good; connect again")
@@ -164,6 +169,8 @@ class URRobot:
         target, now = np.asarray(self._kinematics.joints(poses, before), float), self._clock()
         elapsed = 1 / self.rate if first else min(max(now - self._sent_at, 1 / self.rate), 1 / WATCHDOG)
         self._require_slow(target, before, elapsed, first)
+        if isinstance(self._kinematics, CellKinematics) and (fault := self._kinematics.fault(before, target)):
+            raise SimulationError(fault)
         for arm, joints in zip(self.arms, target, strict=True):
             if first:
                 arm.ask(arm.control.setWatchdog, WATCHDOG)
@@ -224,11 +231,8 @@ class URRobot:
         if target.shape != before.shape or not np.isfinite(target).all():
             raise SimulationError(f"the kinematics found no {before.shape} joint positions for the poses to be sent")
         for arm, to, since in zip(self.arms, target, before, strict=True):
-            if (farthest := float(np.abs(to).max())) > JOINT_RANGE:
-                raise SimulationError(
-                    f"the {arm.name} would have to turn a joint to {quantity(farthest, 'rad')}, limit "
-                    f"{quantity(JOINT_RANGE, 'rad')}"
-                )
+            if beyond := beyond_range(to[None]):
+                raise SimulationError(f"the {arm.name} {beyond}")
             way = np.abs(to - since)
             worst = int(way.argmax())
             if way[worst] <= self._speed * elapsed:

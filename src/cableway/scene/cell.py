@@ -65,6 +65,7 @@ class ArmModel:
         torque_limit: Of each joint [N m].
         stiffness: With which the servo of each joint holds its position [N m/rad].
         links: Masses of the links that joints move, from shoulder to flange.
+        acceleration_limit: Of each joint [rad/s²].
         capsules: That hold its links.
         joint_names: From base to flange, as the maker's ROS driver calls them.
     """
@@ -75,6 +76,7 @@ class ArmModel:
     torque_limit: tuple[float, ...]
     stiffness: tuple[float, ...]
     links: tuple[Mass, ...]
+    acceleration_limit: tuple[float, ...]
     capsules: tuple[Capsule, ...]
     joint_names: tuple[str, ...]
 
@@ -110,6 +112,7 @@ UR5E = ArmModel(
         Mass(1.3, (0, 0.0018, 0.01634), (0.00135617, 0.00127827, 0.00096614, -2.74e-6, 4.44e-6, -5.048e-5)),
         Mass(0.365, (0, 0, -0.001159), (0.00018694, 0.00018908, 0.00025756, 6e-8, -1.7e-7, -9.2e-7)),
     ),
+    acceleration_limit=(5.0,) * 6,
     capsules=(
         Capsule(0, (0, 0, 0), (0, 0, 0.06), 0.076),
         Capsule(1, (0, -0.02, 0), (0, 0.03, 0), 0.073),
@@ -129,8 +132,10 @@ UR5E = ArmModel(
     joint_names=tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", *WRISTS)),
 )
 """Lengths, limits and masses are Universal Robots', the latter as their ROS 2 description has them
-(`config/ur5e/physical_parameters.yaml` and `joint_limits.yaml`); the elbow's limit is where the arm is folded. The
-stiffness is that of MuJoCo Menagerie's model (BSD-3-Clause), whose meshes the capsules hold, by
+(`config/ur5e/physical_parameters.yaml` and `joint_limits.yaml`); the elbow's limit is where the arm is folded. A UR5e
+has limits of torque, none of acceleration that are public: that is what the maker's configuration of MoveIt takes, in
+`joint_limits.yaml` of `ur_moveit_config`. Plans do not know torques. The stiffness is that of MuJoCo Menagerie's model
+(BSD-3-Clause), whose meshes the capsules hold, by
 `studies/arm_capsules.py`."""
 
 ARM_MODELS: dict[str, ArmModel] = {"ur5e": UR5E}

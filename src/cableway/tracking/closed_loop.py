@@ -97,6 +97,10 @@ def _lead(loop: Loop, watch: Watch | None, progress: Progress | None) -> Ending:
     task = loop.plant.task
     if mistake := setup_mistake(loop.observation, loop.plan, task):
         return Ending(Outcome.WRONG_SETUP, mistake)
+    try:
+        loop.take_hold()
+    except SimulationError as error:
+        return Ending(Outcome.WRONG_SETUP, str(error))
     ending = None
     try:
         if watch is not None and watch.is_elsewhere(loop.observation, loop.plan, task):

@@ -19,6 +19,7 @@ from cableway.estimation.gating import connected, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Plan, Rollout
+from cableway.robot.held_arms import HeldArms
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
@@ -174,6 +175,7 @@ class Loop:
         self._see(plant.reset())
         start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
         self._robot = FollowingError(SE2.continued(start, plan.poses[0]), plant.control_step)
+        self._arms: HeldArms | None = None
         self.log.see(0.0, self.observation, plant.measure(), self.state.reference)
 
     @property
@@ -211,6 +213,14 @@ class Loop:
         ahead = SE2.position(SE2.plus(self._robot.target, self._way[-1].action))
         behind = SE2.position(self._robot.poses)
         return float(np.linalg.norm(ahead - behind[::-1], axis=1).max()) > self._most_span
+
+    def take_hold(self) -> None:
+        """Note where the arms are that hold the grippers, if the plan has any.
+
+        Raises:
+            SimulationError: They cannot hold them where they are.
+        """
+        self._arms = HeldArms.of_plan(self.plan, self.task, self._robot.target)
 
     def back_off(self, steps: int, far_enough: Callable[[], bool] = lambda: False) -> Ending | None:
         """Stop, then take back the last gripper motions as far as that is safe; how the run ended, if it did.
@@ -259,6 +269,7 @@ class Loop:
         task = self.task
         if not (task.scene is self._scene or task.scene == self._scene):
             self._scene, self.guard.task = task.scene, task
+            self._arms = self._arms and self._arms.in_task(task)
             self.state = self._controller.in_scene(self.state, task)
 
     def step(self) -> Ending | None:
@@ -306,7 +317,9 @@ class Loop:
 
     def _filtered(self, action: np.ndarray) -> np.ndarray:
         """What of an action may leave for the plant; a stop needs not ask."""
-        return last_filter(action, self._robot.target, self.guard.task, self._most_span, self._before, self._lies)
+        return last_filter(
+            action, self._robot.target, self.guard.task, self._most_span, self._before, self._lies, self._arms
+        )
 
     @property
     def _before(self) -> np.ndarray:
@@ -346,6 +359,7 @@ class Loop:
     def _send(self, action: np.ndarray) -> Ending | None:
         try:
             self._robot.commanded(action)
+            self._arms = self._arms and self._arms.led(self._robot.target)
             self._see(self.plant.step(action))
             self._robot.measured(self.observation)
             now = len(self.log.times) * self.plant.control_step

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.core.quantities import quantity
-from cableway.robot.ur_arm import GAIN, JOINT_RANGE, JOINT_SPEED, JOINTS, LOOKAHEAD
+from cableway.robot.ur_arm import GAIN, JOINT_SPEED, JOINTS, LOOKAHEAD, beyond_range
 
 if TYPE_CHECKING:
     from cableway.workflow.trajectory import Trajectory
@@ -84,12 +84,8 @@ def _rows(trajectory: Trajectory, arm: int, side: str) -> Float[np.ndarray, "k 6
     if rate not in RATES:
         shown = "none" if rate is None else f"{rate:g}"
         raise InputError(f"the rate of a program in URScript must be 125, 250 or 500 Hz, got {shown}")
-    farthest = float(np.abs(rows).max())
-    if farthest > JOINT_RANGE:
-        raise InputError(
-            f"a joint of the {side} arm is at {quantity(farthest, 'rad')}, and a UR5e turns "
-            f"{quantity(JOINT_RANGE, 'rad')} at most to either side"
-        )
+    if beyond := beyond_range(rows):
+        raise InputError(f"the {side} arm {beyond}")
     fastest = float(np.abs(np.diff(rows, axis=0)).max()) * rate
     if fastest > JOINT_SPEED:
         raise InputError(
