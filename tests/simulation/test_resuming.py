@@ -74,7 +74,7 @@ def test_killed_at_random_moments_it_ends_the_same(tmp_path, whole, workers, kil
     for _ in range(kills):
         process = subprocess.Popen([sys.executable, "-c", COLLECT, str(folder), str(workers)])
         wait_for(lambda before=listed: (folder / MANIFEST).exists() and len(read_manifest(folder).shards) > before)
-        time.sleep(rng.uniform(0, 0.1))
+        time.sleep(rng.uniform(0, 0.03))
         workers_left = children(process.pid)
         os.kill(process.pid, signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL, "it was done before it was killed"

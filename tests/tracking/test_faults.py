@@ -150,11 +150,11 @@ def test_a_gripper_does_not_leave_one_that_stands_still_behind() -> None:
 
 @pytest.mark.parametrize(
     ("seed", "kind", "fault"),
-    [(508, "clutter", "fault-peg"), (501, "corridor", "fault-peg"), (407, "clutter", "fault-appears")],
+    [(508, "clutter", "fault-peg"), (501, "corridor", "fault-peg"), (5023, "clutter", "fault-appears")],
     ids=["dragged", "off the plan", "seen once touched"],
 )
 def test_a_cable_that_hangs_on_a_peg_is_led_back_from_it(seed: int, kind: str, fault: str) -> None:
-    """The first was looked for 12 cm off, the second not at all, the third planned for from its far side."""
+    """The first was once looked for 12 cm off, the second not at all; the third becomes known while it is touched."""
     task = random_task(seed, kind, width=0.06 if kind == "corridor" else None)
     rollout = solve(task, SolveOptions(perturbation=named_perturbation(fault, task))).rollout
     assert rollout is not None

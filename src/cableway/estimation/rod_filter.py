@@ -274,7 +274,7 @@ class RodEstimator:
         surprise = estimate.surprise.updated(keypoints, expected.keypoints, estimate.offset, corrected.keypoints)
         return RodEstimate(theta, covariance, corrected.q, offset, surprise, estimate.updates + 1)
 
-    def held_at(self, estimate: RodEstimate, share: float) -> tuple[int, Float[np.ndarray, "2"], float] | None:
+    def held_at(self, estimate: RodEstimate, share: float = 1.0) -> tuple[int, Float[np.ndarray, "2"], float] | None:
         """See `Surprise.held_at`; None, too, where the cable swings, as that is not known from it."""
         return None if self._trust < 1.0 else estimate.surprise.held_at(share)
 
