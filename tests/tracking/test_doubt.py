@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from quasi_static import GOAL, START, QuasiStaticPlant, outward, straight_plan, task_for
 
 from cableway.control.base import Contact
 from cableway.control.following import FollowerState
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
+from cableway.core.errors import SimulationError
+from cableway.outcome import Outcome
 from cableway.records import Observation
 from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Disc
@@ -113,3 +116,28 @@ def test_a_suspected_disc_is_narrowed_to_where_the_cable_does_not_lie() -> None:
         disc = Disc(center=(float(center[0]), float(center[1])), radius=0.015)
         assert np.allclose([one.radius for one in narrowed([disc], shape, TASK)], left, atol=5e-4)
     assert min(SUSPECTED) > 0
+
+
+class Failing(QuasiStaticPlant):
+    """A plant that fails once and would go on as if nothing had happened."""
+
+    fails = False
+
+    def step(self, action: np.ndarray) -> Observation:
+        if self.fails:
+            self.fails = False
+            raise SimulationError("it fell off the table")
+        return super().step(action)
+
+
+@pytest.mark.parametrize("doubt", [True, False], ids=["doubt", "off the plan"])
+def test_a_plant_that_fails_while_the_grippers_stop_to_look_ends_the_run(doubt: bool) -> None:
+    plant = Failing(TASK, START, ROD)
+    loop = Loop(plant, OpenLoop(OpenLoopConfig(hold=0.0)), PLAN, TrackConfig(), Watchdog())
+    for _ in range(10):
+        assert loop.step() is None
+    watch, plant.fails = Watch(Recovery(replan=lambda task, left: left), CONTROL_STEP), True
+    ending = watch.look(loop) if doubt else watch.avoid(loop, None)
+    assert ending is not None
+    assert (ending.outcome, ending.detail) == (Outcome.PLANT_FAILED, "it fell off the table")
+    assert not watch.recovered

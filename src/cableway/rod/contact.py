@@ -42,8 +42,8 @@ TOGETHER = 2.0
 LEAST_SPREAD = 0.1
 """Least mean square of the best contact's residuals, in such deviations: keypoints are known to 0.5 mm at best."""
 
-LEAST_SHARE = 0.05
-"""Probability of a place from which the contact may be there."""
+LEAST_SHARE = 0.55
+"""Probability of a place from which the contact may be there, over that of each if all were as likely."""
 
 EVALUATIONS = 30
 
@@ -72,7 +72,7 @@ def contacts_on(
     spread = max(TOGETHER * float(costs.min()) / keypoints.size, LEAST_SPREAD)
     shares = np.exp((costs.min() - costs) / (2 * spread))
     shares /= shares.sum()
-    likely = [index for index in np.argsort(-shares) if shares[index] > LEAST_SHARE]
+    likely = [index for index in np.argsort(-shares) if shares[index] > LEAST_SHARE / len(shares)]
     return [(tried[index][1], tried[index][2] / np.linalg.norm(tried[index][2])) for index in likely]
 
 
@@ -117,10 +117,7 @@ def _held_at(
     spacing = rod.length / (len(keypoints) - 1)
     parts = keypoints[: index + 1], keypoints[index:]
     left, right = (PlanarRod(spacing * (len(part) - 1), max(len(part), LEAST_KEYPOINTS)) for part in parts)
-    every = [
-        slice(None, None, rod.keypoints - 1 if len(part) == 2 else 1)
-        for rod, part in zip((left, right), parts, strict=True)
-    ]
+    every = [2 if len(part) == 2 else 1 for part in parts]
 
     def residuals(x: np.ndarray) -> np.ndarray:
         q, r = np.split(x, 2)
@@ -130,8 +127,8 @@ def _held_at(
         moments = _moment(left, q, before) - _moment(right, r, after)
         return np.concatenate(
             [
-                (left.at_keypoints(stations)[0][every[0]] - parts[0]).ravel() / NOISE,
-                (right.at_keypoints(stations_after)[0][every[1]] - parts[1])[1:].ravel() / NOISE,
+                (left.at_keypoints(stations)[0][:: every[0]] - parts[0]).ravel() / NOISE,
+                (right.at_keypoints(stations_after)[0][:: every[1]] - parts[1])[1:].ravel() / NOISE,
                 (held / GRASP).ravel(),
                 SE2.minus(before[None], after[None])[0] / MEETING,
                 [rod.length * moments / SAME_MOMENT],

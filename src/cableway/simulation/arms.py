@@ -126,21 +126,22 @@ class ArmDrive:
     def _joints_at(self, poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 6"]:
         """Joint positions [rad] for gripper poses, within their limits; an error where there are none."""
         joints = self._kinematics.joints(poses, self._commanded)
-        beyond = np.abs(joints) - [model.position_limit for model in self._models]
+        beyond = np.abs(joints) - self._kinematics.position_limit
         if beyond.max() > 0:
             side, joint = divmod(int(beyond.argmax()), beyond.shape[1])
-            most = self._models[side].position_limit[joint]
-            raise self._refusal(side, joint, "to", abs(float(joints[side, joint])), most, "rad")
+            raise self._refusal(
+                side, joint, "to", abs(float(joints[side, joint])), self._kinematics.position_limit[side, joint], "rad"
+            )
         return joints
 
     def _require_slow(self, joints: Float[np.ndarray, "2 6"]) -> None:
         """Raise a SimulationError where joints would have to be faster than they can from those commanded last."""
         speeds = np.abs(joints - self._commanded) / self._time_step
-        share = speeds / [model.speed_limit for model in self._models]
+        share = speeds / self._kinematics.speed_limit
         if share.max() > 1:
             side, joint = divmod(int(share.argmax()), share.shape[1])
             raise self._refusal(
-                side, joint, "at", float(speeds[side, joint]), self._models[side].speed_limit[joint], "rad/s"
+                side, joint, "at", float(speeds[side, joint]), self._kinematics.speed_limit[side, joint], "rad/s"
             )
 
     def _refusal(self, side: int, joint: int, how: str, wanted: float, most: float, unit: str) -> SimulationError:

@@ -29,7 +29,7 @@ from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.suspicion import narrowed
 from cableway.tracking.watchdog import Guard, Watchdog
-from cableway.tracking.way_back import LEAST_ROOM, Motion, had_room
+from cableway.tracking.way_back import ROOM_BACK, Motion, had_room
 
 LOGGER = logging.getLogger(__name__)
 
@@ -41,6 +41,9 @@ LOST = "off the plan: stopped"
 
 BLOCKED = "the way is blocked: stopped"
 """The same because something stands where the plan leads."""
+
+LOOKING = "something unknown may hold the cable: stopped"
+"""The same because the controller doubts that nothing does."""
 
 BACKING_OFF = "something unknown holds the cable: going back"
 """Status of a step that takes back one before."""
@@ -239,7 +242,7 @@ class Loop:
                 continue
             back = self._filtered(-self._way[-1].action)
             known = had_room(self._way, self.observation, self.guard.task)
-            if self._robot.holding or not (known or self.guard.is_safe(back, self.observation, LEAST_ROOM)):
+            if self._robot.holding or not (known or self.guard.is_safe(back, self.observation, ROOM_BACK)):
                 return None
             self._way.pop()
             self.state = self.state.overruled(back, BACKING_OFF)

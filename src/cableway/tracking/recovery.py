@@ -22,7 +22,7 @@ from cableway.rod.inverse import nearest_shapes
 from cableway.scene.clearance import clearances
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
-from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOST, Loop
+from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOOKING, LOST, Loop
 from cableway.tracking.observed import LEAVING, at_rest, clearance, distances, hysteresis, mean, root_mean_square
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
@@ -229,8 +229,10 @@ class Watch:
 
     def look(self, loop: Loop) -> Ending | None:
         """Stop and look whether something unknown holds the cable, and avoid it if so; how the run ended, if it did."""
-        seen = self._rested(loop, LOST, self._rest // 2)
-        found = self._contacts(loop, seen, LOST)
+        seen = self._rested(loop, LOOKING, self._rest // 2)
+        if isinstance(seen, Ending):
+            return None if seen.outcome is Outcome.NO_PLAN else seen
+        found = self._contacts(loop, seen, LOOKING)
         return found if isinstance(found, Ending) else self._go_round(loop, found) if found else None
 
     def avoid(self, loop: Loop, contact: Contact | None, why: Outcome | None = Outcome.LEFT_PLAN) -> Ending | None:
@@ -251,20 +253,16 @@ class Watch:
             return self.recover(loop, why)
         status = LOST if contact is None else BACKING_OFF
         seen = self._rested(loop, status, self._rest // 2)
-        contacts = [] if hidden else self._contacts(loop, seen, status)
+        if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
+            return seen
+        contacts = [] if hidden or isinstance(seen, Ending) else self._contacts(loop, seen, status)
         if isinstance(contacts, Ending):
             return contacts
         contacts = contacts or ([] if contact is None else [contact])
-        if not contacts:
-            return self.recover(loop, why)
-        if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
-            return seen
-        return self._go_round(loop, contacts)
+        return self._go_round(loop, contacts) if contacts else self.recover(loop, why)
 
-    def _contacts(self, loop: Loop, seen: Float[np.ndarray, "n 2"] | Ending, status: str) -> list[Contact] | Ending:
-        """Where something may hold a cable at rest [m]; nowhere where that is not seen."""
-        if isinstance(seen, Ending):
-            return []
+    def _contacts(self, loop: Loop, seen: Float[np.ndarray, "n 2"], status: str) -> list[Contact] | Ending:
+        """Where something may hold a cable that lies at rest [m]; how the run ended meanwhile, if it did."""
         poses, rod = loop.poses, loop.task.cable.rod
         found = loop.compute(lambda: contacts_on(rod, seen, poses), status)
         return found if isinstance(found, Ending) else [Contact(*one) for one in found]

@@ -20,7 +20,7 @@ came: two control steps of the grippers at most, and what a contact or friction 
 FRAMES = 5
 """Frames in a row that say where the cable was, in whose later half each keypoint was most likely seen."""
 
-LEAST_ROOM = 0.001
+ROOM_BACK = 0.001
 """Clearance [m] down to which the grippers go back the way they came, on which nothing was in theirs."""
 
 
@@ -49,4 +49,4 @@ def had_room(way: list[Motion], observation: Observation, task: Task) -> bool:
     if np.linalg.norm(now - lay, axis=1).mean() > NEAR:
         return False
     here, there = clearances(np.stack([now, lay]), np.stack([observation.poses, way[-1].poses]), task)
-    return bool((there >= np.minimum(LEAST_ROOM, here)).all())
+    return bool((there >= np.minimum(ROOM_BACK, here)).all())
