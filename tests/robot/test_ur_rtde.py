@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import re
@@ -191,6 +192,7 @@ def test_a_run_in_real_time_follows_the_plan_through_the_protocol(controllers: t
 
 def test_a_protective_stop_in_real_time_ends_the_run(controllers: tuple[StandIn, StandIn]):
     robot, recorders = connected(controllers)
+    gc.collect()  # of the robots before, whose disconnection would come before the first command and take a second
     threading.Timer(0.6, lambda: controllers[0].tell(safety_mode=3)).start()
     rollout = track_in_real_time(robot, OpenLoop(), PLAN, rate=robot.rate)
     robot.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import re
 import time
 from collections.abc import Callable
@@ -275,6 +276,35 @@ def test_a_robot_that_cannot_be_stopped_loses_no_record(lost: float) -> None:
     assert "could not be stopped" in rollout.detail
     assert "ConnectionResetError: [Errno 104] gone" in rollout.detail
     assert rollout.steps > 5
+
+
+def test_garbage_of_before_is_collected_before_anything_moves() -> None:
+    """A driver of an earlier run may take a second to be disconnected, and would have been when memory filled up."""
+    robot, sent, kept = Hand(), [], []
+
+    class Driver:
+        def __init__(self) -> None:
+            self.itself = self
+
+        def __del__(self) -> None:
+            sent.append(len(robot.sent))
+
+    class Collecting(Follower):
+        def step(self, state: Any, observation: Observation | None) -> tuple[np.ndarray, Any]:
+            gc.collect()
+            kept.append(gc.get_freeze_count())
+            return super().step(state, observation)
+
+    gc.collect()
+    gc.disable()
+    try:
+        Driver()
+        run(robot, Collecting())
+    finally:
+        gc.enable()
+    assert sent == [0]
+    assert min(kept) > 0, "what there was is not looked through again"
+    assert gc.get_freeze_count() == 0
 
 
 def test_what_is_no_robot_is_refused() -> None:
