@@ -136,7 +136,7 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
     if watch is not None and watch.is_blocked(loop.task, loop.plan, loop.state.progress):
         return watch.recover(loop, Outcome.BLOCKED_WAY)
     if watch is not None and watch.foresees(loop):
-        return watch.avoid(loop, None, None)
+        return watch.recover(loop, None)
     ending, contact = loop.step(), loop.state.contact()
     if ending is None and contact is not None and not (watch is not None and watch.takes_for_friction(contact)):
         return watch.avoid(loop, contact) if watch is not None else Ending(Outcome.BLOCKED_WAY, held_up(contact))

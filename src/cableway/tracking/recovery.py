@@ -80,7 +80,7 @@ class Recovery(Checked):
     is looked at every `foresight` seconds: where it would fold or touch something there, a plan is made at once.
 
     Where something unknown seems to hold the cable, as the controller has it or as the cable lies when the grippers
-    stop because it may be held, has left its plan or would do so, they first take back their motions of the last `BACK`
+    stop because it may be held or has left its plan, they first take back their motions of the last `BACK`
     seconds, and farther where it still lies at the contact. The new plan leads round discs that are supposed to stand
     wherever the contact may be. A cable that is then not where it had been on the way is held by friction; there are no
     discs for it, and what holds the cable less far off than that is taken for friction from then on. Where there is no
@@ -235,7 +235,7 @@ class Watch:
         found = self._contacts(loop, seen, LOOKING)
         return found if isinstance(found, Ending) else self._go_round(loop, found) if found else None
 
-    def avoid(self, loop: Loop, contact: Contact | None, why: Outcome | None = Outcome.LEFT_PLAN) -> Ending | None:
+    def avoid(self, loop: Loop, contact: Contact | None) -> Ending | None:
         """Stop and look, go back from something that nobody knew of, and replan round where it seems to be.
 
         Args:
@@ -243,14 +243,13 @@ class Watch:
             contact: As the controller has it; None where the cable has only left its plan. Where nothing is seen to
                 hold it then, either, a plan is made from where it is. Of a cable that swings, or that friction holds,
                 that cannot be seen.
-            why: How the run ends where there is none; None where the present one may still be followed.
 
         Returns:
             How the run ended, if it did.
         """
         hidden = bool(loop.task.cable.swing_period or self.friction)
         if contact is None and hidden:
-            return self.recover(loop, why)
+            return self.recover(loop, Outcome.LEFT_PLAN)
         status = LOST if contact is None else BACKING_OFF
         seen = self._rested(loop, status, self._rest // 2)
         if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
@@ -259,7 +258,7 @@ class Watch:
         if isinstance(contacts, Ending):
             return contacts
         contacts = contacts or ([] if contact is None else [contact])
-        return self._go_round(loop, contacts) if contacts else self.recover(loop, why)
+        return self._go_round(loop, contacts) if contacts else self.recover(loop, Outcome.LEFT_PLAN)
 
     def _contacts(self, loop: Loop, seen: Float[np.ndarray, "n 2"], status: str) -> list[Contact] | Ending:
         """Where something may hold a cable that lies at rest [m]; how the run ended meanwhile, if it did."""
