@@ -54,7 +54,7 @@ class Hand:
     """A robot that trails its commands by a first-order lag, and a cable that is carried along as it is.
 
     Attributes:
-        fault: Called with the seconds since the first command, before each command; may raise or wait.
+        fault: Called with the seconds since the first call of the robot, before each command; may raise or wait.
         dark, mute: From and until when [s] the camera, or the whole robot, reports nothing new.
     """
 
@@ -65,8 +65,12 @@ class Hand:
         self.times: list[float] = []
         self.sent: list[np.ndarray] = []
         self.stops: list[float] = []
-        self._last = self.begun = time.monotonic()
+        self._last = 0.0
         self._message: Observation | None = None
+
+    @functools.cached_property
+    def begun(self) -> float:
+        return time.monotonic()
 
     @property
     def now(self) -> float:
@@ -93,7 +97,7 @@ class Hand:
         self.target = self.poses
 
     def _advance(self) -> None:
-        now = time.monotonic()
+        now = self.now
         share = 1 - np.exp(-(now - self._last) / 0.04)
         self.poses, self._last = self.poses + share * (self.target - self.poses), now
 
@@ -254,7 +258,7 @@ def test_a_driver_that_answers_something_else_ends_the_run(answer: Any, said: st
     assert rollout.outcome is Outcome.PLANT_FAILED
     assert re.match(said, rollout.detail)
     assert robot.stops
-    since = 0.0
+    since = -1.0
     robot = Confused()
     with pytest.raises(InputError, match=said):
         run(robot)
