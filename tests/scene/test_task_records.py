@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import cableway
 from cableway.core.errors import InputError, TaskError
-from cableway.geometry import se2
+from cableway.geometry import polyline, se2
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 from cableway.scene.clearance import body_clearance
@@ -22,6 +22,7 @@ from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Polygon
 from cableway.scene.scene import Scene
 from cableway.scene.task import RESUMED_STABILITY, Task
+from cableway.scene.validity import SPLINE_PIECES
 from cableway.tasks.generation import random_task
 
 LINE = np.column_stack([np.linspace(0.2, 0.5, 13), np.full(13, 0.1)])
@@ -292,6 +293,17 @@ def test_a_start_that_would_snap_is_resumed_from_the_nearest_shape_that_does_not
     resumed = task().resumed_from(seen)
     assert rod.stability(resumed.start_equilibrium[None])[0][0] > RESUMED_STABILITY - 1
     assert np.linalg.norm(resumed.start - seen, axis=1).max() < 0.015
+
+
+def test_a_cable_that_is_pulled_taut_is_resumed():
+    """What bends lies between the outermost keypoints, where a spline through them takes a shorter way."""
+    rod = Cable().rod
+    seen = rod.at_keypoints(rod.shapes(np.array([[0.35, 0.35, -1.7, 570.0, 0.0238, -0.0002]]))[0])[0]
+    assert polyline.arc_length(polyline.spline(seen, SPLINE_PIECES))[-1] < 0.98 * 0.3
+    resumed = task().resumed_from(seen)
+    np.testing.assert_allclose(resumed.start, seen, atol=1e-6)
+    with pytest.raises(TaskError, match="start is 290 mm long"):
+        task(start=LINE * [290 / 300, 1.0] + [0.02, 0.0])
 
 
 @pytest.mark.parametrize("name", ["start", "goal"])

@@ -158,12 +158,21 @@ def end_poses(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray
 
 
 def curve_through(shape: Float[np.ndarray, "n 2"], cable: Cable) -> Float[np.ndarray, "m 2"]:
-    """The cable through keypoints [m]: a spline, or the rod where there are too few of them or they are the rod's."""
-    if len(shape) < SPLINE_KEYPOINTS or isinstance(cable, EstimatedCable):
+    """The cable through keypoints [m]: a spline, or the rod where a spline does not do and the keypoints are the rod's.
+
+    A spline does where there are enough keypoints, of a uniform rod, and it is as long as the cable. It is too short
+    where the cable is pulled taut, since all that bends lies between the outermost keypoints.
+    """
+    spline = polyline.spline(shape, SPLINE_PIECES)
+    if len(shape) < SPLINE_KEYPOINTS or isinstance(cable, EstimatedCable) or not _is_as_long(spline, cable):
         q, distance = fit_keypoints(cable.rod, shape)
         if distance <= ROD_TOLERANCE * cable.length:
             return cable.rod.shapes(q[None])[0][0]
-    return polyline.spline(shape, SPLINE_PIECES)
+    return spline
+
+
+def _is_as_long(curve: Float[np.ndarray, "m 2"], cable: Cable) -> bool:
+    return bool(abs(polyline.arc_length(curve)[-1] / cable.length - 1) <= LENGTH_TOLERANCE)
 
 
 def _outside(end: str, shape: Float[np.ndarray, "n 2"], scene: Scene) -> Iterator[TaskError]:
@@ -181,7 +190,7 @@ def _wrong_length(end: str, curve: Float[np.ndarray, "m 2"], cable: Cable) -> It
     segments = cable.keypoints - 1
     each = (len(curve) - 1) // segments
     arc = polyline.arc_length(curve)
-    if not abs(arc[-1] / cable.length - 1) <= LENGTH_TOLERANCE:
+    if not _is_as_long(curve, cable):
         yield TaskError(
             f"is {told_apart(arc[-1], cable.length)} long, more than {LENGTH_TOLERANCE:.0%} off cable.length "
             f"{limit_text(cable.length)}",
