@@ -35,14 +35,18 @@ RESUMED_CLEARANCE = 0.001
 RESUMED_STABILITY = 8.0
 """Stability margin that it has; what is known of a cable at rest is not sure enough to plan from less."""
 
+RESUMED_TENSION = 200.0
+"""Force along the rod at its centre, in EI/L^2, that it has at most. Where the cable is pulled tauter, or shorter than
+thought, small errors of the model are large motions of the grippers, and hardly a plan is accurate enough."""
+
 MOVED_OFF = 0.02
 """Most that a keypoint is moved for that [m]; the cable is led there by the controller."""
 
 LACK_WEIGHT = 100.0
 """Of a lack of clearance against as large a move of a keypoint."""
 
-STABILITY_WEIGHT = 0.02
-"""Of a lack of stability [m]."""
+STABILITY_WEIGHT, TENSION_WEIGHT = 0.02, 0.001
+"""Of a lack of stability, and of tension in excess [m]."""
 
 End = Literal["start", "goal"]
 ENDS: tuple[End, End] = ("start", "goal")
@@ -229,8 +233,8 @@ class Task(Draft):
         """The same task from where the cable is now.
 
         The start is the equilibrium nearest to the keypoints, which takes away most of what a camera adds. Where the
-        cable or a gripper would touch something or snap there, or nearly, it is moved off by as little as possible, or
-        else it is the stable one between the same grippers.
+        cable or a gripper would touch something or snap there, or nearly, or be pulled taut, it is moved off by as
+        little as possible, or else it is the stable one between the same grippers.
 
         Args:
             keypoints: (n, 2) [m] as measured.
@@ -255,7 +259,8 @@ class Task(Draft):
         return rod.at_keypoints(rod.shapes(q[None])[0])[0]
 
     def _moved_off(self, q: Float[np.ndarray, "dof"], rod: PlanarRod) -> Float[np.ndarray, "dof"]:
-        """The equilibrium nearest to q with `RESUMED_CLEARANCE` and `RESUMED_STABILITY`; q where it is far from q.
+        """The equilibrium nearest to q with `RESUMED_CLEARANCE`, `RESUMED_STABILITY` and `RESUMED_TENSION`, or q where
+        it is far from q.
 
         Note:
             Once in a recovery, so by SciPy. Not by `cableway.motion`, which comes after tasks: a start is where the
@@ -268,16 +273,17 @@ class Task(Draft):
 
         def lack(x: np.ndarray) -> np.ndarray:
             (stations,), poses = rod.shapes(x[None])
-            less = RESUMED_STABILITY - rod.stability(x[None], RESUMED_STABILITY)[0]
+            less = STABILITY_WEIGHT * (RESUMED_STABILITY - rod.stability(x[None], RESUMED_STABILITY)[0])
+            taut = TENSION_WEIGHT * max(0.0, x[rod.loads.start] - RESUMED_TENSION)
             wanted = np.full(len(stations), self.cable.radius + RESUMED_CLEARANCE)
             wanted[[0, -1]] += max(0.0, self.grippers.radius - self.cable.radius)
             short = LACK_WEIGHT * np.maximum(0.0, wanted - self.scene.signed_distance(stations))
             if not solid:
-                return np.concatenate([short, STABILITY_WEIGHT * less])
+                return np.array([*short, *less, taut])
             apart, off = bodies_gap(self.body_pairs, poses), cable_gap(self.bodies, stations[None], poses, self.cable)
             room = np.concatenate([*(body_clearance(body, poses, self.scene) for body in solid), apart, off])
             near = LACK_WEIGHT * np.maximum(0.0, RESUMED_CLEARANCE - room)
-            return np.concatenate([short, STABILITY_WEIGHT * less, near])
+            return np.array([*short, *less, taut, *near])
 
         def residuals(x: np.ndarray) -> np.ndarray:
             stations = rod.shapes(x[None])[0]
