@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 
 from cableway.figures import scene, style
-from cableway.figures.perspective import ARMS, CellView, way_of
+from cableway.figures.perspective import ARMS, CellView, as_it_was, way_of
 from cableway.records import Plan, Rollout
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.task import CONTROL_STEP, Task
@@ -38,6 +38,7 @@ def cell_figure(task: Task, record: Plan | Rollout) -> Figure | None:
         return None
     last = len(record.joints) - 1
     rows = [0, last // 2, last]
+    shown = as_it_was(task, record)
     links = CellKinematics(task, way).links(record.joints[rows])
     low, high = _extent(links, task)
     width = (style.DOUBLE - scene.LEFT - 2 * scene.BETWEEN - scene.RIGHT) / 3
@@ -57,7 +58,7 @@ def cell_figure(task: Task, record: Plan | Rollout) -> Figure | None:
     for place, row in enumerate(rows):
         left = scene.LEFT + place * (width + scene.BETWEEN)
         ax = style.add_axes(figure, left, scene.BELOW, width, height)
-        scene.draw_scene(ax, task)
+        scene.draw_scene(ax, shown)
         ax.set_xlim(low[0], high[0])
         ax.set_ylim(low[1], high[1])
         scene.draw_cable(ax, scene.smooth(task.goal), task.cable.radius, style.GOAL, zorder=3, alpha=0.6)

@@ -10,6 +10,7 @@ from matplotlib.colors import to_rgb
 
 from cableway.core.errors import InputError
 from cableway.figures import scene, style
+from cableway.figures.replanning import change_of
 from cableway.records import Plan, Rollout
 from cableway.rendering.camera import Camera
 from cableway.rendering.cell import CellScene, Color, Label, Look
@@ -67,7 +68,8 @@ class CellView:
         way = way_of(task, record)
         if way is None or task.cell is None or record.joints is None:
             raise InputError(f"the task {task.name!r} has no cell, or the record has no joints of its arms")
-        self._record, self._joints, self._scene = record, record.joints, CellScene(task, way, LOOK)
+        self._record, self._joints = record, record.joints
+        self._scene = CellScene(as_it_was(task, record), way, LOOK)
         points = self._scene.bounds(self._joints)
         self._camera = Camera.framing(points, _direction(task, task.cell), size=size, view=VIEW, margin=0.01)
         x, y, z = LAMP
@@ -85,8 +87,25 @@ class CellView:
 
 
 def way_of(task: Task, record: Plan | Rollout) -> Way | None:
-    """How the arms hold the cable in a record with their joints; None where there is no cell, or no joints."""
-    return Way.of_record(record.metadata) if task.cell is not None and record.joints is not None else None
+    """How the arms hold the cable in a record with their joints; None where there is no cell, or no joints.
+
+    Raises:
+        InputError: The joints are not those of the cell's arms.
+    """
+    way = Way.of_record(record.metadata)
+    if task.cell is None or record.joints is None or way is None:
+        return None
+    for arm in way.holders:
+        joints = len(task.cell.models[arm].joint_names)
+        if record.joints.shape[2] != joints:
+            raise InputError(f"the record has {record.joints.shape[2]} joints of each arm, the arms have {joints}")
+    return way
+
+
+def as_it_was(task: Task, record: Plan | Rollout) -> Task:
+    """The task of a record, with obstacles where they are, known or not."""
+    change = change_of(task, record) if isinstance(record, Rollout) else None
+    return task if change is None else task.in_scene(change.whole)
 
 
 def _direction(task: Task, cell: Cell) -> Float[np.ndarray, "3"]:

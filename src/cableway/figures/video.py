@@ -159,8 +159,11 @@ def _frames(
 ) -> Iterator[np.ndarray]:
     """Frames (height, width, 4) of 8-bit colours; only what moves is drawn afresh."""
     shown = [*rows, *[stage.run.steps] * (round(FINAL_PAUSE * rate))]
+    frame, last = stage.frame(shown[0]), shown[0]
     for count, row in enumerate(shown):
-        yield stage.frame(row)
+        if row != last:
+            frame, last = stage.frame(row), row
+        yield frame
         if progress is not None:
             progress("video", (count + 1) / len(shown))
 

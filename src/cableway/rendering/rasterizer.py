@@ -74,9 +74,11 @@ def rasterize(corners, lens, near, inverse_depth, nearest):
             polygon[i, 0] = cx + fx * polygon[i, 0] * inverse
             polygon[i, 1] = cy + fy * polygon[i, 1] * inverse
             top, bottom = min(top, polygon[i, 1]), max(bottom, polygon[i, 1])
+        if not top <= bottom:
+            continue
         across, down = nx / (fx * away), ny / (fy * away)
         first = nz / away - across * cx - down * cy
-        for row in range(max(0, math.ceil(max(top, -1.0))), min(height - 1, math.floor(min(bottom, height))) + 1):
+        for row in range(math.ceil(min(max(top, 0.0), height)), math.floor(min(bottom, height - 1.0)) + 1):
             left, right = np.inf, -np.inf
             for i in range(count):
                 j = (i + 1) % count
@@ -84,7 +86,9 @@ def rasterize(corners, lens, near, inverse_depth, nearest):
                 if min(y, end) <= row <= max(y, end) and y != end:
                     x = polygon[i, 0] + (row - y) / (end - y) * (polygon[j, 0] - polygon[i, 0])
                     left, right = min(left, x), max(right, x)
-            begin = math.ceil(max(left - SLACK, 0.0))
+            if not left <= right:
+                continue
+            begin = math.ceil(min(max(left - SLACK, 0.0), width))
             for column in range(begin, math.floor(min(right + SLACK, width - 1.0)) + 1):
                 inverse = min(max(first + across * column + down * row, farthest), closest)
                 if inverse > inverse_depth[row, column]:
