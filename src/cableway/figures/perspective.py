@@ -82,7 +82,7 @@ class CellView:
         """The picture of a row, with the goal of the cable on the table."""
         record = self._record
         cable = scene.smooth(record.shapes[row]) if isinstance(record, Plan) else record.centreline[row]
-        mesh = self._scene.mesh(cable, record.poses[row], self._joints[row])
+        mesh = self._scene.mesh(cable, joints=self._joints[row])
         return render(Mesh.joined([mesh, self._goal]), self._camera, self._light, samples=3).color
 
 

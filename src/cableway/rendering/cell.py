@@ -101,7 +101,7 @@ class CellScene:
     """
 
     def __init__(self, task: Task, way: Way | None, look: Look) -> None:
-        self._task, self._look, self._way = task, look, way
+        self._task, self._look = task, look
         self._kinematics = None if way is None else CellKinematics(task, way)
         pieces = task.grippers.pieces
         self._bodies = [body for body in task.bodies if not pieces or len(body.outline) > 1]
@@ -110,15 +110,16 @@ class CellScene:
     def mesh(
         self,
         cable: Float[np.ndarray, "m 2"],
-        poses: Float[np.ndarray, "2 3"],
+        *,
+        poses: Float[np.ndarray, "2 3"] | None = None,
         joints: Float[np.ndarray, "2 6"] | None = None,
     ) -> Mesh:
         """All of it in one state.
 
         Args:
             cable: Its centre line [m], which lies on the table.
-            poses: Of the grippers [m, m, rad].
-            joints: Of the arms at the left and the right gripper [rad]; None to leave the arms out.
+            poses: Of the grippers [m, m, rad], where no arms carry them.
+            joints: Of the arms at the left and the right end [rad], with which their grippers are shown.
         """
         return Mesh.joined([self.still, *self._moving(cable, poses, joints)])
 
@@ -131,17 +132,24 @@ class CellScene:
         return np.concatenate(points)
 
     def _moving(
-        self, cable: Float[np.ndarray, "m 2"], poses: Float[np.ndarray, "2 3"], joints: Float[np.ndarray, "2 6"] | None
+        self,
+        cable: Float[np.ndarray, "m 2"],
+        poses: Float[np.ndarray, "2 3"] | None,
+        joints: Float[np.ndarray, "2 6"] | None,
     ) -> Iterator[Mesh]:
         radius = self._task.cable.radius
         line = np.column_stack([cable, np.full(len(cable), radius)])
         yield tube(line, radius).painted(self._look.cable, Label.CABLE)
-        for body in self._bodies:
+        if joints is not None and self._kinematics is not None:
+            poses = self._kinematics.poses(joints)
+            yield from self._arms(self._kinematics, joints)
+        for body in self._bodies if poses is not None else ():
             yield _hand(body, poses[body.side]).painted(self._look.grippers[body.side], GRIPPERS[body.side])
-        if joints is None or self._kinematics is None or self._task.cell is None or self._way is None:
-            return
-        for side, (ends, radii) in enumerate(self._kinematics.links(joints[None])):
-            count = len(self._task.cell.models[self._way.holders[side]].capsules)  # those of the tool come after them
+
+    def _arms(self, kinematics: CellKinematics, joints: Float[np.ndarray, "2 6"]) -> Iterator[Mesh]:
+        assert self._task.cell is not None
+        for side, (ends, radii) in enumerate(kinematics.links(joints[None])):
+            count = len(self._task.cell.models[kinematics.way.holders[side]].capsules)  # those of the tool come after
             ends, radii = ends[0, :count], radii[:count]
             tubes = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > LONG
             yield capsules(ends[tubes], radii[tubes]).painted(self._look.links, ARMS[side])
@@ -163,7 +171,7 @@ class CellScene:
 
     def _feet(self) -> list[tuple[float, float, float]]:
         """Where the arms stand [m]."""
-        cell = None if self._way is None else self._task.cell
+        cell = None if self._kinematics is None else self._task.cell
         return [] if cell is None else [tuple(arm.base(self._task.scene)[:3, 3].tolist()) for arm in cell.arms]
 
     def _table(self) -> Float[np.ndarray, "4 2"]:
