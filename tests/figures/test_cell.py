@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,7 @@ def test_the_arms_are_in_view_from_the_first_row_to_the_last(planned: tuple[cw.T
         edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
         assert (edge == 255).all(), "nothing is cut off"
         assert (picture.min(axis=2) < 250).mean() > 0.3
-    for a, b in zip(pictures, pictures[1:], strict=False):
+    for a, b in pairwise(pictures):
         assert (np.abs(a.astype(int) - b).max(axis=2) > 30).mean() > 0.02, "they move"
 
 

@@ -143,10 +143,9 @@ def test_without_a_cell_there_are_discs_and_no_arms():
 
 
 def test_obstacles_of_all_kinds_have_the_area_and_height_that_they_have():
-    solids = (
-        Box(center=(0.2, 0.5), size=(0.1, 0.06), angle=0.4, height=0.03), Disc(center=(0.5, 0.5), radius=0.04, height=0.08)
-    )  # fmt: skip
-    task = replace(beside_disc(), scene=Scene(obstacles=solids))
+    box = Box(center=(0.2, 0.5), size=(0.1, 0.06), angle=0.4, height=0.03)
+    disc = Disc(center=(0.5, 0.5), radius=0.04, height=0.08)
+    task = replace(beside_disc(), scene=Scene(obstacles=(box, disc)))
     scene = CellScene(task, None, LOOK)
     corners = scene.still.corners[scene.still.labels == Label.OBSTACLE]
     a, b, c = corners.swapaxes(0, 1)

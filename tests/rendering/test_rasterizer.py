@@ -196,7 +196,9 @@ def test_samples_smooth_edges_and_change_neither_depth_nor_label():
     assert np.allclose(one.depth, nine.depth, rtol=1e-12)
     assert np.abs(one.color.astype(int) - nine.color).mean() < 2
     edge = (one.label[:, 1:] != one.label[:, :-1]).any(axis=1)
-    assert len(np.unique(nine.color[edge].reshape(-1, 3), axis=0)) > len(np.unique(one.color[edge].reshape(-1, 3), axis=0))
+    assert len(np.unique(nine.color[edge].reshape(-1, 3), axis=0)) > len(
+        np.unique(one.color[edge].reshape(-1, 3), axis=0)
+    )
 
 
 def test_the_same_scene_gives_the_same_picture():
@@ -256,7 +258,7 @@ def test_what_cannot_be_rendered():
         Light(position=(0, 0, np.inf))
     with pytest.raises(InputError, match="shadows must not be negative"):
         Light(position=(0, 0, 1), shadows=-1)
-    with pytest.raises(InputError, match="margin must be from 0 to less than 0.5, got 0.5"):
+    with pytest.raises(InputError, match=r"margin must be from 0 to less than 0\.5, got 0\.5"):
         Camera.framing(np.zeros((1, 3)), np.ones(3), size=(4, 4), view=1.0, margin=0.5)
     with pytest.raises(InputError, match="view of a camera must be between 0 and pi rad"):
         Camera.looking(np.zeros(3), np.ones(3), size=(4, 4), view=4.0)

@@ -71,7 +71,7 @@ class CellView:
         self._record, self._joints = record, record.joints
         self._scene = CellScene(as_it_was(task, record), way, LOOK)
         points = self._scene.bounds(self._joints)
-        self._camera = Camera.framing(points, _direction(task, task.cell), size=size, view=VIEW, margin=0.01)
+        self._camera = Camera.framing(points, view_direction(task, task.cell), size=size, view=VIEW, margin=0.01)
         x, y, z = LAMP
         self._light = Light(position=(task.scene.size[0] / 2 + x, task.scene.size[1] / 2 + y, z), ambient=AMBIENT)
         goal, radius = scene.smooth(task.goal), WITHIN * task.cable.radius
@@ -108,7 +108,7 @@ def as_it_was(task: Task, record: Plan | Rollout) -> Task:
     return task if change is None else task.in_scene(change.whole)
 
 
-def _direction(task: Task, cell: Cell) -> Float[np.ndarray, "3"]:
+def view_direction(task: Task, cell: Cell) -> Float[np.ndarray, "3"]:
     """Across the line from one arm to the other and down, from the side of the lower edge of the workspace."""
     first, second = (arm.base(task.scene)[:2, 3] for arm in cell.arms)
     along = second - first

@@ -210,8 +210,9 @@ class _Stage:
             clock.set_axis_off()
             self._add(clock, self._picture)
         self._clock = clock.text(0.0, 1.02, "", transform=clock.transAxes, fontsize=11, color=style.INK)
-        for artist in (*self._scene.moving, self._clock):
-            self._add(artist.axes or ax, artist)
+        for artist in self._scene.moving:
+            self._add(ax, artist)
+        self._add(clock, self._clock)
         style.legend_below(ax, moving_handles(self._task, self.run), 4)
 
     def _build_curves(self) -> None:

@@ -143,7 +143,9 @@ class CellScene:
         if joints is not None and self._kinematics is not None:
             poses = self._kinematics.poses(joints)
             yield from self._arms(self._kinematics, joints)
-        for body in self._bodies if poses is not None else ():
+        if poses is None:
+            return
+        for body in self._bodies:
             yield _hand(body, poses[body.side]).painted(self._look.grippers[body.side], GRIPPERS[body.side])
 
     def _arms(self, kinematics: CellKinematics, joints: Float[np.ndarray, "2 6"]) -> Iterator[Mesh]:
