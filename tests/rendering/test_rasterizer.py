@@ -252,6 +252,8 @@ def test_what_cannot_be_rendered():
         render_scene(samples=2)
     with pytest.raises(InputError, match="corners of a mesh must be finite"):
         render(replace(table(), corners=np.full((12, 3, 3), np.nan)), camera(), LIGHT)
+    with pytest.raises(InputError, match="colours of a mesh and a background must be from 0 to 1"):
+        render_scene(background=(0.0, 0.0, 255.0))
     with pytest.raises(InputError, match="ambient must be from 0 to 1, got 2"):
         Light(position=(0, 0, 1), ambient=2.0)
     with pytest.raises(InputError, match="position of a light must be three finite numbers"):

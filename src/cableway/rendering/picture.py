@@ -81,16 +81,18 @@ def render(
         background: Colour where nothing is, sRGB from 0 to 1.
 
     Raises:
-        InputError: `samples` is not an odd number, or a corner of a triangle is not finite.
+        InputError: `samples` is not an odd number, a corner of a triangle is not finite, or a colour out of range.
     """
     if not np.isfinite(mesh.corners).all():
         raise InputError("corners of a mesh must be finite numbers")
+    if not all(((part >= 0) & (part <= 1)).all() for part in (mesh.colors, np.array(background))):
+        raise InputError("colours of a mesh and a background must be from 0 to 1")
     if samples < 1 or samples % 2 == 0:
         raise InputError(f"samples must be an odd number, 1 for none that smooth edges, got {samples!r}")
     fine = camera.finer(samples)
     inverse_depth, nearest = _seen(mesh, fine)
     shadow, shade_from = _shadows(mesh, light)
-    color = np.full((camera.size[1], camera.size[0], 3), 255.0 * np.array(background))
+    color = np.empty((camera.size[1], camera.size[0], 3), np.uint8)
     shade(
         inverse_depth,
         nearest,
@@ -100,13 +102,13 @@ def render(
         float(light.ambient),
         shade_from,
         shadow,
+        np.array(background, float),
         color,
     )
     middle = slice(samples // 2, None, samples)
-    index, inverse = nearest[middle, middle], inverse_depth[middle, middle]
-    depth = np.divide(1.0, inverse, out=np.full(inverse.shape, np.inf), where=index >= 0)
-    label = np.where(index >= 0, np.append(mesh.labels, 0)[index], 0)
-    return Picture(np.rint(color).astype(np.uint8), depth, label)
+    with np.errstate(divide="ignore"):
+        depth = 1.0 / inverse_depth[middle, middle]
+    return Picture(color, depth, np.append(mesh.labels, 0)[nearest[middle, middle]])
 
 
 def _lens(camera: Camera) -> Float[np.ndarray, "4"]:

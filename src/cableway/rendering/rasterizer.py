@@ -158,7 +158,7 @@ def _match(normals, colors, f, g):
 
 
 @kernel
-def shade(inverse_depth, nearest, mesh, camera, light, ambient, shade_from, shadow, color):
+def shade(inverse_depth, nearest, mesh, camera, light, ambient, shade_from, shadow, background, color):
     """Write colours (h, w, 3) from 0 to 255, each the mean of the samples of a pixel.
 
     Where all samples are of one even or curved piece of a surface it is looked at once, in their middle.
@@ -172,7 +172,8 @@ def shade(inverse_depth, nearest, mesh, camera, light, ambient, shade_from, shad
         ambient: Share of the colour without light.
         shade_from: Lens (4,) of the light's picture, and (3, 4) the world in its frame.
         shadow: Inverse depths of that picture; no pixel where there are no shadows.
-        color: Where to; what is there is the background.
+        background: (3,) colour where nothing is.
+        color: Where to.
     """
     corners, normals, colors = mesh
     lens, pose = camera
@@ -207,7 +208,6 @@ def shade(inverse_depth, nearest, mesh, camera, light, ambient, shade_from, shad
                     green += bright * colors[f, 1]
                     blue += bright * colors[f, 2]
             count = (last - first) ** 2
-            behind = missed / count
-            color[row, column, 0] = behind * color[row, column, 0] + 255.0 * red / count
-            color[row, column, 1] = behind * color[row, column, 1] + 255.0 * green / count
-            color[row, column, 2] = behind * color[row, column, 2] + 255.0 * blue / count
+            color[row, column, 0] = np.uint8(255.0 * (red + missed * background[0]) / count + 0.5)
+            color[row, column, 1] = np.uint8(255.0 * (green + missed * background[1]) / count + 0.5)
+            color[row, column, 2] = np.uint8(255.0 * (blue + missed * background[2]) / count + 0.5)
