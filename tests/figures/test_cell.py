@@ -77,6 +77,8 @@ def test_without_a_cell_or_joints_there_is_no_such_figure(planned: tuple[cw.Task
     assert cell_figure(task, replace(plan, metadata={})) is None
     with pytest.raises(InputError, match="has no cell, or the record has no joints"):
         CellView(task, replace(plan, joints=None), SIZE)
+    with pytest.raises(InputError, match="the record has 2 keypoints, the task 13"):
+        cell_figure(task, replace(plan, shapes=plan.shapes[:, :2]))
     with pytest.raises(InputError, match="the record has 7 joints of each arm, the arms have 6"):
         cell_figure(task, replace(plan, joints=np.zeros((10, 2, 7))))
 

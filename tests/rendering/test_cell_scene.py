@@ -9,6 +9,7 @@ import pytest
 from problems import beside_disc
 
 import cableway as cw
+from cableway.core.errors import InputError
 from cableway.rendering.camera import Camera
 from cableway.rendering.cell import ARMS, DISC, GRIPPERS, CellScene, Label, Look
 from cableway.rendering.picture import Light, Picture, render
@@ -140,6 +141,15 @@ def test_without_a_cell_there_are_discs_and_no_arms():
     for side, (x, y) in enumerate(task.start[[0, -1]]):
         assert at(picture, task, x, y, DISC) == (GRIPPERS[side], pytest.approx(DISC, abs=1e-9))
     assert not np.isin(picture.label, ARMS).any()
+
+
+def test_a_cable_without_length_is_refused_and_repeated_points_are_not():
+    task = beside_disc()
+    scene = CellScene(task, None, LOOK)
+    once = scene.mesh(task.start).corners
+    assert np.array_equal(scene.mesh(np.repeat(task.start, 2, axis=0)).corners, once)
+    with pytest.raises(InputError, match="the cable has no length"):
+        scene.mesh(np.zeros((5, 2)))
 
 
 def test_obstacles_of_all_kinds_have_the_area_and_height_that_they_have():

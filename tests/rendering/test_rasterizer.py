@@ -138,6 +138,13 @@ SURFACES = {
 }  # fmt: skip
 
 
+def test_a_tube_that_folds_back_or_turns_sharply_is_still_one():
+    for points in ([[0, 0, 0], [1, 0, 0], [0, 0, 0]], [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1]]):
+        surface = tube(np.array(points, float), 0.1)
+        assert np.isfinite(surface.corners).all()
+        assert np.allclose(np.linalg.norm(surface.normals, axis=2), 1)
+
+
 @pytest.mark.parametrize(("surface", "volume"), SURFACES.values(), ids=SURFACES.keys())
 def test_surfaces_are_closed_and_turned_outwards(surface: Surface, volume: float):
     points = np.round(surface.corners, 9) + 0.0

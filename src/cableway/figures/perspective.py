@@ -90,11 +90,14 @@ def way_of(task: Task, record: Plan | Rollout) -> Way | None:
     """How the arms hold the cable in a record with their joints; None where there is no cell, or no joints.
 
     Raises:
-        InputError: The joints are not those of the cell's arms.
+        InputError: It has another number of keypoints than the task, or of joints than the cell's arms.
     """
     way = Way.of_record(record.metadata)
     if task.cell is None or record.joints is None or way is None:
         return None
+    keypoints = (record.shapes if isinstance(record, Plan) else record.keypoints).shape[1]
+    if keypoints != task.cable.keypoints:
+        raise InputError(f"the record has {keypoints} keypoints, the task {task.cable.keypoints}")
     for arm in way.holders:
         joints = len(task.cell.models[arm].joint_names)
         if record.joints.shape[2] != joints:

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.errors import InputError
+from cableway.geometry import polyline
 from cableway.rendering.mesh import Mesh, Surface, capsules, circle, prism, tube
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.bodies import Body
@@ -120,6 +122,9 @@ class CellScene:
             cable: Its centre line [m], which lies on the table.
             poses: Of the grippers [m, m, rad], where no arms carry them.
             joints: Of the arms at the left and the right end [rad], with which their grippers are shown.
+
+        Raises:
+            InputError: All points of the cable are in one place.
         """
         return Mesh.joined([self.still, *self._moving(cable, poses, joints)])
 
@@ -138,6 +143,9 @@ class CellScene:
         joints: Float[np.ndarray, "2 6"] | None,
     ) -> Iterator[Mesh]:
         radius = self._task.cable.radius
+        cable = polyline.remove_repeated(cable)
+        if len(cable) < 2:
+            raise InputError("the cable has no length")
         line = np.column_stack([cable, np.full(len(cable), radius)])
         yield tube(line, radius).painted(self._look.cable, Label.CABLE)
         if joints is not None and self._kinematics is not None:

@@ -13,8 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-ROUND = 32
+ROUND = 24
 """Sides of a circle unless stated."""
+
+FOLDED = 1e-6
+"""Length of a sum of unit vectors below which it has no direction."""
 
 
 class Surface(NamedTuple):
@@ -87,12 +90,19 @@ def tube(points: Float[np.ndarray, "m 3"], radius: float, sides: int = 12) -> Su
 
     Its cross-sections turn along with the polyline as little as they can.
     """
-    along = np.gradient(points, axis=0)
+    steps = np.diff(points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    along = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
+    folded = np.linalg.norm(along, axis=1) < FOLDED
+    along[:-1][folded[:-1]] = steps[folded[:-1]]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     aside = np.empty_like(points)
-    before = np.eye(3)[np.abs(along[0]).argmin()]
+    before = np.zeros(3)
     for row, tangent in enumerate(along):
         before = before - (before @ tangent) * tangent
+        if np.linalg.norm(before) < FOLDED:
+            other = np.eye(3)[np.abs(tangent).argmin()]
+            before = other - (other @ tangent) * tangent
         before /= np.linalg.norm(before)
         aside[row] = before
     around = circle((0.0, 0.0), 1.0, sides)
