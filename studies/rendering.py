@@ -64,9 +64,9 @@ def main() -> None:
     made: dict[str, Callable[[int], Any]] = {
         "triangles": lambda k: built.mesh(cables[rows[k]], joints=joints[rows[k]]),
         "colours, depth, labels": lambda k: render(meshes[k], eye, lamp),
-        "the same without arms": lambda k: render(bare[k], eye, lamp),
-        "and shadows": lambda k: render(meshes[k], eye, shadows),
-        "and nine samples a pixel": lambda k: render(meshes[k], eye, shadows, samples=3),
+        "without arms": lambda k: render(bare[k], eye, lamp),
+        "with shadows": lambda k: render(meshes[k], eye, shadows),
+        "with shadows and nine samples a pixel": lambda k: render(meshes[k], eye, shadows, samples=3),
     }
     print(f"{given.task} in {given.cell}, {given.size}, {len(meshes[0].corners)} triangles, {given.count} rows\n")
     print("| what | median [ms] | 95% [ms] | most [ms] | a second |")

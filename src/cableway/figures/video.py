@@ -50,7 +50,10 @@ class Layout(NamedTuple):
 
 
 TABLE = Layout((0.54, 0.9, 4.8, 4.8), (6.7, 3.75, 4.46, 2.05), (6.7, 0.7, 4.46, 2.05))
+"""Of grippers alone."""
+
 CELL = Layout((7.72, 2.72, 3.2, 3.2), (0.7, 0.5, 4.6, 1.05), (6.4, 0.5, 4.6, 1.05), (0.54, 1.98, 6.4, 3.72))
+"""Of a cell with arms."""
 
 LONGEST = 30.0
 """Playing time [s] beyond which a video runs at twice the speed, four times, and so on."""
