@@ -24,7 +24,7 @@ Color = tuple[float, float, float]
 
 
 class Label(IntEnum):
-    """What is seen at a pixel."""
+    """What is seen at a pixel; pedestals belong to the table."""
 
     NOTHING = 0
     TABLE = 1
