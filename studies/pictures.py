@@ -24,6 +24,7 @@ import cableway as cw
 from cableway.core.errors import PlanningError, TaskError
 from cableway.core.files import write_atomically
 from cableway.figures import scene, style
+from cableway.figures.cell import cell_figure
 from cableway.figures.plan import (
     alternatives_figure,
     attempt_figure,
@@ -38,6 +39,7 @@ from cableway.planning.config import PivotConfig
 from cableway.planning.initial_trajectories import InitialTrajectories
 from cableway.planning.routes.passages import find_passages
 from cableway.records import Rollout
+from cableway.scene.files.loading import load_cell
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tang2025.planning.chain import PaperChain
 from cableway.tang2025.planning.config import PathSetConfig
@@ -208,11 +210,20 @@ def run(name: str) -> Figure:
     return rollout_figure(task, cw.track(cw.CableSimulator(task), cw.RodMPC(), cw.plan(task)))
 
 
+def cell() -> Figure:
+    """What `cableway plan` draws of a cell."""
+    task = cw.load_task("multi-obstacle-2").in_cell(load_cell("dual-ur5e"))
+    figure = cell_figure(task, cw.plan(task))
+    assert figure is not None
+    return figure
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
     "maze-1": lambda: run("maze-1"),
     "single-obstacle-2": lambda: run("single-obstacle-2"),
     "planning": planning,
     "alternatives": alternatives,
+    "cell": cell,
     "method-pivot": pivot,
     "method-path-set": path_set,
     "method-deformation": deformation,

@@ -18,6 +18,7 @@ PACKAGES = tuple(
         "estimation",
         "geometry",
         "motion",
+        "rendering",
         "rod",
         "scene",
         "tang2025.models",

@@ -11,6 +11,7 @@ import yaml
 from commands import Command
 
 from cableway.scene.files.loading import catalogue_file, load_task, task_names
+from cableway.tasks.generation import random_task
 
 
 def test_tasks_lists_the_catalogue(cableway: Command):
@@ -108,3 +109,35 @@ def test_arguments_that_cannot_be_read_are_quoted_without_what_steers_a_terminal
     assert done.status == 2
     assert r"\u202eevil" in done.err
     assert "\u202e" not in done.err
+
+
+def test_plan_and_show_draw_the_arms_of_a_cell(cableway: Command):
+    """`show` makes of a plan's file the same picture as `plan`."""
+    random_task(5000, "cell").save("mine.yaml")
+    assert cableway("plan", "mine.yaml", "--quiet", "--out", "o").status == 0
+    assert {path.name for path in Path("o").iterdir()} == {
+        "plan.npz",
+        "plan.png",
+        "cell.png",
+        "report.json",
+        "task.yaml",
+    }
+    assert matplotlib.image.imread("o/cell.png").std() > 0.05
+    assert cableway("show", "o/task.yaml", "o/plan.npz", "--out", "here") == (0, "here/cell.png\n", "")
+    assert Path("here/cell.png").read_bytes() == Path("o/cell.png").read_bytes()
+    assert [path.name for path in Path("here").iterdir()] == ["cell.png"]
+
+
+def test_show_draws_no_arms_where_there_are_none(cableway: Command, moved_file: Path, run_folder: Path):
+    plan = run_folder / "plan.npz"
+    done = cableway("show", moved_file, plan)
+    assert (done.status, done.out) == (2, "")
+    assert (
+        done.err
+        == f"cableway: {plan}: the task moved is in no cell, and show draws the arms of plans and rollouts alone\n"
+    )
+    random_task(5000, "cell").save("mine.yaml")
+    done = cableway("show", "mine.yaml", plan)
+    assert done.status == 2
+    assert f"{plan}: it has no joints of arms" in done.err
+    assert [path.name for path in Path().iterdir()] == ["mine.yaml"]

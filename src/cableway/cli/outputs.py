@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 TASK = "task.yaml"
 PLAN, PLAN_PICTURE = "plan.npz", "plan.png"
-ALTERNATIVES_PICTURE, ARMS_PICTURE = "alternatives.png", "arms.png"
+ALTERNATIVES_PICTURE, CELL_PICTURE = "alternatives.png", "cell.png"
 ROLLOUT, ROLLOUT_PICTURE, VIDEO = "rollout.npz", "rollout.png", "rollout.mp4"
 REPLANNING_PICTURE, ESTIMATES_PICTURE = "replanning.png", "estimates.png"
 INSERTION_PLAN, INSERTION, INSERTION_PICTURE = "insertion-plan.npz", "insertion.npz", "insertion.png"
@@ -23,7 +23,7 @@ PUSH_0_1 = "push.npz"
 """What version 0.1 called the plan of the insertion."""
 
 ALL = (
-    REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, ARMS_PICTURE, INSERTION_PLAN, ROLLOUT, ROLLOUT_PICTURE,
+    REPORT, TASK, PLAN, PLAN_PICTURE, ALTERNATIVES_PICTURE, CELL_PICTURE, INSERTION_PLAN, ROLLOUT, ROLLOUT_PICTURE,
     VIDEO, REPLANNING_PICTURE, ESTIMATES_PICTURE, INSERTION, INSERTION_PICTURE,
 )  # fmt: skip
 """In the order in which they are told; beside a picture there may be the same as vector graphics."""

@@ -168,9 +168,9 @@ def write_plans(folder: Path, run: Run, draw: Draw, *, tracked: bool) -> None:
         lambda: attempt_figure(run.task, attempt) if run.plan is None else plan_figure(run.task, run.plan),
     )
     if run.plan is not None and run.plan.joints is not None:
-        from cableway.figures.arms import arms_figure
+        from cableway.figures.cell import cell_figure
 
-        _draw(draw, folder / outputs.ARMS_PICTURE, lambda: run.plan and arms_figure(run.task, run.plan))
+        _draw(draw, folder / outputs.CELL_PICTURE, lambda: run.plan and cell_figure(run.task, run.plan))
     if run.alternatives:
         shapes = [each.shapes for each in plans]
         _draw(draw, folder / outputs.ALTERNATIVES_PICTURE, lambda: alternatives_figure(run.task, shapes))

@@ -1,13 +1,17 @@
-"""`cableway show`: the picture of a task."""
+"""`cableway show`: the picture of a task, or of the arms in a plan or a rollout."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
+import tyro
 from rich.text import Text
 
-from cableway.cli.options import VECTOR, PictureOptions, TaskOptions
+from cableway.cli.check import read_record
+from cableway.cli.options import VECTOR, PictureOptions, TaskOptions, option
+from cableway.cli.outputs import CELL_PICTURE
 from cableway.cli.terminal import Terminal
 from cableway.core.errors import InputError, TaskError
 
@@ -17,12 +21,19 @@ class Show(PictureOptions, TaskOptions):
     """Draw a task, also one that no cable can do, with what is wrong with it; `--out` is a folder, or a .png, .svg or
     .pdf file."""
 
+    file: Annotated[tyro.conf.Positional[Path | None], option(metavar="[FILE]")] = None
+    """A plan.npz or rollout.npz of the task in a cell: its arms are drawn, in perspective and from above; by default,
+    the task."""
+
     def execute(self) -> int:
         """Carry the command out and return its exit status.
 
         Raises:
-            InputError: No cable can do the task; where there is something to draw, the message names the picture.
+            InputError: No cable can do the task; where there is something to draw, the message names the picture. Or
+                the file has no joints of arms.
         """
+        if self.file is not None:
+            return self._show_arms(self.file)
         from cableway.figures.scene import task_figure
         from cableway.scene.files.loading import load_task
         from cableway.scene.task import Draft
@@ -42,5 +53,21 @@ class Show(PictureOptions, TaskOptions):
         Terminal(self).result({"task": task.name, "picture": str(path)}, Text(str(path)))
         return 0
 
-    def _target(self, name: str) -> Path:
-        return self.target(name, "task.png", *(f".{ending}" for ending in VECTOR))
+    def _show_arms(self, file: Path) -> int:
+        from cableway.figures.cell import cell_figure
+
+        task, record = self.load(), read_record(file)
+        try:
+            figure = cell_figure(task, record)
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+        if figure is None:
+            lacking = "it has no joints of arms" if task.cell is not None else f"the task {task.name} is in no cell"
+            raise InputError(f"{file}: {lacking}, and show draws the arms of plans and rollouts alone")
+        path = self._target(task.name, CELL_PICTURE)
+        self.draw(figure, path)
+        Terminal(self).result({"task": task.name, "picture": str(path)}, Text(str(path)))
+        return 0
+
+    def _target(self, name: str, picture: str = "task.png") -> Path:
+        return self.target(name, picture, *(f".{ending}" for ending in VECTOR))

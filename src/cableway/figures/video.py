@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import imageio_ffmpeg
 import numpy as np
@@ -19,6 +20,7 @@ from cableway.core.errors import CablewayError
 from cableway.core.files import write_atomically
 from cableway.figures import scene, style
 from cableway.figures.moving import MovingScene, captions, moving_handles
+from cableway.figures.perspective import CellView, way_of
 from cableway.figures.plan import draw_clearance
 from cableway.figures.rollout import draw_errors, stacked_errors
 from cableway.records import INSERTION, Plan, Rollout
@@ -30,8 +32,28 @@ SIZE = (1280, 720)
 INCH = 112
 """Pixels of a frame to the inch."""
 
-SIDE = 4.8
-"""Longer side [inch] of the scene."""
+
+class Layout(NamedTuple):
+    """Where the panels of a frame are [inch]: left, bottom, width, height.
+
+    Attributes:
+        scene: A square that the scene seen from above is in.
+        errors: The curves of errors.
+        clearance: The curves of clearance.
+        perspective: The cell in perspective; None without a cell.
+    """
+
+    scene: tuple[float, float, float, float]
+    errors: tuple[float, float, float, float]
+    clearance: tuple[float, float, float, float]
+    perspective: tuple[float, float, float, float] | None = None
+
+
+TABLE = Layout((0.54, 0.9, 4.8, 4.8), (6.7, 3.75, 4.46, 2.05), (6.7, 0.7, 4.46, 2.05))
+"""Of grippers alone."""
+
+CELL = Layout((7.72, 2.72, 3.2, 3.2), (0.7, 0.5, 4.6, 1.05), (6.4, 0.5, 4.6, 1.05), (0.54, 1.98, 6.4, 3.72))
+"""Of a cell with arms."""
 
 LONGEST = 30.0
 """Playing time [s] beyond which a video runs at twice the speed, four times, and so on."""
@@ -140,8 +162,11 @@ def _frames(
 ) -> Iterator[np.ndarray]:
     """Frames (height, width, 4) of 8-bit colours; only what moves is drawn afresh."""
     shown = [*rows, *[stage.run.steps] * (round(FINAL_PAUSE * rate))]
+    frame, last = stage.frame(shown[0]), shown[0]
     for count, row in enumerate(shown):
-        yield stage.frame(row)
+        if row != last:
+            frame, last = stage.frame(row), row
+        yield frame
         if progress is not None:
             progress("video", (count + 1) / len(shown))
 
@@ -158,6 +183,7 @@ class _Stage:
         self._figure = style.new_figure(SIZE[0] / INCH, SIZE[1] / INCH)
         self._figure.set_dpi(INCH)
         self._moving: list[tuple[Axes, Artist]] = []
+        self._layout = TABLE if way_of(task, self.run) is None else CELL
         self._build_scene(plan)
         self._build_curves()
 
@@ -174,21 +200,30 @@ class _Stage:
         self._moving.append((ax, artist))
 
     def _build_scene(self, plan: Plan | None) -> None:
-        width, height = scene.panel_size(self._task, SIDE)
-        ax = style.add_axes(self._figure, 0.54, 0.9 + (SIDE - height) / 2, width, height)
+        left, bottom, side, _ = self._layout.scene
+        width, height = scene.panel_size(self._task, side)
+        ax = style.add_axes(self._figure, left + (side - width) / 2, bottom + (side - height) / 2, width, height)
         self._scene = MovingScene(ax, self._task, self.run, plan)
-        self._clock = ax.text(0.0, 1.02, "", transform=ax.transAxes, fontsize=11, color=style.INK)
-        for artist in (*self._scene.moving, self._clock):
+        self._view, clock = None, ax
+        if self._layout.perspective is not None:
+            clock = style.add_axes(self._figure, *self._layout.perspective)
+            pixels = (round(INCH * self._layout.perspective[2]), round(INCH * self._layout.perspective[3]))
+            self._view = CellView(self._task, self.run, pixels)
+            self._picture = clock.imshow(self._view.image(0), aspect="auto", interpolation="nearest")
+            clock.set_axis_off()
+            self._add(clock, self._picture)
+        self._clock = clock.text(0.0, 1.02, "", transform=clock.transAxes, fontsize=11, color=style.INK)
+        for artist in self._scene.moving:
             self._add(ax, artist)
+        self._add(clock, self._clock)
         style.legend_below(ax, moving_handles(self._task, self.run), 4)
 
     def _build_curves(self) -> None:
-        left, wide, tall = 6.7, 4.46, 2.05
         run, tracked = self.run, len(self._rollout.times)
-        above = style.add_axes(self._figure, left, 3.75, wide, tall)
+        above = style.add_axes(self._figure, *self._layout.errors)
         to_goal, to_reference = stacked_errors(self._task, run)
         draw_errors(above, run.times, to_goal[:tracked], to_reference)
-        below = style.add_axes(self._figure, left, 0.7, wide, tall)
+        below = style.add_axes(self._figure, *self._layout.clearance)
         draw_clearance(below, "clearance", run.times, run.clearance, run.gripper_clearance)
         self._cursors = []
         for ax in (above, below):
@@ -209,6 +244,8 @@ class _Stage:
         """The picture of one row."""
         now, end = float(self.run.times[row]), float(self.run.times[-1])
         self._scene.show(row)
+        if self._view is not None:
+            self._picture.set_data(self._view.image(row))
         self._clock.set_text(f"{now:.1f} s   {self._captions[row]}")
         for future, cursor in self._cursors:
             future.set_x(now)

@@ -1,4 +1,4 @@
-"""The picture of a cell's arms along a plan, seen from above."""
+"""The picture of a cell's arms along a plan or a rollout, in perspective and from above."""
 
 from __future__ import annotations
 
@@ -10,44 +10,67 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 
 from cableway.figures import scene, style
-from cableway.records import Plan
+from cableway.figures.perspective import ARMS, CellView, as_it_was, way_of
+from cableway.records import Plan, Rollout
 from cableway.robot.cell_kinematics import CellKinematics
-from cableway.scene.cell import Way
 from cableway.scene.task import CONTROL_STEP, Task
-
-COLORS = (style.BLUE, style.ORANGE)
-"""Of the arms that hold the left and the right end."""
 
 MARGIN = 0.04
 """Round the arms [m]."""
 
+SHAPE = 0.68
+"""Height of a picture in perspective over its width."""
 
-def arms_figure(task: Task, plan: Plan) -> Figure | None:
-    """Both arms, their links' capsules from above, at the start, half-way and at the goal; None without a cell."""
-    way = Way.of_record(plan.metadata)
-    if task.cell is None or plan.joints is None or way is None:
+APART = 0.1
+"""Between the two rows of pictures [inch], besides the titles."""
+
+FINE = 300
+"""Pixels of such a picture to the inch."""
+
+
+def cell_figure(task: Task, record: Plan | Rollout) -> Figure | None:
+    """Both arms at the start, half-way and at the end: in perspective, and their links' capsules from above.
+
+    None where the task has no cell, or the record no joints.
+    """
+    way = way_of(task, record)
+    if way is None or record.joints is None:
         return None
-    rows = [0, plan.steps // 2, plan.steps]
-    links = CellKinematics(task, way).links(plan.joints[rows])
+    last = len(record.joints) - 1
+    rows = [0, last // 2, last]
+    shown = as_it_was(task, record)
+    links = CellKinematics(task, way).links(record.joints[rows])
     low, high = _extent(links, task)
     width = (style.DOUBLE - scene.LEFT - 2 * scene.BETWEEN - scene.RIGHT) / 3
-    height = width * (high[1] - low[1]) / (high[0] - low[0])
-    figure = style.new_figure(style.DOUBLE, scene.BELOW + height + scene.ABOVE)
+    height, tall = width * (high[1] - low[1]) / (high[0] - low[0]), width * SHAPE
+    upper = scene.BELOW + height + scene.ABOVE + APART
+    figure = style.new_figure(style.DOUBLE, upper + tall + scene.ABOVE)
+    view = CellView(task, record, (round(FINE * width), round(FINE * tall)))
     panels: list[Axes] = []
     for place, row in enumerate(rows):
         left = scene.LEFT + place * (width + scene.BETWEEN)
+        ax = style.add_axes(figure, left, upper, width, tall)
+        ax.imshow(view.image(row), aspect="auto")
+        ax.set_axis_off()
+        time = float(record.times[row]) if isinstance(record, Rollout) else row * CONTROL_STEP
+        style.title(ax, f"{time:.1f} s")
+        panels.append(ax)
+    for place, row in enumerate(rows):
+        left = scene.LEFT + place * (width + scene.BETWEEN)
         ax = style.add_axes(figure, left, scene.BELOW, width, height)
-        scene.draw_scene(ax, task)
+        scene.draw_scene(ax, shown)
         ax.set_xlim(low[0], high[0])
         ax.set_ylim(low[1], high[1])
+        scene.draw_cable(ax, scene.smooth(task.goal), task.cable.radius, style.GOAL, zorder=3, alpha=0.6)
         _draw_arms(ax, [(ends[place], radius) for ends, radius in links])
-        curve = scene.smooth(plan.shapes[row])
+        curve = record.centreline[row] if isinstance(record, Rollout) else scene.smooth(record.shapes[row])
         scene.draw_cable(ax, curve, task.cable.radius, style.INK, zorder=10)
-        style.title(ax, f"{row * CONTROL_STEP:.1f} s")
+        style.title(ax, "from above")
         panels.append(ax)
     names = [f"arm {arm} holds the {side} end" for arm, side in zip(way.holders, ("left", "right"), strict=True)]
-    entries = [Patch(facecolor=color, alpha=0.6, label=name) for color, name in zip(COLORS, names, strict=True)]
-    style.legend_below(panels[1], entries, 2)
+    entries = [Patch(facecolor=color, alpha=0.6, label=name) for color, name in zip(ARMS, names, strict=True)]
+    entries.append(Patch(facecolor=style.GOAL, alpha=0.6, label="goal"))
+    style.legend_below(panels[4], entries, 3)
     scene.finish_row(panels)
     return figure
 
@@ -65,7 +88,7 @@ def _extent(
 
 def _draw_arms(ax: Axes, links: list[tuple[Float[np.ndarray, "k 2 3"], Float[np.ndarray, "k"]]]) -> None:
     """The links of both arms, higher ones above lower ones."""
-    for (ends, radius), color in zip(links, COLORS, strict=True):
+    for (ends, radius), color in zip(links, ARMS, strict=True):
         for index in np.argsort(ends[..., 2].max(axis=1)):
             outline = shapely.LineString(ends[index, :, :2]).buffer(float(radius[index]))
             path = scene.polygon_path(outline)  # pyright: ignore[reportArgumentType]

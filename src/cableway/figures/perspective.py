@@ -1,0 +1,120 @@
+"""A cell in perspective: what a plan or a rollout looks like from beside the table."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.colors import to_rgb
+
+from cableway.core.errors import InputError
+from cableway.figures import scene, style
+from cableway.figures.replanning import change_of
+from cableway.records import Plan, Rollout
+from cableway.rendering.camera import Camera
+from cableway.rendering.cell import CellScene, Color, Label, Look
+from cableway.rendering.mesh import Mesh, tube
+from cableway.rendering.picture import Light, render
+from cableway.scene.cell import Cell, Way
+from cableway.scene.task import Task
+
+ARMS = (style.BLUE, style.ORANGE)
+"""Of the arms that hold the left and the right end."""
+
+VIEW = math.radians(32)
+"""Angle of view across a picture."""
+
+STEEP = 0.85
+"""How far the camera looks down for each metre ahead [m]: over the fingers, and not onto the arms."""
+
+LAMP, AMBIENT = (-0.4, -0.9, 3.2), 0.62
+"""Where the lamp is from the middle of the workspace [m], and the share of light from everywhere."""
+
+WITHIN = 0.8
+"""Radius of the goal over that of the cable, which so covers it where it has arrived."""
+
+
+def _pale(color: str, share: float) -> Color:
+    """A share of a colour on white."""
+    red, green, blue = (1 - share * (1 - part) for part in to_rgb(color))
+    return red, green, blue
+
+
+LOOK = Look(
+    table=_pale(style.OBSTACLE, 0.3),
+    wall=_pale(style.INK, 1.0),
+    obstacle=_pale(style.OBSTACLE_EDGE, 0.85),
+    cable=_pale(style.INK, 1.0),
+    grippers=(_pale(style.MUTED, 0.9), _pale(style.MUTED, 0.9)),
+    joints=(_pale(ARMS[0], 0.7), _pale(ARMS[1], 0.8)),
+    links=_pale(style.OBSTACLE, 0.6),
+)
+
+
+class CellView:
+    """Pictures of the rows of a record with joints, all by the same camera, which has both arms in view throughout.
+
+    Args:
+        task: The task, in a cell.
+        record: Of it.
+        size: Width and height [pixels].
+
+    Raises:
+        InputError: The task has no cell, or the record no joints.
+    """
+
+    def __init__(self, task: Task, record: Plan | Rollout, size: tuple[int, int]) -> None:
+        way = way_of(task, record)
+        if way is None or task.cell is None or record.joints is None:
+            raise InputError(f"the task {task.name!r} has no cell, or the record has no joints of its arms")
+        self._record, self._joints = record, record.joints
+        self._scene = CellScene(as_it_was(task, record), way, LOOK)
+        points = self._scene.bounds(self._joints)
+        self._camera = Camera.framing(points, view_direction(task, task.cell), size=size, view=VIEW, margin=0.01)
+        x, y, z = LAMP
+        self._light = Light(position=(task.scene.size[0] / 2 + x, task.scene.size[1] / 2 + y, z), ambient=AMBIENT)
+        goal, radius = scene.smooth(task.goal), WITHIN * task.cable.radius
+        lying = np.column_stack([goal, np.full(len(goal), radius)])
+        self._goal = tube(lying, radius).painted(_pale(style.GOAL, 0.9), Label.TABLE)
+
+    def image(self, row: int) -> UInt8[np.ndarray, "h w 3"]:
+        """The picture of a row, with the goal of the cable on the table."""
+        record = self._record
+        cable = scene.smooth(record.shapes[row]) if isinstance(record, Plan) else record.centreline[row]
+        mesh = self._scene.mesh(cable, joints=self._joints[row])
+        return render(Mesh.joined([mesh, self._goal]), self._camera, self._light, samples=3).color
+
+
+def way_of(task: Task, record: Plan | Rollout) -> Way | None:
+    """How the arms hold the cable in a record with their joints; None where there is no cell, or no joints.
+
+    Raises:
+        InputError: It has another number of keypoints than the task, or of joints than the cell's arms.
+    """
+    way = Way.of_record(record.metadata)
+    if task.cell is None or record.joints is None or way is None:
+        return None
+    keypoints = (record.shapes if isinstance(record, Plan) else record.keypoints).shape[1]
+    if keypoints != task.cable.keypoints:
+        raise InputError(f"the record has {keypoints} keypoints, the task {task.cable.keypoints}")
+    for arm in way.holders:
+        joints = len(task.cell.models[arm].joint_names)
+        if record.joints.shape[2] != joints:
+            raise InputError(f"the record has {record.joints.shape[2]} joints of each arm, the arms have {joints}")
+    return way
+
+
+def as_it_was(task: Task, record: Plan | Rollout) -> Task:
+    """The task of a record, with obstacles where they are, known or not."""
+    change = change_of(task, record) if isinstance(record, Rollout) else None
+    return task if change is None else task.in_scene(change.whole)
+
+
+def view_direction(task: Task, cell: Cell) -> Float[np.ndarray, "3"]:
+    """Across the line from one arm to the other and down, from the side of the lower edge of the workspace."""
+    first, second = (arm.base(task.scene)[:2, 3] for arm in cell.arms)
+    along = second - first
+    length = float(np.linalg.norm(along))
+    ahead = np.array([-along[1], along[0]]) / length if length > 0 else np.array([0.0, 1.0])
+    return np.append(ahead if ahead[1] >= 0 else -ahead, -STEEP)

@@ -1,0 +1,1 @@
+"""Pictures in perspective without a display or graphics hardware: camera, triangles, rasteriser; and what a cell is."""

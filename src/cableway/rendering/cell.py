@@ -1,0 +1,221 @@
+"""What stands in a cell as triangles: table, obstacles, cable, grippers and arms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import InputError
+from cableway.geometry import polyline
+from cableway.rendering.mesh import Mesh, Surface, capsules, circle, prism, tube
+from cableway.robot.cell_kinematics import CellKinematics
+from cableway.scene.bodies import Body
+from cableway.scene.cell import Way
+from cableway.scene.obstacles import Disc, Obstacle
+from cableway.scene.task import Task
+
+Color = tuple[float, float, float]
+"""sRGB from 0 to 1."""
+
+
+class Label(IntEnum):
+    """What is seen at a pixel; pedestals belong to the table."""
+
+    NOTHING = 0
+    TABLE = 1
+    WALL = 2
+    OBSTACLE = 3
+    CABLE = 4
+    LEFT_GRIPPER = 5
+    RIGHT_GRIPPER = 6
+    LEFT_ARM = 7
+    RIGHT_ARM = 8
+
+
+GRIPPERS, ARMS = (Label.LEFT_GRIPPER, Label.RIGHT_GRIPPER), (Label.LEFT_ARM, Label.RIGHT_ARM)
+"""By the end of the cable that they hold."""
+
+
+class Look(NamedTuple):
+    """Colours.
+
+    Attributes:
+        table: Of its top, and of the pedestals.
+        wall: Of the edge of the workspace.
+        obstacle: Of all.
+        cable: The cable.
+        grippers: That at the left end of the cable, and at its right one.
+        joints: Of an arm, the same.
+        links: Of both arms, the tubes between their joints.
+    """
+
+    table: Color
+    wall: Color
+    obstacle: Color
+    cable: Color
+    grippers: tuple[Color, Color]
+    joints: tuple[Color, Color]
+    links: Color
+
+
+TOP = 0.03
+"""Thickness of the table [m]."""
+
+AROUND = 0.08
+"""Of the table beyond workspace and pedestals [m]."""
+
+PEDESTAL = 0.085
+"""Radius of what an arm stands on [m]: a little more than that of its base."""
+
+WALL = 0.006
+"""Width of the walls [m], outside the workspace."""
+
+LONG = 0.2
+"""Length of a capsule [m] from which on it is a tube between joints."""
+
+UNLIMITED = 0.1
+"""Height at which obstacles are shown that nothing passes above [m]."""
+
+FLUSH = 0.004
+"""The same of walls [m], which would hide what is within them."""
+
+DISC = 0.03
+"""Height of grippers and plugs that state none [m]."""
+
+
+class CellScene:
+    """A task as triangles: what stands still once, the rest for each state.
+
+    The port of a task is not shown.
+
+    Args:
+        task: The task.
+        way: How the arms of its cell hold the cable; None where there are no arms.
+        look: Colours.
+
+    Attributes:
+        still: What does not move: table, walls, obstacles, pedestals.
+    """
+
+    def __init__(self, task: Task, way: Way | None, look: Look) -> None:
+        self._task, self._look = task, look
+        self._kinematics = None if way is None else CellKinematics(task, way)
+        pieces = task.grippers.pieces
+        self._bodies = [body for body in task.bodies if not pieces or len(body.outline) > 1]
+        self.still = Mesh.joined(self._still())
+
+    def mesh(
+        self,
+        cable: Float[np.ndarray, "m 2"],
+        *,
+        poses: Float[np.ndarray, "2 3"] | None = None,
+        joints: Float[np.ndarray, "2 6"] | None = None,
+    ) -> Mesh:
+        """All of it in one state.
+
+        Args:
+            cable: Its centre line [m], which lies on the table.
+            poses: Of the grippers [m, m, rad], where no arms carry them.
+            joints: Of the arms at the left and the right end [rad], with which their grippers are shown.
+
+        Raises:
+            InputError: All points of the cable are in one place.
+        """
+        return Mesh.joined([self.still, *self._moving(cable, poses, joints)])
+
+    def bounds(self, joints: Float[np.ndarray, "t 2 6"]) -> Float[np.ndarray, "k 3"]:
+        """Points [m] between which all of it is while the arms are at joint positions [rad]."""
+        points = [self.still.corners.reshape(-1, 3)]
+        for ends, radii in [] if self._kinematics is None else self._kinematics.links(joints):
+            reach = radii[None, :, None, None]
+            points += [np.concatenate([ends - reach, ends + reach]).reshape(-1, 3)]
+        return np.concatenate(points)
+
+    def _moving(
+        self,
+        cable: Float[np.ndarray, "m 2"],
+        poses: Float[np.ndarray, "2 3"] | None,
+        joints: Float[np.ndarray, "2 6"] | None,
+    ) -> Iterator[Mesh]:
+        radius = self._task.cable.radius
+        cable = polyline.remove_repeated(cable)
+        if len(cable) < 2:
+            raise InputError("the cable has no length")
+        line = np.column_stack([cable, np.full(len(cable), radius)])
+        yield tube(line, radius).painted(self._look.cable, Label.CABLE)
+        if joints is not None and self._kinematics is not None:
+            poses = self._kinematics.poses(joints)
+            yield from self._arms(self._kinematics, joints)
+        if poses is None:
+            return
+        for body in self._bodies:
+            yield _hand(body, poses[body.side]).painted(self._look.grippers[body.side], GRIPPERS[body.side])
+
+    def _arms(self, kinematics: CellKinematics, joints: Float[np.ndarray, "2 6"]) -> Iterator[Mesh]:
+        assert self._task.cell is not None
+        for side, (ends, radii) in enumerate(kinematics.links(joints[None])):
+            count = len(self._task.cell.models[kinematics.way.holders[side]].capsules)  # those of the tool come after
+            ends, radii = ends[0, :count], radii[:count]
+            tubes = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > LONG
+            yield capsules(ends[tubes], radii[tubes]).painted(self._look.links, ARMS[side])
+            yield capsules(ends[~tubes], radii[~tubes]).painted(self._look.joints[side], ARMS[side])
+
+    def _still(self) -> Iterator[Mesh]:
+        scene, look = self._task.scene, self._look
+        yield prism(self._table(), (-TOP, 0.0)).painted(look.table, Label.TABLE)
+        wall = FLUSH if scene.wall_height is None else min(scene.wall_height, FLUSH)
+        for outline in _frame(*scene.size):
+            yield prism(outline, (0.0, wall)).painted(look.wall, Label.WALL)
+        for obstacle in scene.obstacles:
+            height = UNLIMITED if obstacle.height is None else obstacle.height
+            yield _upright(obstacle, height).painted(look.obstacle, Label.OBSTACLE)
+        for x, y, z in self._feet():
+            if z > 0:
+                foot = prism(circle((x, y), PEDESTAL, 64), (0.0, z), rounded=True)
+                yield foot.painted(look.table, Label.TABLE)
+
+    def _feet(self) -> list[tuple[float, float, float]]:
+        """Where the arms stand [m]."""
+        cell = None if self._kinematics is None else self._task.cell
+        return [] if cell is None else [tuple(arm.base(self._task.scene)[:3, 3].tolist()) for arm in cell.arms]
+
+    def _table(self) -> Float[np.ndarray, "4 2"]:
+        """Corners of the table [m]."""
+        feet = np.array([[x, y] for x, y, _ in self._feet()]).reshape(-1, 2)
+        points = np.vstack([np.zeros(2), self._task.scene.size, feet - PEDESTAL, feet + PEDESTAL])
+        (left, low), (right, high) = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
+        return _box(left, low, right, high)
+
+
+def _box(left: float, low: float, right: float, high: float) -> Float[np.ndarray, "4 2"]:
+    return np.array([[left, low], [right, low], [right, high], [left, high]])
+
+
+def _frame(width: float, height: float) -> list[Float[np.ndarray, "4 2"]]:
+    """The walls of a workspace."""
+    return [
+        _box(-WALL, -WALL, width + WALL, 0.0),
+        _box(-WALL, height, width + WALL, height + WALL),
+        _box(-WALL, 0.0, 0.0, height),
+        _box(width, 0.0, width + WALL, height),
+    ]
+
+
+def _upright(obstacle: Obstacle, height: float) -> Surface:
+    if isinstance(obstacle, Disc):
+        return prism(circle(obstacle.center, obstacle.radius, 64), (0.0, height), rounded=True)
+    return prism(obstacle.vertices, (0.0, height))
+
+
+def _hand(body: Body, pose: Float[np.ndarray, "3"]) -> Surface:
+    """A body of a gripper at its pose [m, m, rad]."""
+    low, high = body.heights
+    heights = (low if math.isfinite(low) else 0.0, high if math.isfinite(high) else DISC)
+    if len(body.outline) == 1:
+        return prism(circle((float(pose[0]), float(pose[1])), body.rounding), heights, rounded=True)
+    return prism(body.placed(pose)[:-1], heights)
