@@ -38,8 +38,8 @@ class CurveConfig(Checked):
         InputError: A value is out of range.
     """
 
-    noise: Positive[float] = 0.002
-    lag: NotNegative[float] = 0.02
+    noise: Positive[float] = 0.001
+    lag: NotNegative[float] = 0.01
     gate: Positive[float] = 3.0
     least: Positive[float] = 0.006
     most: Positive[float] = 0.04

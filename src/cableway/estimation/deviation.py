@@ -29,7 +29,7 @@ class DeviationField:
 
     @classmethod
     def unknown(cls, count: int, deviation: float, reach: float) -> DeviationField:
-        """Before anything was seen, with a standard deviation [m], and how far along the cable it is alike, in lengths."""
+        """Before anything was seen: a standard deviation [m], and how far along the cable it is alike, in lengths."""
         along = np.linspace(0.0, 1.0, count)
         fading = np.minimum(1.0, np.minimum(along, 1.0 - along) / reach)
         alike = np.exp(-0.5 * ((along[:, None] - along) / reach) ** 2)

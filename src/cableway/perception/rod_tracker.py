@@ -1,8 +1,8 @@
 """The rod tracker: where the cable is, from pictures of it without markers and from the grippers that hold it.
 
 The rod filter (`estimation.curve_filter`) fits the parameters of the rod to the points of the cable's axis that one or
-several cameras show, between the measured grippers; what is hidden follows from the rod. The little that no rod explains
-is a field across the cable (`estimation.deviation`). Points that are something else's are left out, and counted.
+several cameras show, between the measured grippers; what is hidden follows from the rod. The little that no rod
+explains is a field across the cable (`estimation.deviation`). Points that are something else's are left out, and counted.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from cableway.scene.cable import Cable
 PLACES = 4
 """Places over each hinge at which the rod is looked for in the pictures."""
 
-PARAMETERS = EstimatorConfig(memory=10.0)
+PARAMETERS = EstimatorConfig(memory=10.0, grasp=0.003)
 """The prior of the rod, and how soon what was seen is forgotten: friction and lag change the shape as it moves."""
 
 
@@ -51,8 +51,8 @@ class TrackerConfig(Checked):
         InputError: A value is out of range.
     """
 
-    pixel: Positive[float] = 0.0005
-    beside: Positive[float] = 0.0015
+    pixel: Positive[float] = 0.0003
+    beside: Positive[float] = 0.0007
     reach: Positive[float] = 0.12
     fading: Positive[float] = 2.0
     sure: Positive[float] = 0.004
@@ -131,8 +131,7 @@ class RodTracker:
         return Track(self._estimator.start(self._cable.rod.continued(q, poses)), field, np.array(poses, float))
 
     def found(self, views: Sequence[View], poses: Float[np.ndarray, "2 3"]) -> Track:
-        """Before the first frame, where the shape is unknown: of all shapes of the nominal cable between these grippers,
-        the one that explains the pictures best.
+        """Before the first frame, where the shape is unknown: the shape of the nominal cable that fits the pictures best.
 
         Raises:
             InputError: The nominal cable has no stable shape between these grippers.
