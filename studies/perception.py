@@ -140,7 +140,8 @@ class SplineTracker:
 def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, np.ndarray]:
     """Errors and more of each setup, a row for each frame."""
     way = way_of(task, rollout)
-    assert way is not None and rollout.joints is not None
+    assert way is not None
+    assert rollout.joints is not None
     scene, eyes = CellScene(task, way, LOOK._replace(cable=ORANGE)), cameras(task)
     rng, rows = np.random.default_rng(seed), range(0, len(rollout.times), every)
     color = CableColor(color=(217, 89, 13))
@@ -163,8 +164,8 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             spline = splines[name].update(points, poses[row]) - truth
             along = np.gradient(truth, axis=0)
             across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
-            values = (np.linalg.norm(error, axis=1), across, np.abs(error) <= NINETY * deviation, seen.hidden, seen.explained,
-                      spent, np.linalg.norm(spline, axis=1))  # fmt: skip
+            values = (np.linalg.norm(error, axis=1), across, np.abs(error) <= NINETY * deviation, seen.hidden,
+                      seen.explained, spent, np.linalg.norm(spline, axis=1))  # fmt: skip
             for what, value in zip(FIGURES, values, strict=True):
                 out[f"{name} {what}"].append(value)
     return {name: np.array(values) for name, values in out.items()}
@@ -193,28 +194,38 @@ def main() -> None:
             with threadpool_limits(1):
                 np.savez(file, **followed(task, rollout, seed, given.every))
         found.append(dict(np.load(file)))
-        print(f"{seed}: " + ", ".join(f"{name} {1e3 * found[-1][f'{name} error'].mean():.2f} mm, worst "
-              f"{1e3 * found[-1][f'{name} error'].max():.1f}" for name in SETUPS), flush=True)  # fmt: skip
+        print(f"{seed}: " + ", ".join(f"{name} {1e3 * np.nanmean(found[-1][f'{name} error']):.2f} mm, worst "
+              f"{1e3 * np.nanmax(found[-1][f'{name} error']):.1f}" for name in SETUPS), flush=True)  # fmt: skip
     show(found)
 
 
 def show(found: list[dict[str, np.ndarray]]) -> None:
     """Print the table."""
     print(f"\n{len(found)} sequences, {sum(len(each['two low hidden']) for each in found)} frames\n")
-    print("| cameras | hidden, mean, p90 [%] | error, mean, p99, worst [mm] | across the cable | 90% intervals cover [%] | explained [%] "
-          "| time, median, p99 [ms] | spline, mean, p99, worst [mm] |")  # fmt: skip
-    print("|---|---|---|---|---|---|---|---|")
+    titles = ("cameras", "hidden, mean, p90 [%]", "error, mean, p99, worst [mm]", "across the cable [mm]",
+              "90% intervals cover [%]", "explained [%]", "lost [frames]", "time, median, p99 [ms]", "spline, error [mm]")  # fmt: skip
+    print("| " + " | ".join(titles) + " |\n" + "|---" * len(titles) + "|")
     for name in SETUPS:
         error, across, covered, hidden, explained, spent, spline = (
             np.concatenate([each[f"{name} {what}"] for each in found]) for what in FIGURES
         )
-        print(f"| {name} | {100 * hidden.mean():.0f}, {100 * np.percentile(hidden, 90):.0f} | {spread(error)} | {spread(across)} | "
-              f"{100 * covered.mean():.0f} | {100 * explained.mean():.0f} | {1e3 * np.median(spent):.1f}, "
-              f"{1e3 * np.percentile(spent, 99):.1f} | {spread(spline)} |")  # fmt: skip
+        cells = (
+            name,
+            f"{100 * hidden.mean():.0f}, {100 * np.percentile(hidden, 90):.0f}",
+            spread(error),
+            spread(across),
+            f"{100 * covered[np.isfinite(error)].mean():.0f}",
+            f"{100 * explained.mean():.0f}",
+            f"{np.isnan(error).any(axis=1).sum()}",
+            f"{1e3 * np.median(spent):.1f}, {1e3 * np.percentile(spent, 99):.1f}",
+            spread(spline),
+        )
+        print("| " + " | ".join(cells) + " |")
 
 
 def spread(error: np.ndarray) -> str:
-    """Mean, 99th percentile and worst [mm]."""
+    """Mean, 99th percentile and worst [mm] of the frames in which the cable was not lost."""
+    error = error[np.isfinite(error)]
     return f"{1e3 * error.mean():.2f}, {1e3 * np.percentile(error, 99):.2f}, {1e3 * error.max():.1f}"
 
 

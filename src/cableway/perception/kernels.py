@@ -14,6 +14,10 @@ FAR = 6
 BESIDE = 2
 """Pixels [1] beside a run among which one of what hides the band tells that the run was cut."""
 
+ASKEW = 0.25
+"""Share of the run along a band by which the parts of it on either side of the middle of the run across may differ, and
+two pixels: where they differ by more, as at the crest of an arc, that is not the middle of the band."""
+
 HIDDEN, SEEN, MISSING = 0, 1, 2
 """Of a place where the cable should be: outside the picture or behind something, in the mask, or not there."""
 
@@ -41,15 +45,15 @@ def of_color(image, reference, least_cosine, least, most, mask):
 
 @inlined
 def _run(mask, row, column, down, right, most):
-    """Pixels of the mask in a line with one of it, in both directions, at most about `most`."""
+    """Pixels of the mask in a line before and after one of it, each at most about `most`."""
     height, width = mask.shape
-    count, r, c = 1, row + down, column + right
-    while count < most and r < height and c < width and mask[r, c]:
-        count, r, c = count + 1, r + down, c + right
-    r, c = row - down, column - right
-    while count < most and r >= 0 and c >= 0 and mask[r, c]:
-        count, r, c = count + 1, r - down, c - right
-    return count
+    after, r, c = 0, row + down, column + right
+    while after < most and r < height and c < width and mask[r, c]:
+        after, r, c = after + 1, r + down, c + right
+    before, r, c = 0, row - down, column - right
+    while before < most and r >= 0 and c >= 0 and mask[r, c]:
+        before, r, c = before + 1, r - down, c - right
+    return before, after
 
 
 @inlined
@@ -71,8 +75,10 @@ def _kept(mask, hiding, row, column, first, last, down, right):
     """Width of the band by a run from `first` to `last` along its line, through row or column; 0 if it is left out."""
     length, middle = last - first + 1, (first + last) // 2
     at_row, at_column = row + down * middle, column + right * middle
-    other = _run(mask, at_row, at_column, right, down, FAR * length)
-    if first == 0 or length > other or (hiding.size > 0 and _cut(hiding, row, column, first, last, down, right)):
+    before, after = _run(mask, at_row, at_column, right, down, FAR * length)
+    other = before + 1 + after
+    off = other < FAR * length and abs(after - before) > ASKEW * other + 2.0
+    if first == 0 or length > other or off or (hiding.size > 0 and _cut(hiding, row, column, first, last, down, right)):
         return 0.0
     return 1.0 / math.sqrt(1.0 / length**2 + 1.0 / other**2)
 
@@ -83,8 +89,8 @@ def middles(mask, hiding, out):
 
     The middle of a horizontal run of a straight band is on its centre line whatever the angle between them, and so is
     that of a vertical one. Of the two through a pixel the shorter one counts. From their lengths a and b follows the
-    width of the band, 1/w^2 = 1/a^2 + 1/b^2. Runs that the edge of the picture cuts are left out, and those beside
-    something that hides the band.
+    width of the band, 1/w^2 = 1/a^2 + 1/b^2. Runs that the edge of the picture cuts are left out, those beside
+    something that hides the band, and those at the crest of an arc.
 
     Args:
         mask: (h, w) of the band.

@@ -2,7 +2,7 @@
 
 The rod filter (`estimation.curve_filter`) fits the parameters of the rod to the points of the cable's axis that one or
 several cameras show, between the measured grippers; what is hidden follows from the rod. The little that no rod
-explains is a field across the cable (`estimation.deviation`). Points that are something else's are left out, and counted.
+explains is a field across the cable (`estimation.deviation`). Points of something else are left out, and counted.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class RodTracker:
         return Track(self._estimator.start(self._cable.rod.continued(q, poses)), field, np.array(poses, float))
 
     def found(self, views: Sequence[View], poses: Float[np.ndarray, "2 3"]) -> Track:
-        """Before the first frame, where the shape is unknown: the shape of the nominal cable that fits the pictures best.
+        """Before the first frame, with the shape of the nominal cable that fits the pictures best.
 
         Raises:
             InputError: The nominal cable has no stable shape between these grippers.
