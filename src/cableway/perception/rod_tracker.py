@@ -128,7 +128,9 @@ class RodTracker:
     def start(self, poses: Float[np.ndarray, "2 3"], q: Float[np.ndarray, "6"]) -> Track:
         """Before the first frame, with grippers at `poses` [m, m, rad] and rod coordinates near the shape."""
         field = DeviationField.unknown(self._cable.keypoints, self._config.beside, self._config.reach)
-        return Track(self._estimator.start(self._cable.rod.continued(q, poses)), field, np.array(poses, float))
+        rod = self._cable.rod
+        q = rod.continued(q, poses)
+        return Track(self._estimator.start(q), field, SE2.continued(poses, rod.end_poses(q[None])[0]))
 
     def found(self, views: Sequence[View], poses: Float[np.ndarray, "2 3"]) -> Track:
         """Before the first frame, with the shape of the nominal cable that fits the pictures best.
