@@ -203,7 +203,8 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
     """Print the table."""
     print(f"\n{len(found)} sequences, {sum(len(each['two low hidden']) for each in found)} frames\n")
     titles = ("cameras", "hidden, mean, p90 [%]", "error, mean, p99, worst [mm]", "across the cable [mm]",
-              "90% intervals cover [%]", "explained [%]", "lost [frames]", "time, median, p99 [ms]", "spline, error [mm]")  # fmt: skip
+              "90% intervals cover [%]", "explained [%]", "lost [frames]",
+              "time, median, p99 [ms]", "spline, error [mm]")  # fmt: skip
     print("| " + " | ".join(titles) + " |\n" + "|---" * len(titles) + "|")
     for name in SETUPS:
         error, across, covered, hidden, explained, spent, spline = (
