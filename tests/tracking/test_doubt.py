@@ -89,7 +89,10 @@ def way(rows: range) -> list[Motion]:
 def test_the_way_back_had_room_where_the_cable_lies_near_it() -> None:
     held = PLAN.shapes[20] + 0.01 * PUSH
     assert had_room(way(range(10, 20)), seen(held, 20), TASK)
-    assert not had_room(way(range(10, 20)), seen(held + 0.05 * PUSH, 20), TASK), "it lies elsewhere"
+    elsewhere = seen(held + 0.06 * PUSH, 20)
+    assert not had_room(way(range(10, 20)), elsewhere, TASK)
+    fast = way(range(0, 20, 4))
+    assert had_room(fast, seen(held, 20), TASK), "it is far from there, as grippers at full speed are"
     hidden = np.where(np.arange(13)[:, None] == 4, np.nan, held)
     assert not had_room(way(range(10, 20)), seen(hidden, 20), TASK), "nobody knows"
 

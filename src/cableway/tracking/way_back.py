@@ -8,14 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.estimation.gating import connected, poses_usable
+from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.clearance import clearances
 from cableway.scene.task import Task
 from cableway.tracking.observed import at_rest
 
-NEAR = 0.03
-"""Mean distance [m] of the keypoints from where they were seen on the way there up to which the cable goes back as it
-came: two control steps of the grippers at most, and what a contact or friction does."""
+BESIDE = 0.015
+"""Mean distance [m] of the keypoints from where they were seen on the way there, less what the grippers moved since, up
+to which the cable goes back as it came: what a contact or friction does."""
 
 FRAMES = 5
 """Frames in a row that say where the cable was, in whose later half each keypoint was most likely seen."""
@@ -46,7 +47,8 @@ def had_room(way: list[Motion], observation: Observation, task: Task) -> bool:
     if not (np.isfinite(now).all() and poses_usable(observation)):
         return False
     lay = at_rest([motion.keypoints for motion in way[-FRAMES:]], way[-1].poses)
-    if np.linalg.norm(now - lay, axis=1).mean() > NEAR:
+    led = np.linalg.norm(SE2.position(observation.poses) - SE2.position(way[-FRAMES:][0].poses), axis=1).max()
+    if np.linalg.norm(now - lay, axis=1).mean() > led + BESIDE:
         return False
     here, there = clearances(np.stack([now, lay]), np.stack([observation.poses, way[-1].poses]), task)
     return bool((there >= np.minimum(ROOM_BACK, here)).all())
