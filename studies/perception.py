@@ -1,4 +1,4 @@
-"""How well the rod tracker finds an unmarked cable in pictures of a cell, beside a spline.
+"""How well the rod tracker finds an unmarked cable in pictures of a cell.
 
     .venv/bin/python studies/perception.py [--first 6000] [--count 5] [--every 2] [--out out/perception]
 
@@ -17,17 +17,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.ndimage import gaussian_filter
 from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import CablewayError
 from cableway.figures.perspective import AMBIENT, LAMP, LOOK, way_of
-from cableway.geometry import polyline
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.rod_tracker import RodTracker
 from cableway.perception.segmentation import CableColor, cable_mask
-from cableway.perception.views import View, axis_points
+from cableway.perception.views import View
 from cableway.records import Rollout
 from cableway.rendering.camera import Camera
 from cableway.rendering.cell import CellScene, Label
@@ -103,40 +101,6 @@ def pictures(
     return made
 
 
-class SplineTracker:
-    """The baseline: a cubic spline through the points, its ends and end tangents tied to the grippers.
-
-    Args:
-        start: Keypoints [m] of the first shape.
-    """
-
-    CONTROLS, SMOOTH, PASSES, GATE = 16, 0.03, 3, 0.03
-
-    def __init__(self, start: np.ndarray) -> None:
-        knots = np.concatenate([np.zeros(3), np.linspace(0, 1, self.CONTROLS - 2), np.ones(3)])
-        self._basis, self._length = BSpline.design_matrix(np.linspace(0, 1, 120), knots, 3).toarray(), 0.3
-        self._controls = np.linalg.lstsq(self._basis, polyline.resample(start, 120), rcond=None)[0]
-        self._stiff = np.diff(np.eye(self.CONTROLS), 2, axis=0)
-
-    def update(self, points: np.ndarray, poses: np.ndarray) -> np.ndarray:
-        """Keypoints [m] after a frame."""
-        for _ in range(self.PASSES):
-            line = self._basis @ self._controls
-            away = np.linalg.norm(points[:, None] - line, axis=2)
-            nearest = away.argmin(axis=1)
-            near = away[np.arange(len(points)), nearest] < self.GATE
-            rows, wanted = self._basis[nearest[near]], points[near]
-            reach = self._length / (3 * (self.CONTROLS - 3))
-            tangents = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
-            ends = np.array([poses[0, :2], poses[0, :2] + reach * tangents[0],
-                             poses[1, :2] - reach * tangents[1], poses[1, :2]])  # fmt: skip
-            tied = np.eye(self.CONTROLS)[[0, 1, -2, -1]]
-            share = 1 / max(len(wanted), 1)
-            normal = share * rows.T @ rows + self.SMOOTH * self._stiff.T @ self._stiff / 120 + 1e3 * tied.T @ tied
-            self._controls = np.linalg.solve(normal, share * rows.T @ wanted + 1e3 * tied.T @ ends)
-        return polyline.resample(self._basis @ self._controls, 13)
-
-
 def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, np.ndarray]:
     """Errors and more of each setup, a row for each frame."""
     way = way_of(task, rollout)
@@ -149,7 +113,6 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
     poses = np.array([kinematics.poses(np.ascontiguousarray(joints)) for joints in rollout.joints])
     tracker = RodTracker(task.cable, every * CONTROL_STEP)
     tracks = {name: tracker.start(poses[0], task.start_equilibrium) for name in SETUPS}
-    splines = {name: SplineTracker(task.start) for name in SETUPS}
     out: dict[str, list] = {f"{name} {what}": [] for name in SETUPS for what in FIGURES}
     for row in rows:
         made, truth = pictures(scene, eyes, rollout.centreline[row], rollout.joints[row], rng), rollout.keypoints[row]
@@ -160,18 +123,16 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             spent = time.process_time() - begun
             error = seen.observation.keypoints - truth
             deviation = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
-            points = np.concatenate([axis_points(view, task.cable.radius) for view in views])
-            spline = splines[name].update(points, poses[row]) - truth
             along = np.gradient(truth, axis=0)
             across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
             values = (np.linalg.norm(error, axis=1), across, np.abs(error) <= NINETY * deviation, seen.hidden,
-                      seen.explained, spent, np.linalg.norm(spline, axis=1))  # fmt: skip
+                      seen.explained, spent)  # fmt: skip
             for what, value in zip(FIGURES, values, strict=True):
                 out[f"{name} {what}"].append(value)
     return {name: np.array(values) for name, values in out.items()}
 
 
-FIGURES = ("error", "across", "covered", "hidden", "explained", "spent", "spline")
+FIGURES = ("error", "across", "covered", "hidden", "explained", "spent")
 
 
 def main() -> None:
@@ -204,10 +165,10 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
     print(f"\n{len(found)} sequences, {sum(len(each['two low hidden']) for each in found)} frames\n")
     titles = ("cameras", "hidden, mean, p90 [%]", "error, mean, p99, worst [mm]", "across the cable [mm]",
               "90% intervals cover [%]", "explained [%]", "lost [frames]",
-              "time, median, p99 [ms]", "spline, error [mm]")  # fmt: skip
+              "time, median, p99 [ms]")  # fmt: skip
     print("| " + " | ".join(titles) + " |\n" + "|---" * len(titles) + "|")
     for name in SETUPS:
-        error, across, covered, hidden, explained, spent, spline = (
+        error, across, covered, hidden, explained, spent = (
             np.concatenate([each[f"{name} {what}"] for each in found]) for what in FIGURES
         )
         cells = (
@@ -219,7 +180,6 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
             f"{100 * explained.mean():.0f}",
             f"{np.isnan(error).any(axis=1).sum()}",
             f"{1e3 * np.median(spent):.1f}, {1e3 * np.percentile(spent, 99):.1f}",
-            spread(spline),
         )
         print("| " + " | ".join(cells) + " |")
 
