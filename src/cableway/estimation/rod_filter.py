@@ -123,8 +123,8 @@ class RodEstimate:
 
 
 @dataclass(frozen=True)
-class _Prediction:
-    """Shape q (d,), keypoints (n, 2), their derivative (n, 2, p) by theta, and whether the rod can be held so."""
+class Prediction:
+    """Shape q (d,), keypoints (n, 2) or other stations, their derivative by theta, and whether it can be held so."""
 
     q: Float[np.ndarray, "d"]
     keypoints: Float[np.ndarray, "n 2"]
@@ -279,8 +279,8 @@ class RodEstimator:
         return None if self._trust < 1.0 else estimate.surprise.held_at(share)
 
     def _held(
-        self, estimate: RodEstimate, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]
-    ) -> tuple[RodEstimate, _Prediction]:
+        self, estimate: RodEstimate, keypoints: Float[np.ndarray, "n 2"] | None, poses: Float[np.ndarray, "2 3"]
+    ) -> tuple[RodEstimate, Prediction]:
         """The estimate and its prediction; where the grippers are too far apart for it, with a longer rod."""
         expected = self._explained(estimate.q, estimate.theta, keypoints, poses)
         for share in LONGER:
@@ -296,26 +296,30 @@ class RodEstimator:
         return estimate, expected
 
     def _predict(
-        self, q: Float[np.ndarray, "d"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 3"]
-    ) -> _Prediction:
-        q, n = q.copy(), self.rod.keypoints
+        self, q: Float[np.ndarray, "d"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 3"], stride: int = 0
+    ) -> Prediction:
+        """Of every station that is a multiple of `stride`, by default of the keypoints."""
+        stride = stride or self.rod.stride
+        q, n = q.copy(), 2 * self.rod.hinges // stride + 1
         space = self.rod.group.space
         keypoints, by_theta = np.empty((n, space)), np.empty((n, space, PARAMETERS))
         ends = self.rod.group.compose(poses, theta[GRASPS].reshape(2, -1))
         by_grasps = self._by_grasps(poses).reshape(ends.size, -1)
-        left = rod_kernels.predict(q, ends, by_grasps, theta[ROD], self.modes, self.rod.stride, keypoints, by_theta)
+        left = rod_kernels.predict(q, ends, by_grasps, theta[ROD], self.modes, stride, keypoints, by_theta)
         finite = bool(np.isfinite(keypoints).all() and np.isfinite(by_theta).all())
-        return _Prediction(q, keypoints, by_theta, finite and left < MET)
+        return Prediction(q, keypoints, by_theta, finite and left < MET)
 
     def _explained(
         self,
         q: Float[np.ndarray, "d"],
         theta: Float[np.ndarray, "p"],
-        keypoints: Float[np.ndarray, "n 2"],
+        keypoints: Float[np.ndarray, "n 2"] | None,
         poses: Float[np.ndarray, "2 3"],
-    ) -> _Prediction:
+    ) -> Prediction:
         """The prediction that goes on from q or, after a jump, from the keypoints, whichever is nearer to them."""
         going_on = self._predict(q, theta, poses)
+        if keypoints is None:
+            return going_on
         missed = float(going_on.distances(keypoints).mean())
         if missed < JUMP:
             return going_on
@@ -327,13 +331,13 @@ class RodEstimator:
     def _corrected(
         self,
         estimate: RodEstimate,
-        expected: _Prediction,
+        expected: Prediction,
         keypoints: Float[np.ndarray, "n 2"],
         speed: float,
         confidence: Float[np.ndarray, "n"] | None,
     ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
         """One step of the filter: theta and its covariance in units of the prior."""
-        config, kept, nominal, prior = self._config, self._kept, self._nominal, self._prior
+        config, prior = self._config, self._prior
         distance = np.linalg.norm(keypoints - expected.keypoints, axis=1)
         deviation = math.hypot(config.noise, self._lag * speed)
         certainty = self._trust / np.maximum(1.0, distance / (config.outlier * deviation)) / deviation**2
@@ -341,8 +345,13 @@ class RodEstimator:
         weights = np.repeat(np.where(np.isfinite(distance), certainty, 0.0), keypoints.shape[1])
         error = np.nan_to_num(keypoints - expected.keypoints).ravel()
         rows = (expected.by_theta * prior).reshape(-1, PARAMETERS)
-        theta = nominal + kept * (estimate.theta - nominal)
-        drifted = kept**2 * estimate.covariance + (1 - kept**2) * np.eye(PARAMETERS)
+        theta, drifted = self._drifted(estimate)
         weighted = rows.T * weights
         covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
         return theta + prior * (covariance @ (weighted @ error)), covariance
+
+    def _drifted(self, estimate: RodEstimate) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
+        """Theta and its covariance, in units of the prior, one control step later."""
+        kept, nominal = self._kept, self._nominal
+        theta = nominal + kept * (estimate.theta - nominal)
+        return theta, kept**2 * estimate.covariance + (1 - kept**2) * np.eye(PARAMETERS)

@@ -1,0 +1,232 @@
+"""The rod tracker: where the cable is, from pictures of it without markers and from the grippers that hold it.
+
+The rod filter (`estimation.curve_filter`) fits the parameters of the rod to the points of the cable's axis that one or
+several cameras show, between the measured grippers; what is hidden follows from the rod. The little that no rod
+explains is a field across the cable (`estimation.deviation`). Points of something else are left out, and counted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.checks import Checked, NotNegative, Positive, Share
+from cableway.core.errors import InputError
+from cableway.estimation.curve_filter import CurveConfig, CurveEstimator, CurveFit
+from cableway.estimation.deviation import DeviationField
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate
+from cableway.geometry.groups import SE2
+from cableway.perception import kernels
+from cableway.perception.views import View, axis_points, seen_of
+from cableway.records import Observation
+from cableway.rod.inverse import equilibria_at
+from cableway.scene.cable import Cable
+
+PLACES = 4
+"""Places over each hinge at which the rod is looked for in the pictures."""
+
+PARAMETERS = EstimatorConfig(memory=10.0, grasp=0.003)
+"""The prior of the rod, and how soon what was seen is forgotten: friction and lag change the shape as it moves."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerConfig(Checked):
+    """Settings of the rod tracker.
+
+    Attributes:
+        pixel: Standard deviation [m] of where the points over one hinge of the rod are seen.
+        beside: Standard deviation [m] of how far a cable lies beside its rod.
+        reach: How far along the cable that is alike, in lengths.
+        fading: Time [s] in which it fades.
+        sure: Standard deviation of a keypoint [m] at which its confidence is one half.
+        most_unexplained: Share of the points that are something else's, from which on the rod explains too little.
+        most_missing: Share of the rod that should be seen and is not, the same.
+        most_residual: Root mean square distance [m] of the points from the rod, the same.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    pixel: Positive[float] = 0.0003
+    beside: Positive[float] = 0.0007
+    reach: Positive[float] = 0.12
+    fading: Positive[float] = 2.0
+    sure: Positive[float] = 0.004
+    most_unexplained: Share = 0.3
+    most_missing: Share = 0.2
+    most_residual: NotNegative[float] = 0.004
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What the tracker knows between two frames.
+
+    Attributes:
+        estimate: Of the rod.
+        field: How far the cable lies beside it.
+        poses: Of the grippers at the last frame [m, m, rad].
+    """
+
+    estimate: RodEstimate
+    field: DeviationField
+    poses: Float[np.ndarray, "2 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What the tracker makes of one frame.
+
+    Attributes:
+        observation: Keypoints, hidden ones included, with confidence; the grippers as measured.
+        covariance: (n, 2, 2) of the keypoints [m^2].
+        unexplained: Share of the points seen that are not on the rod; 0 where none is seen.
+        missing: Share of the rod in view, and hidden by nothing known, where no cable is seen.
+        hidden: Share of the rod that no camera shows.
+        residual: Root mean square distance [m] of the points on the rod from it; 0 where none is seen.
+        explained: Whether the rod explains what is seen; where it does not, a controller had better stop.
+    """
+
+    observation: Observation
+    covariance: Float[np.ndarray, "n 2 2"]
+    unexplained: float
+    missing: float
+    hidden: float
+    residual: float
+    explained: bool
+
+
+class RodTracker:
+    """Follows a cable through pictures.
+
+    Args:
+        cable: The nominal cable.
+        frame_step: Time [s] between two frames.
+        config: Settings.
+        parameters: Prior of the parameters of the rod.
+        curve: How points count.
+    """
+
+    def __init__(
+        self,
+        cable: Cable,
+        frame_step: float,
+        config: TrackerConfig | None = None,
+        parameters: EstimatorConfig = PARAMETERS,
+        curve: CurveConfig | None = None,
+    ) -> None:
+        self._cable, self._config = cable, config or TrackerConfig()
+        self._estimator = CurveEstimator(cable.rod, parameters, curve or CurveConfig(), frame_step)
+        self._kept = math.exp(-frame_step / self._config.fading)
+        hinges = cable.rod.hinges
+        self._places = np.arange(hinges * PLACES + 1) / PLACES
+        self._keypoints = np.arange(cable.keypoints) * (cable.rod.stride / 2)
+
+    def start(self, poses: Float[np.ndarray, "2 3"], q: Float[np.ndarray, "6"]) -> Track:
+        """Before the first frame, with grippers at `poses` [m, m, rad] and rod coordinates near the shape."""
+        field = DeviationField.unknown(self._cable.keypoints, self._config.beside, self._config.reach)
+        rod = self._cable.rod
+        q = rod.continued(q, poses)
+        return Track(self._estimator.start(q), field, SE2.continued(poses, rod.end_poses(q[None])[0]))
+
+    def found(self, views: Sequence[View], poses: Float[np.ndarray, "2 3"]) -> Track:
+        """Before the first frame, with the shape of the nominal cable that fits the pictures best.
+
+        Raises:
+            InputError: The nominal cable has no stable shape between these grippers.
+        """
+        points, best, least = self._points(views), None, math.inf
+        for q in equilibria_at(self._cable.rod, poses):
+            track = self.start(poses, q)
+            _, fit = self._estimator.update_points(track.estimate, points, poses, 0.0)
+            if fit is not None:
+                off = np.nan_to_num(np.abs(fit.residuals), nan=self._estimator.curve.most)
+                cost = float(off.sum()) / max(len(off), 1) + self._estimator.curve.most * self._claimed(views, fit)[1]
+                best, least = (track, cost) if cost < least else (best, least)
+        if best is None:
+            raise InputError("the cable has no stable shape between these gripper poses")
+        return best
+
+    def update(
+        self, track: Track, views: Sequence[View], poses: Float[np.ndarray, "2 3"], time: float
+    ) -> tuple[Track, Sighting]:
+        """After a frame.
+
+        Args:
+            track: Before it.
+            views: Of one or several cameras, taken at the same time.
+            poses: (2, 3) grippers then [m, m, rad].
+            time: When that was [s].
+
+        Raises:
+            InputError: The poses are not finite.
+        """
+        if not np.isfinite(poses).all():
+            raise InputError(f"poses must be finite numbers, got {np.asarray(poses).tolist()}")
+        poses = SE2.continued(poses, track.poses)
+        speed = float(np.linalg.norm(SE2.position(poses) - SE2.position(track.poses), axis=1).max())
+        points = self._points(views)
+        estimate, fit = self._estimator.update_points(track.estimate, points, poses, speed)
+        if fit is None:
+            return self._lost(track, poses, time)
+        field = track.field.later(self._kept).updated(*self._means(fit), self._config.pixel)
+        return Track(estimate, field, poses), self._sighting(estimate, field, fit, views, poses, time)
+
+    def _points(self, views: Sequence[View]) -> Float[np.ndarray, "k 2"]:
+        radius = self._cable.radius
+        return np.concatenate([np.empty((0, 2)), *(axis_points(view, radius) for view in views)])
+
+    def _means(self, fit: CurveFit) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
+        """Shares of the length of the hinges that are seen, and mean distances [m] of their points."""
+        hinges, used = self._cable.rod.hinges, np.isfinite(fit.residuals)
+        over = np.minimum(fit.at[used].astype(int), hinges - 1)
+        counts = np.bincount(over, minlength=hinges)
+        seen, divided = counts > 0, np.maximum(counts, 1)
+        along = np.bincount(over, fit.at[used], hinges) / divided / hinges
+        return along[seen], (np.bincount(over, fit.residuals[used], hinges) / divided)[seen]
+
+    def _sighting(
+        self,
+        estimate: RodEstimate,
+        field: DeviationField,
+        fit: CurveFit,
+        views: Sequence[View],
+        poses: Float[np.ndarray, "2 3"],
+        time: float,
+    ) -> Sighting:
+        config, stride = self._config, self._cable.rod.stride
+        at, normals = fit.places(self._keypoints)
+        rows = fit.deviations[::stride]
+        covariance = np.einsum("nia,ab,njb->nij", rows, estimate.covariance, rows)
+        covariance += np.einsum("n,ni,nj->nij", np.diag(field.covariance) + config.pixel**2, normals, normals)
+        variance = np.linalg.eigvalsh(covariance)[:, -1]
+        keypoints = at + field.mean[:, None] * normals
+        on = fit.residuals[np.isfinite(fit.residuals)]
+        unexplained = 1 - len(on) / len(fit.residuals) if len(fit.residuals) else 0.0
+        hidden, missing = self._claimed(views, fit)
+        residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
+        explained = (
+            unexplained <= config.most_unexplained
+            and missing <= config.most_missing
+            and residual <= config.most_residual
+        )
+        confidence = config.sure**2 / (config.sure**2 + variance)
+        observation = Observation(time, keypoints, poses, taken=time, confidence=confidence)
+        return Sighting(observation, covariance, unexplained, missing, hidden, residual, explained)
+
+    def _claimed(self, views: Sequence[View], fit: CurveFit) -> tuple[float, float]:
+        """Share of the rod that no camera shows, and of what is in view that is missing."""
+        places = fit.places(self._places)[0]
+        codes = np.array([seen_of(view, places, self._cable.radius) for view in views]).reshape(-1, len(places))
+        seen, missing = (codes == kernels.SEEN).any(axis=0), (codes == kernels.MISSING).any(axis=0)
+        return 1 - float(np.mean(seen)), float(missing.sum() / max((seen | missing).sum(), 1))
+
+    def _lost(self, track: Track, poses: Float[np.ndarray, "2 3"], time: float) -> tuple[Track, Sighting]:
+        """Where no rod of this length can be held by these grippers."""
+        n = self._cable.keypoints
+        observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
+        nothing = np.full((n, 2, 2), np.inf)
+        return Track(track.estimate, track.field, poses), Sighting(observation, nothing, 1.0, 1.0, 1.0, 0.0, False)

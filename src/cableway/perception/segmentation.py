@@ -1,0 +1,65 @@
+"""Segmentation: which pixels of a picture belong to the cable, by colour."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+from cableway.core.checks import Bounds, Checked, Positive, shown
+from cableway.core.errors import InputError
+from cableway.perception import kernels
+
+
+@dataclass(frozen=True, kw_only=True)
+class CableColor(Checked):
+    """How pixels of the cable look.
+
+    A pixel is one of the cable if its colour, as a vector, is near that of the cable in direction, which stays the same
+    in the shade, and not too far from it in length. A black cable on a light table differs in length alone.
+
+    Attributes:
+        color: Red, green and blue, from 0 to 255, as they are in a picture.
+        angle: Largest angle between the two vectors [rad].
+        darkest: Least length, in those of `color`.
+        brightest: Largest length, the same.
+
+    Raises:
+        InputError: A value is out of range, or the colour is black without any.
+    """
+
+    color: tuple[float, float, float]
+    angle: Annotated[float, Bounds(0, math.pi / 2, open=True)] = 0.25
+    darkest: Positive[float] = 0.35
+    brightest: Positive[float] = 1.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.color) != 3 or not all(0 <= part <= 255 for part in self.color) or not any(self.color):
+            raise InputError(
+                f"cable_color.color must be three numbers from 0 to 255, not all 0, got {shown(self.color)}"
+            )
+
+
+def cable_mask(image: UInt8[np.ndarray, "h w 3"], color: CableColor) -> Bool[np.ndarray, "h w"]:
+    """The pixels of a picture (red, green, blue) that have the colour of the cable.
+
+    >>> image = np.array([[[200, 60, 10], [110, 30, 5], [128, 128, 128]]], np.uint8)
+    >>> cable_mask(image, CableColor(color=(220, 70, 10))).tolist()
+    [[True, True, False]]
+    """
+    reference = np.array(color.color, float)
+    length = float(np.linalg.norm(reference))
+    mask = np.empty(image.shape[:2], bool)
+    kernels.of_color(
+        np.ascontiguousarray(image),
+        reference / length,
+        math.cos(color.angle),
+        color.darkest * length,
+        color.brightest * length,
+        mask,
+    )
+    return mask

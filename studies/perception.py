@@ -1,0 +1,194 @@
+"""How well the rod tracker finds an unmarked cable in pictures of a cell.
+
+    .venv/bin/python studies/perception.py [--first 6000] [--count 5] [--every 2] [--out out/perception]
+
+Runs random tasks of kind "cell" on the table plant, whose cables are of another length, curved, stiff in part and held
+askew; renders each row of the rollouts by three cameras of 640 x 480 pixels, one straight above and two low ones at
+front and back, with blur and noise; and finds the cable again from the pictures and the gripper poses that the joints
+give. Rollouts and errors are kept in the folder, so that an interrupted study goes on. Prints Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from threadpoolctl import threadpool_limits
+
+from cableway.core.errors import CablewayError
+from cableway.figures.perspective import AMBIENT, LAMP, LOOK, way_of
+from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.rod_tracker import RodTracker
+from cableway.perception.segmentation import CableColor, cable_mask
+from cableway.perception.views import View
+from cableway.records import Rollout
+from cableway.rendering.camera import Camera
+from cableway.rendering.cell import CellScene, Label
+from cableway.rendering.mesh import Mesh
+from cableway.rendering.picture import Light, render
+from cableway.robot.cell_kinematics import CellKinematics
+from cableway.scene.task import CONTROL_STEP, Task
+from cableway.simulation.perturbations.variants import named_perturbation
+from cableway.tasks.generation import random_task
+from cableway.workflow.run import SolveOptions
+from cableway.workflow.solve import solve
+
+KINDS = ("table-uniform", "table-coiled", "table-stiff-third", "table-rough", "table-all")
+ORANGE = (0.85, 0.35, 0.05)
+SIZE = (640, 480)
+BLUR, NOISE = 0.7, 5.0
+"""Of the pictures: standard deviations of the blur [pixels] and of each pixel, of 255."""
+
+SETUPS = {"one above": (0,), "two low": (1, 2)}
+NINETY = 1.645
+"""Standard deviations within which 90% of a normal distribution lie."""
+
+
+def rollout_of(task: Task, seed: int, folder: Path) -> Rollout | None:
+    """A run of the task with a perturbed cable; None where it ended before it began."""
+    file = folder / f"rollout-{seed}.npz"
+    if not file.exists():
+        kind = KINDS[seed % len(KINDS)]
+        try:
+            run = solve(task, SolveOptions(perturbation=named_perturbation(kind, task, seed), seed=seed))
+        except CablewayError as error:
+            print(f"{seed}, {kind}: {error}", flush=True)
+            return None
+        if run.rollout is None:
+            print(f"{seed}, {kind}: {run.report.failure}", flush=True)
+            return None
+        run.rollout.save(file)
+    return Rollout.load(file)
+
+
+def cameras(task: Task) -> tuple[CalibratedCamera, ...]:
+    """Straight above, and 40 degrees above the table at front and back."""
+    width, height = task.scene.size
+    middle, slant = np.array([width / 2, height / 2, 0.0]), np.radians(40)
+    away = 1.25 * np.array([0.0, np.cos(slant), np.sin(slant)])
+    places = [middle + [0.0, 0.0, 1.7], middle + away * [1, -1, 1], middle + away]
+    aims = [np.array([0.0, 0.0, -1.0]), -away * [1, -1, 1], -away]
+    views = [0.62, 0.68, 0.68]
+    return tuple(
+        CalibratedCamera(pinhole=Camera.looking(place, aim, size=SIZE, view=view))
+        for place, aim, view in zip(places, aims, views, strict=True)
+    )
+
+
+def without_cable(mesh: Mesh) -> Mesh:
+    """All but the cable: what is known of the scene by joints alone."""
+    kept = mesh.labels != Label.CABLE
+    return Mesh(mesh.corners[kept], mesh.normals[kept], mesh.colors[kept], mesh.labels[kept])
+
+
+def pictures(
+    scene: CellScene, eyes: Sequence[CalibratedCamera], cable: np.ndarray, joints: np.ndarray, rng: np.random.Generator
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each camera the picture and what hides the table."""
+    mesh, made = scene.mesh(cable, joints=joints), []
+    light = Light(position=(LAMP[0] + 0.35, LAMP[1] + 0.35, LAMP[2]), ambient=AMBIENT, shadows=512)
+    for eye in eyes:
+        color = render(mesh, eye.pinhole, light, samples=3).color.astype(float)
+        color = gaussian_filter(color, (BLUR, BLUR, 0)) + NOISE * rng.standard_normal(color.shape)
+        bare = render(without_cable(mesh), eye.pinhole, replace(light, shadows=0)).label
+        hiding = (bare != Label.TABLE) & (bare != Label.NOTHING)
+        made.append((np.clip(color, 0, 255).round().astype(np.uint8), hiding))
+    return made
+
+
+def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, np.ndarray]:
+    """Errors and more of each setup, a row for each frame."""
+    way = way_of(task, rollout)
+    assert way is not None
+    assert rollout.joints is not None
+    scene, eyes = CellScene(task, way, LOOK._replace(cable=ORANGE)), cameras(task)
+    rng, rows = np.random.default_rng(seed), range(0, len(rollout.times), every)
+    color = CableColor(color=(217, 89, 13))
+    kinematics = CellKinematics(task, way)
+    poses = np.array([kinematics.poses(np.ascontiguousarray(joints)) for joints in rollout.joints])
+    tracker = RodTracker(task.cable, every * CONTROL_STEP)
+    tracks = {name: tracker.start(poses[0], task.start_equilibrium) for name in SETUPS}
+    out: dict[str, list] = {f"{name} {what}": [] for name in SETUPS for what in FIGURES}
+    for row in rows:
+        made, truth = pictures(scene, eyes, rollout.centreline[row], rollout.joints[row], rng), rollout.keypoints[row]
+        for name, chosen in SETUPS.items():
+            begun = time.process_time()
+            views = [View(eyes[k], cable_mask(made[k][0], color), made[k][1]) for k in chosen]
+            tracks[name], seen = tracker.update(tracks[name], views, poses[row], float(rollout.times[row]))
+            spent = time.process_time() - begun
+            error = seen.observation.keypoints - truth
+            deviation = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
+            along = np.gradient(truth, axis=0)
+            across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
+            values = (np.linalg.norm(error, axis=1), across, np.abs(error) <= NINETY * deviation, seen.hidden,
+                      seen.explained, spent)  # fmt: skip
+            for what, value in zip(FIGURES, values, strict=True):
+                out[f"{name} {what}"].append(value)
+    return {name: np.array(values) for name, values in out.items()}
+
+
+FIGURES = ("error", "across", "covered", "hidden", "explained", "spent")
+
+
+def main() -> None:
+    """Follow the sequences and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=6000)
+    parser.add_argument("--count", type=int, default=5)
+    parser.add_argument("--every", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("out/perception"))
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    found: list[dict[str, np.ndarray]] = []
+    for seed in range(given.first, given.first + given.count):
+        file = given.out / f"errors-{seed}-{given.every}.npz"
+        if not file.exists():
+            task = random_task(seed, "cell")
+            rollout = rollout_of(task, seed, given.out)
+            if rollout is None:
+                continue
+            with threadpool_limits(1):
+                np.savez(file, **followed(task, rollout, seed, given.every))
+        found.append(dict(np.load(file)))
+        print(f"{seed}: " + ", ".join(f"{name} {1e3 * np.nanmean(found[-1][f'{name} error']):.2f} mm, worst "
+              f"{1e3 * np.nanmax(found[-1][f'{name} error']):.1f}" for name in SETUPS), flush=True)  # fmt: skip
+    show(found)
+
+
+def show(found: list[dict[str, np.ndarray]]) -> None:
+    """Print the table."""
+    print(f"\n{len(found)} sequences, {sum(len(each['two low hidden']) for each in found)} frames\n")
+    titles = ("cameras", "hidden, mean, p90 [%]", "error, mean, p99, worst [mm]", "across the cable [mm]",
+              "90% intervals cover [%]", "explained [%]", "lost [frames]",
+              "time, median, p99 [ms]")  # fmt: skip
+    print("| " + " | ".join(titles) + " |\n" + "|---" * len(titles) + "|")
+    for name in SETUPS:
+        error, across, covered, hidden, explained, spent = (
+            np.concatenate([each[f"{name} {what}"] for each in found]) for what in FIGURES
+        )
+        cells = (
+            name,
+            f"{100 * hidden.mean():.0f}, {100 * np.percentile(hidden, 90):.0f}",
+            spread(error),
+            spread(across),
+            f"{100 * covered[np.isfinite(error)].mean():.0f}",
+            f"{100 * explained.mean():.0f}",
+            f"{np.isnan(error).any(axis=1).sum()}",
+            f"{1e3 * np.median(spent):.1f}, {1e3 * np.percentile(spent, 99):.1f}",
+        )
+        print("| " + " | ".join(cells) + " |")
+
+
+def spread(error: np.ndarray) -> str:
+    """Mean, 99th percentile and worst [mm] of the frames in which the cable was not lost."""
+    error = error[np.isfinite(error)]
+    return f"{1e3 * error.mean():.2f}, {1e3 * np.percentile(error, 99):.2f}, {1e3 * error.max():.1f}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,125 @@
+"""Laws of the tracker: it finds a cable that is not the nominal one, leaves out what is not cable, and says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cableway.estimation.curve_filter import CurveConfig, CurveEstimator
+from cableway.estimation.rod_filter import EstimatorConfig
+from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.rod_tracker import RodTracker, Sighting
+from cableway.perception.views import View, axis_points
+from cableway.rendering.camera import Camera
+from cableway.rendering.mesh import tube
+from cableway.rendering.picture import Light, render
+from cableway.rod.inverse import meet_poses, shape_between
+from cableway.rod.planar import PlanarRod
+from cableway.scene.cable import Cable
+
+CABLE = Cable()
+POSES = np.array([[0.2, 0.3, 0.5], [0.42, 0.3, -0.5]])
+NOMINAL = shape_between(CABLE.rod, POSES, "left")
+ABOVE = CalibratedCamera(
+    pinhole=Camera.looking(np.array([0.31, 0.35, 0.9]), np.array([0.0, 0.0, -1.0]), size=(640, 480), view=0.7)
+)
+
+
+def true_cable(modes: tuple[float, ...] = (0.4, -0.3, 0.0, 0.0, 0.5, -0.4, 0.0, 0.0)) -> tuple[PlanarRod, np.ndarray]:
+    """Another cable between the same grippers, and its stations [m]."""
+    rod = replace(CABLE.rod, length=1.01 * CABLE.length, modes=modes)
+    q = meet_poses(rod, POSES, NOMINAL[None])[0]
+    return rod, rod.shapes(q[None])[0][0]
+
+
+def view(line: np.ndarray, camera: CalibratedCamera = ABOVE) -> View:
+    """A cable as a camera sees it, with nothing before it."""
+    radius = CABLE.radius
+    mesh = tube(np.column_stack([line, np.full(len(line), radius)]), radius).painted((0.8, 0.3, 0.1), 1)
+    mask = render(mesh, camera.pinhole, Light(position=(0.3, 0.3, 2.0), shadows=0)).label == 1
+    return View(camera, mask, np.zeros_like(mask))
+
+
+def followed(shown: View, frames: int = 10) -> Sighting:
+    tracker = RodTracker(CABLE, 0.1)
+    track = tracker.start(POSES, NOMINAL)
+    for k in range(frames):
+        track, seen = tracker.update(track, [shown], POSES, 0.1 * k)
+    return seen
+
+
+def test_points_of_the_axis_lie_on_it():
+    """To a tenth of a pixel in the mean, from above and from the side."""
+    _, line = true_cable()
+    side = Camera.looking(np.array([0.31, -0.4, 0.7]), np.array([0.0, 0.75, -0.7]), size=(640, 480), view=0.6)
+    fine = np.stack([np.interp(np.linspace(0, 48, 5000), np.arange(49), part) for part in line.T], axis=1)
+    for camera in (ABOVE, CalibratedCamera(pinhole=side)):
+        points = axis_points(view(line, camera), CABLE.radius)
+        inner = points[np.linalg.norm(points[:, None] - line[[0, -1]], axis=2).min(axis=1) > 0.01]
+        away = inner[:, None] - fine
+        nearest = np.argmin(np.sum(away**2, axis=2), axis=1)
+        along = np.gradient(fine, axis=0)[nearest]
+        off = away[np.arange(len(inner)), nearest]
+        distance = (along[:, 0] * off[:, 1] - along[:, 1] * off[:, 0]) / np.linalg.norm(along, axis=1)
+        assert len(inner) > 100
+        assert abs(distance.mean()) < 1.5e-4
+        assert np.abs(distance).max() < 2e-3
+
+
+def test_another_cable_is_found_and_explained():
+    rod, line = true_cable()
+    seen = followed(view(line))
+    error = seen.observation.keypoints - rod.at_keypoints(line[None])[0]
+    before = CABLE.rod.at_keypoints(CABLE.rod.shapes(NOMINAL[None])[0])[0] - rod.at_keypoints(line[None])[0]
+    assert np.linalg.norm(error, axis=1).mean() < 0.5 * np.linalg.norm(before, axis=1).mean()
+    assert seen.explained
+    assert seen.missing == 0.0
+    assert np.linalg.eigvalsh(seen.covariance).min() > 0
+
+
+def test_a_bare_table_where_the_rod_claims_to_be_counts_against_it():
+    """With nothing in the mask; but not where all is hidden, and then confidence falls."""
+    _, line = true_cable()
+    shown = view(line)
+    empty = followed(replace(shown, mask=np.zeros_like(shown.mask)))
+    assert empty.missing == 1.0
+    assert not empty.explained
+    hidden = followed(replace(shown, mask=np.zeros_like(shown.mask), hiding=np.ones_like(shown.mask)))
+    assert hidden.missing == 0.0
+    assert hidden.hidden == 1.0
+    assert (hidden.observation.confidence <= followed(shown).observation.confidence + 1e-12).all()
+
+
+def test_what_is_no_cable_is_left_out_and_counted():
+    _, line = true_cable()
+    shown = view(line)
+    mask = shown.mask.copy()
+    mask[440:446, 100:500] = True  # a stripe as wide as the cable
+    alone, beside = followed(shown), followed(replace(shown, mask=mask))
+    assert beside.unexplained > 0.3
+    assert not beside.explained
+    np.testing.assert_allclose(beside.observation.keypoints, alone.observation.keypoints, atol=1e-9)
+
+
+def test_points_on_the_rod_change_no_parameter():
+    estimator = CurveEstimator(CABLE.rod, EstimatorConfig(), CurveConfig(), 0.1)
+    start = estimator.start(NOMINAL)
+    _, fit = estimator.update_points(start, np.empty((0, 2)), POSES, 0.0)
+    assert fit is not None
+    on = fit.places(np.linspace(0.5, 23.5, 60))[0]
+    after, fit = estimator.update_points(start, on, POSES, 0.0)
+    assert fit is not None
+    assert np.abs(fit.residuals).max() < 1e-4
+    np.testing.assert_allclose(after.theta, start.theta, atol=5e-3)
+    assert np.trace(after.covariance) < np.trace(start.covariance)
+
+
+@pytest.mark.parametrize("bend", ["left", "right"])
+def test_the_side_to_which_the_cable_bends_is_found(bend):
+    line = CABLE.rod.shapes(shape_between(CABLE.rod, POSES, bend)[None])[0][0]
+    tracker = RodTracker(CABLE, 0.1)
+    shown = view(line)
+    _, seen = tracker.update(tracker.found([shown], POSES), [shown], POSES, 0.0)
+    assert np.linalg.norm(seen.observation.keypoints - line[:: CABLE.rod.stride], axis=1).max() < 0.002
