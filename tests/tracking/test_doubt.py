@@ -18,6 +18,7 @@ from cableway.rod.planar import PlanarRod
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.tracking import recovery
 from cableway.tracking.closed_loop import _advance
 from cableway.tracking.loop import Loop
 from cableway.tracking.recovery import DOUBT, LOOKS, Recovery, Watch
@@ -76,6 +77,18 @@ def test_friction_once_seen_ends_the_doubt() -> None:
     assert watch.may_be_held(loop)
     watch.friction = 0.005
     assert not watch.may_be_held(loop)
+
+
+@pytest.mark.parametrize(("left", "steps"), [(True, 15), (False, 20)], ids=["clear", "still there"])
+def test_grippers_go_farther_back_while_the_cable_lies_at_the_contact(
+    left: bool, steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second and a half at first, then up to as much again: here as far as the run has come."""
+    monkeypatch.setattr(recovery, "has_left", lambda *given: left)
+    loop, watch = doubting(0.0), Watch(Recovery(replan=lambda task, before: before), CONTROL_STEP)
+    begun = len(loop.log.actions)
+    assert watch.avoid(loop, Contact(loop.observation.keypoints[6], PUSH)) is None
+    assert np.any(loop.log.actions[begun:], axis=(1, 2)).sum() == steps
 
 
 def seen(keypoints: np.ndarray, row: int) -> Observation:
