@@ -49,6 +49,15 @@ def test_the_contact_is_found_where_it_is(share: float) -> None:
     assert off(places[0], middle) < CABLE.length / 12 / 2
 
 
+@pytest.mark.parametrize(("share", "way"), [(0.125, 0.03), (0.2, 0.06), (0.375, 0.05), (0.625, 0.05)])
+def test_a_contact_that_presses_hard_is_found_between_keypoints_too(share: float, way: float) -> None:
+    """The shape is far from any that the rod has without it, and from the one of a contact at the next keypoint."""
+    truth, middle = led_over_a_peg(share, way)
+    noise = np.random.default_rng(0).normal(0.0, 0.0005, truth.keypoints.shape)
+    places = contacts_on(CABLE.rod, truth.keypoints + noise, truth.poses)
+    assert max(off(place, middle) for place in places) < 0.008
+
+
 def test_a_cable_that_nothing_touches_is_not_held() -> None:
     truth, _ = led_over_a_peg(0.5, way=0.0)
     assert contacts_on(CABLE.rod, truth.keypoints, truth.poses) == []
