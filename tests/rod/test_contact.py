@@ -63,6 +63,20 @@ def test_a_cable_that_nothing_touches_is_not_held() -> None:
     assert contacts_on(CABLE.rod, truth.keypoints, truth.poses) == []
 
 
+@pytest.mark.parametrize("apart", [0.0, 0.005, -0.003])
+def test_a_straight_cable_is_not_held(apart: float) -> None:
+    """Exactly straight, as far apart as it is long, or pulled or pressed a little more than measured."""
+    line = np.column_stack([np.linspace(0.2, 0.5, 13), np.full(13, 0.1)])
+    poses = np.array([[0.2 - apart, 0.1, 0.0], [0.5 + apart, 0.1, 0.0]])
+    assert contacts_on(CABLE.rod, line, poses) == []
+
+
+def test_a_cable_that_is_exactly_its_rod_is_not_held() -> None:
+    """What its residuals are of is rounding."""
+    stations, poses = CABLE.rod.shapes(np.array([[0.35, 0.3, 0.0, -10.0, 0.0, -1.5]]))
+    assert contacts_on(CABLE.rod, CABLE.rod.at_keypoints(stations)[0], poses[0]) == []
+
+
 @pytest.mark.parametrize("keypoints", [13, 25])
 def test_a_contact_whose_place_is_not_known_may_be_at_several(keypoints: int) -> None:
     """A cable that is hardly bent is explained by contacts far apart, however many keypoints it has."""

@@ -11,6 +11,7 @@ Note:
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +80,8 @@ def contacts_on(
     free = chain.fitted(chain.of_rod(fit_keypoints(rod, keypoints)[0]), keypoints, poses, None)
     tried = _at_each_link(chain, keypoints, poses)
     costs = np.array([fit.cost for fit in tried])
-    if not costs.min() <= min(LARGEST * keypoints.size, NEEDED * free.cost):
+    explained = costs.min() <= min(LARGEST * keypoints.size, NEEDED * free.cost)
+    if not explained or free.cost <= LEAST_SPREAD * keypoints.size:
         return []
     spread = max(TOGETHER * float(costs.min()) / keypoints.size, LEAST_SPREAD)
     shares = np.exp((costs.min() - costs) / (2 * spread))
@@ -141,8 +143,8 @@ class _Chain:
     """The links of a rod, in units of its length and of EI/L."""
 
     def __init__(self, rod: PlanarRod) -> None:
-        hinges, (self.factor, turn) = rod.hinges, rod.bending
-        self.rod, self.hinges, self.turn = rod, hinges, turn / hinges
+        hinges, (factor, turn) = rod.hinges, rod.bending
+        self.rod, self.hinges = rod, hinges
         self.keypoints = np.arange(0, hinges + 1, hinges // (rod.keypoints - 1))
         self.lengths = np.full(hinges + 1, 1 / hinges)
         self.lengths[[0, -1]] /= 2
@@ -150,8 +152,8 @@ class _Chain:
         self.before = np.tril(np.ones((hinges + 1, hinges + 1)), -1) + np.eye(hinges + 1) / 2
         self.before[0], self.before[-1] = 0.0, 1.0
         steps = np.diff(np.eye(hinges + 1), axis=0)
-        self.bending = hinges * steps.T @ (self.factor[:, None] * steps)
-        self.preload = hinges * steps.T @ (self.factor * self.turn)
+        self.bending = hinges * steps.T @ (factor[:, None] * steps)
+        self.preload = steps.T @ (factor * turn)
 
     def of_rod(self, q: Float[np.ndarray, "6"]) -> _State:
         """The rod with these coordinates."""
@@ -191,17 +193,18 @@ class _Chain:
         while True:
             x = search.trial * units
             force = x[:2] if forces else np.zeros(2)
-            found, trial = self._led(best, held + x[forces:].reshape(2, 3), force, link or 0), np.inf
-            if found is not None:
-                state, tangent = found
-                off = (self._stations(state, self.keypoints) - keypoints / size).ravel() * size / NOISE
-                slope = self._slope(tangent, link).reshape(off.size, -1) * units * size / NOISE
-                prior = search.trial / deviations
-                trial = float(off @ off + prior @ prior)
-                search.trial_normal[:] = slope.T @ slope + np.diag(deviations**-2.0)
-                search.trial_gradient[:] = slope.T @ off + prior / deviations
-                if trial < cost:
-                    cost, best = trial, state
+            trial = np.inf
+            with suppress(np.linalg.LinAlgError):  # a straight chain is no start, nor where one ends
+                if found := self._led(best, held + x[forces:].reshape(2, 3), force, link or 0):
+                    state, tangent = found
+                    off = (self._stations(state, self.keypoints) - keypoints / size).ravel() * size / NOISE
+                    slope = self._slope(tangent, link).reshape(off.size, -1) * units * size / NOISE
+                    prior = search.trial / deviations
+                    trial = float(off @ off + prior @ prior)
+                    search.trial_normal[:] = slope.T @ slope + np.diag(deviations**-2.0)
+                    search.trial_gradient[:] = slope.T @ off + prior / deviations
+                    if trial < cost:
+                        cost, best = trial, state
             if not advance(search, 0.5 * trial, np.ones(forces + 6), RULE):
                 break
         return _Fit(cost, size * self._stations(best, np.array([link or 0]))[0], best)
@@ -253,7 +256,11 @@ class _Chain:
     def _at_rest(
         self, state: _State, poses: Float[np.ndarray, "2 3"], force: Float[np.ndarray, "2"], link: int
     ) -> tuple[_State, _Tangent] | None:
-        """By Newton's method from another chain at rest; None where that does not get there."""
+        """By Newton's method from another chain at rest; None where that does not get there.
+
+        Raises:
+            LinAlgError: The chain is straight: no turn of a link brings its ends nearer or farther.
+        """
         angles, reaction, free = state.angles.copy(), state.reaction.copy(), self.hinges - 1
         angles[[0, -1]] += se2.wrap_angle(poses[:, 2] - angles[[0, -1]])
         for _ in range(ITERATIONS):
@@ -270,7 +277,7 @@ class _Chain:
             if np.abs(left).max() < EXACT:
                 return _State(angles, reaction, force, poses), _Tangent(system, stiffness, across)
             step = np.linalg.solve(system, -left)
-            step *= min(1.0, LARGEST_TURN / np.abs(step[:free]).max())
+            step *= LARGEST_TURN / max(LARGEST_TURN, np.abs(step[:free]).max())
             angles[1:-1] += step[:free]
             reaction += step[free:]
         return None

@@ -17,8 +17,7 @@ Note:
     These are solved elsewhere, each for the reason that its docstring gives: square systems in many rows at once
     (`cableway.rod.inverse.meet_poses`), boxes (`cableway.tang2025.control.gauss_newton`), what JAX traces
     (`cableway.tang2025.models`), the fits that the frozen random tasks are made of (`cableway.tasks.motion`), a start
-    beside an obstacle and where something holds a cable (`cableway.scene.task`, `cableway.rod.contact`; by SciPy), and
-    the judge's own rod (`cableway.verification.follower`).
+    beside an obstacle (`cableway.scene.task`; by SciPy), and the judge's own rod (`cableway.verification.follower`).
 """
 
 from __future__ import annotations
