@@ -89,7 +89,13 @@ def test_a_bare_table_where_the_rod_claims_to_be_counts_against_it():
     hidden = followed(replace(shown, mask=np.zeros_like(shown.mask), hiding=np.ones_like(shown.mask)))
     assert hidden.missing == 0.0
     assert hidden.hidden == 1.0
-    assert (hidden.observation.confidence <= followed(shown).observation.confidence + 1e-12).all()
+    assert not hidden.explained, "nothing is seen, whatever the reason"
+    assert not followed(replace(shown, mask=np.zeros_like(shown.mask), hiding=None)).explained
+    sure = followed(shown).observation.confidence
+    assert hidden.observation.confidence is not None
+    assert sure is not None
+    assert (hidden.observation.confidence <= sure + 1e-12).all()
+    assert hidden.observation.confidence[6] < 0.5 * sure[6]
 
 
 def test_what_is_no_cable_is_left_out_and_counted():

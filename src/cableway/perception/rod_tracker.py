@@ -87,7 +87,7 @@ class Sighting:
         missing: Share of the rod in view, and hidden by nothing known, where no cable is seen.
         hidden: Share of the rod that no camera shows.
         residual: Root mean square distance [m] of the points on the rod from it; 0 where none is seen.
-        explained: Whether the rod explains what is seen; where it does not, a controller had better stop.
+        explained: Whether some of the cable is seen, and the rod explains it; where not, a controller had better stop.
     """
 
     observation: Observation
@@ -209,7 +209,8 @@ class RodTracker:
         hidden, missing = self._claimed(views, fit)
         residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
         explained = (
-            unexplained <= config.most_unexplained
+            len(on) > 0
+            and unexplained <= config.most_unexplained
             and missing <= config.most_missing
             and residual <= config.most_residual
         )
