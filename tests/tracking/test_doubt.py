@@ -108,6 +108,7 @@ def test_the_way_back_had_room_where_the_cable_lies_near_it() -> None:
     assert not had_room(way(range(10, 20)), elsewhere, TASK)
     fast = way(range(0, 20, 4))
     assert had_room(fast, seen(held, 20), TASK), "it is far from there, as grippers at full speed are"
+    assert not had_room(fast, elsewhere, TASK), "it snapped"
     hidden = np.where(np.arange(13)[:, None] == 4, np.nan, held)
     assert not had_room(way(range(10, 20)), seen(hidden, 20), TASK), "nobody knows"
 

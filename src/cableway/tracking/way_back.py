@@ -16,7 +16,7 @@ from cableway.tracking.observed import at_rest
 
 BESIDE = 0.015
 """Mean distance [m] of the keypoints from where they were seen on the way there, less what the grippers moved since, up
-to which the cable goes back as it came: what a contact or friction does."""
+to which the cable goes back as it came: what a contact or friction does. One that snapped is farther off."""
 
 FRAMES = 5
 """Frames in a row that say where the cable was, in whose later half each keypoint was most likely seen."""
@@ -46,8 +46,9 @@ def had_room(way: list[Motion], observation: Observation, task: Task) -> bool:
     now = connected(observation.keypoints, task.cable)
     if not (np.isfinite(now).all() and poses_usable(observation)):
         return False
-    lay = at_rest([motion.keypoints for motion in way[-FRAMES:]], way[-1].poses)
-    led = np.linalg.norm(SE2.position(observation.poses) - SE2.position(way[-FRAMES:][0].poses), axis=1).max()
+    recent = way[-FRAMES:]
+    lay, since = at_rest([motion.keypoints for motion in recent], way[-1].poses), recent[len(recent) // 2].poses
+    led = np.linalg.norm(SE2.position(observation.poses) - SE2.position(since), axis=1).max()
     if np.linalg.norm(now - lay, axis=1).mean() > led + BESIDE:
         return False
     here, there = clearances(np.stack([now, lay]), np.stack([observation.poses, way[-1].poses]), task)
