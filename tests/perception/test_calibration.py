@@ -58,8 +58,10 @@ def test_a_pixel_that_no_ray_reaches_has_none():
 
 def test_the_sky_is_on_no_table():
     level = Camera.looking(np.array([0.0, 0.0, 0.5]), np.array([0.0, 1.0, 0.0]), size=(64, 48), view=0.9)
-    points = CalibratedCamera(pinhole=level).on_plane(np.array([[32.0, 5.0], [32.0, 23.5], [32.0, 43.0]]), 0.0)
-    assert np.isfinite(points[:, 0]).tolist() == [False, False, True]
+    points = CalibratedCamera(pinhole=level).on_plane(
+        np.array([[32.0, 5.0], [32.0, 23.5], [32.0, 24.5], [32.0, 43.0]]), 0.0
+    )
+    assert np.isfinite(points[:, 0]).tolist() == [False, False, False, True], "nor what is near the horizon"
 
 
 def test_what_opencv_found_is_the_same_camera():

@@ -10,7 +10,7 @@ import pytest
 from cableway.estimation.curve_filter import CurveConfig, CurveEstimator
 from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.perception.calibration import CalibratedCamera
-from cableway.perception.rod_tracker import RodTracker, Sighting
+from cableway.perception.rod_tracker import RodTracker, Sighting, TrackerConfig
 from cableway.perception.views import View, axis_points
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import tube
@@ -42,12 +42,27 @@ def view(line: np.ndarray, camera: CalibratedCamera = ABOVE) -> View:
     return View(camera, mask, np.zeros_like(mask))
 
 
-def followed(shown: View, frames: int = 10) -> Sighting:
-    tracker = RodTracker(CABLE, 0.1)
+def followed(shown: View, frames: int = 10, tracker: RodTracker | None = None, poses: np.ndarray = POSES) -> Sighting:
+    tracker = tracker or RodTracker(CABLE, 0.1)
     track = tracker.start(POSES, NOMINAL)
-    for k in range(frames):
-        track, seen = tracker.update(track, [shown], POSES, 0.1 * k)
+    track, seen = tracker.update(track, [shown], poses, 0.0)
+    for k in range(1, frames):
+        track, seen = tracker.update(track, [shown], poses, 0.1 * k)
     return seen
+
+
+def beside(offset: np.ndarray) -> np.ndarray:
+    """The stations of the nominal cable, moved to its left by distances [m]."""
+    line = CABLE.rod.shapes(NOMINAL[None])[0][0]
+    along = np.gradient(line, axis=0)
+    normals = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    return line + offset[:, None] * normals
+
+
+def off_line(points: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Distances [m] of points from a line."""
+    fine = np.stack([np.interp(np.linspace(0, len(line) - 1, 5000), np.arange(len(line)), part) for part in line.T], 1)
+    return np.linalg.norm(points[:, None] - fine, axis=2).min(axis=1)
 
 
 def test_points_of_the_axis_lie_on_it():
@@ -120,6 +135,74 @@ def test_points_on_the_rod_change_no_parameter():
     assert np.abs(fit.residuals).max() < 1e-4
     np.testing.assert_allclose(after.theta, start.theta, atol=5e-3)
     assert np.trace(after.covariance) < np.trace(start.covariance)
+
+
+def test_bands_of_another_width_and_what_is_half_hidden_give_no_points():
+    _, line = true_cable()
+    shown = view(line)
+    bar, hiding = shown.mask.copy(), np.zeros_like(shown.mask)
+    bar[400:440, 100:500] = True
+    points = axis_points(shown, CABLE.radius)
+    np.testing.assert_array_equal(axis_points(replace(shown, mask=bar), CABLE.radius), points)
+    for column in range(290, 370):
+        hiding[int(np.flatnonzero(shown.mask[:, column]).mean()) + 1 :, column] = True
+    halved = replace(shown, mask=shown.mask & ~hiding, hiding=hiding)
+    assert off_line(axis_points(halved, CABLE.radius), line).mean() < 3e-4
+    unaware = replace(halved, hiding=np.zeros_like(hiding))
+    assert off_line(axis_points(unaware, CABLE.radius), line).mean() > 4e-4
+
+
+def test_half_of_the_cable_missing_is_not_explained():
+    """Though all that is seen is on the rod."""
+    _, line = true_cable()
+    shown = view(line)
+    half = shown.mask.copy()
+    half[:, :320] = False
+    seen = followed(replace(shown, mask=half))
+    assert (seen.unexplained, seen.residual < 5e-4) == (0.0, True)
+    assert seen.missing > 0.4
+    assert not seen.explained
+
+
+def test_a_cable_that_is_no_rod_is_not_explained():
+    waves = 0.003 * np.sin(16 * np.pi * np.linspace(0, 1, 49))
+    shown = view(beside(waves))
+    for most, explained in ((0.004, True), (0.001, False)):
+        seen = followed(shown, tracker=RodTracker(CABLE, 0.1, TrackerConfig(most_residual=most)))
+        assert (seen.unexplained, seen.missing) == (0.0, 0.0)
+        assert seen.explained is explained
+
+
+def test_keypoints_lie_where_the_cable_lies_beside_its_rod():
+    """With parameters that are known, so that the field has to explain a bump; it is known to be none at the ends."""
+    bump = beside(0.002 * np.exp(-(((np.linspace(0, 1, 49) - 0.5) / 0.1) ** 2)))
+    shown, tracker = view(bump), RodTracker(CABLE, 0.1, parameters=EstimatorConfig.nominal())
+    seen = followed(shown, tracker=tracker)
+    assert np.linalg.norm(seen.observation.keypoints - bump[:: CABLE.rod.stride], axis=1).max() < 4e-4
+    dark = replace(shown, mask=np.zeros_like(shown.mask), hiding=np.ones_like(shown.mask))
+    deviations = np.sqrt(np.linalg.eigvalsh(followed(dark, tracker=tracker).covariance)[:, -1])
+    config = TrackerConfig()
+    np.testing.assert_allclose(
+        deviations[[0, 6, -1]], [config.pixel, np.hypot(config.pixel, config.beside), config.pixel]
+    )
+
+
+def test_one_frame_takes_several_passes():
+    rod, line = true_cable()
+    truth, shown = rod.at_keypoints(line[None])[0], view(line)
+    once, usual = (
+        np.linalg.norm(followed(shown, 1, tracker).observation.keypoints - truth, axis=1).mean()
+        for tracker in (RodTracker(CABLE, 0.1, curve=CurveConfig(passes=1)), RodTracker(CABLE, 0.1))
+    )
+    assert usual < 0.8 * once
+
+
+def test_angles_in_another_turn_are_the_same():
+    shown = view(true_cable()[1])
+    turned = POSES + [[0.0, 0.0, 2 * np.pi], [0.0, 0.0, 0.0]]
+    np.testing.assert_allclose(
+        followed(shown, poses=turned).observation.keypoints, followed(shown).observation.keypoints, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("bend", ["left", "right"])

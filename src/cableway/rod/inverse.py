@@ -181,6 +181,7 @@ def meet_poses(rod: HeldRod, poses: np.ndarray, q: np.ndarray, iterations: int =
         As many equations as unknowns, and a hundred starts at a time, for any rod. Near folds a Newton step keeps the
         digits that the normal equations of `cableway.rod.least_squares` lose: they square the condition.
     """
+    q = q.copy()
     units, scale, count = rod.group.step_units(rod.length), rod.units, int(np.prod(rod.step_shape))
     largest = np.full(rod.dof, LARGEST_STEP[1])
     largest[: rod.group.space], largest[rod.loads] = LARGEST_STEP[0], LARGEST_STEP[2]
