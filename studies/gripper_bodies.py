@@ -3,6 +3,7 @@
     .venv/bin/python studies/gripper_bodies.py posts 100 200 --out runs/gripper-bodies     # seeds 100 to 199
     .venv/bin/python studies/gripper_bodies.py cell 100 200 --run                          # the same between two arms
     .venv/bin/python studies/gripper_bodies.py catalogue --height 0.05 --body 2f-85
+    .venv/bin/python studies/gripper_bodies.py catalogue --cell dual-ur5e                  # ends moved if they must be
 
 Each task is planned, verified and, with `--run`, led on its nominal cable. Beside it stands the clearance that the plan
 for discs alone would leave to the bodies. Results are appended to `NAME.jsonl` in the
@@ -25,6 +26,7 @@ import cableway as cw
 from cableway.core.errors import CablewayError
 from cableway.core.provenance import versions
 from cableway.geometry import polyline
+from cableway.planning.moved_ends import set_up
 from cableway.scene.clearance import pieces_clearance
 
 
@@ -38,6 +40,19 @@ def catalogue(body: str, height: float) -> Iterator[tuple[str, cw.Task | str]]:
             yield name, replace(task, scene=scene, grippers=replace(task.grippers, body=body))
         except CablewayError as error:
             yield name, str(error)
+
+
+def catalogue_in_cell(cell: str) -> Iterator[tuple[str, cw.Task | str]]:
+    """The named tasks in a cell, their ends moved where hands or arms cannot hold them; or why one cannot be."""
+    for name in cw.task_names():
+        try:
+            moved = set_up(name, cell, move=True)
+        except CablewayError as error:
+            yield name, str(error)
+            continue
+        for note in moved.notes():
+            print(f"{name}: {note}", flush=True)
+        yield name, moved.task
 
 
 def judged(task: cw.Task, run: bool) -> dict[str, Any]:
@@ -76,16 +91,18 @@ def main() -> None:
     parser.add_argument("seeds", type=int, nargs="*", default=(0, 10))
     parser.add_argument("--body", default="2f-85")
     parser.add_argument("--height", type=float, default=0.05)
+    parser.add_argument("--cell", help="of the catalogue, in place of body and height")
     parser.add_argument("--run", action="store_true")
     parser.add_argument("--out", type=Path, default=Path("runs/gripper-bodies"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    named = f"catalogue-{given.body}-{given.height:g}" if given.kind == "catalogue" else given.kind
+    setting = given.cell or f"{given.body}-{given.height:g}"
+    named = f"catalogue-{setting}" if given.kind == "catalogue" else given.kind
     path = given.out / f"{named}.jsonl"
     lines = path.read_text().splitlines() if path.exists() else []
     done = {result["task"]: result for result in map(json.loads, lines)}
     tasks: Iterator[tuple[str, cw.Task | str]] = (
-        catalogue(given.body, given.height)
+        (catalogue_in_cell(given.cell) if given.cell else catalogue(given.body, given.height))
         if given.kind == "catalogue"
         else ((f"{given.kind}-{seed}", cw.random_task(seed, given.kind)) for seed in range(*given.seeds))
     )

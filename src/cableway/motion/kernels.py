@@ -1,7 +1,7 @@
 """Compiled kernels of `cableway.motion.validity`: whether one shape is free.
 
 A `space` is (rod, world, limits, bodies): parameters and modes of the rod (`cableway.rod.kernels`),
-`ConvexWorld.arrays`, `ShapeLimits`, `PackedBodies`.
+`ConvexWorld.arrays`, `ShapeLimits`, `PackedBodies`, and the arms of `cableway.robot.free_arms`, or None.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import box_gap, convex_distance, wall_distance
+from cableway.robot.free_arms import arms_keep
 from cableway.rod.kernels import stability, world_shape
 from cableway.scene.bodies import bodies_keep_apart, bodies_keep_distance, bodies_keep_off
 
@@ -22,7 +23,7 @@ def is_free(q, space):
 
     The cheapest tests come first.
     """
-    rod, world, limits, bodies = space
+    rod, world, limits, bodies, arms = space
     p, modes = rod
     last = 2 * modes.shape[1]
     stations, poses = np.empty((last + 1, 2)), np.empty((2, 3))
@@ -41,7 +42,9 @@ def is_free(q, space):
     gradient = np.empty(3)
     if stability(q[3:], p, modes, limits.stability, gradient) < limits.stability:
         return False
-    return not crosses_itself(stations) and self_distance(stations, limits.apart) >= limits.self_distance
+    if crosses_itself(stations) or self_distance(stations, limits.apart) < limits.self_distance:
+        return False
+    return arms_keep(poses, arms)
 
 
 @kernel

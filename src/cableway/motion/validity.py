@@ -19,6 +19,7 @@ from cableway.geometry.convex import ConvexWorld, polyline_distance
 from cableway.geometry.groups import SE2
 from cableway.motion import kernels
 from cableway.motion.limits import Margins, ShapeLimits, body_rounding, sharpest_turn_of, stations_apart
+from cableway.robot.free_arms import free_arms
 from cableway.rod.held_rod import HeldRod
 from cableway.scene.bodies import Body, pack
 from cableway.scene.clearance import bodies_gap, body_clearance, cable_gap
@@ -69,7 +70,7 @@ class FreeSpace:
         outer = task.outer_bodies
         distances = [_body_distance(body, poses, task, margins) if body in outer else -math.inf for body in task.bodies]
         bodies = pack(task.bodies, distances, task.body_pairs, task.cable.radius, margins.clearance)
-        return cls(rod, (rod.arrays, task.scene.world.arrays, limits, bodies))
+        return cls(rod, (rod.arrays, task.scene.world.arrays, limits, bodies, free_arms(task, poses)))
 
     def are_free(self, q: Float[np.ndarray, "k dof"]) -> Bool[np.ndarray, "k"]:
         """Which configurations are free."""

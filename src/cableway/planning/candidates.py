@@ -6,6 +6,8 @@ import logging
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -26,7 +28,8 @@ from cableway.planning.local_replanning import replanned
 from cableway.planning.projection import ProjectedTrajectory, project, stepped
 from cableway.planning.routes.infeasibility import find_blockage
 from cableway.records import Attempt, Plan, Verdict
-from cableway.robot.branches import NoMotion, arm_motion, end_fault
+from cableway.robot.branches import NoMotion, arm_motion, common_ways, end_fault
+from cableway.robot.free_arms import LEAST, free_arms, rooms
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 
@@ -39,6 +42,15 @@ Accept = Callable[[Plan], str]
 STRAIGHT = 0.995
 """Distance between the grippers over L from which a plan is taken only where there is no other: an error of half a
 percent of the length would tear the cable, a smaller one may bend it to the other side."""
+
+WAYS = 8
+"""Ways of holding the cable in which arms are seen, at most."""
+
+NEARLY = 0.8
+"""Share of its rows that arms follow from which an initial trajectory is projected anew with arms."""
+
+SEEING: tuple[InitialName, ...] = ("corridor", "anywhere", "tube")
+"""Searches that see arms, each in all ways before the next."""
 
 OPTIMIZING = ("replan", "optimize")
 """Kinds of projection with an optimisation."""
@@ -56,6 +68,10 @@ class Search:
     Attributes:
         best: The failure with the fewest failed checks.
         straight: The first verified plan that pulls the cable straight (`STRAIGHT`).
+
+    Note:
+        Plans are made for grippers first, and arms chosen that can follow. Where none can, arms are held to one choice
+        of branches after the other, and search and optimisation see them (`robot.free_arms`).
     """
 
     def __init__(
@@ -68,6 +84,8 @@ class Search:
         self.task, self.config, self.seed = task, config, seed
         self.best: Attempt | None = None
         self.straight: Plan | None = None
+        self._unfollowed: Float[np.ndarray, "t 2 3"] | None = None
+        self._seen = False
         self._tried: list[tuple[InitialName, int, InitialTrajectory]] = []
         self._progress = progress
 
@@ -116,7 +134,32 @@ class Search:
         except PlanningError as error:
             return self._noted(name, restart, Attempt(str(error)))
         self._tried.append((name, restart, initial))
-        return self._noted(name, restart, self._made_of(initial, accept))
+        self._unfollowed = None
+        plan = self._noted(name, restart, self._made_of(initial, accept))
+        if plan is not None or self._unfollowed is None:
+            return plan
+        ranked, seeing = self._held(self._unfollowed), not self._seen
+        self._seen = True
+        near = (held._noted(name, restart, held._made_of(initial, accept)) for share, held in ranked if share >= NEARLY)
+        made = [(held.trajectories(lambda: trajectories.pivot), held) for _, held in ranked if seeing]
+        afresh = (held.follow(there, other, accept) for other in SEEING for there, held in made)
+        return next((plan for plan in chain(near, afresh) if plan is not None), None)
+
+    def _held(self, poses: Float[np.ndarray, "t 2 3"]) -> list[tuple[float, Search]]:
+        """Searches that see the arms in one way of holding the cable each, those in which arms can be at most of some
+        gripper poses [m, m, rad] first, and at which share."""
+        assert self.task.cell is not None
+        ways = common_ways(self.task, self.task.cell)
+        found: dict[Any, tuple[float, Search]] = {}
+        for way in () if isinstance(ways, NoMotion) else ways:
+            if (alike := (way.holders, way.branches)) in found:  # turns of tools hardly change where links are
+                continue
+            held = copy(self)
+            held.task, held._tried = self.task.held(way), []
+            arms = free_arms(held.task, poses[:0])
+            assert arms is not None
+            found[alike] = float((rooms(poses, arms) >= LEAST).all(axis=1).mean()), held
+        return sorted(found.values(), key=lambda each: -each[0])[:WAYS]
 
     def _made_of(self, initial: InitialTrajectory, accept: Accept | None) -> Plan | Attempt:
         found = self._project(initial)
@@ -190,6 +233,8 @@ class Search:
         if self.task.cell is not None:
             motion = arm_motion(plan.poses, self.task, self.task.cell)
             if isinstance(motion, NoMotion):
+                if self.task.cell.way is None:
+                    self._unfollowed = plan.poses
                 return replace(_attempt(motion.reason, plan), at=motion.at)
             if self.task.cell.way is None and projected.nodes is not None and projected.node_places is not None:
                 # now that it is known which joints move, they get the time that they need

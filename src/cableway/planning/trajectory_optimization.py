@@ -9,6 +9,8 @@ Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
     + 1/2 sum_t max(0, tension_t - tension_0)^2 / h^2                                      the cable not taut
     + 1/2 sum_t max(0, span_t/L - span_0)^2 / g^2                                          slack, gripper separation
     + 1/2 sum_t sum_j max(0, |sin turn_{t,j}| - turn_0)^2 / b^2                            sharpest bend
+    + 1/2 w sum_t sum_i max(0, room_0i - room_{t,i})^2 / a_i^2                             arms, where it is known how
+                                                                                           they hold the cable
     + small pulls on the loads and on their differences,
 
 with the clearance weight w rising in stages. Smoothness couples rows at most two apart, so the normal matrix has
@@ -32,6 +34,7 @@ from cableway.core.deprecation import renamed
 from cableway.motion import terms
 from cableway.motion.limits import BodyPoints, Margins, sharpest_turn_of
 from cableway.motion.validity import is_pulled_straight
+from cableway.robot.free_arms import LEAST, free_arms, room_shortfall
 from cableway.rod.least_squares import DAMPING, DONE, TRIED, Rule, fresh_state, judge
 from cableway.scene.task import Task
 
@@ -75,6 +78,10 @@ CLEARANCE_SCALE = 0.001
 
 LOAD_SCALE = 10.0
 """Of a load, in its unit (`HeldRod.units`)."""
+
+ARMS_WANTED, ARMS_SCALE = 2 * LEAST, np.array([0.01, 0.001, 0.01, 0.001, 0.001])
+"""Room of arms (`cableway.robot.free_arms`) under which they are pushed back: twice what a motion keeps; and the scale
+of the shortfall."""
 
 STAGE = Rule(first=1e-3, shrink=4.0, least=1e-9, grow=6.0, restart=0.0, most=1e9)
 """How the damping follows in each stage."""
@@ -184,6 +191,7 @@ class _Problem:
         self.room, self.bodies = max(config.margin, config.room), BodyPoints.of(task)
         over_cable = any(body.meets_cable(task.cable.radius) for body in task.bodies)
         self.bodies_meet = over_cable or bool(task.body_pairs)
+        self.arms = free_arms(task, np.empty((0, 2, 3)))
 
     def cost(self, q: Float[np.ndarray, "t d"]) -> float:
         """The cost alone, for trial steps."""
@@ -195,6 +203,8 @@ class _Problem:
         by_load = (self._stability(q), self._tension(q))
         residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), *by_load)
         total += sum(0.5 * np.sum(value**2) for value, _ in residuals) + 0.5 * np.sum(self._bends(stations) ** 2)
+        if self.arms is not None:
+            total += 0.5 * np.sum(self._arms(poses)[0] ** 2)
         if self.bodies_meet:
             total += 0.5 * np.sum(self._apart(poses)[0] ** 2) + 0.5 * np.sum(self._off_cable(stations, poses)[0] ** 2)
         return float(total)
@@ -230,6 +240,7 @@ class _Problem:
             self._tension(q),
         ]
         of_poses = [self._span(poses), self._bodies(poses), *([self._apart(poses)] if self.bodies_meet else [])]
+        of_poses += [] if self.arms is None else [self._arms(poses)]
         for value, by_poses in of_poses:
             residuals.append((value, np.einsum("tckj,tkji->tci", by_poses, dposes)))
         if self.bodies_meet:
@@ -257,6 +268,13 @@ class _Problem:
     def _apart(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same between the bodies of the two grippers."""
         return self._weighted(*terms.bodies_shortfall(self.task.body_pairs, poses, self.room))
+
+    def _arms(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted shortfalls (t, 5) of the room of the arms, and their slopes by the gripper poses."""
+        assert self.arms is not None
+        short, slope = room_shortfall(poses, self.arms, ARMS_WANTED)
+        scale = np.sqrt(self.weight) / ARMS_SCALE
+        return scale * short, scale[:, None, None] * slope
 
     def _off_cable(
         self, stations: np.ndarray, poses: np.ndarray
