@@ -73,7 +73,7 @@ def test_report_and_plan_say_what_was_moved():
         draft.checked()
     moved = move_ends(draft)
     assert set(moved.moved) == {"start"}
-    run = cw.solve(moved, cw.SolveOptions(track=False))
+    run = cw.solve(moved, cw.SolveOptions(track=False, time_limit=300.0))
     assert run.plan is not None
     assert run.plan.metadata["moved_ends"] == dict(moved.moved)
     assert moved.notes()[0] in run.report.notes
