@@ -306,7 +306,9 @@ class Loop:
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
         if stops(self.state):
-            return self.stand(LOOKING)
+            self.state = self.state.cut(_still(), 0.0)
+            self.log.act(_still(), answer.seconds, LOOKING, self.state.estimates())
+            return self._send(_still())
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         ending, missing = self._move(answer.action), self._silence.lasting(self.time)
         return ending or self._rule.outcome(self.state, self.observation, missing) or self.guard.outcome
