@@ -92,6 +92,9 @@ class Plan(Brief, ArrayRecord):
         metadata: How it was made: initial trajectory, seed, versions and the resolved configuration.
         joints: (T+1, 2, j) joint angles [rad] of the arms that hold the grippers, running on without jumps; None where
             no cell was given.
+        approach: (A+1, 2, j) joint angles [rad] that lower the open hands to the cable, a control step from row to row;
+            the last row is the first one of `joints`. None where there is none.
+        retreat: (R+1, 2, j) the same from the last row of `joints` upwards.
         verdict: What the search that made it found of it; None of any other plan, such as one from a file. It is not
             saved, and `dataclasses.replace` leaves it behind: what was changed is to be verified again.
     """
@@ -104,13 +107,15 @@ class Plan(Brief, ArrayRecord):
     stages: PaperStages | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
     joints: Float[np.ndarray, "T+1 2 j"] | None = field(default=None, kw_only=True)
+    approach: Float[np.ndarray, "A+1 2 j"] | None = field(default=None, kw_only=True)
+    retreat: Float[np.ndarray, "R+1 2 j"] | None = field(default=None, kw_only=True)
     verdict: Verdict | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         check_shapes(self)
         rows = len(self.shapes)
         _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
-        _require_finite(self, "shapes", "poses", "q", "joints")
+        _require_finite(self, "shapes", "poses", "q", "joints", "approach", "retreat")
         if self.stages is not None:
             expected, found = self.shapes.shape[:2], self.stages.progress.shape
             _require(found == expected, f"progress has shape {found}, not {expected}")
