@@ -1,8 +1,8 @@
 """How the arms of a cell get to the cable and leave it: straight down with open hands, and straight up again.
 
-Both hands open to either side of the cable's ends, as wide as there is room, `RISE` above where they hold the cable. They
-come down together from rest to rest; at the goal the same is done backwards. What stands on the table is nearest when
-they are down, so only there hands are compared with it, and links all the way.
+Both hands open to either side of the cable's ends, as wide as there is room, `RISE` above where they hold the cable.
+They come down together from rest to rest; at the goal the same is done backwards. What stands on the table is nearest
+when they are down, so only there hands are compared with it, and links all the way.
 """
 
 from __future__ import annotations
@@ -25,6 +25,10 @@ from cableway.scene.clearance import PIECES, bodies_gap, body_clearance
 from cableway.scene.gripper_bodies import OPENINGS, open_hand
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import CONTROL_STEP, ENDS, Task
+
+CLOSING = 1.0
+"""Time [s] that hands get to close or open, while arms stand: a 2F-85 takes up to 0.84 s for 42 mm at 50 mm/s, a third
+of its speed."""
 
 RISE = 0.1
 """Height [m] above where they hold the cable from which hands come down: the tips are then above posts of 10 cm."""
@@ -74,7 +78,10 @@ def with_hands(plan: Plan, motion: ArmMotion, task: Task) -> Plan:
         else:
             described["opening"][index] = hands.opening  # pyright: ignore[reportIndexIssue]
             found[name] = hands.joints[:: 1 - 2 * index].copy()
-    return replace(plan, joints=motion.joints, metadata={**plan.metadata, "arms": described}, **found)
+    metadata = {**plan.metadata, "arms": described}
+    return replace(
+        plan, joints=motion.joints, metadata=metadata, approach=found.get("approach"), retreat=found.get("retreat")
+    )
 
 
 def lowered(
@@ -159,7 +166,8 @@ def _down(
             arm, turn, branch = way.of(side)
             flanges = packed.flanges(arm, np.repeat(poses[side : side + 1], len(raised), axis=0), turn, raised)
             if branch_motion(packed.lengths[arm], flanges, branch, SINGULAR, found[:, side]) < len(raised):
-                return NoMotion(f"the arm at the {name} does not reach {quantity(RISE)} above it", tuple(poses[side, :2]))
+                away = (float(poses[side, 0]), float(poses[side, 1]))
+                return NoMotion(f"the arm at the {name} does not reach {quantity(RISE)} above it", away)
         found = np.unwrap(found, axis=0)
         found += 2 * np.pi * np.round((joints - found[-1]) / (2 * np.pi))
         found[-1] = joints

@@ -119,9 +119,13 @@ def gripper_body(body: str | tuple[BodyPart, ...] | None) -> tuple[BodyPart, ...
     return GRIPPER_BODIES[body]
 
 
-_OPEN = {50: (78, 79, 118, 127, 136, 136, 75), 30: (59, 62, 104, 120, 132, 129, 75), 20: (49, 54, 97, 118, 130, 112, 75)}
-"""The 2F-85 with its pads so far apart [mm]: extent across the cable of two layers of 20 mm of its fingers, and of those
-of `_HAND`. Its tips are then up to 4 mm higher, which is left out."""
+_OPEN = {
+    50: (78, 79, 118, 127, 136, 136, 75),
+    30: (59, 62, 104, 120, 132, 129, 75),
+    20: (49, 54, 97, 118, 130, 112, 75),
+}
+"""The 2F-85 with its pads so far apart [mm]: extent across the cable of two layers of 20 mm of its fingers, and of
+those of `_HAND`. Its tips are then up to 4 mm higher, which is left out."""
 
 _THICKNESS = 8
 """Of a long finger across the cable [mm]."""
@@ -131,9 +135,9 @@ OPENINGS = tuple(opening / 1000 for opening in _OPEN)
 
 
 def open_hand(tool: str, opening: float) -> tuple[BodyPart, ...]:
-    """The pieces of a gripper whose fingers are `opening` [m] apart, one of `OPENINGS`; the cable's end is between them.
+    """The pieces of a gripper with its fingers `opening` [m] apart, one of `OPENINGS`, beside the end of the cable.
 
-    >>> [part.outline[:, 1].min() for part in open_hand("2f-85", 0.02)[:2]]
+    >>> [part.outline[:, 1].min().round(4).item() for part in open_hand("2f-85", 0.02)[:2]]
     [0.01, -0.0245]
     """
     gap = round(1000 * opening)
