@@ -138,6 +138,8 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
     if watch is not None and watch.foresees(loop):
         return watch.recover(loop, None)
     ending, contact = loop.step(), loop.state.contact()
+    if ending is None and (found := loop.obstructed) is not None:
+        return watch.go_round(loop, found) if watch is not None else Ending(Outcome.BLOCKED_WAY, str(found))
     if ending is None and contact is not None and not (watch is not None and watch.takes_for_friction(contact)):
         return watch.avoid(loop, contact) if watch is not None else Ending(Outcome.BLOCKED_WAY, held_up(contact))
     if watch is None:

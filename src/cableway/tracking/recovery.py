@@ -26,7 +26,7 @@ from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOOKING, LOST, Loop
 from cableway.tracking.observed import LEAVING, at_rest, clearance, distances, hysteresis, mean, root_mean_square
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
-from cableway.tracking.suspicion import LEAST_ROOM, has_left, held_up, suspected
+from cableway.tracking.suspicion import LEAST_ROOM, Obstruction, has_left, held_up, suspected
 
 LOGGER = logging.getLogger(__name__)
 
@@ -281,6 +281,16 @@ class Watch:
             return seen
         ending = self.recover(loop, Outcome.BLOCKED_WAY, contacts, seen)
         return ending and Ending(ending.outcome, f"{held_up(contacts[0])}; {ending.detail}")
+
+    def go_round(self, loop: Loop, found: Obstruction) -> Ending | None:
+        """Go back from what a gripper ran into and replan round it; how the run ended, if it did."""
+        loop.give_in()
+        contacts = found.contacts(loop.plant.task)
+        seen = self._led_back(loop, contacts)
+        if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
+            return seen
+        ending = self.recover(loop, Outcome.BLOCKED_WAY, contacts, seen)
+        return ending and Ending(ending.outcome, f"{found}; {ending.detail}")
 
     def _led_back(self, loop: Loop, contacts: Sequence[Contact]) -> Float[np.ndarray, "n 2"] | Ending:
         """Where the cable lies [m] once the grippers went back from a contact; "no plan" where it is not seen.
