@@ -1,10 +1,9 @@
 """The records that pass from stage to stage, in pipeline order.
 
-Task -> Plan (+ Verdict) -> Rollout -> Report. Records hold arrays and scalars
-only. A record with `save` and `load` goes to an `.npz` file; nothing in such a file is ever executed.
+Task -> Plan (+ Verdict) -> Rollout -> Report. Records hold arrays and scalars only. A record with `save` and `load`
+goes to an `.npz` file; nothing in such a file is ever executed.
 
-Units are metres, radians and seconds throughout; T is the number of plan steps, K of control steps, n of
-keypoints.
+Units are metres, radians and seconds throughout; T is the number of plan steps, K of control steps, n of keypoints.
 """
 
 from __future__ import annotations
@@ -92,9 +91,8 @@ class Plan(Brief, ArrayRecord):
         metadata: How it was made: initial trajectory, seed, versions and the resolved configuration.
         joints: (T+1, 2, j) joint angles [rad] of the arms that hold the grippers, running on without jumps; None where
             no cell was given.
-        approach: (A+1, 2, j) joint angles [rad] that lower the open hands to the cable, a control step from row to row;
-            the last row is the first one of `joints`. None where there is none.
-        retreat: (R+1, 2, j) the same from the last row of `joints` upwards.
+        approach: (A+1, 2, j) the same that lower open hands to the cable, up to the first row of `joints`.
+        retreat: (R+1, 2, j) the same that raise them, from the last row on.
         verdict: What the search that made it found of it; None of any other plan, such as one from a file. It is not
             saved, and `dataclasses.replace` leaves it behind: what was changed is to be verified again.
     """
