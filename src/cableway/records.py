@@ -89,8 +89,7 @@ class Plan(Brief, ArrayRecord):
         q: (T+1, dof) rod coordinates of the shapes; None where the shapes are no equilibria, or not known to be.
         stages: What only the paper's planner makes; None for every other plan.
         metadata: How it was made: initial trajectory, seed, versions and the resolved configuration.
-        joints: (T+1, 2, j) joint angles [rad] of the arms that hold the grippers, running on without jumps; None where
-            no cell was given.
+        joints: (T+1, 2, j) joint angles [rad] of the arms of a cell that hold the grippers, running on without jumps.
         approach: (A+1, 2, j) the same that lower open hands to the cable, up to the first row of `joints`.
         retreat: (R+1, 2, j) the same that raise them, from the last row on.
         verdict: What the search that made it found of it; None of any other plan, such as one from a file. It is not
