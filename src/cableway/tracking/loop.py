@@ -24,8 +24,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.plant import Plant
-from cableway.tracking.robot import SHORT, Attachment, FollowingError, MessageGate, Silence
-from cableway.tracking.robot import TRIAL as TRIED
+from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.suspicion import Obstruction, narrowed
@@ -35,7 +34,6 @@ from cableway.tracking.way_back import ROOM_BACK, Motion, had_room
 LOGGER = logging.getLogger(__name__)
 
 T = TypeVar("T")
-
 
 LOST = "off the plan: stopped"
 """Status of a step in which the grippers stand still because the cable has left its plan."""
@@ -51,7 +49,6 @@ BACKING_OFF = "something unknown holds the cable: going back"
 
 HOLDING = "a gripper does not follow: holding"
 """The same because a gripper is not where it was sent."""
-
 
 WAITING = "a gripper is late or was not reported: waiting"
 """The same because a gripper has not come yet where it was sent, or may not have."""
@@ -224,14 +221,17 @@ class Loop:
         side = self._robot.obstructed
         return None if side is None else Obstruction(side, SE2.position(self._robot.poses)[side], self._robot.ahead)
 
-    def give_in(self) -> None:
-        """Take it that a gripper cannot go where it was led: what was tried since it came to stand is no way here."""
-        near = np.full(2, SHORT)
-        if self._robot.obstructed is not None:
-            near[self._robot.obstructed] += TRIED
-        self._robot.forget()
-        while self._way and (SE2.distance(self._way[-1].poses, self.poses)[0] < near).all():
-            self._way.pop()
+    def give_in(self) -> Ending | None:
+        """Go back to before a gripper ran into something; how the run ended, if it did. The way here ends there."""
+        before, ending = self._robot.forget(), None
+        there = next((k for k, made in enumerate(self._way) if np.array_equal(made.poses, before)), len(self._way))
+        del self._way[there:]
+        for _ in range(LONGEST_DELAY):
+            action = self._filtered(self._robot.towards(before, self.plant.task.grippers))
+            if ending is not None or not action.any():
+                break
+            ending = self._without_motion(action, BACKING_OFF)
+        return ending
 
     def take_hold(self) -> None:
         """Note where the arms are that hold the grippers, if the plan has any.
