@@ -3,22 +3,35 @@
 A point says how far the cable is from its prediction across the cable, and nothing along it. The rest is that of
 `rod_filter`: the same parameters, prior and drift, and so the same estimate. As the place on the rod to which a point
 belongs depends on the parameters, each update looks for it anew a few times (an iterated extended Kalman filter).
+
+It searches in coordinates and parameters (q, p) of the rod, of which the grasps are a function, instead of for the rod
+between given ends: a branch of equilibria that ends at a fold as the grippers move on is no end of the search, which
+bends or holds the rod a little otherwise, and slides to another branch where the points say so.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import Bounds, Checked, NotNegative, Positive
+from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.estimation import curve_kernels
-from cableway.estimation.rod_filter import HALVINGS, EstimatorConfig, Prediction, RodEstimate, RodEstimator
-from cableway.rod.material import PARAMETERS
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
+from cableway.rod.least_squares import Rule
+from cableway.rod.material import ROD
 from cableway.rod.planar import PlanarRod
+
+KNOWN = 1e-3
+"""Standard deviation of what is taken as known, in the usual ones of what is not: it keeps matrices regular."""
+
+PASSES = 2
+"""Times that an update asks which points are of the cable: by what was expected, and by what those tell."""
+
+FITTING = Rule(first=1e-6, restart=1e-6, fall=1e-6, small=1e-4, steps=30.0, trials=40.0, max_step=0.5)
+"""For a fit that goes on from the frame before."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +45,6 @@ class CurveConfig(Checked):
         least: Least such distance [m].
         most: Largest such distance [m].
         outlier: Distance, in standard deviations of the noise, from which on a point counts less.
-        passes: Times that an update looks for the places of the points.
 
     Raises:
         InputError: A value is out of range.
@@ -44,7 +56,6 @@ class CurveConfig(Checked):
     least: Positive[float] = 0.006
     most: Positive[float] = 0.04
     outlier: Positive[float] = 2.0
-    passes: Annotated[int, Bounds(1, 100)] = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +64,18 @@ class CurveFit:
 
     Attributes:
         stations: (2N + 1, 2) of the rod [m].
-        deviations: (2N + 1, 2, p) of the stations [m] by one standard deviation of the prior of each parameter.
+        deviations: (2N + 1, 2, m) of the stations [m] by m errors of the estimate, independent and of variance 1 each.
         at: (k,) places of the points on the rod, in hinges from 0 to N.
         residuals: (k,) distances of the points from it, to its left [m]; NaN for those of something else.
+        strain: How improbable the rod is by what was known before: the distance of theta from that, in standard
+            deviations, over the root of how many numbers it has.
     """
 
     stations: Float[np.ndarray, "s 2"]
-    deviations: Float[np.ndarray, "s 2 p"]
+    deviations: Float[np.ndarray, "s 2 m"]
     at: Float[np.ndarray, "k"]
     residuals: Float[np.ndarray, "k"]
+    strain: float
 
     def places(self, at: Float[np.ndarray, "m"]) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
         """Points [m] of the centre line at places in hinges from 0 to N, and its normals there, to the left."""
@@ -83,13 +97,16 @@ class CurveEstimator(RodEstimator):
     def __init__(self, rod: PlanarRod, config: EstimatorConfig, curve: CurveConfig, control_step: float) -> None:
         super().__init__(rod, config, control_step)
         self.curve, self._delay = curve, curve.lag / control_step
+        # what is taken as known is so to a thousandth of what is usually not known of it
+        self._spread = np.maximum(self._prior, KNOWN * EstimatorConfig().prior(rod.length))
+        self._units = np.concatenate([rod.units, self._spread[ROD]])
 
     def update_points(
         self, estimate: RodEstimate, points: Float[np.ndarray, "k 2"], poses: Float[np.ndarray, "2 3"], speed: float
     ) -> tuple[RodEstimate, CurveFit | None]:
         """The estimate after a picture, and how its points lie beside the rod.
 
-        Where the rod cannot be held by these grippers, the estimate as it was, and None.
+        Where there is no such rod, the estimate as it was, and None.
 
         Args:
             estimate: Before it.
@@ -97,43 +114,50 @@ class CurveEstimator(RodEstimator):
             poses: (2, 3) grippers at the time of the picture [m, m, rad].
             speed: Of the faster gripper then [m per control step].
         """
-        estimate, held = self._held(estimate, None, poses)
-        if not held.possible:
+        points, poses = np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(poses, dtype=float)
+        expected, before = self._drifted(estimate)
+        root = np.linalg.inv(np.linalg.cholesky(before)) / self._spread
+        noise = math.hypot(self.curve.noise, self._delay * speed)
+        x = np.concatenate([estimate.q, expected[ROD]])
+        nothing = np.empty((0, 2))
+        _, normal = self._fitted(x, poses, expected, root, nothing, np.empty(0), noise)
+        for _ in range(PASSES):
+            at, residuals, _ = self._beside(x, poses, points, normal, noise)
+            used = np.isfinite(residuals) & (at > 0) & (at < self.rod.hinges)
+            over = at[used].astype(int)
+            weights = 1 / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2)
+            _, normal = self._fitted(x, poses, expected, root, points[used], weights, noise)
+        at, residuals, (stations, by_x, theta, rates) = self._beside(x, poses, points, normal, noise)
+        if not np.isfinite(stations).all():
             return estimate, None
-        points = np.ascontiguousarray(points, dtype=float)
-        begin, covariance = self._drifted(estimate)
-        inverse, prior = np.linalg.inv(covariance), self._prior
-        theta, expected = begin, self._predict(held.q, begin, poses, 1)
-        if not expected.possible:  # drifted to a rod that is too short
-            theta = begin = estimate.theta
-            expected = self._predict(held.q, theta, poses, 1)
-        for _ in range(self.curve.passes):
-            information, gradient, _ = self._said(points, expected, covariance, speed)
-            narrowed = np.linalg.inv(inverse + information)
-            moved = (theta - begin) / np.where(prior > 0, prior, 1.0)
-            wanted = begin + prior * (narrowed @ (gradient + information @ moved))
-            found = self._predict(expected.q, wanted, poses, 1)
-            for _ in range(HALVINGS):
-                if found.possible:
-                    break
-                wanted = (wanted + theta) / 2
-                found = self._predict(expected.q, wanted, poses, 1)
-            if not found.possible:
-                break
-            theta, expected, covariance = wanted, found, narrowed
-        _, _, fit = self._said(points, expected, covariance, speed)
-        return replace(estimate, theta=theta, covariance=covariance, q=expected.q, updates=estimate.updates + 1), fit
+        spread = _inverse_root(normal)
+        covariance = (rates / self._spread[:, None]) @ spread
+        strain = float(np.linalg.norm(root @ (theta - expected))) / math.sqrt(len(theta))
+        fit = CurveFit(stations, by_x @ spread, at, residuals, strain)
+        updated = replace(
+            estimate, theta=theta, covariance=covariance @ covariance.T, q=x[: self.rod.dof],
+            updates=estimate.updates + 1,
+        )  # fmt: skip
+        return updated, fit
 
-    def _said(
-        self, points: Float[np.ndarray, "k 2"], expected: Prediction, covariance: Float[np.ndarray, "p p"], speed: float
-    ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p"], CurveFit]:
-        """See `curve_kernels.gather`."""
-        curve = self.curve
-        gate = (math.hypot(curve.noise, self._delay * speed), curve.gate, curve.least, curve.most, curve.outlier)
-        information, gradient = np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
-        at, residuals = np.empty(len(points)), np.empty(len(points))
-        stations, by_theta = expected.keypoints, expected.by_theta
-        curve_kernels.gather(
-            points, stations, by_theta, self._prior, covariance, gate, information, gradient, at, residuals
+    def _fitted(self, x, poses, expected, root, points, weights, noise):  # noqa
+        return curve_kernels.fit(
+            x, self.modes, poses, self._units, expected, root, points, weights, self.curve.outlier * noise, FITTING
         )
-        return information, gradient, CurveFit(stations, by_theta * self._prior, at, residuals)
+
+    def _beside(self, x, poses, points, normal, noise):
+        size, count = len(x), len(self._spread)
+        stations, by_x = np.empty((2 * self.rod.hinges + 1, 2)), np.empty((2 * self.rod.hinges + 1, 2, size))
+        theta, rates = np.empty(count), np.empty((count, size))
+        curve_kernels.held(x, self.modes, poses, self._units, stations, by_x, theta, rates)
+        curve, at, residuals = self.curve, np.empty(len(points)), np.empty(len(points))
+        spread = _inverse_root(normal)
+        bounds = (noise, curve.gate, curve.least, curve.most)
+        curve_kernels.gate(points, stations, by_x, spread @ spread.T, bounds, at, residuals)
+        return at, residuals, (stations, by_x, theta, rates)
+
+
+def _inverse_root(normal: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
+    """A square root of the inverse of a matrix of which the lower triangle is given."""
+    values, vectors = np.linalg.eigh(normal)
+    return vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))

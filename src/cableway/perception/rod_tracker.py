@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -24,10 +24,17 @@ from cableway.perception import kernels
 from cableway.perception.views import View, axis_points, seen_of
 from cableway.records import Observation
 from cableway.rod.inverse import equilibria_at
+from cableway.rod.material import ROD
 from cableway.scene.cable import Cable
 
 PLACES = 4
 """Places over each hinge at which the rod is looked for in the pictures."""
+
+LOOKS = 33
+"""First guesses among which shapes are looked for anew: fewer than for a start, to take no longer than a frame."""
+
+LESS = 0.7
+"""Share of how badly the rod explains a frame that another shape of it must stay below to take its place."""
 
 PARAMETERS = EstimatorConfig(memory=10.0, grasp=0.003)
 """The prior of the rod, and how soon what was seen is forgotten: friction and lag change the shape as it moves."""
@@ -43,6 +50,7 @@ class TrackerConfig(Checked):
         reach: How far along the cable that is alike, in lengths.
         fading: Time [s] in which it fades.
         sure: Standard deviation of a keypoint [m] at which its confidence is one half.
+        patience: Time [s] from one look for another shape to the next one, where the rod does not explain what is seen.
         most_unexplained: Share of the points that are something else's, from which on the rod explains too little.
         most_missing: Share of the rod that should be seen and is not, the same.
         most_residual: Root mean square distance [m] of the points from the rod, the same.
@@ -56,6 +64,7 @@ class TrackerConfig(Checked):
     reach: Positive[float] = 0.12
     fading: Positive[float] = 2.0
     sure: Positive[float] = 0.004
+    patience: NotNegative[float] = 0.1
     most_unexplained: Share = 0.3
     most_missing: Share = 0.2
     most_residual: NotNegative[float] = 0.004
@@ -69,11 +78,13 @@ class Track:
         estimate: Of the rod.
         field: How far the cable lies beside it.
         poses: Of the grippers at the last frame [m, m, rad].
+        looked: When the cable was last looked for anew [s].
     """
 
     estimate: RodEstimate
     field: DeviationField
     poses: Float[np.ndarray, "2 3"]
+    looked: float = -math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,17 +149,27 @@ class RodTracker:
         Raises:
             InputError: The nominal cable has no stable shape between these grippers.
         """
-        points, best, least = self._points(views), None, math.inf
-        for q in equilibria_at(self._cable.rod, poses):
-            track = self.start(poses, q)
-            _, fit = self._estimator.update_points(track.estimate, points, poses, 0.0)
-            if fit is not None:
-                off = np.nan_to_num(np.abs(fit.residuals), nan=self._estimator.curve.most)
-                cost = float(off.sum()) / max(len(off), 1) + self._estimator.curve.most * self._claimed(views, fit)[1]
-                best, least = (track, cost) if cost < least else (best, least)
-        if best is None:
+        shapes = equilibria_at(self._cable.rod, poses)
+        if not len(shapes):
             raise InputError("the cable has no stable shape between these gripper poses")
-        return best
+        return self._best([self.start(poses, q) for q in shapes], self._points(views), views)[0]
+
+    def _best(
+        self, tracks: Sequence[Track], points: Float[np.ndarray, "k 2"], views: Sequence[View]
+    ) -> tuple[Track, float]:
+        """Of tracks before a frame that one which explains it best, and how badly it does, as a distance [m]."""
+        costs = []
+        for track in tracks:
+            _, fit = self._estimator.update_points(track.estimate, points, track.poses, 0.0)
+            costs.append(math.inf if fit is None else self._cost(fit, views))
+        best = int(np.argmin(costs))
+        return tracks[best], costs[best]
+
+    def _cost(self, fit: CurveFit, views: Sequence[View]) -> float:
+        """How badly a rod explains what is seen: a distance [m]."""
+        curve = self._estimator.curve
+        off = np.nan_to_num(np.abs(fit.residuals), nan=curve.most)
+        return float(off.sum()) / max(len(off), 1) + curve.most * self._claimed(views, fit)[1] + curve.noise * fit.strain
 
     def update(
         self, track: Track, views: Sequence[View], poses: Float[np.ndarray, "2 3"], time: float
@@ -173,7 +194,30 @@ class RodTracker:
         if fit is None:
             return self._lost(track, poses, time)
         field = track.field.later(self._kept).updated(*self._means(fit), self._config.pixel)
-        return Track(estimate, field, poses), self._sighting(estimate, field, fit, views, poses, time)
+        seen = self._sighting(field, fit, views, poses, time)
+        waited = time - track.looked
+        if seen.explained or not len(points) or 0 <= waited < self._config.patience:
+            return Track(estimate, field, poses, track.looked), seen
+        other, cost = self._anew(replace(track, poses=poses, looked=time), points, views)
+        if cost >= LESS * self._cost(fit, views):
+            return Track(estimate, field, poses, time), seen
+        return self.update(other, views, poses, time)
+
+    def _anew(self, track: Track, points: Float[np.ndarray, "k 2"], views: Sequence[View]) -> tuple[Track, float]:
+        """The shape of the cable as it is known that explains a frame best, whatever it was before; and see `_best`."""
+        known, rod = track.estimate, self._cable.rod
+        rod = replace(rod, length=known.length, modes=tuple(known.theta[ROD][1:]))
+        ends = SE2.compose(track.poses, known.grasps)
+        try:
+            shapes = equilibria_at(rod, ends, LOOKS)
+        except InputError:  # the ends are too far apart for it
+            return track, math.inf
+        if not len(shapes):
+            return track, math.inf
+        fresh = self.start(track.poses, shapes[0])
+        estimates = [replace(known, q=rod.continued(q, ends), covariance=fresh.estimate.covariance) for q in shapes]
+        tracks = [replace(track, estimate=estimate, field=fresh.field) for estimate in estimates]
+        return self._best(tracks, points, views)
 
     def _points(self, views: Sequence[View]) -> Float[np.ndarray, "k 2"]:
         radius = self._cable.radius
@@ -190,7 +234,6 @@ class RodTracker:
 
     def _sighting(
         self,
-        estimate: RodEstimate,
         field: DeviationField,
         fit: CurveFit,
         views: Sequence[View],
@@ -200,7 +243,7 @@ class RodTracker:
         config, stride = self._config, self._cable.rod.stride
         at, normals = fit.places(self._keypoints)
         rows = fit.deviations[::stride]
-        covariance = np.einsum("nia,ab,njb->nij", rows, estimate.covariance, rows)
+        covariance = np.einsum("nia,nja->nij", rows, rows)
         covariance += np.einsum("n,ni,nj->nij", np.diag(field.covariance) + config.pixel**2, normals, normals)
         variance = np.linalg.eigvalsh(covariance)[:, -1]
         keypoints = at + field.mean[:, None] * normals
@@ -230,4 +273,4 @@ class RodTracker:
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
         nothing = np.full((n, 2, 2), np.inf)
-        return Track(track.estimate, track.field, poses), Sighting(observation, nothing, 1.0, 1.0, 1.0, 0.0, False)
+        return Track(track.estimate, track.field, poses, track.looked), Sighting(observation, nothing, 1.0, 1.0, 1.0, 0.0, False)
