@@ -59,7 +59,7 @@ class SplineTracker:
     """
 
     def __init__(
-        self, start: Float[np.ndarray, "m 2"], poses: np.ndarray, stiffness: float = 3.0, gate: float = 0.02,
+        self, start: Float[np.ndarray, "m 2"], poses: np.ndarray, stiffness: float = 0.3, gate: float = 0.02,
         passes: int = 6,
     ) -> None:  # fmt: skip
         self._curve, self._poses = resampled(start, NODES), np.array(poses)
@@ -105,7 +105,7 @@ class RegisteringTracker:
     """
 
     def __init__(
-        self, start: Float[np.ndarray, "m 2"], poses: np.ndarray, reach: float = 0.2, stiffness: float = 0.5,
+        self, start: Float[np.ndarray, "m 2"], poses: np.ndarray, reach: float = 0.1, stiffness: float = 0.1,
         outliers: float = 0.1, passes: int = 20,
     ) -> None:  # fmt: skip
         self._curve, self._poses = resampled(start, NODES), np.array(poses)

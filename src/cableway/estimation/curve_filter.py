@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -21,14 +22,21 @@ from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.estimation import curve_kernels
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.rod.least_squares import Rule
-from cableway.rod.material import ROD
+from cableway.rod.material import GRASPS, ROD
 from cableway.rod.planar import PlanarRod
 
 KNOWN = 1e-3
 """Standard deviation of what is taken as known, in the usual ones of what is not: it keeps matrices regular."""
 
+SURPRISING = 0.8
+"""Strain from which on a cable is not what it was, for it slipped, sticks or is touched: what was known of it is
+forgotten. That of a cable that is followed stays below 0.5, but for the first picture."""
+
 PASSES = 2
 """Times that an update asks which points are of the cable: by what was expected, and by what those tell."""
+
+SINGULAR = 1e-12
+"""Least eigenvalue of a normal matrix, in its largest one."""
 
 FITTING = Rule(first=1e-6, restart=1e-6, fall=1e-6, small=1e-4, steps=30.0, trials=40.0, max_step=0.5)
 """For a fit that goes on from the frame before."""
@@ -69,6 +77,8 @@ class CurveFit:
         residuals: (k,) distances of the points from it, to its left [m]; NaN for those of something else.
         strain: How improbable the rod is by what was known before: the distance of theta from that, in standard
             deviations, over the root of how many numbers it has.
+        askew: Largest number by which an end is off where its gripper would hold it, in standard deviations of the
+            prior of that.
     """
 
     stations: Float[np.ndarray, "s 2"]
@@ -76,12 +86,22 @@ class CurveFit:
     at: Float[np.ndarray, "k"]
     residuals: Float[np.ndarray, "k"]
     strain: float
+    askew: float
 
     def places(self, at: Float[np.ndarray, "m"]) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
         """Points [m] of the centre line at places in hinges from 0 to N, and its normals there, to the left."""
         points, normals = np.empty((len(at), 2)), np.empty((len(at), 2))
         curve_kernels.place(self.stations, np.asarray(at, float), points, normals)
         return points, normals
+
+
+class _Held(NamedTuple):
+    """See `curve_kernels.held`."""
+
+    stations: Float[np.ndarray, "s 2"]
+    by_x: Float[np.ndarray, "s 2 m"]
+    theta: Float[np.ndarray, "p"]
+    rates: Float[np.ndarray, "p m"]
 
 
 class CurveEstimator(RodEstimator):
@@ -115,49 +135,68 @@ class CurveEstimator(RodEstimator):
             speed: Of the faster gripper then [m per control step].
         """
         points, poses = np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(poses, dtype=float)
+        updated, fit = self._updated(estimate, points, poses, speed)
+        if fit is not None and fit.strain > SURPRISING and estimate.updates:
+            forgotten = replace(estimate, theta=self._nominal, covariance=np.eye(len(self._nominal)))
+            updated, fit = self._updated(forgotten, points, poses, speed)
+        return updated, fit
+
+    def _updated(
+        self, estimate: RodEstimate, points: Float[np.ndarray, "k 2"], poses: Float[np.ndarray, "2 3"], speed: float
+    ) -> tuple[RodEstimate, CurveFit | None]:
+        """See `update_points`."""
         expected, before = self._drifted(estimate)
         root = np.linalg.inv(np.linalg.cholesky(before)) / self._spread
         noise = math.hypot(self.curve.noise, self._delay * speed)
         x = np.concatenate([estimate.q, expected[ROD]])
-        nothing = np.empty((0, 2))
-        _, normal = self._fitted(x, poses, expected, root, nothing, np.empty(0), noise)
+
+        def fitted(points: Float[np.ndarray, "k 2"], weights: Float[np.ndarray, "k"]) -> Float[np.ndarray, "m m"]:
+            """Moves x; see `curve_kernels.fit`."""
+            far = self.curve.outlier * noise
+            units, modes = self._units, self.modes
+            return curve_kernels.fit(x, modes, poses, units, expected, root, points, weights, far, FITTING)
+
+        normal = fitted(np.empty((0, 2)), np.empty(0))
         for _ in range(PASSES):
-            at, residuals, _ = self._beside(x, poses, points, normal, noise)
+            held = self._held_by(x, poses)
+            at, residuals = self._beside(points, held, normal, noise)
             used = np.isfinite(residuals) & (at > 0) & (at < self.rod.hinges)
-            over = at[used].astype(int)
-            weights = 1 / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2)
-            _, normal = self._fitted(x, poses, expected, root, points[used], weights, noise)
-        at, residuals, (stations, by_x, theta, rates) = self._beside(x, poses, points, normal, noise)
-        if not np.isfinite(stations).all():
+            over = at[used].astype(int)  # all points over one hinge together count as one
+            normal = fitted(points[used], 1 / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2))
+        held = self._held_by(x, poses)
+        if not np.isfinite(held.stations).all():
             return estimate, None
+        at, residuals = self._beside(points, held, normal, noise)
         spread = _inverse_root(normal)
-        covariance = (rates / self._spread[:, None]) @ spread
-        strain = float(np.linalg.norm(root @ (theta - expected))) / math.sqrt(len(theta))
-        fit = CurveFit(stations, by_x @ spread, at, residuals, strain)
-        updated = replace(
-            estimate, theta=theta, covariance=covariance @ covariance.T, q=x[: self.rod.dof],
+        deviations = (held.rates / self._spread[:, None]) @ spread
+        strain = float(np.linalg.norm(root @ (held.theta - expected))) / math.sqrt(len(expected))
+        askew = float(np.abs(held.theta[GRASPS] / self._spread[GRASPS]).max())
+        estimate = replace(
+            estimate, theta=held.theta, covariance=deviations @ deviations.T, q=x[: self.rod.dof],
             updates=estimate.updates + 1,
         )  # fmt: skip
-        return updated, fit
+        return estimate, CurveFit(held.stations, held.by_x @ spread, at, residuals, strain, askew)
 
-    def _fitted(self, x, poses, expected, root, points, weights, noise):  # noqa
-        return curve_kernels.fit(
-            x, self.modes, poses, self._units, expected, root, points, weights, self.curve.outlier * noise, FITTING
-        )
+    def _held_by(self, x: Float[np.ndarray, "m"], poses: Float[np.ndarray, "2 3"]) -> _Held:
+        """See `curve_kernels.held`."""
+        size, count, stations = len(x), len(self._spread), 2 * self.rod.hinges + 1
+        held = _Held(
+            np.empty((stations, 2)), np.empty((stations, 2, size)), np.empty(count), np.empty((count, size))
+        )  # fmt: skip
+        curve_kernels.held(x, self.modes, poses, self._units, *held)
+        return held
 
-    def _beside(self, x, poses, points, normal, noise):
-        size, count = len(x), len(self._spread)
-        stations, by_x = np.empty((2 * self.rod.hinges + 1, 2)), np.empty((2 * self.rod.hinges + 1, 2, size))
-        theta, rates = np.empty(count), np.empty((count, size))
-        curve_kernels.held(x, self.modes, poses, self._units, stations, by_x, theta, rates)
-        curve, at, residuals = self.curve, np.empty(len(points)), np.empty(len(points))
-        spread = _inverse_root(normal)
+    def _beside(
+        self, points: Float[np.ndarray, "k 2"], held: _Held, normal: Float[np.ndarray, "m m"], noise: float
+    ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """See `curve_kernels.gate`."""
+        curve, spread, at, residuals = self.curve, _inverse_root(normal), np.empty(len(points)), np.empty(len(points))
         bounds = (noise, curve.gate, curve.least, curve.most)
-        curve_kernels.gate(points, stations, by_x, spread @ spread.T, bounds, at, residuals)
-        return at, residuals, (stations, by_x, theta, rates)
+        curve_kernels.gate(points, held.stations, held.by_x, spread @ spread.T, bounds, at, residuals)
+        return at, residuals
 
 
 def _inverse_root(normal: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
     """A square root of the inverse of a matrix of which the lower triangle is given."""
     values, vectors = np.linalg.eigh(normal)
-    return vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
+    return vectors / np.sqrt(np.maximum(values, SINGULAR * values[-1]))

@@ -13,7 +13,7 @@ import numpy as np
 
 from cableway.core.compiled import inlined, kernel
 from cableway.rod.kernels import held_shape
-from cableway.rod.least_squares import COST, add_row, advance, begin, clear
+from cableway.rod.least_squares import add_row, advance, begin, clear
 
 PIECES = 4
 """Straight pieces of each curve among which the nearest one to a point is looked for."""
@@ -115,7 +115,7 @@ def gate(points, stations, by_x, covariance, bounds, at, residuals):
         residuals: Distances (k,) from it, to the left [m], where to; NaN for those of something else.
     """
     deviation, sigmas, least, most = bounds
-    hinges, size = (len(stations) - 1) // 2, by_x.shape[2]
+    size = by_x.shape[2]
     feet, normals, row = np.empty_like(points), np.empty_like(points), np.empty(size)
     match(points, stations, at)
     place(stations, at, feet, normals)
@@ -146,8 +146,8 @@ def _slope(at, nx, ny, by_x, row):
 
 @kernel
 def fit(x, modes, poses, units, expected, root, points, weights, outlier, rule):
-    """Move x to the rod that points and what is expected of theta make most likely; half its cost, and the normal
-    matrix (m, m) there, its lower triangle.
+    """Move x to the rod that points and what is expected of theta make most likely. Returns the normal matrix (m, m)
+    there, its lower triangle.
 
     A point counts by its distance from the centre line across it, far ones less (Huber).
 
@@ -188,4 +188,4 @@ def fit(x, modes, poses, units, expected, root, points, weights, outlier, rule):
         if not advance(search, 0.5 * cost, units, rule):
             break
     x[:] = search.x
-    return search.state[COST], search.normal
+    return search.normal

@@ -33,6 +33,10 @@ PLACES = 4
 LOOKS = 33
 """First guesses among which shapes are looked for anew: fewer than for a start, to take no longer than a frame."""
 
+STRAINED = 1.2
+"""Strain of a rod (`CurveFit.strain`) from which on another shape of it may be likelier, though it explains all that is
+seen: it hooks at a gripper to do so. That of cables in the first picture is below 1.1."""
+
 LESS = 0.7
 """Share of how badly the rod explains a frame that another shape of it must stay below to take its place."""
 
@@ -54,6 +58,8 @@ class TrackerConfig(Checked):
         most_unexplained: Share of the points that are something else's, from which on the rod explains too little.
         most_missing: Share of the rod that should be seen and is not, the same.
         most_residual: Root mean square distance [m] of the points from the rod, the same.
+        most_askew: How far an end of the rod is from where its gripper would hold it, in standard deviations of the
+            prior of that, the same.
 
     Raises:
         InputError: A value is out of range.
@@ -68,6 +74,7 @@ class TrackerConfig(Checked):
     most_unexplained: Share = 0.3
     most_missing: Share = 0.2
     most_residual: NotNegative[float] = 0.004
+    most_askew: Positive[float] = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +176,9 @@ class RodTracker:
         """How badly a rod explains what is seen: a distance [m]."""
         curve = self._estimator.curve
         off = np.nan_to_num(np.abs(fit.residuals), nan=curve.most)
-        return float(off.sum()) / max(len(off), 1) + curve.most * self._claimed(views, fit)[1] + curve.noise * fit.strain
+        return (
+            float(off.sum()) / max(len(off), 1) + curve.most * self._claimed(views, fit)[1] + curve.noise * fit.strain
+        )
 
     def update(
         self, track: Track, views: Sequence[View], poses: Float[np.ndarray, "2 3"], time: float
@@ -196,7 +205,8 @@ class RodTracker:
         field = track.field.later(self._kept).updated(*self._means(fit), self._config.pixel)
         seen = self._sighting(field, fit, views, poses, time)
         waited = time - track.looked
-        if seen.explained or not len(points) or 0 <= waited < self._config.patience:
+        likely = seen.explained and fit.strain <= STRAINED
+        if likely or not len(points) or 0 <= waited < self._config.patience:
             return Track(estimate, field, poses, track.looked), seen
         other, cost = self._anew(replace(track, poses=poses, looked=time), points, views)
         if cost >= LESS * self._cost(fit, views):
@@ -256,6 +266,7 @@ class RodTracker:
             and unexplained <= config.most_unexplained
             and missing <= config.most_missing
             and residual <= config.most_residual
+            and fit.askew <= config.most_askew
         )
         confidence = config.sure**2 / (config.sure**2 + variance)
         observation = Observation(time, keypoints, poses, taken=time, confidence=confidence)
@@ -273,4 +284,6 @@ class RodTracker:
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
         nothing = np.full((n, 2, 2), np.inf)
-        return Track(track.estimate, track.field, poses, track.looked), Sighting(observation, nothing, 1.0, 1.0, 1.0, 0.0, False)
+        return Track(track.estimate, track.field, poses, track.looked), Sighting(
+            observation, nothing, 1.0, 1.0, 1.0, 0.0, False
+        )
