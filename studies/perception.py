@@ -27,11 +27,11 @@ from threadpoolctl import threadpool_limits
 from cableway.core.errors import CablewayError
 from cableway.figures.perspective import AMBIENT, LAMP, LOOK, way_of
 from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.placement import camera_at
 from cableway.perception.rod_tracker import RodTracker
 from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.perception.views import View, axis_points
 from cableway.records import Rollout
-from cableway.rendering.camera import Camera
 from cableway.rendering.cell import CellScene, Label
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, render
@@ -48,6 +48,7 @@ SIZE = (640, 480)
 BLUR, NOISE = 0.7, 5.0
 """Of the pictures: standard deviations of the blur [pixels] and of each pixel, of 255."""
 
+PLACES = ("above", "front", "back")
 SETUPS = {"one above": (0,), "two low": (1, 2)}
 NINETY = 1.645
 """Standard deviations within which 90% of a normal distribution lie."""
@@ -68,20 +69,6 @@ def rollout_of(task: Task, seed: int, folder: Path) -> Rollout | None:
             return None
         run.rollout.save(file)
     return Rollout.load(file)
-
-
-def cameras(task: Task) -> tuple[CalibratedCamera, ...]:
-    """Straight above, and 40 degrees above the table at front and back."""
-    width, height = task.scene.size
-    middle, slant = np.array([width / 2, height / 2, 0.0]), np.radians(40)
-    away = 1.25 * np.array([0.0, np.cos(slant), np.sin(slant)])
-    places = [middle + [0.0, 0.0, 1.7], middle + away * [1, -1, 1], middle + away]
-    aims = [np.array([0.0, 0.0, -1.0]), -away * [1, -1, 1], -away]
-    views = [0.62, 0.68, 0.68]
-    return tuple(
-        CalibratedCamera(pinhole=Camera.looking(place, aim, size=SIZE, view=view))
-        for place, aim, view in zip(places, aims, views, strict=True)
-    )
 
 
 def without_cable(mesh: Mesh) -> Mesh:
@@ -110,7 +97,10 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
     way = way_of(task, rollout)
     assert way is not None
     assert rollout.joints is not None
-    scene, eyes = CellScene(task, way, LOOK._replace(cable=ORANGE)), cameras(task)
+    scene, eyes = (
+        CellScene(task, way, LOOK._replace(cable=ORANGE)),
+        tuple(camera_at(place, task.scene.size, SIZE) for place in PLACES),
+    )
     rng, rows = np.random.default_rng(seed), range(0, len(rollout.times), every)
     color, start = CableColor(color=(217, 89, 13)), task.cable.rod.shapes(task.start_equilibrium[None])[0][0]
     kinematics = CellKinematics(task, way)

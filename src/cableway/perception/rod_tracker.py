@@ -60,6 +60,7 @@ class TrackerConfig(Checked):
         most_residual: Root mean square distance [m] of the points from the rod, the same.
         most_askew: How far an end of the rod is from where its gripper would hold it, in standard deviations of the
             prior of that, the same.
+        most_unsure: Standard deviation of a keypoint [m] from which on they cannot be relied on.
 
     Raises:
         InputError: A value is out of range.
@@ -75,6 +76,7 @@ class TrackerConfig(Checked):
     most_missing: Share = 0.2
     most_residual: NotNegative[float] = 0.004
     most_askew: Positive[float] = 4.0
+    most_unsure: Positive[float] = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,9 @@ class Sighting:
         missing: Share of the rod in view, and hidden by nothing known, where no cable is seen.
         hidden: Share of the rod that no camera shows.
         residual: Root mean square distance [m] of the points on the rod from it; 0 where none is seen.
-        explained: Whether some of the cable is seen, and the rod explains it; where not, a controller had better stop.
+        explained: Whether some of the cable is seen, and the rod explains it.
+        known: Whether the keypoints can be relied on: nothing speaks against the rod, though all of it may be hidden by
+            what is known to stand before it, and they are sure. Where not, a controller had better stop.
     """
 
     observation: Observation
@@ -115,6 +119,7 @@ class Sighting:
     hidden: float
     residual: float
     explained: bool
+    known: bool
 
 
 class RodTracker:
@@ -261,16 +266,17 @@ class RodTracker:
         unexplained = 1 - len(on) / len(fit.residuals) if len(fit.residuals) else 0.0
         hidden, missing = self._claimed(views, fit)
         residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
-        explained = (
-            len(on) > 0
-            and unexplained <= config.most_unexplained
+        nothing_against = (
+            unexplained <= config.most_unexplained
             and missing <= config.most_missing
             and residual <= config.most_residual
             and fit.askew <= config.most_askew
         )
+        explained = len(on) > 0 and nothing_against
+        known = nothing_against and math.sqrt(variance.max()) <= config.most_unsure
         confidence = config.sure**2 / (config.sure**2 + variance)
         observation = Observation(time, keypoints, poses, taken=time, confidence=confidence)
-        return Sighting(observation, covariance, unexplained, missing, hidden, residual, explained)
+        return Sighting(observation, covariance, unexplained, missing, hidden, residual, explained, known)
 
     def _claimed(self, views: Sequence[View], fit: CurveFit) -> tuple[float, float]:
         """Share of the rod that no camera shows, and of what is in view that is missing."""
@@ -284,6 +290,5 @@ class RodTracker:
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
         nothing = np.full((n, 2, 2), np.inf)
-        return Track(track.estimate, track.field, poses, track.looked), Sighting(
-            observation, nothing, 1.0, 1.0, 1.0, 0.0, False
-        )
+        track = Track(track.estimate, track.field, poses, track.looked)
+        return track, Sighting(observation, nothing, 1.0, 1.0, 1.0, 0.0, explained=False, known=False)
