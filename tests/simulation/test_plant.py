@@ -10,7 +10,6 @@ import pytest
 
 from cableway.core.errors import InputError, PressedError, SimulationError
 from cableway.geometry import polyline, se2
-from cableway.records import Measurement
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Box
 from cableway.scene.scene import Scene
@@ -193,18 +192,30 @@ def test_contact_in_the_middle_of_a_step_is_not_missed(task_at):
     assert truth.clearance < 0 < plant.task.scene.clearance(truth.centreline[None], plant.cable.radius)[0]
 
 
-def test_a_gripper_led_into_a_wall_is_reported_then_refused(task_at):
+def test_a_gripper_led_into_a_wall_stands_there_until_it_is_led_back(task_at):
+    """It is reported where it stands, and as a contact; what it was led too far must be taken back first."""
     plant = CableSimulator(task_at())
-    observation: list[Measurement] = []
-    message = until_refused(plant, np.tile([-0.012, 0.0, 0.0], (2, 1)), lambda: observation.append(plant.measure()))
-    assert "slipped" in message or "pressed" in message
-    assert observation[-1].gripper_clearance < 0.001
-    assert all(row.clearance > -plant.cable.radius for row in observation)
+    start, ahead = plant.reset().poses, np.tile([-0.012, 0.0, 0.0], (2, 1))
+    free = round((start[0, 0] - plant.task.grippers.radius) / 0.012 - 0.5)
+    for _ in range(free):
+        plant.step(ahead)
+        assert plant.measure().gripper_clearance > 0
+    for _ in range(2):
+        reported = plant.step(ahead).poses
+        assert plant.measure().gripper_clearance <= 0
+        assert 0 < reported[0, 0] - plant.task.grippers.radius < 0.001
+    state = plant.state()
+    backed = [plant.step(-ahead).poses for _ in range(3)]
+    assert backed[0][0, 0] - plant.task.grippers.radius < 0.001, "it is still commanded into the wall"
+    np.testing.assert_allclose(backed[-1], plant.commanded, atol=1e-4)
+    assert plant.measure().gripper_clearance > 0
+    plant.restore(state)
+    np.testing.assert_array_equal([plant.step(-ahead).poses for _ in range(3)], backed)
 
 
 def test_a_cable_pressed_deeper_than_its_radius_in_one_step_is_refused_with_how_deep(task_at):
     """So a step of which there is no record, as the plant stays as it was, still says what it touched."""
-    plant = CableSimulator(task_at(*over_a_corner(Cable(), 0.95)))
+    plant = CableSimulator(task_at(*over_a_corner(Cable(), 0.96)))
     with pytest.raises(PressedError, match="mm into an obstacle") as refused:
         plant.step(np.tile([0.0, 0.02, 0.0], (2, 1)))
     assert refused.value.clearance < -plant.cable.radius

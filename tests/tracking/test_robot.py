@@ -68,6 +68,24 @@ class Stalled(Faulty):
         return super().step(moved)
 
 
+class Obstructed(Stalled):
+    """Its right gripper cannot go farther from where it started than `reach` [m]; the other goes where it was sent."""
+
+    def __init__(self, reach: float) -> None:
+        super().__init__(np.inf, np.inf)
+        self.reach, self.pressed = reach, []
+
+    def step(self, action: np.ndarray) -> Observation:
+        self.target = self.target + action
+        way = (self.target - PLAN.poses[0])[1]
+        beyond = np.linalg.norm(way[:2]) > self.reach
+        if beyond:
+            self.pressed.append(self.now + self.control_step)
+            way[:2] *= self.reach / np.linalg.norm(way[:2])
+        poses = np.stack([self.target[0], PLAN.poses[0, 1] + way])
+        return QuasiStaticPlant.step(self, poses - self._poses)
+
+
 class ReportedLate(Stalled):
     """Its poses are those of three steps ago."""
 
@@ -188,6 +206,35 @@ def test_a_gripper_that_stays_stalled_ends_the_run(controller: RodMPC) -> None:
     assert "the right gripper does not follow its commands" in rollout.detail
     assert rollout.times[-1] < 2.0 + (HOLD + 0.8) * (HOLDS + 1), "every hold, and seven steps to notice"
     assert plant.lead < 0.02
+
+
+def test_a_gripper_that_follows_back_but_not_ahead_has_something_in_its_way(controller: RodMPC) -> None:
+    """It is tried back, then ahead; without recovery the run ends there, with the place."""
+    plant = Obstructed(0.05)
+    rollout = track(plant, controller, PLAN)
+    assert rollout.outcome is Outcome.BLOCKED_WAY
+    assert "before the right gripper near" in rollout.detail
+    assert plant.pressed[-1] - plant.pressed[0] < 2.0, "six steps to notice, half a second of hold, and two trials"
+    tried = rollout.actions[rollout.status == TRIAL][:, 1, :2]
+    ahead = PLAN.poses[-1, 1, :2] - PLAN.poses[0, 1, :2]
+    assert [*np.sign(tried @ ahead)[:2]] == [-1, 1]
+    np.testing.assert_allclose(np.linalg.norm(tried[:2], axis=1), [0.006, 0.012], atol=1e-3)
+
+
+def test_the_way_back_of_a_gripper_that_ran_into_something_ends_before_it(controller: RodMPC) -> None:
+    """What it was led too far is on that way no more, and the other gripper goes back as it came."""
+    plant = Obstructed(0.05)
+    loop = Loop(plant, controller, PLAN, TrackConfig(), Watchdog())
+    while loop.obstructed is None:
+        assert loop.step() is None
+    reached, pressed = loop.poses, len(plant.pressed)
+    loop.give_in()
+    assert loop.obstructed is None
+    assert loop.back_off(4) is None
+    assert len(plant.pressed) <= pressed + 1, "but in the step in which it still stands"
+    gaps = np.linalg.norm((PLAN.poses - loop.poses)[..., :2], axis=2)
+    assert gaps.max(axis=1).min() < 0.0065, "within a step both are where the plan had them at once"
+    assert np.linalg.norm((loop.poses - reached)[1, :2]) > 0.01
 
 
 @pytest.mark.parametrize("camera_only", [True, False], ids=["camera", "link"])

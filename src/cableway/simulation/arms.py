@@ -15,6 +15,7 @@ by inverse kinematics in the branch in which the arm holds the cable, as a drive
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -94,14 +95,15 @@ class ArmDrive:
         data: mujoco.MjData,
         wanted: Float[np.ndarray, "2 3"],
         offsets: Float[np.ndarray, "2 3"],
-    ) -> None:
-        """See `GripperDrive`."""
+    ) -> float:
+        """See `GripperDrive`; what is hit pushes back in the model."""
         joints = self._joints_at(wanted)
         self._require_slow(joints)
         self._commanded, data.ctrl[:] = joints, joints.ravel()
         self._measured = data.qpos[self._places]  # which all positions belong to that the time step leaves in `data`
         model.eq_data[self._welds, :2] = SE2.position(offsets)  # in the gripper; on the cable it is its end
         model.eq_data[self._welds, 6:10] = turned(-offsets[:, 2])
+        return math.inf
 
     def poses(self) -> Float[np.ndarray, "2 3"]:
         """See `GripperDrive`; by forward kinematics of the measured joints."""

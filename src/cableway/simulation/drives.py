@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry.groups import SE2
+from cableway.simulation.solid_grippers import SolidGrippers
 from cableway.simulation.surroundings import add_free_gripper, turned
 
 NAMES = ("left", "right")
@@ -44,7 +45,7 @@ class GripperDrive(Protocol):
         data: mujoco.MjData,
         wanted: Float[np.ndarray, "2 3"],
         offsets: Float[np.ndarray, "2 3"],
-    ) -> None:
+    ) -> float:
         """Ask for gripper poses [m, m, rad] at the end of the next time step.
 
         Args:
@@ -52,6 +53,9 @@ class GripperDrive(Protocol):
             data: Its state.
             wanted: The poses.
             offsets: Poses of the cable's ends in the gripper frames [m, m, rad].
+
+        Returns:
+            Clearance [m] that they were kept from; infinite where from none, or where that is the model's business.
 
         Raises:
             SimulationError: What is asked for cannot be commanded; nothing is.
@@ -80,17 +84,18 @@ class GripperDrive(Protocol):
 
 
 class FreeGrippers:
-    """Grippers that float, each a first-order servo.
+    """Grippers that float, each a first-order servo; one that runs into something stands still.
 
     Args:
         servo_time: Their time constant [s].
         time_step: Of the model [s].
         height: At which they hold the cable [m].
+        solid: What keeps them out of obstacles and walls.
     """
 
-    def __init__(self, servo_time: float, time_step: float, height: float) -> None:
+    def __init__(self, servo_time: float, time_step: float, height: float, solid: SolidGrippers) -> None:
         self._late = math.exp(-time_step / servo_time) if servo_time else 0.0
-        self._height, self._reached = height, np.zeros((2, SE2.size))
+        self._height, self._reached, self._solid = height, np.zeros((2, SE2.size)), solid
 
     def add(self, spec: mujoco.MjSpec) -> None:
         """See `GripperDrive`."""
@@ -107,12 +112,13 @@ class FreeGrippers:
         data: mujoco.MjData,
         wanted: Float[np.ndarray, "2 3"],
         offsets: Float[np.ndarray, "2 3"],
-    ) -> None:
+    ) -> float:
         """See `GripperDrive`."""
-        self._reached = wanted + self._late * (self._reached - wanted)
+        self._reached, kept_from = self._solid.stopped(self._reached, wanted + self._late * (self._reached - wanted))
         ends = SE2.compose(self._reached, offsets)
         data.mocap_pos[:] = np.column_stack([ends[:, :2], np.full(2, self._height)])
         data.mocap_quat[:] = turned(ends[:, 2])
+        return kept_from
 
     def poses(self) -> Float[np.ndarray, "2 3"]:
         """See `GripperDrive`."""

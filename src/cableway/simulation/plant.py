@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import reprlib
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +21,7 @@ from cableway.scene.clearance import pieces_clearance
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.chain import Chain, chain_coordinates
+from cableway.simulation.solid_grippers import SolidGrippers
 
 SLIP_DISTANCE = 0.005
 """Distance [m] of a cable end from its gripper beyond which the grasp counts as lost."""
@@ -80,6 +82,7 @@ class PlantState:
     Attributes:
         chain: MuJoCo's integration state.
         commanded: Gripper poses asked for so far [m, m, rad].
+        reached: Those that they got to.
         steps: Control steps since the start.
         clearance: Of the cable in the last step [m].
         gripper_clearance: Of the gripper discs in the last step [m].
@@ -87,6 +90,7 @@ class PlantState:
 
     chain: Float[np.ndarray, "s"]
     commanded: Float[np.ndarray, "2 3"]
+    reached: Float[np.ndarray, "2 3"]
     steps: int
     clearance: float
     gripper_clearance: float
@@ -95,7 +99,7 @@ class PlantState:
 class CableSimulator:
     """A cable in the scene of a task, starting at the rod's equilibrium nearest to the task's start.
 
-    A step that fails leaves the plant as it was before that step.
+    A step that fails leaves the plant as it was before that step. A gripper that runs into something stands still.
 
     Args:
         task: Scene, start and grippers, or their name or file; its cable unless `cable` is given.
@@ -119,7 +123,8 @@ class CableSimulator:
         self._chain = Chain(self.cable, task.scene, self.config.time_step)
         start = start_equilibrium(task, self.cable)
         self._free_clearances(chain_coordinates(self.cable.rod, start))
-        self._commanded = self._chain.place(start)
+        self._commanded = self._reached = self._chain.place(start)
+        self._solid = SolidGrippers(task)
         self._steps = 0
         self._clearance, self._gripper_clearance = self._free_clearances(self._chain.coordinates)
         self._initial = self.state()
@@ -138,6 +143,16 @@ class CableSimulator:
     def commanded(self) -> Float[np.ndarray, "2 3"]:
         """Gripper poses asked for so far [m, m, rad]."""
         return self._commanded.copy()
+
+    @property
+    def reached(self) -> Float[np.ndarray, "2 3"]:
+        """Gripper poses that they got to [m, m, rad]."""
+        return self._reached.copy()
+
+    @property
+    def is_obstructed(self) -> bool:
+        """Whether a gripper is not where it was commanded, since something was in its way."""
+        return not np.array_equal(self._reached, self._commanded)
 
     @property
     def unmodelled(self) -> tuple[str, ...]:
@@ -164,10 +179,11 @@ class CableSimulator:
         target = self._target(self.check(action))
         before = self._chain.save()
         try:
-            clearance, gripper_clearance = self._lead(self._chain, target, self.config.substeps)
+            clearance, gripper_clearance, reached = self._lead(self._chain, target, self.config.substeps)
             if clearance < -self.config.pressed:
                 self._fine.restore(before)
-                clearance, gripper_clearance = self._lead(self._fine, target, REFINEMENT * self.config.substeps)
+                steps = REFINEMENT * self.config.substeps
+                clearance, gripper_clearance, reached = self._lead(self._fine, target, steps)
                 self._chain.restore(self._fine.save())
         except SimulationError as error:
             self._chain.restore(before)
@@ -176,26 +192,29 @@ class CableSimulator:
             self._chain.restore(before)
             depth = f"{quantity(-clearance)} into an obstacle or wall, more than its radius"
             raise PressedError(f"the cable was pressed {depth} {self._step_text()}", clearance)
-        self._commanded, self._steps = target, self._steps + 1
+        self._commanded, self._reached, self._steps = target, reached, self._steps + 1
         self._clearance, self._gripper_clearance = clearance, gripper_clearance
         return self._observe()
 
     def _step_text(self) -> str:
         return f"(step {self._steps + 1}, t = {self.time:.1f} s)"
 
-    def _lead(self, chain: Chain, target: Float[np.ndarray, "2 3"], substeps: int) -> tuple[float, float]:
-        """Lead the grippers to a target; the least clearances of cable and gripper discs on the way.
+    def _lead(
+        self, chain: Chain, target: Float[np.ndarray, "2 3"], substeps: int
+    ) -> tuple[float, float, Float[np.ndarray, "2 3"]]:
+        """Lead the grippers to a target; the least clearances of cable and grippers on the way, and where they got to.
 
         Raises:
             SimulationError: The chain cannot go on, or a grasp is lost.
         """
-        fraction = np.arange(1, substeps + 1)[:, None, None] / substeps
-        path = self._commanded + fraction * (target - self._commanded)
+        path, kept_from = self._solid.path(self._reached, self._commanded, target, substeps)
         coordinates = chain.advance(path)
         lines = chain.polylines(coordinates)
         poses = chain.end_poses(coordinates, lines)
         _check_grasp(poses - path)
-        return self._clearances(lines, poses)
+        cable, grippers = self._clearances(lines, poses)
+        free = math.isinf(kept_from) and not self.is_obstructed
+        return cable, min(grippers, kept_from), target if free else path[-1]
 
     @cached_property
     def _fine(self) -> Chain:
@@ -217,8 +236,9 @@ class CableSimulator:
     def state(self) -> PlantState:
         """A copy of the whole state, to branch a run from."""
         return PlantState(
-            self._chain.save(), self._commanded.copy(), self._steps, self._clearance, self._gripper_clearance
-        )
+            self._chain.save(), self._commanded.copy(), self._reached.copy(), self._steps, self._clearance,
+            self._gripper_clearance,
+        )  # fmt: skip
 
     def restore(self, state: PlantState) -> None:
         """Go back to a state of this plant; what follows is the same bit for bit.
@@ -227,7 +247,7 @@ class CableSimulator:
             InputError: The state is that of another model.
         """
         self._chain.restore(state.chain)
-        self._commanded, self._steps = state.commanded.copy(), state.steps
+        self._commanded, self._reached, self._steps = state.commanded.copy(), state.reached.copy(), state.steps
         self._clearance, self._gripper_clearance = state.clearance, state.gripper_clearance
 
     def _observe(self) -> Observation:

@@ -40,6 +40,7 @@ from cableway.simulation.chain import collected_warnings
 from cableway.simulation.drives import NAMES, FreeGrippers, GripperDrive
 from cableway.simulation.perturbations.grasp import GraspConfig
 from cableway.simulation.plant import PlantConfig, checked_action, nearest_start
+from cableway.simulation.solid_grippers import SolidGrippers
 from cableway.simulation.surroundings import CABLE, CONTACT, SOLID, SURROUNDINGS, add_plane, add_scene, hold, turned
 
 HOLD = {"solref": [0.005, 1.0], "solimp": [0.99, 0.9999, 0.001, 0.5, 2.0]}
@@ -149,7 +150,8 @@ class TablePlant:
     ) -> None:
         self.task, self._scene = nominal or task, task.scene
         self.cable, self.grasp, self.config = cable or task.cable, grasp or GraspConfig(), config or TableConfig()
-        self._drive = drive or FreeGrippers(self.config.servo_time, self.config.time_step, self.cable.radius)
+        servo, step, solid = self.config.servo_time, self.config.time_step, SolidGrippers(task)
+        self._drive = drive or FreeGrippers(servo, step, self.cable.radius, solid)
         self.model = build_model(self.cable, task.scene, self.config, self._drive)
         self._data = mujoco.MjData(self.model)
         self._is_scene = self.model.geom_contype & SURROUNDINGS > 0
@@ -253,12 +255,12 @@ class TablePlant:
         """Move the grippers' targets at constant speed in one control step; the least clearances on the way."""
         data, count = self._data, self.config.substeps
         offsets = self.grasp.offsets(self.time + self.control_step / 2)
-        lines, poses, joints, deepest = [], [], [], math.inf
+        lines, poses, joints, deepest, kept_from = [], [], [], math.inf, math.inf
         data.warning.number[:] = 0
         with collected_warnings() as messages:
             for substep in range(1, count + 1):
                 wanted = self._commanded + substep / count * (target - self._commanded)
-                self._drive.lead(self.model, data, wanted, offsets)
+                kept_from = min(kept_from, self._drive.lead(self.model, data, wanted, offsets))
                 mujoco.mj_step(self.model, data)
                 deepest = min(deepest, self._contact())
                 if substep % EVERY == 0:
@@ -274,7 +276,7 @@ class TablePlant:
         discs = float(self._scene.signed_distance(np.array(poses)[:, :, :2]).min()) - self.task.grippers.radius
         pieces = pieces_clearance(np.array(lines), np.array(poses), self.task.in_scene(self._scene))
         arms = self._drive.clearance(np.array(joints))
-        return min(cable, deepest), min(discs, float(pieces.min()), arms)
+        return min(cable, deepest), min(discs, float(pieces.min()), arms, kept_from)
 
     def _contact(self) -> float:
         """Distance [m] of the deepest contact of the cable with an obstacle or a wall; infinite without one."""

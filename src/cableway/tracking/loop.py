@@ -24,10 +24,11 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking.plant import Plant
-from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
+from cableway.tracking.robot import SHORT, Attachment, FollowingError, MessageGate, Silence
+from cableway.tracking.robot import TRIAL as TRIED
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
-from cableway.tracking.suspicion import narrowed
+from cableway.tracking.suspicion import Obstruction, narrowed
 from cableway.tracking.watchdog import Guard, Watchdog
 from cableway.tracking.way_back import ROOM_BACK, Motion, had_room
 
@@ -221,6 +222,21 @@ class Loop:
         behind = SE2.position(self._robot.poses)
         return float(np.linalg.norm(ahead - behind[::-1], axis=1).max()) > self._most_span
 
+    @property
+    def obstructed(self) -> Obstruction | None:
+        """What stands in the way of a gripper that goes back but not ahead; None for nothing."""
+        side = self._robot.obstructed
+        return None if side is None else Obstruction(side, SE2.position(self._robot.poses)[side], self._robot.ahead)
+
+    def give_in(self) -> None:
+        """Take it that a gripper cannot go where it was led: what was tried since it came to stand is no way here."""
+        near = np.full(2, SHORT)
+        if self._robot.obstructed is not None:
+            near[self._robot.obstructed] += TRIED
+        self._robot.forget()
+        while self._way and (SE2.distance(self._way[-1].poses, self.poses)[0] < near).all():
+            self._way.pop()
+
     def take_hold(self) -> None:
         """Note where the arms are that hold the grippers, if the plan has any.
 
@@ -279,8 +295,12 @@ class Loop:
             self._arms = self._arms and self._arms.in_task(task)
             self.state = self._controller.in_scene(self.state, task)
 
-    def step(self) -> Ending | None:
-        """One control step; how the run ended, if it did."""
+    def step(self, stops: Callable[[ControllerState], bool] = lambda state: False) -> Ending | None:
+        """One control step; how the run ended, if it did.
+
+        Args:
+            stops: Whether the grippers are to stand instead of what the controller answers, given its new state.
+        """
         self._taken_back = False
         if self._robot.holding:
             return self._hold()
@@ -291,6 +311,8 @@ class Loop:
         hold = partial(self._robot.stop, self.plant.task.grippers)
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
+        if stops(self.state):
+            return self.stand(LOOKING)
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         ending, missing = self._move(answer.action), self._silence.lasting(self.time)
         return ending or self._rule.outcome(self.state, self.observation, missing) or self.guard.outcome

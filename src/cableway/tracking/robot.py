@@ -46,6 +46,8 @@ FIRST_HOLDS = 1
 TRIAL = 0.006
 """Way [m] that the gripper then goes alone, to show that it follows: what is `SHORT` of it is noticed."""
 
+ARRIVED = 1e-4
+"""Distance [m] of the command from the end of that way from which it is there."""
 
 SILENT_ROBOT, SILENT_CAMERA = 1.0, 5.0
 """Time [s] without new gripper poses, and without a new frame, after which a run ends: in real time always, otherwise
@@ -157,8 +159,10 @@ class Attachment:
 class FollowingError:
     """Sees that a gripper does not follow its commands: it stalled, was stopped, or the link is dead.
 
-    Then both hold: where they stand becomes the target. After that the gripper that did not follow goes a little of
-    what it missed, alone; the run goes on when it is seen to follow, and the next hold begins if it does not.
+    Then both hold: where they stand becomes the target. After that the gripper that did not follow goes alone: a little
+    back, if it came from there and is not farther from the other one then than they have been, and as far ahead of
+    where it stood, of what it missed. The run goes on when it is seen to follow, and the next hold begins if it does
+    not. One that follows back but not ahead has something in its way.
 
     Attributes:
         target: Where they were sent [m, m, rad].
@@ -167,6 +171,7 @@ class FollowingError:
         failed: Whether there is no use in going on: a gripper did not follow again and again, has not moved at all, or
             goes elsewhere than it is sent.
         error: What is wrong, in a sentence.
+        obstructed: The gripper, 0 or 1, that has something in its way; None for none.
 
     Args:
         poses: Where the grippers stand [m, m, rad].
@@ -181,7 +186,9 @@ class FollowingError:
         self._hold = round(HOLD / control_step)
         self._suspicions, self._holding, self._holds, self._behind = 0, 0, 0, 0
         self._missed: Float[np.ndarray, "2 3"] | None = None
-        self._late, self._tried = 0, 0
+        self._late, self._tried, self._answered = 0, 0, 0
+        self._backwards, self._widest = False, 0.0
+        self.obstructed: int | None = None
         self._start, self._moved = self.target, np.zeros(2, bool)
         self._motion = FirstMotion(self.target)
         self.error, self.failed = "", False
@@ -199,6 +206,7 @@ class FollowingError:
             return
         self.poses = SE2.continued(observation.poses, self.poses)
         self._moved |= _elsewhere(self.poses, self._start)
+        self._widest = max(self._widest, _span(self.poses))
         if self._missed is None and not self.short and _elsewhere(self.poses, self._rest)[self._late]:
             self._holds = 0
         if mistake := self._motion.mistake(self.poses):
@@ -214,6 +222,8 @@ class FollowingError:
         lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1]
         lost = lost or max(self._behind, self._tried) > LONGEST_DELAY
         self._suspicions = self._suspicions + 1 if lost else 0
+        if self._answered and self._tried > self._answered + SUSPICIONS:
+            self.obstructed, self._suspicions = self._late, 0
         if self._suspicions >= SUSPICIONS and not self._holding and not self.failed:
             self._begin_hold(worst, f"{quantity(away[worst])} and {quantity(turned[worst], 'rad')}")
 
@@ -223,11 +233,13 @@ class FollowingError:
         if not self._moved[worst]:
             self.error += " and has not moved since the start"
         self._missed = self.target if self._missed is None else self._missed
-        self._late, self._tried = worst, 0
+        self._late, self._tried, self._answered = worst, 0, 0
         self._holds, self._holding = self._holds + 1, self._hold
         self.failed = self._holds > (HOLDS if self._moved[worst] else FIRST_HOLDS)
         self._suspicions, self._behind = 0, 0
-        self._rest = self.poses
+        self._rest, self._backwards = self.poses, True
+        came_from_there = SE2.distance(self.poses, self._start)[0][worst] > TRIAL
+        self._backwards = bool(came_from_there and _span(self._end) <= self._widest)
         self._commands = DelayEstimator.constant(self.target)
 
     @property
@@ -241,23 +253,43 @@ class FollowingError:
         return self._missed is not None and not self._holding
 
     def trial(self, grippers: Grippers) -> Float[np.ndarray, "2 3"]:
-        """The next motion [m, m, rad] of that gripper alone, within its limits: `TRIAL` at most, then nothing."""
+        """The next motion [m, m, rad] of that gripper alone, within its limits: back or ahead by `TRIAL` at most."""
         motion = np.zeros((2, SE2.dof))
-        if self._missed is not None and not self._tried:
-            self._tried = 1
-            way = self._towards(self._missed, grippers)[self._late]
-            motion[self._late] = min(1.0, TRIAL / max(float(np.linalg.norm(way[: SE2.space])), TRIAL)) * way
+        if self._missed is not None:
+            self._tried = max(self._tried, 1)
+            motion[self._late] = self._towards(self._end, grippers)[self._late]
         return motion
+
+    @property
+    def ahead(self) -> Float[np.ndarray, "2"]:
+        """Unit vector from where that gripper stood to where it was sent."""
+        way = SE2.position(SE2.minus(self.target if self._missed is None else self._missed, self._rest))[self._late]
+        return way / max(float(np.linalg.norm(way)), 1e-12)
+
+    @property
+    def _end(self) -> Float[np.ndarray, "2 3"]:
+        """Where the trial under way ends [m, m, rad]."""
+        missed = SE2.minus(self.target if self._missed is None else self._missed, self._rest)
+        share = min(1.0, TRIAL / max(float(np.linalg.norm(missed[self._late, : SE2.space])), TRIAL))
+        return SE2.plus(self._rest, (-share if self._backwards else share) * missed)
 
     def _try(self) -> None:
         """One message later: the gripper follows, or has had one more to do so."""
         if not self._tried:
             return
         away, turned = SE2.distance(self.poses, self.target)
-        if away[self._late] <= TRIAL / 2 and turned[self._late] <= FOLLOWING_ERROR[1] / 2:
-            self._missed, self._tried, self._holds = None, 0, 0
-        else:
+        sent = SE2.distance(self._end, self.target)[0][self._late] < ARRIVED or self._tried > SUSPICIONS
+        if not sent or away[self._late] > TRIAL / 2 or turned[self._late] > FOLLOWING_ERROR[1] / 2:
             self._tried += 1
+        elif self._backwards:
+            self._backwards, self._answered, self._tried = False, self._tried, 0
+        else:
+            self._missed, self._tried, self._answered, self._holds = None, 0, 0, 0
+
+    def forget(self) -> None:
+        """What was in the way of a gripper is dealt with: nothing is held or tried."""
+        self.obstructed, self._missed = None, None
+        self._tried, self._answered, self._holding, self._holds, self._behind = 0, 0, 0, 0, 0
 
     def stop(self, grippers: Grippers, anew: bool = False) -> Float[np.ndarray, "2 3"]:
         """The motion [m, m, rad] that makes the measured poses the target, within the grippers' limits.
@@ -281,3 +313,8 @@ def _elsewhere(poses: Float[np.ndarray, "2 3"], before: Float[np.ndarray, "2 3"]
     """Which grippers have moved."""
     moves, turns = SE2.distance(poses, before)
     return (moves > MOVED[0]) | (turns > MOVED[1])
+
+
+def _span(poses: Float[np.ndarray, "2 3"]) -> float:
+    """Distance [m] between the grippers."""
+    return float(np.linalg.norm(np.subtract(*SE2.position(poses))))

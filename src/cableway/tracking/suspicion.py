@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -12,6 +13,7 @@ from jaxtyping import Float
 
 from cableway.control.base import Contact
 from cableway.core.quantities import place
+from cableway.geometry import se2
 from cableway.scene.clearance import lowest_above
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import Task
@@ -25,8 +27,38 @@ UNSURE = 0.003
 LEAST_ROOM = 0.001
 """Clearance [m] that such a disc leaves to the cable and to the goal."""
 
+NAMES = ("left", "right")
+"""Of the grippers."""
+
 KNOWN = 0.02
 """Distance [m] of an obstacle up to which it is what holds the cable, and nothing unknown."""
+
+
+FAN = math.radians(60)
+"""Angle [rad] to either side of a gripper's way at which what it ran into may stand, too."""
+
+
+class Obstruction(NamedTuple):
+    """Something that is not known and stands in the way of a gripper.
+
+    Attributes:
+        side: Of the gripper, 0 for left.
+        place: Of the gripper [m].
+        ahead: Unit vector of its way.
+    """
+
+    side: int
+    place: Float[np.ndarray, "2"]
+    ahead: Float[np.ndarray, "2"]
+
+    def __str__(self) -> str:
+        return f"something unknown seems to stand before the {NAMES[self.side]} gripper near {place(self.place)}"
+
+    def contacts(self, task: Task) -> list[Contact]:
+        """Where a cable as wide as the gripper would touch it: ahead and to either side."""
+        normals = [-self.ahead @ se2.rotation(angle).T for angle in (-FAN, 0.0, FAN)]
+        beyond = task.grippers.radius - task.cable.radius
+        return [Contact(self.place - beyond * normal, normal) for normal in normals]
 
 
 def held_up(contact: Contact) -> str:

@@ -102,9 +102,11 @@ class GraspedCable(Layer[CableSimulator]):
     def step(self, action: Float[np.ndarray, "2 3"]) -> Observation:
         """Move the grippers; see `CableSimulator.step`."""
         poses = self._poses + self.check(action)
-        ends = SE2.compose(poses, self.config.offsets(self.plant.time + self.control_step / 2))
-        observation = self.plant.step(ends - self.plant.commanded)
+        offsets = self.config.offsets(self.plant.time + self.control_step / 2)
+        observation = self.plant.step(SE2.compose(poses, offsets) - self.plant.commanded)
         self._poses = poses
+        if self.plant.is_obstructed:
+            return replace(observation, poses=SE2.compose(self.plant.reached, SE2.inverse(offsets)))
         return replace(observation, poses=poses.copy())
 
 
