@@ -57,6 +57,10 @@ TRIAL = "a gripper did not follow: trying it alone"
 """Status of a step in which only that gripper may move."""
 
 
+BLIND = "where the cable lies is not known: stopped"
+"""The same because whoever looks at the cable says so."""
+
+
 class Log:
     """What was observed and done so far."""
 
@@ -302,6 +306,8 @@ class Loop:
             return self._hold()
         if self.waits:
             return self._wait()
+        if self._is_blind:
+            return self._stay()
         hold = partial(self._robot.stop, self.plant.task.grippers)
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
@@ -376,6 +382,19 @@ class Loop:
         action = self._filtered(motion)
         self._act_in_place(action, status)
         return self._move(action) or self._rule.outcome(self.state, self.observation)
+
+    @property
+    def _is_blind(self) -> bool:
+        """Whether no keypoint can be relied on, by whoever observes them: that none was observed is another matter."""
+        confidence = self.observation.confidence
+        return confidence is not None and not confidence.any()
+
+    def _stay(self) -> Ending | None:
+        """One control step without motion as long as the cable is not known; not for ever."""
+        ending, missing = self.stand(BLIND), self._silence.lasting(self.time)
+        if ending is None and missing and self._is_blind:
+            return Ending(Outcome.PLANT_FAILED, missing)
+        return ending or self._rule.outcome(self.state, self.observation, missing)
 
     def _move(self, action: np.ndarray) -> Ending | None:
         if action.any():
