@@ -19,7 +19,7 @@ from cableway.core.errors import Point
 from cableway.core.quantities import limit_text, quantity
 from cableway.robot.kinematics import BRANCHES, branch_motion, flange_poses
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps, world_of_arms
-from cableway.scene.cell import ARMS, TOOLS, Cell, Way
+from cableway.scene.cell import ARMS, TOOLS, Cell, Tool, Way
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import CONTROL_STEP, ENDS, Draft, Task
 
@@ -182,9 +182,9 @@ def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: PackedCell) -> list[_Pair]
 
 
 class PackedCell:
-    """A cell's arms for the kernels."""
+    """A cell's arms for the kernels, with its tool as it is closed where none is given."""
 
-    def __init__(self, task: Draft, cell: Cell, made: bool = False) -> None:
+    def __init__(self, task: Draft, cell: Cell, made: bool = False, tool: Tool | None = None) -> None:
         self.clearance, self.singular, self.effort = (
             (-np.inf, 0.0, np.inf) if made else (CLEARANCE, SINGULAR, SPEED_SHARE)
         )
@@ -192,12 +192,14 @@ class PackedCell:
         self.lengths = [np.array(model.lengths) for model in cell.models]
         self.bases = [arm.base(task.scene) for arm in cell.arms]
         self.reach = TOOLS[cell.tool].reach
-        self.capsules = [Capsules.of(model, TOOLS[cell.tool]) for model in cell.models]
+        self.capsules = [Capsules.of(model, tool or TOOLS[cell.tool]) for model in cell.models]
         self.world = world_of_arms(task.scene)
 
-    def flanges(self, arm: int, poses: Float[np.ndarray, "t 3"], turn: int) -> Float[np.ndarray, "t 4 4"]:
-        """Poses of an arm's flange in the frame of its base, where it holds the cable at gripper poses [m, m, rad]."""
-        return np.linalg.inv(self.bases[arm]) @ flange_poses(poses, self.reach, self.height, turn)
+    def flanges(
+        self, arm: int, poses: Float[np.ndarray, "t 3"], turn: int, raised: Float[np.ndarray, "t"] | float = 0.0
+    ) -> Float[np.ndarray, "t 4 4"]:
+        """Poses of an arm's flange in the frame of its base, where its gripper is `raised` [m] at poses [m, m, rad]."""
+        return np.linalg.inv(self.bases[arm]) @ flange_poses(poses, self.reach, self.height + raised, turn)
 
     def placed(
         self, arm: int, joints: Float[np.ndarray, "t 6"]

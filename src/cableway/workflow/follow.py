@@ -26,6 +26,7 @@ from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
 from cableway.tracking.answers import AnsweringPlant
+from cableway.tracking.eyes import SeenPlant
 from cableway.workflow.events import Listener, Note
 from cableway.workflow.find import search
 from cableway.workflow.own_plant import OwnPlant
@@ -68,13 +69,16 @@ def follow(
     """
     assert run.plan is not None
     task, perturbation, watchdog = run.task, options.perturbation, Watchdog(deadline=options.deadline)
-    plant = rollout = insertion = problem = None
+    plant = rollout = insertion = problem = eyes = None
     actual, notes, made_by = task, (), _made_by(task, options, own)
     LOGGER.info("plant: %s", json.dumps(made_by["plant"]))
     try:
         actual = perturbation.true_task(task)
         simulated = own or perturbation.build(task, options.seed, run.plan)
         plant, notes = own or AnsweringPlant(simulated), simulated.unmodelled
+        if options.eyes is not None:
+            eyes = SeenPlant(plant, options.eyes, Way.of_record(run.plan.metadata))
+            plant = AnsweringPlant(eyes)
         rollout = track(
             plant, controller, run.plan, recovery=_recovery(options, run.plan), watchdog=watchdog,
             progress=listener.progress, seed=options.seed,
@@ -97,6 +101,8 @@ def follow(
     elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
     rollout, insertion = _with_arms(_with(rollout, made_by), run, plant, perturbation), _with(insertion, made_by)
+    if rollout is not None and eyes is not None:
+        rollout = replace(rollout, metadata={**rollout.metadata, "eyes": eyes.record()})
     run = replace(run, rollout=rollout, insertion=insertion)
     try:
         report = summarize(
@@ -156,7 +162,7 @@ def _with_arms(
     or else where the grippers were; without where that cannot be, and it says why.
     """
     way = None if run.plan is None else Way.of_record(run.plan.metadata)
-    if rollout is None or run.task.cell is None or way is None:
+    if rollout is None or run.task.cell is None or run.plan is None or way is None:
         return rollout
     joints = None if plant is None else plant.joints
     if joints is None:
@@ -166,7 +172,7 @@ def _with_arms(
         if isinstance(motion, NoMotion):
             return replace(rollout, metadata={**rollout.metadata, "arms": {"fault": motion.reason}})
         joints = motion.joints
-    described = {**rollout.metadata, "arms": way.described()}
+    described = {**rollout.metadata, "arms": run.plan.metadata["arms"]}
     return replace(rollout, joints=joints[: len(rollout.times)], metadata=described)
 
 
