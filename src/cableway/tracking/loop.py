@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
@@ -13,17 +12,19 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState
 from cableway.control.limits import last_filter
-from cableway.core.errors import CablewayError, ControlError, PressedError, SimulationError, raised, said
+from cableway.core.errors import CablewayError, ControlError, SimulationError, raised, said
 from cableway.estimation.delay import LONGEST_DELAY
 from cableway.estimation.gating import connected, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
-from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Plan, Rollout
+from cableway.records import Observation, Plan
 from cableway.robot.held_arms import HeldArms
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
-from cableway.tracking.plant import Plant
+from cableway.tracking import hands
+from cableway.tracking.answers import AnsweringPlant
+from cableway.tracking.log import Log
 from cableway.tracking.robot import SHORT, Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.robot import TRIAL as TRIED
 from cableway.tracking.slack import Slack
@@ -31,8 +32,6 @@ from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.suspicion import Obstruction, narrowed
 from cableway.tracking.watchdog import Guard, Watchdog
 from cableway.tracking.way_back import ROOM_BACK, Motion, had_room
-
-LOGGER = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -58,81 +57,6 @@ WAITING = "a gripper is late or was not reported: waiting"
 
 TRIAL = "a gripper did not follow: trying it alone"
 """Status of a step in which only that gripper may move."""
-
-
-class Log:
-    """What was observed and done so far."""
-
-    def __init__(self) -> None:
-        self.times: list[float] = []
-        self.observed: list[np.ndarray] = []
-        self.measured: list[Measurement] = []
-        self.reference: list[np.ndarray] = []
-        self.actions: list[np.ndarray] = []
-        self.solve_time: list[float] = []
-        self.status: list[str] = []
-        self.estimates: list[Mapping[str, Estimate]] = []
-
-    def see(self, time: float, observation: Observation, measurement: Measurement, reference: np.ndarray) -> None:
-        """Add a row of what is."""
-        self.times.append(time)
-        self.observed.append(observation.keypoints)
-        self.measured.append(measurement)
-        self.reference.append(reference)
-
-    def act(self, action: np.ndarray, solve_time: float, status: str, estimates: Mapping[str, Estimate]) -> None:
-        """Add a row of what is done about it and of the controller's estimates."""
-        self.estimates.append(estimates)
-        self.actions.append(action)
-        self.solve_time.append(solve_time)
-        if not self.status or status != self.status[-1]:
-            LOGGER.info("from %.1f s on: %s", self.times[-1], status)
-        self.status.append(status)
-
-    def end_early(self, error: SimulationError) -> Ending:
-        """Leave out the step that failed, but not what it touched, and say so in the status of the one before."""
-        self.status.pop()
-        if isinstance(error, PressedError):
-            last = self.measured[-1]
-            self.measured[-1] = replace(last, clearance=min(last.clearance, error.clearance))
-        if self.status:
-            self.status[-1] += THEN_FAILED
-        return Ending(Outcome.PLANT_FAILED, str(error))
-
-    def rollout(self, metadata: dict[str, Any]) -> Rollout:
-        """The record of it all; a row that an interrupt left unfinished is none."""
-        rows = min(map(len, (self.times, self.observed, self.measured, self.reference)))
-        steps = min(rows - 1, *map(len, (self.estimates, self.actions, self.solve_time, self.status)))
-        truth = {
-            name: np.array([getattr(row, name) for row in self.measured[: steps + 1]])
-            for name in ("keypoints", "poses", "centreline", "clearance", "gripper_clearance")
-        }
-        estimates = self._estimates(steps)
-        return Rollout(
-            times=np.array(self.times[: steps + 1]),
-            observed=np.array(self.observed[: steps + 1]),
-            reference=np.array(self.reference[: steps + 1]),
-            actions=np.array(self.actions[:steps]).reshape(steps, 2, SE2.dof),
-            solve_time=np.array(self.solve_time[:steps]),
-            status=np.array(self.status[:steps], dtype=np.str_),
-            metadata={**metadata, **estimates.pop("metadata", {})},
-            **truth,
-            **estimates,
-        )
-
-    def _estimates(self, steps: int) -> dict[str, Any]:
-        """The fields of a rollout that hold estimates."""
-        if not steps or not self.estimates[0]:
-            return {}
-        first, rows = self.estimates[0], self.estimates[:steps]
-        described = [
-            {"name": name, "unit": e.unit, "nominal": e.nominal, "prior": e.prior} for name, e in first.items()
-        ]
-        return {
-            "estimates": np.array([[row[name].value for name in first] for row in rows]),
-            "deviations": np.array([[row[name].deviation for name in first] for row in rows]),
-            "metadata": {"estimates": described},
-        }
 
 
 def _still() -> np.ndarray:
@@ -161,7 +85,7 @@ class Loop:
     """A run: plant and controller, what was observed last, and the record."""
 
     def __init__(
-        self, plant: Plant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
+        self, plant: AnsweringPlant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
     ) -> None:
         self.plant, self._controller, self._config, self.log = plant, controller, config, Log()
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
@@ -173,14 +97,20 @@ class Loop:
         self.plan = plan
         self.state = _begun(controller, plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step, plant.task.cable.swing_period)
-        self._gate, self._silence, self._attachment = MessageGate(), Silence(), Attachment(plant.control_step)
+        self._silence, self._attachment = Silence(), Attachment(plant.control_step)
         self._slack = Slack(plant.task.cable)
         self._lies: np.ndarray | None = None
-        self._see(plant.reset())
-        start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
-        self._robot = FollowingError(SE2.continued(start, plan.poses[0]), plant.control_step)
         self._arms: HeldArms | None = None
-        self.log.see(0.0, self.observation, plant.measure(), self.state.reference)
+        self.hands: dict[str, Any] = {}
+        self._begin(plant.reset())
+
+    def _begin(self, message: Observation) -> None:
+        """The start as it is now."""
+        self._gate, self.log = MessageGate(), Log()
+        self._see(message)
+        start = self.observation.poses if poses_usable(self.observation) else self.plan.poses[0]
+        self._robot = FollowingError(SE2.continued(start, self.plan.poses[0]), self.plant.control_step)
+        self.log.see(0.0, self.observation, self.plant.measure(), self.state.reference)
 
     @property
     def time(self) -> float:
@@ -234,12 +164,29 @@ class Loop:
             self._way.pop()
 
     def take_hold(self) -> None:
-        """Note where the arms are that hold the grippers, if the plan has any.
+        """Note where the arms are, and take hold of the cable where plan and plant can; see `tracking.hands`.
 
         Raises:
-            SimulationError: They cannot hold them where they are.
+            GraspError: A hand missed the cable.
+            SimulationError: They cannot hold the grippers where they are.
         """
         self._arms = HeldArms.of_plan(self.plan, self.task, self._robot.target)
+        if (message := hands.take_hold(self.plant, self.plan)) is not None:
+            self.hands = {"grasped": True}
+            self._begin(message)
+
+    def let_go(self) -> None:
+        """Let go of the cable, where the arms took hold of it; `hands` says what became of that."""
+        if not self.hands or self._arms is None or self._lies is None:
+            return
+        found, measured = hands.let_go(self.plant, self._arms, self._robot.target, self._lies, self.task)
+        self.hands |= found
+        if measured is not None:
+            last, least = (
+                self.log.measured[-1],
+                min(self.log.measured[-1].gripper_clearance, measured.gripper_clearance),
+            )
+            self.log.measured[-1] = replace(last, gripper_clearance=least)
 
     def back_off(self, steps: int, far_enough: Callable[[], bool] = lambda: False) -> Ending | None:
         """Stop, then take back the last gripper motions as far as that is safe; how the run ended, if it did.
