@@ -19,7 +19,7 @@ from cableway.simulation.plant import CableSimulator
 HOLD = 12.0
 """Pull [N] up to which a hand holds the cable: twice its grip times the coefficient of friction. The grip is the least
 of a 2F-85, 20 N of 20 to 235, since a cable is not to be crushed; the coefficient is 0.3, what Robotiq measured of its
-silicone fingertips on oiled steel (instruction manual of the Hand-E, 6.1, "payload and force")."""
+silicone fingertips on oiled steel (instruction manual of the Hand-E, "Payload and force")."""
 
 MOST_SHIFT = 0.02
 """Largest distance [m] of a cable's end from where it should be held."""
