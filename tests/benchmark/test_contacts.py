@@ -50,11 +50,22 @@ def test_only_the_first_touch_of_something_unknown_is_unavoidable(
     assert is_unavoidable(touching(*times), TASK, revealed) is unavoidable
 
 
-def test_what_the_planner_knew_could_be_avoided() -> None:
+@pytest.mark.parametrize(
+    ("since", "unavoidable"),
+    [(2.0, False), (2.2, True), (2.3, False), (1.9, False)],
+    ids=["at once", "0.2 s later", "0.3 s later", "before"],
+)
+def test_what_the_planner_knew_is_avoidable_unless_nobody_could_stop_any_more(since: float, unavoidable: bool) -> None:
+    """The cable lies on a known peg from then on, and touches something unknown from 2 s to 3 s."""
     middle = TASK.start[len(TASK.start) // 2]
-    peg = Disc(center=(float(middle[0]), float(middle[1])), radius=0.005)
-    known = replace(TASK.scene, obstacles=(*TASK.scene.obstacles, peg))
-    assert not is_unavoidable(touching(2.0), TASK.in_scene(known), None)
+    peg = Disc(center=(float(middle[0]), float(middle[1]) - 0.1), radius=0.005)
+    known = TASK.in_scene(replace(TASK.scene, obstacles=(*TASK.scene.obstacles, peg)))
+    rollout = touching(*np.arange(2.0, 3.0, 0.1))
+    lines = rollout.centreline + np.array([0.0, -0.1]) * (rollout.times >= since - 1e-9)[:, None, None]
+    clearance = np.where(rollout.times >= since - 1e-9, -1e-4, rollout.clearance)
+    clearance[rollout.times > 3.05] = 0.01
+    moved = replace(rollout, centreline=lines, clearance=clearance)
+    assert is_unavoidable(moved, known, None) is unavoidable
 
 
 def test_what_is_said_of_it() -> None:

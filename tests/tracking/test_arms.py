@@ -126,7 +126,7 @@ def test_joints_keep_their_limits_of_speed_and_acceleration(
     monkeypatch.setitem(ARM_MODELS, "ur5e", replace(ARM_MODELS["ur5e"], **{**loose, limit: (0.6,) * 6}))
     greatest = []
     for seen in (False, True):
-        joints, cuts = led(plan, task, times=3.0, seen=seen)
+        joints, cuts = led(plan, task, times=2.0, seen=seen)
         changes = np.diff(joints[[0, *range(len(joints))]], 1 if limit == "speed_limit" else 2, axis=0)
         order = 1 if limit == "speed_limit" else 2
         greatest.append(float(np.abs(changes).max()) / CONTROL_STEP**order)

@@ -21,7 +21,8 @@ from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking import recovery
 from cableway.tracking.closed_loop import _advance
 from cableway.tracking.loop import Loop
-from cableway.tracking.recovery import DOUBT, LOOKS, Recovery, Watch
+from cableway.tracking.recovering import Recovery
+from cableway.tracking.recovery import DOUBT, LOOKS, Watch
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.suspicion import SUSPECTED, narrowed
 from cableway.tracking.watchdog import Watchdog
@@ -66,7 +67,7 @@ def test_where_nothing_holds_the_cable_the_run_goes_on_after_a_look() -> None:
     for _ in range(LOOKS + 4):
         assert _advance(loop, watch) is None
     stood = ~np.any(loop.log.actions[steps:], axis=(1, 2))
-    assert stood.sum() == LOOKS * 5, "half a second each, three times"
+    assert stood.sum() == LOOKS * 6, "at once and half a second each, three times"
     assert loop.state.progress > progress
     assert not watch.recovered
     assert not loop.suspected

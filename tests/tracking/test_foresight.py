@@ -24,7 +24,8 @@ from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.closed_loop import _advance
 from cableway.tracking.loop import Loop
-from cableway.tracking.recovery import FORESEEN, Recovery, Watch
+from cableway.tracking.recovering import Recovery
+from cableway.tracking.recovery import FORESEEN, Watch
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
 

@@ -22,7 +22,8 @@ from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.loop import Loop
 from cableway.tracking.observed import hysteresis
-from cableway.tracking.recovery import ATTEMPTS, BACK, FRICTION, Recovery, Watch
+from cableway.tracking.recovering import ATTEMPTS, BACK, Recovery
+from cableway.tracking.recovery import FRICTION, Watch
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.suspicion import has_left, suspected
 from cableway.tracking.watchdog import Watchdog

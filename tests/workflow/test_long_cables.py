@@ -19,7 +19,9 @@ from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.table_plant import TableConfig
 from cableway.tasks.generation import random_task
 from cableway.tasks.scaling import scaled
-from cableway.tracking.recovery import Recovery, Watch, swing
+from cableway.tracking.observed import swing
+from cableway.tracking.recovering import Recovery
+from cableway.tracking.recovery import Watch
 from cableway.tracking.stopping import StopRule, TrackConfig
 from cableway.workflow.events import Note
 from cableway.workflow.run import SolveOptions

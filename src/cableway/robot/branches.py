@@ -21,7 +21,7 @@ from cableway.robot.kinematics import BRANCHES, branch_motion, flange_poses
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps, world_of_arms
 from cableway.scene.cell import ARMS, TOOLS, Cell, Tool, Way
 from cableway.scene.grippers import SIDES
-from cableway.scene.task import CONTROL_STEP, ENDS, Task
+from cableway.scene.task import CONTROL_STEP, ENDS, Draft, Task
 
 CLEARANCE = 0.010
 """Least clearance [m] of links in a motion."""
@@ -110,17 +110,31 @@ def end_fault(task: Task, cell: Cell) -> NoMotion | None:
 
     No motion gets from one way of holding it to another.
     """
+    found = common_ways(task, cell)
+    return found if isinstance(found, NoMotion) else None
+
+
+def common_ways(task: Task, cell: Cell) -> tuple[Way, ...] | NoMotion:
+    """In which ways the arms can hold the cable at start and goal, that with most room first; or why there is none."""
     packed, ways = PackedCell(task, cell), []
     poses = task.cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[1]
     for end, held in zip(ENDS, poses, strict=True):
-        found = _pairs(held[None], packed)
+        found = possible_ways(held, packed)
         if isinstance(found, NoMotion):
             return replace(found, reason=f"at the {end}, {found.reason}")
-        ways.append({pair.way for pair in found})
-    if set.intersection(*ways):
-        return None
+        ways.append(found)
+    start, goal = ways
+    both = sorted((way for way in start if way in goal), key=lambda way: -min(start[way], goal[way], ENOUGH))
+    if both:
+        return tuple(both)
     reason = "the arms cannot hold the cable at the goal as they can at the start, in the same branches of their joints"
     return NoMotion(reason, _point(poses[1, :, :2].mean(axis=0)))
+
+
+def possible_ways(poses: Float[np.ndarray, "2 3"], packed: PackedCell) -> dict[Way, float] | NoMotion:
+    """In which ways the arms can hold the grippers at poses [m, m, rad], with what clearance [m]; or why in none."""
+    found = _pairs(poses[None], packed)
+    return found if isinstance(found, NoMotion) else {pair.way: pair.clearance for pair in found}
 
 
 class _Pair(NamedTuple):
@@ -170,7 +184,7 @@ def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: PackedCell) -> list[_Pair]
 class PackedCell:
     """A cell's arms for the kernels, with its tool as it is closed where none is given."""
 
-    def __init__(self, task: Task, cell: Cell, made: bool = False, tool: Tool | None = None) -> None:
+    def __init__(self, task: Draft, cell: Cell, made: bool = False, tool: Tool | None = None) -> None:
         self.clearance, self.singular, self.effort = (
             (-np.inf, 0.0, np.inf) if made else (CLEARANCE, SINGULAR, SPEED_SHARE)
         )

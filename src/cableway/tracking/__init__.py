@@ -6,7 +6,7 @@ from cableway.tracking.insertion import insert_plug, may_insert
 from cableway.tracking.loop import BLOCKED, LOST
 from cableway.tracking.plant import Plant
 from cableway.tracking.real_time import RealTimePlant, track_in_real_time
-from cableway.tracking.recovery import Recovery
+from cableway.tracking.recovering import Recovery
 from cableway.tracking.sender import Robot
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog

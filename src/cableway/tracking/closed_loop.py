@@ -19,7 +19,8 @@ from cableway.records import Plan, Rollout
 from cableway.tracking.answers import AnsweringPlant
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
-from cableway.tracking.recovery import Recovery, Watch, held_up
+from cableway.tracking.recovering import Recovery
+from cableway.tracking.recovery import Watch, held_up
 from cableway.tracking.setup import setup_mistake
 from cableway.tracking.stopping import Ending, TrackConfig
 from cableway.tracking.watchdog import Watchdog
@@ -145,7 +146,8 @@ def _advance(loop: Loop, watch: Watch | None) -> Ending | None:
         return watch.recover(loop, Outcome.BLOCKED_WAY)
     if watch is not None and watch.foresees(loop):
         return watch.recover(loop, None)
-    ending, contact = loop.step(), loop.state.contact()
+    ending = loop.step() if watch is None else loop.step(watch.stops)
+    contact = loop.state.contact()
     if ending is None and (found := loop.obstructed) is not None:
         return watch.go_round(loop, found) if watch is not None else Ending(Outcome.BLOCKED_WAY, str(found))
     if ending is None and contact is not None and not (watch is not None and watch.takes_for_friction(contact)):

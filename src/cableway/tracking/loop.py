@@ -238,8 +238,12 @@ class Loop:
             self._arms = self._arms and self._arms.in_task(task)
             self.state = self._controller.in_scene(self.state, task)
 
-    def step(self) -> Ending | None:
-        """One control step; how the run ended, if it did."""
+    def step(self, stops: Callable[[ControllerState], bool] = lambda state: False) -> Ending | None:
+        """One control step; how the run ended, if it did.
+
+        Args:
+            stops: Whether the grippers are to stand instead of what the controller answers, given its new state.
+        """
         self._taken_back = False
         if self._robot.holding:
             return self._hold()
@@ -248,6 +252,10 @@ class Loop:
         hold = partial(self._robot.stop, self.plant.task.grippers)
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
+        if stops(self.state):
+            self.state = self.state.cut(_still(), 0.0)
+            self.log.act(_still(), answer.seconds, LOOKING, self.state.estimates())
+            return self._send(_still())
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         ending, missing = self._move(answer.action), self._silence.lasting(self.time)
         return ending or self._rule.outcome(self.state, self.observation, missing) or self.guard.outcome

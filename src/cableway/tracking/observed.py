@@ -13,7 +13,7 @@ from cableway.estimation.gating import connected, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.records import Observation
 from cableway.scene.clearance import clearances
-from cableway.scene.task import Task
+from cableway.scene.task import CONTROL_STEP, Task
 
 LEAVING = 0.03
 """Margin [m] with which a cable leaves the gripper that holds it. Nearer to it nothing can be seen of contact with its
@@ -92,3 +92,10 @@ def clearance(observation: Observation, task: Task) -> float:
     if not (np.isfinite(keypoints).all() and poses_usable(observation)):
         return math.inf
     return float(clearances(keypoints[None], observation.poses[None], task, LEAVING).min())
+
+
+def swing(task: Task) -> float:
+    """How far [m] a cable that swings is from its equilibria where the grippers come to full speed in one period of its
+    first mode, as plans have it: acceleration over the square of the angular frequency; 0 for others.
+    """
+    return task.grippers.max_step / CONTROL_STEP * task.cable.swing_period / (4 * np.pi**2)

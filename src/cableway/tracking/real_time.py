@@ -38,7 +38,7 @@ from cableway.scene.clearance import clearances
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.answers import usable_observation
 from cableway.tracking.closed_loop import Progress, track
-from cableway.tracking.recovery import Recovery
+from cableway.tracking.recovering import Recovery
 from cableway.tracking.robot import SILENT_CAMERA, SILENT_ROBOT
 from cableway.tracking.sender import RATES, Robot, Sender, spread
 from cableway.tracking.stopping import TrackConfig

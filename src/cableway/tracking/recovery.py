@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.control.base import Contact
-from cableway.core.checks import Checked, NotNegative
+from cableway.control.base import Contact, ControllerState
 from cableway.core.errors import PlanningError, PlanningInterrupted, TaskError
 from cableway.estimation.gating import LEAST_SHARE, connected, poses_usable
 from cableway.outcome import Outcome
@@ -21,17 +20,16 @@ from cableway.rod.contact import contacts_on
 from cableway.rod.inverse import nearest_shapes
 from cableway.scene.clearance import clearances
 from cableway.scene.scene import Scene
-from cableway.scene.task import CONTROL_STEP, Task
+from cableway.scene.task import Task
+from cableway.tracking import observed
 from cableway.tracking.loop import BACKING_OFF, BLOCKED, LOOKING, LOST, Loop
-from cableway.tracking.observed import LEAVING, at_rest, clearance, distances, hysteresis, mean, root_mean_square
+from cableway.tracking.observed import LEAVING, at_rest, distances, mean, swing
+from cableway.tracking.recovering import ATTEMPTS, BACK, Recovery
 from cableway.tracking.setup import disagreement
 from cableway.tracking.stopping import Ending
 from cableway.tracking.suspicion import LEAST_ROOM, Obstruction, has_left, held_up, suspected
 
 LOGGER = logging.getLogger(__name__)
-
-BACK = 1.5
-"""Time [s] for which the grippers go back from a contact that nobody expected: it is noticed within 1 s."""
 
 FRICTION = 0.004
 """Root mean square distance [m] from the way it went of a cable that was led back, from which friction holds it. Noise
@@ -60,70 +58,6 @@ ROWS_APART = 4
 
 CLOSER = 0.9
 """Share of its last distance from the goal below which a cable at rest came closer, and a further plan may help."""
-
-ATTEMPTS = 3
-"""Times that a plan is looked for, each time from farther back on the way."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Recovery(Checked):
-    """What happens when the cable leaves its plan for good: it snapped to another shape, slipped, or is blocked.
-
-    The same happens when the scene of the plant's task turns out to have something where the plan leads; controllers
-    make room by themselves for what reaches into it by no more than `room`. The grippers stop and stand still; a new
-    plan is made from where the cable is, and the run goes on with it. So it is, too, where the cable does not lie at
-    the start of the plan, or comes to rest away from its end; a nearly straight one may even bend to the other side.
-    Where that plan fails, the first one is followed, or the run ends.
-
-    Plans of a run under way are made for the cable as the controller has estimated it, where it does, and its goal is
-    then what that cable can come nearest to the task's. With that cable the controller's way along the rest of a plan
-    is looked at every `foresight` seconds: where it would fold or touch something there, a plan is made at once.
-
-    Where something unknown seems to hold the cable, as the controller has it or as the cable lies when the grippers
-    stop because it may be held or has left its plan, they first take back their motions of the last `BACK`
-    seconds, and farther where it still lies at the contact. The new plan leads round discs that are supposed to stand
-    wherever the contact may be. A cable that is then not where it had been on the way is held by friction; there are no
-    discs for it, and what holds the cable less far off than that is taken for friction from then on. Where there is no
-    plan from where the cable is, or it touches something there, the grippers go back in the same way and it is tried
-    again, up to `ATTEMPTS` times.
-
-    Attributes:
-        replan: Plans a task that starts where the cable is, given the plan that was left. Raises `PlanningError` where
-            there is no way.
-        times: Recoveries in one run, after which it ends.
-        start: Mean distance [m] of the keypoints from the plan's first shape from which the cable lies elsewhere.
-        deviation: Mean distance [m] of the keypoints from their reference from which the cable is not on its plan; its
-            swing comes on top.
-        beside: The same where a keypoint is farther from its reference than anything is from an obstacle.
-        patience: Time [s] for which that must be so.
-        goal: Root mean square distance [m] of the keypoints from the plan's last shape from which a cable at rest has
-            missed it; of success it is 8.3 mm.
-        rest: Time [s] that the grippers stand still.
-        foresight: Time [s] from one look ahead to the next.
-        room: Depth [m] to which cable or gripper discs of the plan may be in an obstacle: 10 mm of a move less the 4 mm
-            that plans keep.
-
-    Raises:
-        InputError: A value is out of range.
-    """
-
-    replan: Callable[[Task, Plan], Plan]
-    times: NotNegative[int] = 8
-    start: NotNegative[float] = 0.015
-    deviation: NotNegative[float] = 0.018
-    beside: NotNegative[float] = 0.01
-    patience: NotNegative[float] = 0.2
-    goal: NotNegative[float] = 0.0065
-    rest: NotNegative[float] = 1.0
-    foresight: NotNegative[float] = 0.5
-    room: NotNegative[float] = 0.006
-
-
-def swing(task: Task) -> float:
-    """How far [m] a cable that swings is from its equilibria where the grippers come to full speed in one period of its
-    first mode, as plans have it: acceleration over the square of the angular frequency; 0 for others.
-    """
-    return task.grippers.max_step / CONTROL_STEP * task.cable.swing_period / (4 * np.pi**2)
 
 
 class Watch:
@@ -178,7 +112,7 @@ class Watch:
         if len(nearest):
             off = mean(nearest) - swing(task)
             far = off > self._recovery.deviation
-            close = off > self._recovery.beside and clearance(observation, task) < nearest.max()
+            close = off > self._recovery.beside and observed.clearance(observation, task) < nearest.max()
             self._off = self._off + 1 if far or close else 0
         return self._off >= self._patience
 
@@ -187,7 +121,7 @@ class Watch:
 
         Its clearance goes on as in the last `AHEAD` control steps, for as many.
         """
-        self._recent.append(clearance(observation, task))
+        self._recent.append(observed.clearance(observation, task))
         if len(self._recent) <= AHEAD or not np.isfinite(self._recent).all():
             return False
         now, row = self._recent[-1], round(progress * plan.steps)
@@ -199,7 +133,7 @@ class Watch:
 
         Hidden keypoints do not count.
         """
-        off = root_mean_square(distances(observation, plan.shapes[-1], task))
+        off = observed.root_mean_square(distances(observation, plan.shapes[-1], task))
         if not self._recovery.goal + swing(task) < off < CLOSER * self._missed:
             return False
         self._missed = off
@@ -221,11 +155,17 @@ class Watch:
 
     def may_be_held(self, loop: Loop) -> bool:
         """Whether something unknown may hold the cable, so that it is worth a stop; a few times in one run."""
-        doubtful = loop.state.contact(DOUBT)
-        if doubtful is None or self.friction or self._looks >= LOOKS:
-            return False
-        self._looks += 1
-        return True
+        doubtful = self._is_doubtful(loop.state)
+        self._looks += doubtful
+        return doubtful
+
+    def _is_doubtful(self, state: ControllerState) -> bool:
+        return not self.friction and self._looks < LOOKS and state.contact(DOUBT) is not None
+
+    def stops(self, state: ControllerState) -> bool:
+        """Whether the grippers are to stop at once, since something holds the cable, or may."""
+        contact = state.contact()
+        return self._is_doubtful(state) or (contact is not None and not self.takes_for_friction(contact))
 
     def look(self, loop: Loop) -> Ending | None:
         """Stop and look whether something unknown holds the cable, and avoid it if so; how the run ended, if it did."""
@@ -270,27 +210,28 @@ class Watch:
         """Go back from a contact and replan round it, but not round what turns out to be friction by then."""
         way = np.array([connected(frame, loop.task.cable) for frame in loop.log.observed])
         seen = self._led_back(loop, contacts)
-        off = FRICTION if isinstance(seen, Ending) else hysteresis(seen, way)
+        off = FRICTION if isinstance(seen, Ending) else observed.hysteresis(seen, way)
         if off > FRICTION:
             LOGGER.info("at %.1f s: friction: %.1f mm off the way here", loop.time, 1000 * off)
             self.friction = max(self.friction, off)
             return self.recover(loop, Outcome.LEFT_PLAN, seen=seen)
         if not (isinstance(seen, Ending) or has_left(contacts, seen, loop.poses, loop.plant.task)):
             seen = self._led_back(loop, contacts)
-        if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
-            return seen
-        ending = self.recover(loop, Outcome.BLOCKED_WAY, contacts, seen)
-        return ending and Ending(ending.outcome, f"{held_up(contacts[0])}; {ending.detail}")
+        return self._plan_round(loop, contacts, seen, held_up(contacts[0]))
 
     def go_round(self, loop: Loop, found: Obstruction) -> Ending | None:
         """Go back from what a gripper ran into and replan round it; how the run ended, if it did."""
         loop.give_in()
         contacts = found.contacts(loop.plant.task)
-        seen = self._led_back(loop, contacts)
+        return self._plan_round(loop, contacts, self._led_back(loop, contacts), str(found))
+
+    def _plan_round(
+        self, loop: Loop, contacts: Sequence[Contact], seen: Float[np.ndarray, "n 2"] | Ending, what: str
+    ) -> Ending | None:
         if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
             return seen
         ending = self.recover(loop, Outcome.BLOCKED_WAY, contacts, seen)
-        return ending and Ending(ending.outcome, f"{found}; {ending.detail}")
+        return ending and Ending(ending.outcome, f"{what}; {ending.detail}")
 
     def _led_back(self, loop: Loop, contacts: Sequence[Contact]) -> Float[np.ndarray, "n 2"] | Ending:
         """Where the cable lies [m] once the grippers went back from a contact; "no plan" where it is not seen.

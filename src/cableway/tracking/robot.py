@@ -160,8 +160,9 @@ class FollowingError:
     """Sees that a gripper does not follow its commands: it stalled, was stopped, or the link is dead.
 
     Then both hold: where they stand becomes the target. After that the gripper that did not follow goes alone: a little
-    back, if it came from there, then as far ahead of where it stood, as it missed. The run goes on when it is seen to
-    follow, and the next hold begins if it does not. One that follows back but not ahead has something in its way.
+    back, if it came from there and is not farther from the other one then than they have been, and as far ahead of
+    where it stood, of what it missed. The run goes on when it is seen to follow, and the next hold begins if it does
+    not. One that follows back but not ahead has something in its way.
 
     Attributes:
         target: Where they were sent [m, m, rad].
@@ -186,7 +187,7 @@ class FollowingError:
         self._suspicions, self._holding, self._holds, self._behind = 0, 0, 0, 0
         self._missed: Float[np.ndarray, "2 3"] | None = None
         self._late, self._tried, self._answered = 0, 0, 0
-        self._backwards = False
+        self._backwards, self._widest = False, 0.0
         self.obstructed: int | None = None
         self._start, self._moved = self.target, np.zeros(2, bool)
         self._motion = FirstMotion(self.target)
@@ -205,6 +206,7 @@ class FollowingError:
             return
         self.poses = SE2.continued(observation.poses, self.poses)
         self._moved |= _elsewhere(self.poses, self._start)
+        self._widest = max(self._widest, _span(self.poses))
         if self._missed is None and not self.short and _elsewhere(self.poses, self._rest)[self._late]:
             self._holds = 0
         if mistake := self._motion.mistake(self.poses):
@@ -232,11 +234,12 @@ class FollowingError:
             self.error += " and has not moved since the start"
         self._missed = self.target if self._missed is None else self._missed
         self._late, self._tried, self._answered = worst, 0, 0
-        self._backwards = bool(SE2.distance(self.poses, self._start)[0][worst] > TRIAL)
         self._holds, self._holding = self._holds + 1, self._hold
         self.failed = self._holds > (HOLDS if self._moved[worst] else FIRST_HOLDS)
         self._suspicions, self._behind = 0, 0
-        self._rest = self.poses
+        self._rest, self._backwards = self.poses, True
+        came_from_there = SE2.distance(self.poses, self._start)[0][worst] > TRIAL
+        self._backwards = bool(came_from_there and _span(self._end) <= self._widest)
         self._commands = DelayEstimator.constant(self.target)
 
     @property
@@ -310,3 +313,8 @@ def _elsewhere(poses: Float[np.ndarray, "2 3"], before: Float[np.ndarray, "2 3"]
     """Which grippers have moved."""
     moves, turns = SE2.distance(poses, before)
     return (moves > MOVED[0]) | (turns > MOVED[1])
+
+
+def _span(poses: Float[np.ndarray, "2 3"]) -> float:
+    """Distance [m] between the grippers."""
+    return float(np.linalg.norm(np.subtract(*SE2.position(poses))))
