@@ -5,7 +5,10 @@
 Runs random tasks of kind "cell" on the table plant, whose cables are of another length, curved, stiff in part and held
 askew; renders each row of the rollouts by three cameras of 640 x 480 pixels, one straight above and two low ones at
 front and back, with blur and noise; and finds the cable again from the pictures and the gripper poses that the joints
-give. Rollouts and errors are kept in the folder, so that an interrupted study goes on. Prints Markdown.
+give. Two trackers without a rod get the same (`other_trackers`). "true curve" is no tracker: the cable's own curve, its
+keypoints at equal distances between the grippers. What it is off is how far the cable was shoved into them, which no
+picture of a cable without marks shows. Rollouts and errors are kept in the folder, so that an interrupted study goes
+on. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -17,17 +20,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from other_trackers import RegisteringTracker, SplineTracker, resampled
 from scipy.ndimage import gaussian_filter
 from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import CablewayError
 from cableway.figures.perspective import AMBIENT, LAMP, LOOK, way_of
 from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.placement import camera_at
 from cableway.perception.rod_tracker import RodTracker
 from cableway.perception.segmentation import CableColor, cable_mask
-from cableway.perception.views import View
+from cableway.perception.views import View, axis_points
 from cableway.records import Rollout
-from cableway.rendering.camera import Camera
 from cableway.rendering.cell import CellScene, Label
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, render
@@ -44,6 +48,7 @@ SIZE = (640, 480)
 BLUR, NOISE = 0.7, 5.0
 """Of the pictures: standard deviations of the blur [pixels] and of each pixel, of 255."""
 
+PLACES = ("above", "front", "back")
 SETUPS = {"one above": (0,), "two low": (1, 2)}
 NINETY = 1.645
 """Standard deviations within which 90% of a normal distribution lie."""
@@ -64,20 +69,6 @@ def rollout_of(task: Task, seed: int, folder: Path) -> Rollout | None:
             return None
         run.rollout.save(file)
     return Rollout.load(file)
-
-
-def cameras(task: Task) -> tuple[CalibratedCamera, ...]:
-    """Straight above, and 40 degrees above the table at front and back."""
-    width, height = task.scene.size
-    middle, slant = np.array([width / 2, height / 2, 0.0]), np.radians(40)
-    away = 1.25 * np.array([0.0, np.cos(slant), np.sin(slant)])
-    places = [middle + [0.0, 0.0, 1.7], middle + away * [1, -1, 1], middle + away]
-    aims = [np.array([0.0, 0.0, -1.0]), -away * [1, -1, 1], -away]
-    views = [0.62, 0.68, 0.68]
-    return tuple(
-        CalibratedCamera(pinhole=Camera.looking(place, aim, size=SIZE, view=view))
-        for place, aim, view in zip(places, aims, views, strict=True)
-    )
 
 
 def without_cable(mesh: Mesh) -> Mesh:
@@ -102,18 +93,27 @@ def pictures(
 
 
 def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, np.ndarray]:
-    """Errors and more of each setup, a row for each frame."""
+    """Errors and more of each setup and tracker, a row for each frame."""
     way = way_of(task, rollout)
     assert way is not None
     assert rollout.joints is not None
-    scene, eyes = CellScene(task, way, LOOK._replace(cable=ORANGE)), cameras(task)
+    scene, eyes = (
+        CellScene(task, way, LOOK._replace(cable=ORANGE)),
+        tuple(camera_at(place, task.scene.size, SIZE) for place in PLACES),
+    )
     rng, rows = np.random.default_rng(seed), range(0, len(rollout.times), every)
-    color = CableColor(color=(217, 89, 13))
+    color, start = CableColor(color=(217, 89, 13)), task.cable.rod.shapes(task.start_equilibrium[None])[0][0]
     kinematics = CellKinematics(task, way)
     poses = np.array([kinematics.poses(np.ascontiguousarray(joints)) for joints in rollout.joints])
     tracker = RodTracker(task.cable, every * CONTROL_STEP)
     tracks = {name: tracker.start(poses[0], task.start_equilibrium) for name in SETUPS}
-    out: dict[str, list] = {f"{name} {what}": [] for name in SETUPS for what in FIGURES}
+    others = {(name, kind): make(start, poses[0]) for name in SETUPS for kind, make in zip(OTHERS, MAKERS, strict=True)}
+    out: dict[str, list] = {}
+
+    def note(name: str, **values: object) -> None:
+        for what, value in values.items():
+            out.setdefault(f"{name} {what}", []).append(value)
+
     for row in rows:
         made, truth = pictures(scene, eyes, rollout.centreline[row], rollout.joints[row], rng), rollout.keypoints[row]
         for name, chosen in SETUPS.items():
@@ -121,18 +121,36 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             views = [View(eyes[k], cable_mask(made[k][0], color), made[k][1]) for k in chosen]
             tracks[name], seen = tracker.update(tracks[name], views, poses[row], float(rollout.times[row]))
             spent = time.process_time() - begun
-            error = seen.observation.keypoints - truth
+            found = seen.observation.keypoints
             deviation = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
-            along = np.gradient(truth, axis=0)
-            across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
-            values = (np.linalg.norm(error, axis=1), across, np.abs(error) <= NINETY * deviation, seen.hidden,
-                      seen.explained, spent)  # fmt: skip
-            for what, value in zip(FIGURES, values, strict=True):
-                out[f"{name} {what}"].append(value)
+            note(f"{name} rod", **off(found, truth), covered=np.abs(found - truth) <= NINETY * deviation,
+                 hidden=seen.hidden, explained=seen.explained, spent=spent)  # fmt: skip
+            points = np.concatenate([axis_points(view, task.cable.radius) for view in views])
+            for kind in OTHERS:
+                begun = time.process_time()
+                found = others[name, kind].update(points, poses[row], len(truth))
+                note(f"{name} {kind}", **off(found, truth), spent=time.process_time() - begun)
+        note("- true curve", **off(between(rollout.centreline[row], poses[row], len(truth)), truth))
     return {name: np.array(values) for name, values in out.items()}
 
 
-FIGURES = ("error", "across", "covered", "hidden", "explained", "spent")
+OTHERS, MAKERS = ("spline", "registration"), (SplineTracker, RegisteringTracker)
+
+
+def off(found: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarray]:
+    """How far keypoints are off, and across the cable [m]."""
+    error, along = found - truth, np.gradient(truth, axis=0)
+    across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
+    return {"error": np.linalg.norm(error, axis=1), "across": across}
+
+
+def between(curve: np.ndarray, poses: np.ndarray, count: int) -> np.ndarray:
+    """Keypoints [m] of a cable's true curve, were its ends where its grippers are along it."""
+    beyond = [2 * curve[0] - curve[1], 2 * curve[-1] - curve[-2]]
+    fine = resampled(np.vstack([beyond[:1], curve, beyond[1:]]), 5000)
+    half = len(fine) // 2
+    first, last = (np.linalg.norm(fine - pose[:2], axis=1) for pose in poses)
+    return resampled(fine[np.argmin(first[:half]) : half + np.argmin(last[half:]) + 1], count)
 
 
 def main() -> None:
@@ -155,33 +173,43 @@ def main() -> None:
             with threadpool_limits(1):
                 np.savez(file, **followed(task, rollout, seed, given.every))
         found.append(dict(np.load(file)))
-        print(f"{seed}: " + ", ".join(f"{name} {1e3 * np.nanmean(found[-1][f'{name} error']):.2f} mm, worst "
-              f"{1e3 * np.nanmax(found[-1][f'{name} error']):.1f}" for name in SETUPS), flush=True)  # fmt: skip
+        print(f"{seed}: " + ", ".join(f"{name} {1e3 * np.nanmean(found[-1][f'{name} rod error']):.2f} mm, worst "
+              f"{1e3 * np.nanmax(found[-1][f'{name} rod error']):.1f}" for name in SETUPS), flush=True)  # fmt: skip
     show(found)
 
 
 def show(found: list[dict[str, np.ndarray]]) -> None:
-    """Print the table."""
-    print(f"\n{len(found)} sequences, {sum(len(each['two low hidden']) for each in found)} frames\n")
-    titles = ("cameras", "hidden, mean, p90 [%]", "error, mean, p99, worst [mm]", "across the cable [mm]",
-              "90% intervals cover [%]", "explained [%]", "lost [frames]",
-              "time, median, p99 [ms]")  # fmt: skip
-    print("| " + " | ".join(titles) + " |\n" + "|---" * len(titles) + "|")
-    for name in SETUPS:
-        error, across, covered, hidden, explained, spent = (
-            np.concatenate([each[f"{name} {what}"] for each in found]) for what in FIGURES
+    """Print the tables."""
+    print(f"\n{len(found)} sequences, {sum(len(each['two low rod hidden']) for each in found)} frames\n")
+
+    def rows(name: str) -> np.ndarray:
+        return np.concatenate([each[name] for each in found])
+
+    table("cameras", "tracker", "error, mean, p99, worst [mm]", "across the cable [mm]", "time, median, p99 [ms]")
+    for name in ("- true curve", *(f"{setup} {kind}" for setup in SETUPS for kind in ("rod", *OTHERS))):
+        setup, kind = ("-", "true curve") if name[0] == "-" else name.rsplit(" ", 1)
+        spent = 1e3 * rows(f"{name} spent") if kind != "true curve" else np.full(1, np.nan)
+        times = f"{np.median(spent):.1f}, {np.percentile(spent, 99):.1f}" if np.isfinite(spent).all() else "-"
+        table(setup, kind, spread(rows(f"{name} error")), spread(rows(f"{name} across")), times, head=False)
+    print()
+    table("cameras", "hidden, mean, p90 [%]", "90% intervals cover [%]", "explained [%]", "lost [frames]")
+    for setup in SETUPS:
+        error, covered, hidden, explained = (
+            rows(f"{setup} rod {what}") for what in ("error", "covered", "hidden", "explained")
         )
-        cells = (
-            name,
+        table(
+            setup,
             f"{100 * hidden.mean():.0f}, {100 * np.percentile(hidden, 90):.0f}",
-            spread(error),
-            spread(across),
             f"{100 * covered[np.isfinite(error)].mean():.0f}",
             f"{100 * explained.mean():.0f}",
             f"{np.isnan(error).any(axis=1).sum()}",
-            f"{1e3 * np.median(spent):.1f}, {1e3 * np.percentile(spent, 99):.1f}",
+            head=False,
         )
-        print("| " + " | ".join(cells) + " |")
+
+
+def table(*cells: str, head: bool = True) -> None:
+    """Print a row of a table, its first one with the line below."""
+    print("| " + " | ".join(cells) + " |" + ("\n" + "|---" * len(cells) + "|" if head else ""))
 
 
 def spread(error: np.ndarray) -> str:

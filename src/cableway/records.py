@@ -226,7 +226,8 @@ class Observation(Brief):
         keypoints: (n, 2) measured keypoints [m], NaN where nothing was observed.
         poses: (2, 3) measured gripper poses [m, m, rad].
         taken: [s] when the frame was taken, on the same clock as `time`; None where unknown, it is then estimated.
-        confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same.
+        confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same. Where
+            all are 0, whoever observes does not know where the cable is: the grippers stand still.
     """
 
     time: float

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cableway.estimation import curve_filter
 from cableway.estimation.curve_filter import CurveConfig, CurveEstimator
 from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.perception.calibration import CalibratedCamera
@@ -15,7 +16,8 @@ from cableway.perception.views import View, axis_points
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import tube
 from cableway.rendering.picture import Light, render
-from cableway.rod.inverse import meet_poses, shape_between
+from cableway.rod.continuation import lead
+from cableway.rod.inverse import meet_poses, nearest_equilibrium, shape_between
 from cableway.rod.planar import PlanarRod
 from cableway.scene.cable import Cable
 
@@ -183,18 +185,69 @@ def test_keypoints_lie_where_the_cable_lies_beside_its_rod():
     deviations = np.sqrt(np.linalg.eigvalsh(followed(dark, tracker=tracker).covariance)[:, -1])
     config = TrackerConfig()
     np.testing.assert_allclose(
-        deviations[[0, 6, -1]], [config.pixel, np.hypot(config.pixel, config.beside), config.pixel]
+        deviations[[0, 6, -1]], [config.pixel, np.hypot(config.pixel, config.beside), config.pixel], rtol=1e-3
     )
 
 
-def test_one_frame_takes_several_passes():
-    rod, line = true_cable()
-    truth, shown = rod.at_keypoints(line[None])[0], view(line)
-    once, usual = (
-        np.linalg.norm(followed(shown, 1, tracker).observation.keypoints - truth, axis=1).mean()
-        for tracker in (RodTracker(CABLE, 0.1, curve=CurveConfig(passes=1)), RodTracker(CABLE, 0.1))
-    )
-    assert usual < 0.8 * once
+def test_a_cable_that_changed_is_one_that_nothing_is_known_of(monkeypatch):
+    """It slipped or was touched: what was sure before is not held against what is seen now."""
+    (_, line), (_, after) = true_cable(), true_cable((-0.6, 0.5, 0.3, 0.0, -1.5, 1.5, 1.0, 0.0))
+    before, now = (axis_points(view(each), CABLE.radius) for each in (line, after))
+    estimator = CurveEstimator(CABLE.rod, EstimatorConfig(), CurveConfig(), 0.1)
+    estimate = estimator.start(NOMINAL)
+    for _ in range(20):
+        estimate, fit = estimator.update_points(estimate, before, POSES, 0.0)
+        assert fit is not None
+    assert fit.strain < curve_filter.SURPRISING
+    errors = []
+    for surprising in (curve_filter.SURPRISING, np.inf):
+        monkeypatch.setattr(curve_filter, "SURPRISING", surprising)
+        _, fit = estimator.update_points(estimate, now, POSES, 0.0)
+        assert fit is not None
+        errors.append(off_line(fit.stations, after).mean())
+    assert errors[0] < 0.6 * errors[1]
+
+
+def test_a_cable_that_left_its_gripper_is_not_explained():
+    """Though a rod lies along all that is seen: it is not held where the gripper is."""
+    _, line = true_cable()
+    away = POSES + [[0.0, 0.022, 0.0], [0.0, 0.0, 0.0]]
+    assert followed(view(line)).explained
+    seen = followed(view(line), poses=away)
+    assert (seen.missing, seen.unexplained < 0.3) == (0.0, True)
+    assert not seen.explained
+
+
+@pytest.mark.parametrize("reach", [0.26, 0.28])
+def test_a_branch_of_shapes_that_ends_is_no_end_of_the_track(reach):
+    """The grippers turn until the arch between them is no shape of the rod any more, and it snaps."""
+    middle, snapped, rod = np.array([0.31, 0.3]), False, CABLE.rod
+    turns = 0.5 - np.linspace(0.0, 1.4, 6)
+    poses = [np.array([[*middle - [reach / 2, 0], turn], [*middle + [reach / 2, 0], -turn]]) for turn in turns]
+    q = shape_between(rod, poses[0], "left")
+    tracker = RodTracker(CABLE, 0.1)
+    track = tracker.start(poses[0], q)
+    for k, now in enumerate(poses):
+        if k:
+            led = lead(rod, q, np.stack([poses[k - 1], now]))
+            after = nearest_equilibrium(rod, now, rod.at_keypoints(rod.shapes(q[None])[0])[0])
+            q, snapped = (led.q[-1], snapped) if led.snap is None else (after, True)
+        line = rod.shapes(q[None])[0][0]
+        track, seen = tracker.update(track, [view(line)], now, 0.1 * k)
+        assert np.linalg.norm(seen.observation.keypoints - line[:: rod.stride], axis=1).max() < 0.002
+        assert seen.explained
+    assert snapped
+
+
+def test_a_lost_cable_is_looked_for_anew():
+    """By the shapes that it can have between these grippers; here it was taken to bend to the other side."""
+    other = shape_between(CABLE.rod, POSES, "right")
+    tracker, shown = RodTracker(CABLE, 0.1), view(CABLE.rod.shapes(NOMINAL[None])[0][0])
+    track, seen = tracker.update(tracker.start(POSES, other), [shown], POSES, 0.0)
+    assert seen.explained
+    assert track.looked == 0.0
+    line = CABLE.rod.shapes(NOMINAL[None])[0][0]
+    assert np.linalg.norm(seen.observation.keypoints - line[:: CABLE.rod.stride], axis=1).max() < 0.002
 
 
 def test_angles_in_another_turn_are_the_same():

@@ -6,13 +6,16 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cableway.cli.options import Flag, Maybe, option
 from cableway.cli.planning import CONTROLLER_NAMES, PlanOptions
 from cableway.core.errors import InputError
 from cableway.core.plugins import is_plugin
 from cableway.workflow.registry import DEFAULT_CONTROLLER
+
+if TYPE_CHECKING:
+    from cableway.tracking.eyes import EyesConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +40,13 @@ class Run(PlanOptions):
     """Perturbations of the simulated plant (cable, grasp, noise, latency), or another plant, whose code is run.
     By default, the task's cable without noise, in a cell held by simulated arms."""
 
+    camera: Annotated[str | None, option(metavar="above,front,back,left,right")] = None
+    """Places of cameras, one or more: the controller knows the cable by their rendered pictures alone. By default, it
+    gets the keypoints of the plant."""
+
+    tracker: Annotated[str | None, option(metavar="{rod}")] = None
+    """What finds the cable in the pictures of the cameras; by default, rod."""
+
     deadline: Maybe[float] = None
     """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""
 
@@ -54,6 +64,8 @@ class Run(PlanOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.tracker is not None and self.camera is None:
+            raise InputError(f"--tracker {self.tracker} finds a cable in pictures, and no --camera takes any")
         if self.plan_file is None:
             return
         for name in ("planner", "pivot", "time_limit", "no_rehearsal"):
@@ -91,8 +103,18 @@ class Run(PlanOptions):
             adapt=self.adapt,
             plant=own,
             perturbation=read_perturbation(Path(self.plant), task) if self.plant and not own else Perturbation(),
+            eyes=self._eyes(),
             deadline=self.deadline,
             speed=self.speed,
             dry_run=self.dry_run,
             rehearse=not self.no_rehearsal,
         )
+
+    def _eyes(self) -> EyesConfig | None:
+        """The cameras that the options ask for."""
+        from cableway.tracking.eyes import EyesConfig
+
+        if self.camera is None:
+            return None
+        given: dict[str, Any] = {} if self.tracker is None else {"tracker": self.tracker}
+        return EyesConfig(cameras=tuple(self.camera.split(",")), seed=self.seed or 0, **given)

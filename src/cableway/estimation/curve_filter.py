@@ -3,22 +3,43 @@
 A point says how far the cable is from its prediction across the cable, and nothing along it. The rest is that of
 `rod_filter`: the same parameters, prior and drift, and so the same estimate. As the place on the rod to which a point
 belongs depends on the parameters, each update looks for it anew a few times (an iterated extended Kalman filter).
+
+It searches in coordinates and parameters (q, p) of the rod, of which the grasps are a function, instead of for the rod
+between given ends: a branch of equilibria that ends at a fold as the grippers move on is no end of the search, which
+bends or holds the rod a little otherwise, and slides to another branch where the points say so.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import Bounds, Checked, NotNegative, Positive
+from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.estimation import curve_kernels
-from cableway.estimation.rod_filter import HALVINGS, EstimatorConfig, Prediction, RodEstimate, RodEstimator
-from cableway.rod.material import PARAMETERS
+from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
+from cableway.rod.least_squares import Rule
+from cableway.rod.material import GRASPS, ROD
 from cableway.rod.planar import PlanarRod
+
+KNOWN = 1e-3
+"""Standard deviation of what is taken as known, in the usual ones of what is not: it keeps matrices regular."""
+
+SURPRISING = 0.8
+"""Strain from which on a cable is not what it was, for it slipped, sticks or is touched: what was known of it is
+forgotten. That of a cable that is followed stays below 0.5, but for the first picture."""
+
+PASSES = 2
+"""Times that an update asks which points are of the cable: by what was expected, and by what those tell."""
+
+SINGULAR = 1e-12
+"""Least eigenvalue of a normal matrix, in its largest one."""
+
+FITTING = Rule(first=1e-6, restart=1e-6, fall=1e-6, small=1e-4, steps=30.0, trials=40.0, max_step=0.5)
+"""For a fit that goes on from the frame before."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +53,6 @@ class CurveConfig(Checked):
         least: Least such distance [m].
         most: Largest such distance [m].
         outlier: Distance, in standard deviations of the noise, from which on a point counts less.
-        passes: Times that an update looks for the places of the points.
 
     Raises:
         InputError: A value is out of range.
@@ -44,7 +64,6 @@ class CurveConfig(Checked):
     least: Positive[float] = 0.006
     most: Positive[float] = 0.04
     outlier: Positive[float] = 2.0
-    passes: Annotated[int, Bounds(1, 100)] = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,21 +72,36 @@ class CurveFit:
 
     Attributes:
         stations: (2N + 1, 2) of the rod [m].
-        deviations: (2N + 1, 2, p) of the stations [m] by one standard deviation of the prior of each parameter.
+        deviations: (2N + 1, 2, m) of the stations [m] by m errors of the estimate, independent and of variance 1 each.
         at: (k,) places of the points on the rod, in hinges from 0 to N.
         residuals: (k,) distances of the points from it, to its left [m]; NaN for those of something else.
+        strain: How improbable the rod is by what was known before: the distance of theta from that, in standard
+            deviations, over the root of how many numbers it has.
+        askew: Largest number by which an end is off where its gripper would hold it, in standard deviations of the
+            prior of that.
     """
 
     stations: Float[np.ndarray, "s 2"]
-    deviations: Float[np.ndarray, "s 2 p"]
+    deviations: Float[np.ndarray, "s 2 m"]
     at: Float[np.ndarray, "k"]
     residuals: Float[np.ndarray, "k"]
+    strain: float
+    askew: float
 
     def places(self, at: Float[np.ndarray, "m"]) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
         """Points [m] of the centre line at places in hinges from 0 to N, and its normals there, to the left."""
         points, normals = np.empty((len(at), 2)), np.empty((len(at), 2))
         curve_kernels.place(self.stations, np.asarray(at, float), points, normals)
         return points, normals
+
+
+class _Held(NamedTuple):
+    """See `curve_kernels.held`."""
+
+    stations: Float[np.ndarray, "s 2"]
+    by_x: Float[np.ndarray, "s 2 m"]
+    theta: Float[np.ndarray, "p"]
+    rates: Float[np.ndarray, "p m"]
 
 
 class CurveEstimator(RodEstimator):
@@ -83,13 +117,16 @@ class CurveEstimator(RodEstimator):
     def __init__(self, rod: PlanarRod, config: EstimatorConfig, curve: CurveConfig, control_step: float) -> None:
         super().__init__(rod, config, control_step)
         self.curve, self._delay = curve, curve.lag / control_step
+        # what is taken as known is so to a thousandth of what is usually not known of it
+        self._spread = np.maximum(self._prior, KNOWN * EstimatorConfig().prior(rod.length))
+        self._units = np.concatenate([rod.units, self._spread[ROD]])
 
     def update_points(
         self, estimate: RodEstimate, points: Float[np.ndarray, "k 2"], poses: Float[np.ndarray, "2 3"], speed: float
     ) -> tuple[RodEstimate, CurveFit | None]:
         """The estimate after a picture, and how its points lie beside the rod.
 
-        Where the rod cannot be held by these grippers, the estimate as it was, and None.
+        Where there is no such rod, the estimate as it was, and None.
 
         Args:
             estimate: Before it.
@@ -97,43 +134,69 @@ class CurveEstimator(RodEstimator):
             poses: (2, 3) grippers at the time of the picture [m, m, rad].
             speed: Of the faster gripper then [m per control step].
         """
-        estimate, held = self._held(estimate, None, poses)
-        if not held.possible:
-            return estimate, None
-        points = np.ascontiguousarray(points, dtype=float)
-        begin, covariance = self._drifted(estimate)
-        inverse, prior = np.linalg.inv(covariance), self._prior
-        theta, expected = begin, self._predict(held.q, begin, poses, 1)
-        if not expected.possible:  # drifted to a rod that is too short
-            theta = begin = estimate.theta
-            expected = self._predict(held.q, theta, poses, 1)
-        for _ in range(self.curve.passes):
-            information, gradient, _ = self._said(points, expected, covariance, speed)
-            narrowed = np.linalg.inv(inverse + information)
-            moved = (theta - begin) / np.where(prior > 0, prior, 1.0)
-            wanted = begin + prior * (narrowed @ (gradient + information @ moved))
-            found = self._predict(expected.q, wanted, poses, 1)
-            for _ in range(HALVINGS):
-                if found.possible:
-                    break
-                wanted = (wanted + theta) / 2
-                found = self._predict(expected.q, wanted, poses, 1)
-            if not found.possible:
-                break
-            theta, expected, covariance = wanted, found, narrowed
-        _, _, fit = self._said(points, expected, covariance, speed)
-        return replace(estimate, theta=theta, covariance=covariance, q=expected.q, updates=estimate.updates + 1), fit
+        points, poses = np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(poses, dtype=float)
+        updated, fit = self._updated(estimate, points, poses, speed)
+        if fit is not None and fit.strain > SURPRISING and estimate.updates:
+            forgotten = replace(estimate, theta=self._nominal, covariance=np.eye(len(self._nominal)))
+            updated, fit = self._updated(forgotten, points, poses, speed)
+        return updated, fit
 
-    def _said(
-        self, points: Float[np.ndarray, "k 2"], expected: Prediction, covariance: Float[np.ndarray, "p p"], speed: float
-    ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p"], CurveFit]:
-        """See `curve_kernels.gather`."""
-        curve = self.curve
-        gate = (math.hypot(curve.noise, self._delay * speed), curve.gate, curve.least, curve.most, curve.outlier)
-        information, gradient = np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
-        at, residuals = np.empty(len(points)), np.empty(len(points))
-        stations, by_theta = expected.keypoints, expected.by_theta
-        curve_kernels.gather(
-            points, stations, by_theta, self._prior, covariance, gate, information, gradient, at, residuals
-        )
-        return information, gradient, CurveFit(stations, by_theta * self._prior, at, residuals)
+    def _updated(
+        self, estimate: RodEstimate, points: Float[np.ndarray, "k 2"], poses: Float[np.ndarray, "2 3"], speed: float
+    ) -> tuple[RodEstimate, CurveFit | None]:
+        """See `update_points`."""
+        expected, before = self._drifted(estimate)
+        root = np.linalg.inv(np.linalg.cholesky(before)) / self._spread
+        noise = math.hypot(self.curve.noise, self._delay * speed)
+        x = np.concatenate([estimate.q, expected[ROD]])
+
+        def fitted(points: Float[np.ndarray, "k 2"], weights: Float[np.ndarray, "k"]) -> Float[np.ndarray, "m m"]:
+            """Moves x; see `curve_kernels.fit`."""
+            far = self.curve.outlier * noise
+            units, modes = self._units, self.modes
+            return curve_kernels.fit(x, modes, poses, units, expected, root, points, weights, far, FITTING)
+
+        normal = fitted(np.empty((0, 2)), np.empty(0))
+        for _ in range(PASSES):
+            held = self._held_by(x, poses)
+            at, residuals = self._beside(points, held, normal, noise)
+            used = np.isfinite(residuals) & (at > 0) & (at < self.rod.hinges)
+            over = at[used].astype(int)  # all points over one hinge together count as one
+            normal = fitted(points[used], 1 / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2))
+        held = self._held_by(x, poses)
+        if not np.isfinite(held.stations).all():
+            return estimate, None
+        at, residuals = self._beside(points, held, normal, noise)
+        spread = _inverse_root(normal)
+        deviations = (held.rates / self._spread[:, None]) @ spread
+        strain = float(np.linalg.norm(root @ (held.theta - expected))) / math.sqrt(len(expected))
+        askew = float(np.abs(held.theta[GRASPS] / self._spread[GRASPS]).max())
+        estimate = replace(
+            estimate, theta=held.theta, covariance=deviations @ deviations.T, q=x[: self.rod.dof],
+            updates=estimate.updates + 1,
+        )  # fmt: skip
+        return estimate, CurveFit(held.stations, held.by_x @ spread, at, residuals, strain, askew)
+
+    def _held_by(self, x: Float[np.ndarray, "m"], poses: Float[np.ndarray, "2 3"]) -> _Held:
+        """See `curve_kernels.held`."""
+        size, count, stations = len(x), len(self._spread), 2 * self.rod.hinges + 1
+        held = _Held(
+            np.empty((stations, 2)), np.empty((stations, 2, size)), np.empty(count), np.empty((count, size))
+        )  # fmt: skip
+        curve_kernels.held(x, self.modes, poses, self._units, *held)
+        return held
+
+    def _beside(
+        self, points: Float[np.ndarray, "k 2"], held: _Held, normal: Float[np.ndarray, "m m"], noise: float
+    ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """See `curve_kernels.gate`."""
+        curve, spread, at, residuals = self.curve, _inverse_root(normal), np.empty(len(points)), np.empty(len(points))
+        bounds = (noise, curve.gate, curve.least, curve.most)
+        curve_kernels.gate(points, held.stations, held.by_x, spread @ spread.T, bounds, at, residuals)
+        return at, residuals
+
+
+def _inverse_root(normal: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
+    """A square root of the inverse of a matrix of which the lower triangle is given."""
+    values, vectors = np.linalg.eigh(normal)
+    return vectors / np.sqrt(np.maximum(values, SINGULAR * values[-1]))

@@ -12,6 +12,8 @@ import math
 import numpy as np
 
 from cableway.core.compiled import inlined, kernel
+from cableway.rod.kernels import held_shape
+from cableway.rod.least_squares import add_row, advance, begin, clear
 
 PIECES = 4
 """Straight pieces of each curve among which the nearest one to a point is looked for."""
@@ -60,58 +62,130 @@ def match(points, stations, at):
 
 
 @kernel
-def gather(points, stations, by_theta, prior, covariance, gate, information, gradient, at, residuals):
-    """What points say of theta, in units of its prior.
+def held(x, modes, poses, units, stations, by_x, theta, rates):
+    """The rod of coordinates x = (q, p), whose ends say how the grippers at `poses` (2, 3) hold it.
 
-    A point counts by its distance from the centre line across it. All points over one hinge together count as one.
+    So no shape has to be looked for between grippers, and none that is lost at a fold: every x is an equilibrium, and
+    theta = (p, grasps) follows from it, the grasps by the ends in the frames of the grippers.
+
+    Args:
+        x: (d + r,).
+        modes: (K, N).
+        poses: (2, 3) of the grippers [m, m, rad].
+        units: (d + r,) of x.
+        stations: (2N + 1, 2) [m], where to.
+        by_x: (2N + 1, 2, d + r) their derivative by x in its units, where to.
+        theta: (p,), where to.
+        rates: (p, d + r) its derivative, the same.
+    """
+    d, r = 6, len(x) - 6
+    full, dfull = np.empty((len(stations), 2, len(x))), np.empty((2, 3, len(x)))
+    ends = np.empty((2, 3))
+    held_shape(x[:d], x[d:], modes, stations, full, ends, dfull)
+    for i in range(len(stations)):
+        for k in range(2):
+            for a in range(len(x)):
+                by_x[i, k, a] = full[i, k, a] * units[a]
+    rates[:] = 0.0
+    for a in range(r):
+        theta[a], rates[a, d + a] = x[d + a], units[d + a]
+    for side in range(2):
+        row, c, s = r + 3 * side, math.cos(poses[side, 2]), math.sin(poses[side, 2])
+        dx, dy = ends[side, 0] - poses[side, 0], ends[side, 1] - poses[side, 1]
+        theta[row], theta[row + 1] = c * dx + s * dy, c * dy - s * dx
+        theta[row + 2] = ends[side, 2] - poses[side, 2]
+        for a in range(len(x)):
+            ux, uy = dfull[side, 0, a] * units[a], dfull[side, 1, a] * units[a]
+            rates[row, a], rates[row + 1, a] = c * ux + s * uy, c * uy - s * ux
+            rates[row + 2, a] = dfull[side, 2, a] * units[a]
+
+
+@kernel
+def gate(points, stations, by_x, covariance, bounds, at, residuals):
+    """Write where points belong on the centre line, and how far they are from it.
 
     Args:
         points: (k, 2) measured [m].
         stations: (2N + 1, 2) predicted [m].
-        by_theta: (2N + 1, 2, p) their derivative.
-        prior: (p,) standard deviations.
-        covariance: (p, p) of theta, in units of the prior.
-        gate: Standard deviation [m] of a point beside what theta explains; the distance, in standard deviations of
-            both, from which on a point is of something else; the least and the largest such distance [m]; the distance,
-            in the first of them, from which on a point counts less.
-        information: Where to (p, p), from zero.
-        gradient: Where to (p,), from zero.
+        by_x: (2N + 1, 2, m) their derivative.
+        covariance: (m, m) of what they were differentiated by.
+        bounds: Standard deviation [m] of a point beside what is predicted; the distance, in standard deviations of
+            both, from which on a point is of something else; the least and the largest such distance [m].
         at: Places (k,) on the centre line, where to.
         residuals: Distances (k,) from it, to the left [m], where to; NaN for those of something else.
     """
-    deviation, sigmas, least, most, outlier = gate
-    hinges, size = (len(stations) - 1) // 2, len(prior)
-    feet, normals = np.empty_like(points), np.empty_like(points)
+    deviation, sigmas, least, most = bounds
+    size = by_x.shape[2]
+    feet, normals, row = np.empty_like(points), np.empty_like(points), np.empty(size)
     match(points, stations, at)
     place(stations, at, feet, normals)
-    rows, counts = np.empty((len(points), size)), np.zeros(hinges)
     for i in range(len(points)):
         residuals[i] = np.nan
         nx, ny = normals[i, 0], normals[i, 1]
         dx, dy = points[i, 0] - feet[i, 0], points[i, 1] - feet[i, 1]
-        j = min(int(at[i]), hinges - 1)
-        weights, _ = _weights(at[i] - j)
+        _slope(at[i], nx, ny, by_x, row)
         variance = deviation * deviation
         for a in range(size):
-            rate = 0.0
-            for k in range(3):
-                rate += weights[k] * (nx * by_theta[2 * j + k, 0, a] + ny * by_theta[2 * j + k, 1, a])
-            rows[i, a] = rate * prior[a]
-        for a in range(size):
             for b in range(size):
-                variance += rows[i, a] * covariance[a, b] * rows[i, b]
+                variance += row[a] * covariance[a, b] * row[b]
         reach = min(max(sigmas * math.sqrt(variance), least), most)
         if dx * dx + dy * dy <= reach * reach:
             residuals[i] = nx * dx + ny * dy
-            counts[j] += 1.0
-    for i in range(len(points)):
-        residual = residuals[i]
-        if not (0.0 < at[i] < hinges) or residual != residual:
-            continue
-        far = max(1.0, abs(residual) / (outlier * deviation))
-        weight = 1.0 / (counts[min(int(at[i]), hinges - 1)] * far * deviation * deviation)
-        for a in range(size):
-            weighted = weight * rows[i, a]
-            gradient[a] += weighted * residual
-            for b in range(size):
-                information[a, b] += weighted * rows[i, b]
+
+
+@inlined
+def _slope(at, nx, ny, by_x, row):
+    """Write how the place `at` of the centre line moves along a normal."""
+    j = min(int(at), (len(by_x) - 1) // 2 - 1)
+    weights, _ = _weights(at - j)
+    for a in range(len(row)):
+        row[a] = 0.0
+        for k in range(3):
+            row[a] += weights[k] * (nx * by_x[2 * j + k, 0, a] + ny * by_x[2 * j + k, 1, a])
+
+
+@kernel
+def fit(x, modes, poses, units, expected, root, points, weights, outlier, rule):
+    """Move x to the rod that points and what is expected of theta make most likely. Returns the normal matrix (m, m)
+    there, its lower triangle.
+
+    A point counts by its distance from the centre line across it, far ones less (Huber).
+
+    Args:
+        x: (m,), see `held`, as are `modes`, `poses` and `units`.
+        modes: The same.
+        poses: The same.
+        units: The same.
+        expected: (p,) of theta.
+        root: (p, p) R of its information R'R.
+        points: (k, 2) [m].
+        weights: (k,) 1 / variance [1/m^2].
+        outlier: Distance [m] from which on a point counts less.
+        rule: When the search ends.
+    """
+    hinges, size, count = modes.shape[1], len(x), len(expected)
+    stations, by_x = np.empty((2 * hinges + 1, 2)), np.empty((2 * hinges + 1, 2, size))
+    theta, rates, whole, row = np.empty(count), np.empty((count, size)), np.empty((count, size)), np.empty(size)
+    at, feet, normals = np.empty(len(points)), np.empty_like(points), np.empty_like(points)
+    search = begin(x)
+    while True:
+        held(search.trial, modes, poses, units, stations, by_x, theta, rates)
+        clear(search)
+        cost, off = 0.0, root @ (theta - expected)
+        whole[:] = root @ rates
+        for i in range(count):
+            add_row(search.trial_normal, search.trial_gradient, whole[i], off[i], 1.0, 0)
+            cost += off[i] * off[i]
+        match(points, stations, at)
+        place(stations, at, feet, normals)
+        for i in range(len(points)):
+            nx, ny = normals[i, 0], normals[i, 1]
+            residual = nx * (feet[i, 0] - points[i, 0]) + ny * (feet[i, 1] - points[i, 1])
+            far = max(1.0, abs(residual) / outlier)
+            _slope(at[i], nx, ny, by_x, row)
+            add_row(search.trial_normal, search.trial_gradient, row, residual, weights[i] / far, 0)
+            cost += weights[i] * (residual * residual if far == 1.0 else outlier * (2.0 * abs(residual) - outlier))
+        if not advance(search, 0.5 * cost, units, rule):
+            break
+    x[:] = search.x
+    return search.normal

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -24,10 +24,21 @@ from cableway.perception import kernels
 from cableway.perception.views import View, axis_points, seen_of
 from cableway.records import Observation
 from cableway.rod.inverse import equilibria_at
+from cableway.rod.material import ROD
 from cableway.scene.cable import Cable
 
 PLACES = 4
 """Places over each hinge at which the rod is looked for in the pictures."""
+
+LOOKS = 33
+"""First guesses among which shapes are looked for anew: fewer than for a start, to take no longer than a frame."""
+
+STRAINED = 1.2
+"""Strain of a rod (`CurveFit.strain`) from which on another shape of it may be likelier, though it explains all that is
+seen: it hooks at a gripper to do so. That of cables in the first picture is below 1.1."""
+
+LESS = 0.7
+"""Share of how badly the rod explains a frame that another shape of it must stay below to take its place."""
 
 PARAMETERS = EstimatorConfig(memory=10.0, grasp=0.003)
 """The prior of the rod, and how soon what was seen is forgotten: friction and lag change the shape as it moves."""
@@ -43,9 +54,13 @@ class TrackerConfig(Checked):
         reach: How far along the cable that is alike, in lengths.
         fading: Time [s] in which it fades.
         sure: Standard deviation of a keypoint [m] at which its confidence is one half.
+        patience: Time [s] from one look for another shape to the next one, where the rod does not explain what is seen.
         most_unexplained: Share of the points that are something else's, from which on the rod explains too little.
         most_missing: Share of the rod that should be seen and is not, the same.
         most_residual: Root mean square distance [m] of the points from the rod, the same.
+        most_askew: How far an end of the rod is from where its gripper would hold it, in standard deviations of the
+            prior of that, the same.
+        most_unsure: Standard deviation of a keypoint [m] from which on they cannot be relied on.
 
     Raises:
         InputError: A value is out of range.
@@ -56,9 +71,12 @@ class TrackerConfig(Checked):
     reach: Positive[float] = 0.12
     fading: Positive[float] = 2.0
     sure: Positive[float] = 0.004
+    patience: NotNegative[float] = 0.1
     most_unexplained: Share = 0.3
     most_missing: Share = 0.2
     most_residual: NotNegative[float] = 0.004
+    most_askew: Positive[float] = 4.0
+    most_unsure: Positive[float] = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +87,13 @@ class Track:
         estimate: Of the rod.
         field: How far the cable lies beside it.
         poses: Of the grippers at the last frame [m, m, rad].
+        looked: When the cable was last looked for anew [s].
     """
 
     estimate: RodEstimate
     field: DeviationField
     poses: Float[np.ndarray, "2 3"]
+    looked: float = -math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +107,9 @@ class Sighting:
         missing: Share of the rod in view, and hidden by nothing known, where no cable is seen.
         hidden: Share of the rod that no camera shows.
         residual: Root mean square distance [m] of the points on the rod from it; 0 where none is seen.
-        explained: Whether some of the cable is seen, and the rod explains it; where not, a controller had better stop.
+        explained: Whether some of the cable is seen, and the rod explains it.
+        known: Whether the keypoints can be relied on: nothing speaks against the rod, though all of it may be hidden by
+            what is known to stand before it, and they are sure. Where not, a controller had better stop.
     """
 
     observation: Observation
@@ -97,6 +119,7 @@ class Sighting:
     hidden: float
     residual: float
     explained: bool
+    known: bool
 
 
 class RodTracker:
@@ -138,17 +161,29 @@ class RodTracker:
         Raises:
             InputError: The nominal cable has no stable shape between these grippers.
         """
-        points, best, least = self._points(views), None, math.inf
-        for q in equilibria_at(self._cable.rod, poses):
-            track = self.start(poses, q)
-            _, fit = self._estimator.update_points(track.estimate, points, poses, 0.0)
-            if fit is not None:
-                off = np.nan_to_num(np.abs(fit.residuals), nan=self._estimator.curve.most)
-                cost = float(off.sum()) / max(len(off), 1) + self._estimator.curve.most * self._claimed(views, fit)[1]
-                best, least = (track, cost) if cost < least else (best, least)
-        if best is None:
+        shapes = equilibria_at(self._cable.rod, poses)
+        if not len(shapes):
             raise InputError("the cable has no stable shape between these gripper poses")
-        return best
+        return self._best([self.start(poses, q) for q in shapes], self._points(views), views)[0]
+
+    def _best(
+        self, tracks: Sequence[Track], points: Float[np.ndarray, "k 2"], views: Sequence[View]
+    ) -> tuple[Track, float]:
+        """Of tracks before a frame that one which explains it best, and how badly it does, as a distance [m]."""
+        costs = []
+        for track in tracks:
+            _, fit = self._estimator.update_points(track.estimate, points, track.poses, 0.0)
+            costs.append(math.inf if fit is None else self._cost(fit, views))
+        best = int(np.argmin(costs))
+        return tracks[best], costs[best]
+
+    def _cost(self, fit: CurveFit, views: Sequence[View]) -> float:
+        """How badly a rod explains what is seen: a distance [m]."""
+        curve = self._estimator.curve
+        off = np.nan_to_num(np.abs(fit.residuals), nan=curve.most)
+        return (
+            float(off.sum()) / max(len(off), 1) + curve.most * self._claimed(views, fit)[1] + curve.noise * fit.strain
+        )
 
     def update(
         self, track: Track, views: Sequence[View], poses: Float[np.ndarray, "2 3"], time: float
@@ -173,7 +208,31 @@ class RodTracker:
         if fit is None:
             return self._lost(track, poses, time)
         field = track.field.later(self._kept).updated(*self._means(fit), self._config.pixel)
-        return Track(estimate, field, poses), self._sighting(estimate, field, fit, views, poses, time)
+        seen = self._sighting(field, fit, views, poses, time)
+        waited = time - track.looked
+        likely = seen.explained and fit.strain <= STRAINED
+        if likely or not len(points) or 0 <= waited < self._config.patience:
+            return Track(estimate, field, poses, track.looked), seen
+        other, cost = self._anew(replace(track, poses=poses, looked=time), points, views)
+        if cost >= LESS * self._cost(fit, views):
+            return Track(estimate, field, poses, time), seen
+        return self.update(other, views, poses, time)
+
+    def _anew(self, track: Track, points: Float[np.ndarray, "k 2"], views: Sequence[View]) -> tuple[Track, float]:
+        """The shape of the cable as it is known that explains a frame best, whatever it was before; and see `_best`."""
+        known, rod = track.estimate, self._cable.rod
+        rod = replace(rod, length=known.length, modes=tuple(known.theta[ROD][1:]))
+        ends = SE2.compose(track.poses, known.grasps)
+        try:
+            shapes = equilibria_at(rod, ends, LOOKS)
+        except InputError:  # the ends are too far apart for it
+            return track, math.inf
+        if not len(shapes):
+            return track, math.inf
+        fresh = self.start(track.poses, shapes[0])
+        estimates = [replace(known, q=rod.continued(q, ends), covariance=fresh.estimate.covariance) for q in shapes]
+        tracks = [replace(track, estimate=estimate, field=fresh.field) for estimate in estimates]
+        return self._best(tracks, points, views)
 
     def _points(self, views: Sequence[View]) -> Float[np.ndarray, "k 2"]:
         radius = self._cable.radius
@@ -190,7 +249,6 @@ class RodTracker:
 
     def _sighting(
         self,
-        estimate: RodEstimate,
         field: DeviationField,
         fit: CurveFit,
         views: Sequence[View],
@@ -200,7 +258,7 @@ class RodTracker:
         config, stride = self._config, self._cable.rod.stride
         at, normals = fit.places(self._keypoints)
         rows = fit.deviations[::stride]
-        covariance = np.einsum("nia,ab,njb->nij", rows, estimate.covariance, rows)
+        covariance = np.einsum("nia,nja->nij", rows, rows)
         covariance += np.einsum("n,ni,nj->nij", np.diag(field.covariance) + config.pixel**2, normals, normals)
         variance = np.linalg.eigvalsh(covariance)[:, -1]
         keypoints = at + field.mean[:, None] * normals
@@ -208,15 +266,17 @@ class RodTracker:
         unexplained = 1 - len(on) / len(fit.residuals) if len(fit.residuals) else 0.0
         hidden, missing = self._claimed(views, fit)
         residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
-        explained = (
-            len(on) > 0
-            and unexplained <= config.most_unexplained
+        nothing_against = (
+            unexplained <= config.most_unexplained
             and missing <= config.most_missing
             and residual <= config.most_residual
+            and fit.askew <= config.most_askew
         )
+        explained = len(on) > 0 and nothing_against
+        known = nothing_against and math.sqrt(variance.max()) <= config.most_unsure
         confidence = config.sure**2 / (config.sure**2 + variance)
         observation = Observation(time, keypoints, poses, taken=time, confidence=confidence)
-        return Sighting(observation, covariance, unexplained, missing, hidden, residual, explained)
+        return Sighting(observation, covariance, unexplained, missing, hidden, residual, explained, known)
 
     def _claimed(self, views: Sequence[View], fit: CurveFit) -> tuple[float, float]:
         """Share of the rod that no camera shows, and of what is in view that is missing."""
@@ -230,4 +290,5 @@ class RodTracker:
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
         nothing = np.full((n, 2, 2), np.inf)
-        return Track(track.estimate, track.field, poses), Sighting(observation, nothing, 1.0, 1.0, 1.0, 0.0, False)
+        track = Track(track.estimate, track.field, poses, track.looked)
+        return track, Sighting(observation, nothing, 1.0, 1.0, 1.0, 0.0, explained=False, known=False)

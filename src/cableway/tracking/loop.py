@@ -24,9 +24,8 @@ from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking import hands
 from cableway.tracking.answers import AnsweringPlant
-from cableway.tracking.log import Log
-from cableway.tracking.robot import SHORT, Attachment, FollowingError, MessageGate, Silence
-from cableway.tracking.robot import TRIAL as TRIED
+from cableway.tracking.logbook import Log
+from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.suspicion import Obstruction, narrowed
@@ -34,7 +33,6 @@ from cableway.tracking.watchdog import Guard, Watchdog
 from cableway.tracking.way_back import ROOM_BACK, Motion, had_room
 
 T = TypeVar("T")
-
 
 LOST = "off the plan: stopped"
 """Status of a step in which the grippers stand still because the cable has left its plan."""
@@ -51,12 +49,14 @@ BACKING_OFF = "something unknown holds the cable: going back"
 HOLDING = "a gripper does not follow: holding"
 """The same because a gripper is not where it was sent."""
 
-
 WAITING = "a gripper is late or was not reported: waiting"
 """The same because a gripper has not come yet where it was sent, or may not have."""
 
 TRIAL = "a gripper did not follow: trying it alone"
 """Status of a step in which only that gripper may move."""
+
+BLIND = "where the cable lies is not known: stopped"
+"""The same because whoever looks at the cable says so."""
 
 
 def _still() -> np.ndarray:
@@ -154,14 +154,17 @@ class Loop:
         side = self._robot.obstructed
         return None if side is None else Obstruction(side, SE2.position(self._robot.poses)[side], self._robot.ahead)
 
-    def give_in(self) -> None:
-        """Take it that a gripper cannot go where it was led: what was tried since it came to stand is no way here."""
-        near = np.full(2, SHORT)
-        if self._robot.obstructed is not None:
-            near[self._robot.obstructed] += TRIED
-        self._robot.forget()
-        while self._way and (SE2.distance(self._way[-1].poses, self.poses)[0] < near).all():
-            self._way.pop()
+    def give_in(self) -> Ending | None:
+        """Go back to before a gripper ran into something; how the run ended, if it did. The way here ends there."""
+        before, ending = self._robot.forget(), None
+        there = next((k for k, made in enumerate(self._way) if np.array_equal(made.poses, before)), len(self._way))
+        del self._way[there:]
+        for _ in range(LONGEST_DELAY):
+            action = self._filtered(self._robot.towards(before, self.plant.task.grippers))
+            if ending is not None or not action.any():
+                break
+            ending = self._without_motion(action, BACKING_OFF)
+        return ending
 
     def take_hold(self) -> None:
         """Note where the arms are, and take hold of the cable where plan and plant can; see `tracking.hands`.
@@ -182,10 +185,8 @@ class Loop:
         found, measured = hands.let_go(self.plant, self._arms, self._robot.target, self._lies, self.task)
         self.hands |= found
         if measured is not None:
-            last, least = (
-                self.log.measured[-1],
-                min(self.log.measured[-1].gripper_clearance, measured.gripper_clearance),
-            )
+            last = self.log.measured[-1]
+            least = min(last.gripper_clearance, measured.gripper_clearance)
             self.log.measured[-1] = replace(last, gripper_clearance=least)
 
     def back_off(self, steps: int, far_enough: Callable[[], bool] = lambda: False) -> Ending | None:
@@ -249,6 +250,8 @@ class Loop:
             return self._hold()
         if self.waits:
             return self._wait()
+        if self._is_blind:
+            return self._stay()
         hold = partial(self._robot.stop, self.plant.task.grippers)
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
@@ -323,6 +326,19 @@ class Loop:
         action = self._filtered(motion)
         self._act_in_place(action, status)
         return self._move(action) or self._rule.outcome(self.state, self.observation)
+
+    @property
+    def _is_blind(self) -> bool:
+        """Whether no keypoint can be relied on, by whoever observes them: that none was observed is another matter."""
+        confidence = self.observation.confidence
+        return confidence is not None and not confidence.any()
+
+    def _stay(self) -> Ending | None:
+        """One control step without motion as long as the cable is not known; not for ever."""
+        ending, missing = self.stand(BLIND), self._silence.lasting(self.time)
+        if ending is None and missing and self._is_blind:
+            return Ending(Outcome.PLANT_FAILED, missing)
+        return ending or self._rule.outcome(self.state, self.observation, missing)
 
     def _move(self, action: np.ndarray) -> Ending | None:
         if action.any():

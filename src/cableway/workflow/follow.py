@@ -27,6 +27,7 @@ from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Recovery, Watchdog, insert_plug, may_insert, track
 from cableway.tracking.answers import AnsweringPlant
+from cableway.tracking.eyes import SeenPlant
 from cableway.workflow.events import Listener, Note
 from cableway.workflow.find import search
 from cableway.workflow.own_plant import OwnPlant
@@ -69,13 +70,16 @@ def follow(
     """
     assert run.plan is not None
     task, perturbation, watchdog = run.task, options.perturbation, Watchdog(deadline=options.deadline)
-    plant = rollout = insertion = problem = None
+    plant = rollout = insertion = problem = eyes = None
     actual, notes, made_by = task, (), _made_by(task, options, own)
     LOGGER.info("plant: %s", json.dumps(made_by["plant"]))
     try:
         actual = perturbation.true_task(task)
         simulated = own or perturbation.build(task, options.seed, run.plan)
         plant, notes = own or AnsweringPlant(simulated), simulated.unmodelled
+        if options.eyes is not None:
+            eyes = SeenPlant(plant, options.eyes, Way.of_record(run.plan.metadata))
+            plant = AnsweringPlant(eyes)
         rollout = track(
             plant, controller, run.plan, recovery=_recovery(options, run.plan), watchdog=watchdog,
             progress=listener.progress, seed=options.seed,
@@ -99,6 +103,8 @@ def follow(
     elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
     rollout, insertion = _with_arms(_with(rollout, made_by), run, plant, perturbation), _with(insertion, made_by)
+    if rollout is not None and eyes is not None:
+        rollout = replace(rollout, metadata={**rollout.metadata, "eyes": eyes.record()})
     run = replace(run, rollout=rollout, insertion=insertion)
     try:
         report = summarize(

@@ -19,6 +19,7 @@ from cableway.scene.cell import Cell
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Plant, Watchdog
+from cableway.tracking.eyes import EyesConfig
 from cableway.workflow.registry import DEFAULT_CONTROLLER, DEFAULT_PLANNER, Planner, controller_entry, make_planner
 
 TIME_LIMIT = 30.0
@@ -43,6 +44,8 @@ class SolveOptions(Checked):
         perturbation: How the simulated plant differs from the task.
         plant: What makes another plant of the task, in place of the simulated one: a function, a class, or the
             "package.module:NAME" of either. A dry run leaves it alone.
+        eyes: Cameras by which the controller knows the cable, where a plant's truth is rendered for them; None where it
+            gets the keypoints that the plant reports.
         seed: Of everything random.
         time_limit: Time [s] after which each search for a plan ends: the first one, those of a rehearsal, and those
             of a recovery.
@@ -73,6 +76,7 @@ class SolveOptions(Checked):
     alternatives: int = 1
     perturbation: Perturbation = field(default_factory=Perturbation)
     plant: Callable[[Task], Plant] | str | None = None
+    eyes: EyesConfig | None = None
     seed: int = 0
     time_limit: Positive[float] = TIME_LIMIT
     clock: Callable[[], float] | None = None
@@ -95,6 +99,8 @@ class SolveOptions(Checked):
             require_controller(self.controller)
         if self.plant is not None and self.perturbation != Perturbation():
             raise InputError("a perturbation is of the simulated plant, and another one is given")
+        if self.plant is not None and self.eyes is not None:
+            raise InputError("cameras are rendered for the simulated plant, and another one is given")
         if self.alternatives < 1:
             raise InputError(f"alternatives must be 1 or more, got {self.alternatives}")
         if not 0 < self.speed <= 1:

@@ -1,4 +1,4 @@
-"""The record of a run under way."""
+"""What was observed and done in a run so far."""
 
 from __future__ import annotations
 

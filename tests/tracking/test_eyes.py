@@ -1,0 +1,78 @@
+"""Laws of a plant seen by cameras: the cable is found, late but dated, and where it is not known nothing moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
+
+from cableway.control.rod_mpc import RodMPC
+from cableway.core.errors import InputError, UnknownNameError
+from cableway.outcome import Outcome
+from cableway.scene.cable import Cable
+from cableway.tracking import track
+from cableway.tracking.eyes import EyesConfig, SeenPlant
+from cableway.tracking.loop import BLIND
+from cableway.workflow.run import SolveOptions
+
+STEPS = 12
+PLAN = straight_plan(Cable().rod, START, START + 0.25 * (GOAL - START), STEPS)
+TASK = task_for(PLAN)
+
+
+def seen_plant(**config) -> SeenPlant:
+    given = {"cameras": ("above",), "frame_rate": 10.0, "latency": 0.1, "noise": 0.0, "blur": 0.0} | config
+    return SeenPlant(QuasiStaticPlant(TASK, START, Cable().rod), EyesConfig(**given))
+
+
+def test_what_is_seen_is_where_the_cable_was_when_the_picture_was_taken():
+    plant = seen_plant(frame_rate=20.0, latency=0.13)
+    first = plant.reset()
+    assert first.taken == 0.0
+    truth = [plant.measure().keypoints]
+    for k in range(1, 5):
+        seen = plant.step(PLAN.poses[k] - PLAN.poses[k - 1])
+        truth.append(plant.measure().keypoints)
+        if k == 1:  # the second picture is still on its way
+            assert np.isnan(seen.keypoints).all()
+            assert seen.confidence is None
+            continue
+        assert seen.taken is not None
+        assert seen.confidence is not None
+        assert seen.time - 0.18 < seen.taken <= seen.time - 0.13 + 1e-9
+        whole, share = divmod(seen.taken / 0.1 + 1e-9, 1.0)
+        then = (1 - share) * truth[int(whole)] + share * truth[int(whole) + 1]
+        assert np.linalg.norm(seen.keypoints - then, axis=1).max() < 0.002
+        assert seen.confidence.min() > 0.5
+    assert plant.record()["known"] == 1.0
+    assert plant.record()["mean_error"] < 0.001
+
+
+@pytest.mark.parametrize("dark", [(0.5, 1.0), (0.5, 100.0)])
+def test_a_camera_that_goes_dark_stops_the_grippers(dark):
+    """Within 0.3 s of the first picture that shows nothing; they go on when it sees again, and else the run ends."""
+    rollout = track(seen_plant(dark=dark), RodMPC(), PLAN)
+    since = dark[0] + 0.1  # the latency
+    steps = np.abs(np.diff(rollout.poses, axis=0)).max(axis=(1, 2))
+    blind = (rollout.times[:-1] >= since + 0.3) & (rollout.times[1:] <= dark[1])
+    assert blind.any()
+    assert steps[blind].max() == 0.0
+    assert steps[rollout.times[1:] <= dark[0]].max() > 0.0
+    assert BLIND in rollout.status
+    if dark[1] < 10:
+        assert rollout.metadata["outcome"] == Outcome.SETTLED.value
+        assert np.linalg.norm(rollout.keypoints[-1] - TASK.goal, axis=1).max() < 0.003
+    else:
+        assert rollout.metadata["outcome"] == Outcome.PLANT_FAILED.value
+        assert "has not seen the cable" in rollout.metadata["detail"]
+
+
+def test_cameras_that_cannot_be_are_refused():
+    with pytest.raises(UnknownNameError, match="below"):
+        EyesConfig(cameras=("above", "below"))
+    with pytest.raises(InputError, match="each once"):
+        EyesConfig(cameras=("above", "above"))
+    with pytest.raises(InputError, match="dark"):
+        EyesConfig(dark=(2.0, 1.0))
+    with pytest.raises(InputError, match="another one is given"):
+        SolveOptions(plant=lambda task: None, eyes=EyesConfig())
