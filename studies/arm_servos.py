@@ -1,4 +1,4 @@
-"""Runs in a cell whose arms are simulated: success, contact, error, how far joints are behind, time of a control step.
+"""Runs in a cell whose arms are simulated: success, grasps, contact, error, how far joints are behind, times.
 
     .venv/bin/python studies/arm_servos.py 5000 5020 --out runs/arm-servos     # seeds 5000 to 5019
     .venv/bin/python studies/arm_servos.py 5000 5020 --arms exact              # the same with arms that follow exactly
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,15 +32,16 @@ STEPS: list[float] = []
 """Processor time [s] of the control steps of the run under way."""
 
 
-class Timed(TablePlant):
-    """The plant, which notes how long its steps take."""
+def timed(step: Callable[..., Any]) -> Callable[..., Any]:
+    """A plant's step that notes how long it takes."""
 
-    def step(self, action: np.ndarray) -> Any:
-        """See `TablePlant.step`."""
+    def measured(*given: Any) -> Any:
         before = time.process_time()
-        observation = super().step(action)
+        observation = step(*given)
         STEPS.append(time.process_time() - before)
         return observation
+
+    return measured
 
 
 def behind(task: cw.Task, rollout: cw.Rollout) -> np.ndarray:
@@ -66,6 +68,11 @@ def judged(task: cw.Task, perturbation: Perturbation, seed: int) -> dict[str, An
         found["behind"] = np.abs(behind(task, run.rollout)).max(axis=(1, 2)).tolist()
         found["clearance"] = run.rollout.least_clearance
         found["recovered"] = len(run.rollout.metadata["recovered"])
+        found["hands"] = run.rollout.metadata.get("hands", {})
+    if run.plan is not None:
+        found["unreached"] = [
+            why for name in ("approach", "retreat") if (why := run.plan.metadata["arms"].get(f"no_{name}"))
+        ]
     return {"outcome": str(report.outcome), "why": report.failure, "shape_error": report.shape_error, **found}
 
 
@@ -81,9 +88,12 @@ def summary(results: list[dict[str, Any]]) -> str:
     led = [each for each in results if each["shape_error"] is not None]
     joints, steps = ([value for each in led for value in each.get(name, [])] for name in ("behind", "steps"))
     succeeded = sum(each["outcome"] == "success" for each in results)
+    hands = [each.get("hands", {}) for each in results]
+    grasped, let_go = (sum(each.get(name, False) for each in hands) for name in ("grasped", "let_go"))
     touched = sum(not each["clearance"] > 0 for each in led)
     return (
-        f"{len(results)} runs, {succeeded} succeeded, {touched} of {len(led)} with contact, "
+        f"{len(results)} runs, {succeeded} succeeded, {grasped} grasped, {let_go} let go, "
+        f"{touched} of {len(led)} with contact, "
         f"{sum(each['recovered'] > 0 for each in led)} with a recovery; median / 95% / worst: error [mm] "
         f"{spread([each['shape_error'] for each in led], 1e3)}, joint behind by [mrad] {spread(joints, 1e3)}, "
         f"control step of the plant [ms] {spread(steps, 1e3)}"
@@ -102,9 +112,7 @@ def main() -> None:
     path = given.out / f"{given.arms}.jsonl"
     lines = path.read_text().splitlines() if path.exists() else []
     done = {(result["task"], result["plant"]): result for result in map(json.loads, lines)}
-    import cableway.simulation.perturbations.perturbation as building
-
-    building.TablePlant = Timed  # pyright: ignore[reportPrivateImportUsage]
+    TablePlant.step = timed(TablePlant.step)
     wanted = [(seed, plant) for seed in range(*given.seeds) for plant in given.plants]
     for seed, plant in wanted:
         key = (f"cell-{seed}", plant)

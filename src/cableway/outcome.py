@@ -53,6 +53,7 @@ class Outcome(StrEnum):
     LEFT_PLAN = "left plan", "The cable left its plan and could not be brought back."
     BLOCKED_WAY = "blocked way", "Something stood in the way, and no way round it was found."
     CONTROLLER_FAILED = "controller failed", "The controller missed too many steps in a row."
+    NOT_HELD = "not held", "A gripper missed the end of the cable, or lost it."
     PLANT_FAILED = "plant failed", "The plant could not go on, or could not start."
     NO_PLAN = "no plan", "No plan was found, though there may be one."
     INFEASIBLE = "infeasible", "No plan exists: a gripper or the cable cannot pass."

@@ -156,6 +156,9 @@ def test_a_run_in_a_cell_has_the_joints_of_the_plant_or_of_what_the_grippers_did
     assert run.plan is not None
     assert run.rollout.metadata["arms"] == run.plan.metadata["arms"]
     assert run.rollout.metadata["plant"]["arms"] == arms
+    hands = run.rollout.metadata.get("hands", {})
+    assert (hands.get("grasped"), hands.get("let_go")) == ((True, True) if arms == "simulated" else (None, None))
+    assert any("let go of it at the goal" in note for note in run.report.notes) is (arms == "simulated")
     assert (run.rollout.metadata["plant"]["table"] is None) == (arms == "exact")
     assert run.report.rollout_verdict is not None
     assert "tool distance" in {check.name for check in run.report.rollout_verdict.checks}

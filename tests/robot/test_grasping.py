@@ -172,7 +172,7 @@ def test_exported_hands_come_down_close_carry_open_and_go_up(rate: float | None,
     assert begin - commands[1]["time"] == pytest.approx(CLOSING - step, abs=step / 2)
     assert commands[2]["time"] == pytest.approx(end + step)
     carried = (columns["time"] >= begin - 1e-9) & (columns["time"] <= end + 1e-9)
-    alone = Trajectory.of(replace(PLAN, approach=None, retreat=None), TASK, rate=rate)
+    alone = Trajectory.of(replace(PLAN, approach=None, retreat=None), TASK, rate=rate, unverified=True)
     assert alone.hands is None
     for side in SIDES:
         np.testing.assert_array_equal(content[f"{side}_height"], columns[f"{side}_height"])
@@ -189,7 +189,7 @@ def test_exported_hands_come_down_close_carry_open_and_go_up(rate: float | None,
 
 
 def test_programs_and_messages_have_commands_for_the_hands(tmp_path: Path):
-    trajectory = Trajectory.of(PLAN, TASK, rate=125)
+    trajectory = Trajectory.of(PLAN, TASK, rate=125, unverified=True)
     commands = trajectory.header["hands"]["commands"]
     for path in trajectory.write(tmp_path / "a.script"):
         program = [line.strip() for line in path.read_text().splitlines() if not line.startswith("#")]
@@ -200,7 +200,7 @@ def test_programs_and_messages_have_commands_for_the_hands(tmp_path: Path):
         assert first < moves[0], "open before the arm moves"
         for each, command in zip(later, commands[1:], strict=True):
             assert sum(move < each for move in moves) == round(125 * command["time"])
-    written = Trajectory.of(PLAN, TASK, rate=10).write(tmp_path / "a.yaml")
+    written = Trajectory.of(PLAN, TASK, rate=10, unverified=True).write(tmp_path / "a.yaml")
     names = ["a-left", "a-right", "a-left-gripper", "a-right-gripper"]
     assert [path.name for path in written] == [f"{name}.yaml" for name in names]
     message: dict[str, Any] = yaml.safe_load(written[2].read_text())

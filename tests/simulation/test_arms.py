@@ -117,7 +117,7 @@ def test_joints_follow_an_even_motion_late_by_the_lag_of_the_servos():
     led(plant, np.array([[0.0, 0.004, 0.0]] * 2), 8)
     before = plant._drive.state()[:, :6]
     plant.step(np.array([[0.0, 0.004, 0.0]] * 2))
-    commanded, measured = np.split(plant._drive.state(), 2, axis=1)
+    commanded, measured = np.split(plant._drive.state()[:, :12], 2, axis=1)
     speed = (commanded - before) / 0.1
     np.testing.assert_allclose(commanded - measured, LAG * speed, atol=0.1 * LAG * np.abs(speed).max())
 
@@ -185,7 +185,7 @@ def test_speeds_and_positions_beyond_the_limits_of_a_joint_are_never_commanded(m
 
 
 def test_where_no_arm_reaches_nothing_is_commanded_and_the_plant_stays_as_it_was():
-    plant = plant_of(with_post())
+    plant = plant_of(with_post(), grasp=GraspConfig(hold=1000.0))  # hands that lag by different times pull hard
     led(plant, np.array([[0.0, 0.02, 0.0]] * 2), 17)
     with pytest.raises(SimulationError, match=r"the arm at the \w+ gripper cannot reach .* in its branch \(step"):
         led(plant, np.array([[0.0, 0.003, 0.0]] * 2), 30)

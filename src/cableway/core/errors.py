@@ -182,5 +182,9 @@ class PressedError(SimulationError):
         self.clearance = clearance
 
 
+class GraspError(SimulationError):
+    """A hand missed the end of the cable, or lost it."""
+
+
 class ControlError(CablewayError):
     """A controller could not produce a usable action."""

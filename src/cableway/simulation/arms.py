@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.errors import SimulationError
+from cableway.core.errors import GraspError, SimulationError
 from cableway.core.quantities import limit_text, told_apart
 from cableway.geometry.groups import SE2
 from cableway.robot.cell_kinematics import CellKinematics
@@ -37,6 +37,9 @@ from cableway.simulation.surroundings import ARMS, CONTACT, SOLID, add_prism, tu
 
 LAG = LOOKAHEAD
 """Time [s] by which a joint follows its command late: that of the maker's servoJ."""
+
+PULL_TIME = 0.1
+"""Time [s] over which the pull of the cable is averaged: what lasts shorter is a jerk of the simulated weld."""
 
 ROTOR_INERTIA = 0.1
 """Of a joint's motor behind its gear [kg m²]; MuJoCo Menagerie's `armature` of all joints of the UR5e."""
@@ -53,17 +56,21 @@ class ArmDrive:
         way: How the arms hold the cable.
         start: (2, 6) joint positions [rad] near which they begin, for the number of whole turns.
         time_step: Of the model [s].
+        hold: Pull [N] at which a hand loses the cable.
 
     Raises:
         InputError: The task has no cell.
     """
 
-    def __init__(self, task: Task, way: Way, start: Float[np.ndarray, "2 6"], time_step: float) -> None:
+    def __init__(
+        self, task: Task, way: Way, start: Float[np.ndarray, "2 6"], time_step: float, hold: float = math.inf
+    ) -> None:
         self._kinematics, self._task, self._way = CellKinematics(task, way), task, way
         assert task.cell is not None
         self._cell, self._models = task.cell, [task.cell.models[arm] for arm in way.holders]
         self._commanded, self._time_step = np.array(start, float), time_step
         self._measured = self._commanded.copy()
+        self._hold, self._pulled = hold, np.zeros((2, 1))
         self._places, self._welds = np.empty((2, 6), int), np.empty(2, int)
 
     def add(self, spec: mujoco.MjSpec) -> None:
@@ -99,11 +106,36 @@ class ArmDrive:
         """See `GripperDrive`; what is hit pushes back in the model."""
         joints = self._joints_at(wanted)
         self._require_slow(joints)
-        self._commanded, data.ctrl[:] = joints, joints.ravel()
-        self._measured = data.qpos[self._places]  # which all positions belong to that the time step leaves in `data`
+        self._require_held(data)
+        self.follow(data, joints)
         model.eq_data[self._welds, :2] = SE2.position(offsets)  # in the gripper; on the cable it is its end
         model.eq_data[self._welds, 6:10] = turned(-offsets[:, 2])
         return math.inf
+
+    def follow(self, data: mujoco.MjData, joints: Float[np.ndarray, "2 6"]) -> None:
+        """Ask for joint positions [rad] at the end of the next time step."""
+        self._commanded, data.ctrl[:] = joints, joints.ravel()
+        self._measured = data.qpos[self._places]  # which all positions belong to that the time step leaves in `data`
+
+    def put(self, data: mujoco.MjData, joints: Float[np.ndarray, "2 6"]) -> None:
+        """Be at joint positions [rad], wherever the arms were."""
+        data.qpos[self._places] = joints
+        self.follow(data, joints)
+
+    def grip(self, data: mujoco.MjData, held: bool) -> None:
+        """Hold the ends of the cable, or let go of them."""
+        data.eq_active[self._welds], self._pulled = held, np.zeros((2, 1))
+
+    def _require_held(self, data: mujoco.MjData) -> None:
+        """Raise a GraspError where a hand is pulled harder than it holds, on average over `PULL_TIME`."""
+        held = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        for side, weld in enumerate(self._welds):
+            force = data.efc_force[held & (data.efc_id == weld)][:3]  # then come the torques
+            self._pulled[side] += self._time_step / PULL_TIME * (np.linalg.norm(force) - self._pulled[side])
+        side = int(self._pulled.argmax())
+        if (pull := float(self._pulled[side, 0])) > self._hold:
+            found, limit = told_apart(pull, self._hold, "N"), limit_text(self._hold, "N")
+            raise GraspError(f"the {SIDES[side][0]} lost the cable, which pulls with {found} and is held with {limit}")
 
     def poses(self) -> Float[np.ndarray, "2 3"]:
         """See `GripperDrive`; by forward kinematics of the measured joints."""
@@ -117,13 +149,13 @@ class ArmDrive:
         """See `GripperDrive`."""
         return float(self._kinematics.clearance(joints).min())
 
-    def state(self) -> Float[np.ndarray, "2 12"]:
-        """See `GripperDrive`; joint positions commanded and measured last [rad]."""
-        return np.hstack([self._commanded, self._measured])
+    def state(self) -> Float[np.ndarray, "2 13"]:
+        """See `GripperDrive`; joint positions commanded and measured last [rad], and the pull at each hand [N]."""
+        return np.hstack([self._commanded, self._measured, self._pulled])
 
-    def restore(self, state: Float[np.ndarray, "2 12"]) -> None:
+    def restore(self, state: Float[np.ndarray, "2 13"]) -> None:
         """See `GripperDrive`."""
-        self._commanded, self._measured = np.hsplit(state.copy(), 2)
+        self._commanded, self._measured, self._pulled = np.hsplit(state.copy(), [6, 12])
 
     def _joints_at(self, poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 6"]:
         """Joint positions [rad] for gripper poses, within their limits; an error where there are none."""

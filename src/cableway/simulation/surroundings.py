@@ -92,6 +92,21 @@ def hold(spec: mujoco.MjSpec, name: str, body: str, along: float, **weld: Any) -
     held.data = [0.0, 0.0, 0.0, along, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
 
 
+def add_clip(spec: mujoco.MjSpec, name: str, body: str, **weld: Any) -> None:
+    """What can hold a body to the table where it is; open at first."""
+    kind, bodies = mujoco.mjtEq.mjEQ_WELD, mujoco.mjtObj.mjOBJ_BODY
+    spec.add_equality(name=name, type=kind, objtype=bodies, name1=body, name2="world", active=False, **weld)
+
+
+def close_clip(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> None:
+    """Let a clip hold its body where it is now."""
+    index = model.equality(name).id
+    body, turn = model.eq_obj1id[index], np.empty(4)
+    mujoco.mju_negQuat(turn, data.xquat[body])
+    model.eq_data[index, :10] = [*data.xpos[body], 0.0, 0.0, 0.0, *turn]  # where in the world, in the body, turned
+    data.eq_active[index] = True
+
+
 def gripper_bodies(
     poses: Float[np.ndarray, "... 2 3"], height: float = 0.0
 ) -> tuple[Float[np.ndarray, "... 2 3"], Float[np.ndarray, "... 2 4"]]:

@@ -41,7 +41,17 @@ from cableway.simulation.drives import NAMES, FreeGrippers, GripperDrive
 from cableway.simulation.perturbations.grasp import GraspConfig
 from cableway.simulation.plant import PlantConfig, checked_action, nearest_start
 from cableway.simulation.solid_grippers import SolidGrippers
-from cableway.simulation.surroundings import CABLE, CONTACT, SOLID, SURROUNDINGS, add_plane, add_scene, hold, turned
+from cableway.simulation.surroundings import (
+    CABLE,
+    CONTACT,
+    SOLID,
+    SURROUNDINGS,
+    add_clip,
+    add_plane,
+    add_scene,
+    hold,
+    turned,
+)
 
 HOLD = {"solref": [0.005, 1.0], "solimp": [0.99, 0.9999, 0.001, 0.5, 2.0]}
 """Stiffness of a grasp: a time constant of two time steps."""
@@ -195,7 +205,7 @@ class TablePlant:
             self._clearances = self._lead(target)
         except SimulationError as error:
             self.restore(before)
-            raise SimulationError(f"{error} (step {self._steps + 1}, t = {self.time:.1f} s)") from None
+            raise type(error)(f"{error} (step {self._steps + 1}, t = {self.time:.1f} s)") from None
         self._commanded, self._steps = target, self._steps + 1
         return self._observe()
 
@@ -321,6 +331,9 @@ def build_model(cable: Cable, scene: Scene, config: TableConfig, drive: GripperD
     last, share = config.segments - 1, cable.length / (2 * (config.segments - 1))
     for name, link, along in zip(NAMES, (0, last), (0.0, share), strict=True):
         hold(spec, name, f"segment {link}", along, **HOLD)
+    if drive.joints() is not None:  # arms, whose hands may let go
+        for name, link in zip(NAMES, (0, last), strict=True):
+            add_clip(spec, f"{name} clip", f"segment {link}", **HOLD)
     stated = [config.obstacle_height if each.height is None else each.height for each in scene.obstacles]
     heights = [(0.0, max(height, 2 * cable.radius)) for height in stated]  # the cable passes above nothing
     add_scene(spec, scene, heights, mujoco.mjtGeom.mjGEOM_CYLINDER, **_surface(config.obstacle_friction))

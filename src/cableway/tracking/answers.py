@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -86,6 +86,33 @@ class AnsweringPlant:
         self._moved = True
         answer = _asked(lambda: self._plant.step(np.array(action)), "step")
         return self._during_a_run(lambda: usable_observation(answer, self._keypoints, "the plant's step"))
+
+    @property
+    def can_grasp(self) -> bool:
+        """Whether the plant can take hold of the cable and let go of it, see `cableway.tracking.hands`."""
+        return bool(getattr(self._plant, "can_grasp", False))
+
+    def take_hold(self, joints: Float[np.ndarray, "t 2 6"], opening: float) -> Observation:
+        """Take hold of the cable; the next measurement is that of the start.
+
+        Raises:
+            GraspError: A hand missed the cable.
+            SimulationError: The plant cannot go on.
+        """
+        answer = _asked(lambda: cast(Any, self._plant).take_hold(joints.copy(), opening), "take_hold")
+        self._joints = []
+        return usable_observation(answer, self._keypoints, "the plant's take_hold")
+
+    def let_go(self, joints: Float[np.ndarray, "t 2 6"], opening: float) -> tuple[float, Measurement]:
+        """Let go of the cable: how far it moved [m], and the measurement after that, whose joints count for no row.
+
+        Raises:
+            SimulationError: The plant cannot go on.
+        """
+        answer = _asked(lambda: cast(Any, self._plant).let_go(joints.copy(), opening), "let_go")
+        measured = self.measure()
+        self._joints.pop()
+        return float(_numbers(answer, (), "the plant's let_go reported a distance")), measured
 
     def measure(self) -> Measurement:
         """See `Plant.measure`.

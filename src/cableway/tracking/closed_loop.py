@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from cableway.control.base import Controller, require_controller
 from cableway.core.checks import require_type
-from cableway.core.errors import Cancelled, InputError, SimulationError, TrackingInterrupted
+from cableway.core.errors import Cancelled, GraspError, InputError, SimulationError, TrackingInterrupted
 from cableway.core.provenance import describe
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
@@ -64,7 +64,8 @@ def track(
         the last state before that. `metadata["recovered"]` has the times [s] from which a new plan was followed,
         `metadata["suspected"]` the discs (x, y, radius) [m] that were supposed to stand where something unknown held
         the cable, `metadata["friction"]` how far [m] a cable led back lay from its way, where that was more than noise
-        makes, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits.
+        makes, `metadata["watchdog"]` how many steps were late, failed, or cut to the limits. Where arms take hold of
+        the cable, `metadata["hands"]` says whether they `grasped` it and `let_go`.
 
     Raises:
         InputError: Plan and plant differ in their number of keypoints, or controller and plant in their control step;
@@ -87,6 +88,8 @@ def track(
     LOGGER.info("tracking: %s", json.dumps(settings))
     try:
         ending = _lead(loop, watch, progress)
+        if ending.outcome is Outcome.SETTLED:
+            loop.let_go()
     except KeyboardInterrupt:
         stopped = Ending(Outcome.INTERRUPTED, "from the keyboard")
         raise TrackingInterrupted(_record(loop, watch, stopped, settings)) from None
@@ -100,6 +103,9 @@ def _lead(loop: Loop, watch: Watch | None, progress: Progress | None) -> Ending:
         return Ending(Outcome.WRONG_SETUP, mistake)
     try:
         loop.take_hold()
+    except GraspError as error:
+        loop.hands = {"grasped": False, "why": str(error)}
+        return Ending(Outcome.NOT_HELD, str(error))
     except SimulationError as error:
         return Ending(Outcome.WRONG_SETUP, str(error))
     ending = None
@@ -128,6 +134,8 @@ def _record(loop: Loop, watch: Watch | None, ending: Ending, settings: dict[str,
         "friction": watch.friction if watch is not None else 0.0,
         "watchdog": loop.guard.record(),
     }
+    if loop.hands:
+        happened["hands"] = loop.hands
     return loop.log.rollout({**settings, "outcome": ending.outcome.value, "detail": ending.detail, **happened})
 
 

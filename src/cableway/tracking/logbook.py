@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cableway.core.errors import PressedError, SimulationError
+from cableway.core.errors import GraspError, PressedError, SimulationError
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Rollout
@@ -55,7 +55,7 @@ class Log:
             self.measured[-1] = replace(last, clearance=min(last.clearance, error.clearance))
         if self.status:
             self.status[-1] += THEN_FAILED
-        return Ending(Outcome.PLANT_FAILED, str(error))
+        return Ending(Outcome.NOT_HELD if isinstance(error, GraspError) else Outcome.PLANT_FAILED, str(error))
 
     def rollout(self, metadata: dict[str, Any]) -> Rollout:
         """The record of it all; a row that an interrupt left unfinished is none."""

@@ -22,8 +22,9 @@ from cableway.robot.held_arms import HeldArms
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
+from cableway.tracking import hands
+from cableway.tracking.answers import AnsweringPlant
 from cableway.tracking.logbook import Log
-from cableway.tracking.plant import Plant
 from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
@@ -84,7 +85,7 @@ class Loop:
     """A run: plant and controller, what was observed last, and the record."""
 
     def __init__(
-        self, plant: Plant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
+        self, plant: AnsweringPlant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
     ) -> None:
         self.plant, self._controller, self._config, self.log = plant, controller, config, Log()
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
@@ -96,14 +97,20 @@ class Loop:
         self.plan = plan
         self.state = _begun(controller, plant.task, plan)
         self._rule = StopRule(config, plan, plant.control_step, plant.task.cable.swing_period)
-        self._gate, self._silence, self._attachment = MessageGate(), Silence(), Attachment(plant.control_step)
+        self._silence, self._attachment = Silence(), Attachment(plant.control_step)
         self._slack = Slack(plant.task.cable)
         self._lies: np.ndarray | None = None
-        self._see(plant.reset())
-        start = self.observation.poses if poses_usable(self.observation) else plan.poses[0]
-        self._robot = FollowingError(SE2.continued(start, plan.poses[0]), plant.control_step)
         self._arms: HeldArms | None = None
-        self.log.see(0.0, self.observation, plant.measure(), self.state.reference)
+        self.hands: dict[str, Any] = {}
+        self._begin(plant.reset())
+
+    def _begin(self, message: Observation) -> None:
+        """The start as it is now."""
+        self._gate, self.log = MessageGate(), Log()
+        self._see(message)
+        start = self.observation.poses if poses_usable(self.observation) else self.plan.poses[0]
+        self._robot = FollowingError(SE2.continued(start, self.plan.poses[0]), self.plant.control_step)
+        self.log.see(0.0, self.observation, self.plant.measure(), self.state.reference)
 
     @property
     def time(self) -> float:
@@ -160,12 +167,27 @@ class Loop:
         return ending
 
     def take_hold(self) -> None:
-        """Note where the arms are that hold the grippers, if the plan has any.
+        """Note where the arms are, and take hold of the cable where plan and plant can; see `tracking.hands`.
 
         Raises:
-            SimulationError: They cannot hold them where they are.
+            GraspError: A hand missed the cable.
+            SimulationError: They cannot hold the grippers where they are.
         """
         self._arms = HeldArms.of_plan(self.plan, self.task, self._robot.target)
+        if (message := hands.take_hold(self.plant, self.plan)) is not None:
+            self.hands = {"grasped": True}
+            self._begin(message)
+
+    def let_go(self) -> None:
+        """Let go of the cable, where the arms took hold of it; `hands` says what became of that."""
+        if not self.hands or self._arms is None or self._lies is None:
+            return
+        found, measured = hands.let_go(self.plant, self._arms, self._robot.target, self._lies, self.task)
+        self.hands |= found
+        if measured is not None:
+            last = self.log.measured[-1]
+            least = min(last.gripper_clearance, measured.gripper_clearance)
+            self.log.measured[-1] = replace(last, gripper_clearance=least)
 
     def back_off(self, steps: int, far_enough: Callable[[], bool] = lambda: False) -> Ending | None:
         """Stop, then take back the last gripper motions as far as that is safe; how the run ended, if it did.

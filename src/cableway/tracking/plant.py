@@ -1,9 +1,10 @@
 """What a plant is: a cable held by two grippers, as the closed loop sees it.
 
-A plant is any object with these five members; nothing is inherited. The loop calls `reset` once and then `step` and
-`measure` in turn, once each per control step, from one thread. It does not wait for wall time: a simulator answers as
-fast as it can, a robot when its control step is over, so the plant sets the pace. Any error that `step` and `measure`
-raise, and any answer that is no record of the task's cable, ends the run with what was recorded before.
+A plant is any object with these five members; nothing is inherited. One with arms may have more, see
+`cableway.tracking.hands`. The loop calls `reset` once and then `step` and `measure` in turn, once each per control
+step, from one thread. It does not wait for wall time: a simulator answers as fast as it can, a robot when its control
+step is over, so the plant sets the pace. Any error that `step` and `measure` raise, and any answer that is no record of
+the task's cable, ends the run with what was recorded before.
 
 Units, frames and order of the numbers are those of `docs/conventions.md`: metres and radians in the world frame of the
 task, keypoint 0 at the left gripper, gripper angles that of the cable's tangent there, left before right.

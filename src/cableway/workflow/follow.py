@@ -13,9 +13,10 @@ import numpy as np
 from cableway.commands import Commands
 from cableway.control.base import Controller
 from cableway.control.insertion import InsertionController
-from cableway.core.errors import ControlError, SimulationError, TrackingInterrupted
+from cableway.core.errors import ControlError, GraspError, SimulationError, TrackingInterrupted
 from cableway.core.plugins import is_plugin, load_plugin
 from cableway.core.provenance import versions
+from cableway.core.quantities import quantity
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
@@ -89,7 +90,8 @@ def follow(
                 watchdog=watchdog, seed=options.seed, progress=lambda _, share: listener.progress("insertion", share),
             )  # fmt: skip
     except (SimulationError, ControlError) as error:
-        failed = Outcome.CONTROLLER_FAILED if isinstance(error, ControlError) else Outcome.PLANT_FAILED
+        failed = Outcome.NOT_HELD if isinstance(error, GraspError) else Outcome.PLANT_FAILED
+        failed = Outcome.CONTROLLER_FAILED if isinstance(error, ControlError) else failed
         problem = (failed, f"tracking failed: {error}")
     except TrackingInterrupted as stop:
         listener.interrupted = True
@@ -107,7 +109,7 @@ def follow(
     try:
         report = summarize(
             task, run.plan, rollout, insertion_plan=run.insertion_plan, insertion=insertion, timings=run.timings,
-            seed=options.seed, notes=(*run.report.notes, *perturbation.notes, *notes),
+            seed=options.seed, notes=(*run.report.notes, *perturbation.notes, *notes, *_of_hands(rollout)),
             limits=options.resolved_planner().limits, cable=perturbation.cable, actual=actual, problem=problem,
             plan_verdict=run.report.plan_verdict, insertion_plan_verdict=run.report.insertion_plan_verdict,
         )  # fmt: skip
@@ -144,6 +146,20 @@ def _recovery(options: SolveOptions, plan: Plan) -> Recovery | None:
         return search(task, options, planner, None, seed, previous=left if seed == options.seed else None)
 
     return Recovery(replan=replan)
+
+
+def _of_hands(rollout: Rollout | None) -> tuple[str, ...]:
+    """Whether arms took hold of the cable and let go of it, for the reader of the report."""
+    hands = {} if rollout is None else rollout.metadata.get("hands", {})
+    if not hands.get("grasped"):
+        return ()
+    if hands.get("let_go"):
+        moved = quantity(hands["moved"])
+        return (
+            f"The arms took hold of the cable where it lay, and let go of it at the goal, where it moved by {moved}.",
+        )
+    why = f": {hands['why']}" if "why" in hands else ""
+    return (f"The arms took hold of the cable where it lay, and did not let go of it{why}.",)
 
 
 def _made_by(task: Task, options: SolveOptions, own: OwnPlant | None) -> dict[str, Any]:

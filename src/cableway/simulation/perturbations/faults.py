@@ -105,7 +105,14 @@ class FaultyPlant(Layer[SensedPlant]):
 
     def reset(self) -> Observation:
         """Go to the start and look."""
-        truth = self.plant.reset()
+        return self._begin(self.plant.reset())
+
+    def take_hold(self, joints: Float[np.ndarray, "t 2 6"], opening: float) -> Observation:
+        """See `HandlingPlant.take_hold`."""
+        return self._begin(self.plant.take_hold(joints, opening))
+
+    def _begin(self, truth: Observation) -> Observation:
+        """The first message of a run."""
         self._steps, self._pending = 0, np.zeros((2, SE2.dof))
         self._message = self._passed = truth
         self._frame = truth.keypoints

@@ -16,6 +16,11 @@ from cableway.scene.task import Task
 from cableway.simulation.perturbations.layer import Layer
 from cableway.simulation.plant import CableSimulator
 
+HOLD = 12.0
+"""Pull [N] up to which a hand holds the cable: twice its grip times the coefficient of friction. The grip is the least
+of a 2F-85, 20 N of 20 to 235, since a cable is not to be crushed; the coefficient is 0.3, what Robotiq measured of its
+silicone fingertips on oiled steel (instruction manual of the Hand-E, "Payload and force")."""
+
 MOST_SHIFT = 0.02
 """Largest distance [m] of a cable's end from where it should be held."""
 
@@ -35,6 +40,8 @@ class GraspConfig(Checked):
         slip_time: Time [s] at which the cable slips; never where None.
         left_after: After the slip.
         right_after: After the slip.
+        hold: Pull [N] beyond which the hand of a simulated arm loses the cable.
+        clips: Whether clips hold the ends of the cable while no simulated hand does; without, it springs straight.
 
     Raises:
         InputError: A value is out of range.
@@ -45,6 +52,8 @@ class GraspConfig(Checked):
     slip_time: Positive[float] | None = None
     left_after: Offset = (0.0, 0.0, 0.0)
     right_after: Offset = (0.0, 0.0, 0.0)
+    hold: Positive[float] = HOLD
+    clips: bool = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

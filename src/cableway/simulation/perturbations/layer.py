@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, cast
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.records import Measurement
@@ -88,6 +89,15 @@ class Layer(Generic[P]):
     def unmodelled(self) -> tuple[str, ...]:
         """What the task holds that this plant leaves out, one sentence each, for reports."""
         return self.plant.unmodelled
+
+    @property
+    def can_grasp(self) -> bool:
+        """Whether the plant has arms that can take hold of the cable and let go of it."""
+        return getattr(self.plant, "can_grasp", False)
+
+    def let_go(self, joints: Float[np.ndarray, "t 2 6"], opening: float) -> float:
+        """See `HandlingPlant.let_go`."""
+        return cast(Any, self.plant).let_go(joints, opening)
 
     def measure(self) -> Measurement:
         """The truth after the last step."""

@@ -17,6 +17,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.cell import Way
 from cableway.scene.task import Task
 from cableway.simulation.arms import ArmDrive
+from cableway.simulation.handling import HandlingPlant
 from cableway.simulation.perturbations.faults import FaultConfig, FaultyPlant
 from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable, Offset
 from cableway.simulation.perturbations.sensing import SensedPlant, SensingConfig
@@ -141,8 +142,9 @@ class Perturbation(Checked):
         if self.table is not None:
             true, drive = self.true_task(task), None
             if plan is not None and self.arms == "simulated" and true.cell is not None:
-                drive = _arms_of(plan, true, self.table)
-            return TablePlant(true, self.cable, self.grasp, self.table, self.known_task(task), drive)
+                drive = _arms_of(plan, true, self.table, self.grasp.hold)
+            kind = TablePlant if drive is None else HandlingPlant
+            return kind(true, self.cable, self.grasp, self.table, self.known_task(task), drive)
         plant = CableSimulator(self.true_task(task), self.simulation, self.cable)
         if self.grasp == GraspConfig() and self.start is None and not (self.obstacles or self.pegs):
             return plant
@@ -156,12 +158,12 @@ class Perturbation(Checked):
         return {**describe(self.simulation), "cable": describe(self.true_cable(task)), **parts}
 
 
-def _arms_of(plan: Plan, task: Task, table: TableConfig) -> ArmDrive | None:
+def _arms_of(plan: Plan, task: Task, table: TableConfig, hold: float) -> ArmDrive | None:
     """The arms of a cell as a plan has them; None where it does not say how they hold the cable."""
     way = Way.of_record(plan.metadata)
     if way is None or plan.joints is None:
         return None
-    return ArmDrive(task, way, plan.joints[0], table.time_step)
+    return ArmDrive(task, way, plan.joints[0], table.time_step, hold)
 
 
 def _start_between(task: Task, offsets: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "n 2"]:

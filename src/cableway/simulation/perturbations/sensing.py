@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +24,7 @@ from cableway.core.checks import Bounds, Checked, Share
 from cableway.core.deprecation import renamed
 from cableway.core.errors import InputError
 from cableway.records import Observation
+from cableway.simulation.handling import HandlingPlant
 from cableway.simulation.perturbations.grasp import GraspedCable
 from cableway.simulation.perturbations.layer import Layer
 from cableway.simulation.plant import CableSimulator
@@ -97,7 +98,14 @@ class SensedPlant(Layer["CableSimulator | GraspedCable | TablePlant"]):
 
     def reset(self) -> Observation:
         """Go to the start and look; the same run after it gives the same observations bit for bit."""
-        truth = self.plant.reset()
+        return self._begin(self.plant.reset())
+
+    def take_hold(self, joints: Float[np.ndarray, "t 2 6"], opening: float) -> Observation:
+        """See `HandlingPlant.take_hold`."""
+        return self._begin(cast(HandlingPlant, self.plant).take_hold(joints, opening))
+
+    def _begin(self, truth: Observation) -> Observation:
+        """The first observation of a run."""
         # a frame that arrives between two steps is older than its delay by less than one step
         latest = self.config.measurement_delay + self.config.jitter
         count = math.ceil(latest / self.control_step - ROUNDING) + 2

@@ -92,8 +92,9 @@ def _stiff_middle(task: Task, rng: np.random.Generator) -> Perturbation:
 
 def _slipping(task: Task, rng: np.random.Generator) -> Perturbation:
     left, right = offsets(rng, 0.005, 3.0)
-    end = {"left_after": left} if rng.random() < 0.5 else {"right_after": right}
-    return Perturbation(grasp=GraspConfig(slip_time=4.0, **end))
+    slipping = GraspConfig(slip_time=4.0)
+    end = replace(slipping, left_after=left) if rng.random() < 0.5 else replace(slipping, right_after=right)
+    return Perturbation(grasp=end)
 
 
 def _cable(**values: Any) -> Draw:
