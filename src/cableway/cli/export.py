@@ -109,4 +109,10 @@ def _rows(trajectory: Trajectory, written: list[str]) -> list[tuple[str, str]]:
             (f"joint {name}", quantity(value, unit))
             for (name, value), unit in zip(header["joints"]["reached"].items(), ("rad/s", "rad/s²"), strict=True)
         ]
+    if trajectory.hands is not None:
+        commands = (
+            f"{limit_text(each['opening']) if each['opening'] else 'closed'} from {each['time']:.1f} s on"
+            for each in header["hands"]["commands"]
+        )
+        rows.append(("hands", ", ".join(commands)))
     return [*rows, ("use", header["use"])]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +13,7 @@ import tyro
 
 from cableway.cli import outputs
 from cableway.cli.interrupts import INTERRUPTS
-from cableway.cli.options import PictureOptions, TaskOptions, option
+from cableway.cli.options import Flag, PictureOptions, TaskOptions, option
 from cableway.cli.terminal import OnProgress, Terminal, pairs
 from cableway.core.errors import InputError
 from cableway.planning.named import PLANNERS
@@ -21,6 +21,7 @@ from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, Planner, ma
 
 if TYPE_CHECKING:
     from cableway.figures.style import Figure
+    from cableway.planning.moved_ends import MovedEnds
     from cableway.scene.task import Task
     from cableway.workflow.events import OnEvent
     from cableway.workflow.run import Run
@@ -51,6 +52,10 @@ class PlanOptions(PictureOptions, TaskOptions):
     """Arms that hold the grippers: a plan has their joints, and neither they nor the hands touch anything. By default,
     what the task says, else grippers alone."""
 
+    move_ends: Flag = False
+    """Move a start or goal that hands or arms cannot hold to the nearest shape found that they can, and say by how
+    much."""
+
     time_limit: float = 30.0
     """Seconds after which the search for a plan stops, reading the task included; files and pictures are written after
     that. A search that ends earlier does not depend on it."""
@@ -61,20 +66,26 @@ class PlanOptions(PictureOptions, TaskOptions):
             raise InputError(f"--time-limit must be positive, got {self.time_limit}")
 
     def load(self) -> Task:
-        """See `TaskOptions.load`; in the cell that is asked for.
+        """See `TaskOptions.load`; in the cell that is asked for, its ends moved if they may be.
 
         Raises:
             InputError: There is no such cell, or the task leaves its hands no room.
         """
-        task = super().load()
-        if self.cell is None:
-            return task
+        return self.moved.task
+
+    @cached_property
+    def moved(self) -> MovedEnds:
+        """The task of `load`, with what was moved."""
         from cableway.core.errors import TaskError
+        from cableway.planning.moved_ends import set_up
         from cableway.scene.files.loading import load_cell
 
+        source = self.task if self.move_ends else super().load()
+        if self.cell is None:
+            return set_up(source, move=self.move_ends)
         cell = load_cell(self.cell)
         try:
-            return task.in_cell(cell)
+            return set_up(source, cell, move=self.move_ends)
         except TaskError as error:
             raise InputError(f"{self.task} in the cell {cell.name}: {error}") from None
 
@@ -107,7 +118,7 @@ class PlanOptions(PictureOptions, TaskOptions):
         left = max(self.time_limit - (time.perf_counter() - since), LEAST_TIME)
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=left, **options)
         with only_writer(folder), terminal.progress() as progress:
-            run = solve(task, chosen, _shown(terminal, progress, folder, self.draw, tracked=chosen.track))
+            run = solve(self.moved, chosen, _shown(terminal, progress, folder, self.draw, tracked=chosen.track))
             INTERRUPTS.release()
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video

@@ -29,8 +29,9 @@ class Tasks(PictureOptions):
     """Folder for random tasks, by default runs/<kind>; and for the catalogue as report.json, by default not written."""
 
     random: Annotated[str | None, option(metavar="KIND")] = None
-    """Write random tasks of this kind, blocked, cell, clutter, corridor, dense, maze, open-far, open-near, posts,
-    s-shaped, serpentine, sizes, slot, straight or table. By default, the catalogue is listed."""
+    """Write random tasks of this kind, blocked, cell, cell-clutter, cell-dense, clutter, corridor, dense, maze,
+    open-far, open-near, posts, s-shaped, serpentine, sizes, slot, straight or table. By default, the catalogue is
+    listed."""
 
     count: int = 1
     """Number of random tasks, with seeds from --seed on."""

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from cableway.core.checks import Bounds, Checked
 from cableway.scene.bodies import Body, padded
 from cableway.scene.cable import Cable
-from cableway.scene.task import Task
+from cableway.scene.task import Draft, Task
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,13 +132,13 @@ class BodyMeetings(NamedTuple):
         return cls(sides, outline, counts, np.array(reach, float), begins, np.concatenate([np.zeros((0, 2)), *points]))
 
 
-def sharpest_turn_of(task: Task) -> float:
+def sharpest_turn_of(task: Draft) -> float:
     """Greatest sine of the turn at a hinge that the cable's least bend radius allows; infinite where it has none."""
     radius, rod = task.cable.min_bend_radius, task.cable.rod
     return math.sin(min(math.pi / 2, rod.length / rod.hinges / radius)) if radius > 0 else math.inf
 
 
-def stations_apart(task: Task) -> int:
+def stations_apart(task: Draft) -> int:
     """Stations along the rod from which on it could touch itself: half a turn of the cable's own thickness."""
     rod = task.cable.rod
     return math.ceil(math.pi * task.cable.radius * 2 * rod.hinges / rod.length) + 1

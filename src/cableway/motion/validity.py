@@ -22,7 +22,7 @@ from cableway.motion.limits import Margins, ShapeLimits, body_rounding, sharpest
 from cableway.rod.held_rod import HeldRod
 from cableway.scene.bodies import Body, pack
 from cableway.scene.clearance import bodies_gap, body_clearance, cable_gap
-from cableway.scene.task import Task
+from cableway.scene.task import Draft, Task
 
 STRAIGHTER = 1e-3
 """Share of the length from which the grippers are farther apart than they were."""
@@ -43,28 +43,32 @@ class FreeSpace:
     @classmethod
     def of(cls, task: Task, margins: Margins) -> FreeSpace:
         """What a task allows with some margins: never more than its own start and goal keep."""
-        rod, ends = task.cable.rod, np.array(task_ends(task))
-        stations, poses = rod.shapes(ends)
+        return cls.around(np.array(task_ends(task)), task, margins)
+
+    @classmethod
+    def around(cls, kept: Float[np.ndarray, "k dof"], task: Draft, margins: Margins) -> FreeSpace:
+        """What margins allow in the scene of a task: never more than some shapes keep, if there are any."""
+        rod = task.cable.rod
+        stations, poses = rod.shapes(kept)
         spans = gripper_spans(poses)
         turns = [kernels.sharpest_turn(shape, rod.length) for shape in stations]
         apart, off = stations_apart(task), cable_gap(task.bodies, stations, poses, task.cable, margins.clearance)
-        selves = min(kernels.self_distance(shape, apart) for shape in stations)
+        selves = min((kernels.self_distance(shape, apart) for shape in stations), default=math.inf)
+        cable_distance = task.cable.radius + margins.clearance
         limits = ShapeLimits(
-            cable_distance=min(
-                task.cable.radius + margins.clearance, float(task.scene.signed_distance(stations).min()) - 1e-6
-            ),
-            stability=min(margins.stability, float(rod.stability(ends)[0].min()) - 1e-6),
-            least_span=min(task.grippers.least_span, float(spans.min()) - 1e-9),
-            most_span=max(margins.gripper_span * rod.length, float(spans.max()) + 1e-9),
-            sharpest_turn=max(sharpest_turn_of(task), *turns),
+            cable_distance=min(cable_distance, _least(task.scene.signed_distance(stations)) - 1e-6),
+            stability=min(margins.stability, _least(rod.stability(kept)[0]) - 1e-6),
+            least_span=min(task.grippers.least_span, _least(spans) - 1e-9),
+            most_span=max(margins.gripper_span * rod.length, float(spans.max(initial=0.0)) + 1e-9),
+            sharpest_turn=max([sharpest_turn_of(task), *turns]),
             apart=apart,
             self_distance=min(2 * task.cable.radius + margins.self_distance, selves - 1e-9),
-            bodies_apart=min(margins.clearance, float(bodies_gap(task.body_pairs, poses).min()) - 1e-6),
-            bodies_off_cable=task.cable.radius + min(margins.clearance, float(off.min()) - 1e-6),
+            bodies_apart=min(margins.clearance, _least(bodies_gap(task.body_pairs, poses)) - 1e-6),
+            bodies_off_cable=task.cable.radius + min(margins.clearance, _least(off) - 1e-6),
         )
         outer = task.outer_bodies
-        kept = [_body_distance(body, poses, task, margins) if body in outer else -math.inf for body in task.bodies]
-        bodies = pack(task.bodies, kept, task.body_pairs, task.cable.radius, margins.clearance)
+        distances = [_body_distance(body, poses, task, margins) if body in outer else -math.inf for body in task.bodies]
+        bodies = pack(task.bodies, distances, task.body_pairs, task.cable.radius, margins.clearance)
         return cls(rod, (rod.arrays, task.scene.world.arrays, limits, bodies))
 
     def are_free(self, q: Float[np.ndarray, "k dof"]) -> Bool[np.ndarray, "k"]:
@@ -138,7 +142,11 @@ def is_pulled_straight(poses: Float[np.ndarray, "t 2 pose"], length: float, most
     return bool((spans > limits).any())
 
 
-def _body_distance(body: Body, ends: Float[np.ndarray, "2 2 pose"], task: Task, margins: Margins) -> float:
+def _least(values: Float[np.ndarray, "..."]) -> float:
+    return float(values.min(initial=math.inf))
+
+
+def _body_distance(body: Body, kept: Float[np.ndarray, "k 2 pose"], task: Draft, margins: Margins) -> float:
     """Distance [m] that the outline of a body keeps."""
-    least = float(body_clearance(body, ends, task.scene).min()) + body.rounding - 1e-6
+    least = _least(body_clearance(body, kept, task.scene)) + body.rounding - 1e-6
     return min(body_rounding(body, task.cable) + margins.clearance, least)

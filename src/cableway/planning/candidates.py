@@ -27,6 +27,7 @@ from cableway.planning.projection import ProjectedTrajectory, project, stepped
 from cableway.planning.routes.infeasibility import find_blockage
 from cableway.records import Attempt, Plan, Verdict
 from cableway.robot.branches import NoMotion, arm_motion, end_fault
+from cableway.robot.grasping import with_hands
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 
@@ -197,7 +198,7 @@ class Search:
                 held.task = self.task.held(motion.way)
                 eased = stepped(projected.nodes, projected.node_places, held.task, self.config.projection)
                 return held._judge(eased, initial)
-            plan = replace(plan, joints=motion.joints, metadata={**made_by, "arms": motion.way.described()})
+            plan = with_hands(plan, motion, self.task)
         self.report("verification", 0.0)
         verdict = verify_plan(plan, self.task, self.config.limits)
         self.report("verification", 1.0)

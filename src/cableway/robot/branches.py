@@ -19,9 +19,9 @@ from cableway.core.errors import Point
 from cableway.core.quantities import limit_text, quantity
 from cableway.robot.kinematics import BRANCHES, branch_motion, flange_poses
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps, world_of_arms
-from cableway.scene.cell import ARMS, TOOLS, Cell, Way
+from cableway.scene.cell import ARMS, TOOLS, Cell, Tool, Way
 from cableway.scene.grippers import SIDES
-from cableway.scene.task import CONTROL_STEP, ENDS, Task
+from cableway.scene.task import CONTROL_STEP, ENDS, Draft, Task
 
 CLEARANCE = 0.010
 """Least clearance [m] of links in a motion."""
@@ -110,17 +110,31 @@ def end_fault(task: Task, cell: Cell) -> NoMotion | None:
 
     No motion gets from one way of holding it to another.
     """
+    found = common_ways(task, cell)
+    return found if isinstance(found, NoMotion) else None
+
+
+def common_ways(task: Task, cell: Cell) -> tuple[Way, ...] | NoMotion:
+    """In which ways the arms can hold the cable at start and goal, that with most room first; or why there is none."""
     packed, ways = PackedCell(task, cell), []
     poses = task.cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[1]
     for end, held in zip(ENDS, poses, strict=True):
-        found = _pairs(held[None], packed)
+        found = possible_ways(held, packed)
         if isinstance(found, NoMotion):
             return replace(found, reason=f"at the {end}, {found.reason}")
-        ways.append({pair.way for pair in found})
-    if set.intersection(*ways):
-        return None
+        ways.append(found)
+    start, goal = ways
+    both = sorted((way for way in start if way in goal), key=lambda way: -min(start[way], goal[way], ENOUGH))
+    if both:
+        return tuple(both)
     reason = "the arms cannot hold the cable at the goal as they can at the start, in the same branches of their joints"
     return NoMotion(reason, _point(poses[1, :, :2].mean(axis=0)))
+
+
+def possible_ways(poses: Float[np.ndarray, "2 3"], packed: PackedCell) -> dict[Way, float] | NoMotion:
+    """In which ways the arms can hold the grippers at poses [m, m, rad], with what clearance [m]; or why in none."""
+    found = _pairs(poses[None], packed)
+    return found if isinstance(found, NoMotion) else {pair.way: pair.clearance for pair in found}
 
 
 class _Pair(NamedTuple):
@@ -168,9 +182,9 @@ def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: PackedCell) -> list[_Pair]
 
 
 class PackedCell:
-    """A cell's arms for the kernels."""
+    """A cell's arms for the kernels, with its tool as it is closed where none is given."""
 
-    def __init__(self, task: Task, cell: Cell, made: bool = False) -> None:
+    def __init__(self, task: Draft, cell: Cell, made: bool = False, tool: Tool | None = None) -> None:
         self.clearance, self.singular, self.effort = (
             (-np.inf, 0.0, np.inf) if made else (CLEARANCE, SINGULAR, SPEED_SHARE)
         )
@@ -178,12 +192,14 @@ class PackedCell:
         self.lengths = [np.array(model.lengths) for model in cell.models]
         self.bases = [arm.base(task.scene) for arm in cell.arms]
         self.reach = TOOLS[cell.tool].reach
-        self.capsules = [Capsules.of(model, TOOLS[cell.tool]) for model in cell.models]
+        self.capsules = [Capsules.of(model, tool or TOOLS[cell.tool]) for model in cell.models]
         self.world = world_of_arms(task.scene)
 
-    def flanges(self, arm: int, poses: Float[np.ndarray, "t 3"], turn: int) -> Float[np.ndarray, "t 4 4"]:
-        """Poses of an arm's flange in the frame of its base, where it holds the cable at gripper poses [m, m, rad]."""
-        return np.linalg.inv(self.bases[arm]) @ flange_poses(poses, self.reach, self.height, turn)
+    def flanges(
+        self, arm: int, poses: Float[np.ndarray, "t 3"], turn: int, raised: Float[np.ndarray, "t"] | float = 0.0
+    ) -> Float[np.ndarray, "t 4 4"]:
+        """Poses of an arm's flange in the frame of its base, where its gripper is `raised` [m] at poses [m, m, rad]."""
+        return np.linalg.inv(self.bases[arm]) @ flange_poses(poses, self.reach, self.height + raised, turn)
 
     def placed(
         self, arm: int, joints: Float[np.ndarray, "t 6"]

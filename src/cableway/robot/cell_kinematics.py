@@ -57,6 +57,16 @@ class CellKinematics:
             found[side] = gripper_poses(frames[6:], self._packed.reach, self.way.turns[side])[0]
         return found
 
+    def heights(self, joints: Float[np.ndarray, "k 2 6"]) -> Float[np.ndarray, "k 2"]:
+        """Heights [m] above the table of where tools that point down hold the cable, at joint positions [rad]."""
+        found, frames = np.empty(joints.shape[:2]), np.empty((7, 3, 4))
+        for side, arm in enumerate(self.way.holders):
+            lengths, base = self._packed.lengths[arm], self._packed.bases[arm]
+            for k, row in enumerate(np.ascontiguousarray(joints[:, side], float)):
+                link_frames(lengths, base, row, frames)
+                found[k, side] = frames[6, 2, 3] + self._packed.reach * frames[6, 2, 2]
+        return found
+
     def joints(
         self, poses: Float[np.ndarray, "2 3"], near: Float[np.ndarray, "2 6"], least: float = SINGULAR
     ) -> Float[np.ndarray, "2 6"]:

@@ -106,7 +106,9 @@ def branch_motion(lengths, flanges, branch, least, out):
     return len(flanges)
 
 
-def flange_poses(poses: Float[np.ndarray, "t 3"], reach: float, height: float, turn: int) -> Float[np.ndarray, "t 4 4"]:
+def flange_poses(
+    poses: Float[np.ndarray, "t 3"], reach: float, height: Float[np.ndarray, "t"] | float, turn: int
+) -> Float[np.ndarray, "t 4 4"]:
     """Poses of a flange whose tool points straight down and holds the cable at gripper poses [m, m, rad].
 
     Args:

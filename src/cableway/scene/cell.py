@@ -95,6 +95,16 @@ class Tool:
     mass: Mass
     capsules: tuple[Capsule, ...]
 
+    def opened(self, opening: float) -> Tool:
+        """The same with capsules about its fingers, `opening` [m] apart, and the knuckles that they spread."""
+        aside, low, high = opening / 2 + FINGER / 2, 0.12, self.reach - FINGER
+        fingers = (Capsule(6, (0, y, low), (0, y, high), FINGER) for y in (-aside, aside))
+        knuckles = Capsule(6, (0, -0.042, low), (0, 0.042, low), 0.019)
+        return replace(self, capsules=(*self.capsules, *fingers, knuckles))
+
+
+FINGER = 0.014
+"""Radius [m] of a capsule about a finger, of 14 x 24 mm at most."""
 
 WRISTS = ("wrist_1", "wrist_2", "wrist_3")
 

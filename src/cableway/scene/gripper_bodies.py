@@ -3,7 +3,7 @@
 The named ones are made for a tool that points straight down with its tips 2 mm above the table, closed on a cable of
 8 mm, the fingers to either side of it. The 2F-85's extents are those of its meshes in MuJoCo Menagerie (BSD-2-Clause),
 by `studies/gripper_outlines.py`, rounded up to millimetres; those of the layer above the knuckles, 103 x 74, hold its
-flange of 75 x 75 as well.
+flange of 75 x 75 as well. The same study has those of the open hand.
 """
 
 from __future__ import annotations
@@ -72,11 +72,12 @@ class BodyPart:
         return Body(name, side, self.outline, heights=self.heights)
 
 
-def _layer(across: float, along: float, low: float, high: float) -> BodyPart:
-    """A box about the end of the cable, from figures in millimetres above the tips."""
-    x, y = along / 2000, across / 2000
+def _layer(across: float, along: float, low: float, high: float, aside: float = 0.0) -> BodyPart:
+    """A box so far to the left of the end of the cable, from figures in millimetres above the tips."""
+    x, y, middle = along / 2000, across / 2000, aside / 1000
     return BodyPart(
-        outline=np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), heights=(TIP + low / 1000, TIP + high / 1000)
+        outline=np.array([[-x, middle - y], [x, middle - y], [x, middle + y], [-x, middle + y]]),
+        heights=(TIP + low / 1000, TIP + high / 1000),
     )
 
 
@@ -84,12 +85,12 @@ _HAND = ((89, 27, 20), (115, 34, 20), (127, 39, 20), (103, 75, 30), (75, 75, 40)
 """The 2F-85 above its fingers: extent across and along the cable, and height, of each layer [mm]."""
 
 
-def _hand(low: float) -> tuple[BodyPart, ...]:
-    """The layers of `_HAND` from `low` [mm] above the tips."""
+def _hand(low: float, across: tuple[float, ...] = tuple(layer[0] for layer in _HAND)) -> tuple[BodyPart, ...]:
+    """The layers of `_HAND` from `low` [mm] above the tips, as wide as `across` [mm]."""
     bottoms = low + np.cumsum([0, *(layer[2] for layer in _HAND)])
     return tuple(
-        _layer(across, along, bottom, bottom + height)
-        for (across, along, height), bottom in zip(_HAND, bottoms.tolist(), strict=False)
+        _layer(width, along, bottom, bottom + height)
+        for width, (_, along, height), bottom in zip(across, _HAND, bottoms.tolist(), strict=False)
     )
 
 
@@ -116,3 +117,38 @@ def gripper_body(body: str | tuple[BodyPart, ...] | None) -> tuple[BodyPart, ...
     if body not in GRIPPER_BODIES:
         raise TaskError(f"must be one of {', '.join(GRIPPER_BODIES)}, or a list of pieces, got {body!r}", ("body",))
     return GRIPPER_BODIES[body]
+
+
+_OPEN = {
+    50: (78, 79, 118, 127, 136, 136, 75),
+    30: (59, 62, 104, 120, 132, 129, 75),
+    20: (49, 54, 97, 118, 130, 112, 75),
+}
+"""The 2F-85 with its pads so far apart [mm]: extent across the cable of two layers of 20 mm of its fingers, and of
+those of `_HAND`. Its tips are then up to 4 mm higher, which is left out."""
+
+_THICKNESS = 8
+"""Of a long finger across the cable [mm]."""
+
+OPENINGS = tuple(opening / 1000 for opening in _OPEN)
+"""Distances [m] of the fingers of an open hand that are known, widest first."""
+
+
+def open_hand(tool: str, opening: float) -> tuple[BodyPart, ...]:
+    """The pieces of a gripper with its fingers `opening` [m] apart, one of `OPENINGS`, beside the end of the cable.
+
+    >>> [part.outline[:, 1].min().round(4).item() for part in open_hand("2f-85", 0.02)[:2]]
+    [0.01, -0.0245]
+    """
+    gap = round(1000 * opening)
+    low, high, *hand = _OPEN[gap]
+    if tool == "2f-85-long-fingers":
+        fingers = [(gap + 2 * _THICKNESS, 12, 0, 120)]
+    else:
+        fingers = [(low, 22, 0, 20), (high, 24, 20, 40)]
+    pairs = [
+        _layer((outer - gap) / 2, along, bottom, top, side * (outer + gap) / 4)
+        for outer, along, bottom, top in fingers
+        for side in (1, -1)
+    ]
+    return (*pairs, *_hand(fingers[-1][-1], tuple(hand)))

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -137,6 +137,27 @@ class Draft(Brief):
         """Rear of the plug [m, m, rad] at start or goal."""
         return self.gripper_poses(end)[1]
 
+    def unchecked(self) -> Draft:
+        """The same, whether or not a cable can do it."""
+        return Draft(**{entry.name: getattr(self, entry.name) for entry in fields(Draft)})
+
+    def checked(self) -> Task:
+        """The task, if a cable can do it.
+
+        Raises:
+            TaskError: It cannot.
+        """
+        return Task(**{entry.name: getattr(self, entry.name) for entry in fields(Draft)})
+
+    def in_cell(self, cell: Cell) -> Self:
+        """The same task with arms: grippers with the body of their tool, and heights where the scene states none.
+
+        Raises:
+            TaskError: A plug is held, or the bodies leave start or goal of a `Task` no room.
+        """
+        grippers = replace(self.grippers, body=cell.tool)
+        return replace(self, scene=cell.furnished(self.scene), grippers=grippers, cell=cell)
+
     def faults(self) -> Iterator[TaskError]:
         """Why no cable can do it."""
         for end in ENDS:
@@ -198,15 +219,6 @@ class Task(Draft):
         object.__setattr__(moved, "scene", scene)
         moved.__dict__.pop("outer_bodies", None)  # which depend on the heights of its obstacles
         return moved
-
-    def in_cell(self, cell: Cell) -> Task:
-        """The same task with arms: grippers with the body of their tool, and heights where the scene states none.
-
-        Raises:
-            TaskError: The bodies leave start or goal no room, or a plug is held.
-        """
-        grippers = replace(self.grippers, body=cell.tool)
-        return replace(self, scene=cell.furnished(self.scene), grippers=grippers, cell=cell)
 
     def held(self, way: Way) -> Task:
         """The same task in its cell, whose arms hold the cable already; for a run that is under way."""

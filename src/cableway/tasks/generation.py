@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +25,7 @@ from cableway.tasks.maze import maze
 from cableway.tasks.motion import SWEEP_STEP, in_steps
 from cableway.tasks.open import far, near
 from cableway.tasks.passages import corridor, slot
-from cableway.tasks.posts import posts
+from cableway.tasks.posts import SETUPS, crowded, posts, scattered
 from cableway.tasks.serpentine import serpentine
 from cableway.tasks.setup import Draft, Rejected, Setup
 
@@ -55,16 +56,18 @@ class Kind:
     """A kind of random task.
 
     Attributes:
-        draw: Makes a draft, or raises `Rejected`; takes the width of the passage too where there is one.
+        draw: Makes a draft, or raises `Rejected`; takes the width of the passage and the setup where there are some.
         widths: Least, usual and largest width [m] of its passage; None for a kind without one.
         obstructed: Whether the goal is far and something stands in the straight way to it.
         cell: Whether two arms hold the grippers, which can follow the motion that solves the task.
+        setups: Which seeds take in turn, so that each is as frequent, however few draws come to something in it.
     """
 
     draw: Callable[..., Draft]
     widths: tuple[float, float, float] | None = None
     obstructed: bool = True
     cell: bool = False
+    setups: tuple[Setup, ...] = ()
 
 
 KINDS = {
@@ -73,6 +76,8 @@ KINDS = {
     "sizes": Kind(draw=sizes),
     "posts": Kind(draw=posts),
     "cell": Kind(draw=posts, cell=True),
+    "cell-clutter": Kind(draw=scattered, cell=True, setups=SETUPS),
+    "cell-dense": Kind(draw=crowded, cell=True, setups=SETUPS),
     "straight": Kind(draw=straight),
     "s-shaped": Kind(draw=s_shaped),
     "table": Kind(draw=table),
@@ -104,9 +109,11 @@ def random_task(seed: int, kind: str, *, width: float | None = None) -> Task:
 
 def random_task_with_witness(seed: int, kind: str, *, width: float | None = None) -> tuple[Task, Witness | None]:
     """As `random_task`, with a motion that solves the task; None where it is known to be infeasible."""
-    options = _options(kind, width)
+    options: dict[str, Any] = _options(kind, width)
     if seed < 0:
         raise InputError(f"seed must not be negative, got {seed}")
+    if setups := KINDS[kind].setups:
+        options["setup"] = setups[seed % len(setups)]
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     reasons: dict[str, int] = {}
     for _ in range(TRIES):

@@ -21,10 +21,24 @@ def posts(rng: np.random.Generator) -> Draft:
 
     Solvable because they were set around a motion of the cable and of all that its grippers are.
     """
-    setup = Setup(
-        size=(0.8, 0.8),
-        grippers=Grippers(body=BODIES[int(rng.integers(2))]),
-        height=HEIGHTS[int(rng.integers(2))],
-        wall_height=EDGE,
-    )
+    body, height = BODIES[int(rng.integers(2))], HEIGHTS[int(rng.integers(2))]
+    setup = _setup(body, height)
     return strewn(rng, setup, random_way(rng, setup), int(rng.integers(8, 13)), (0.01, 0.05))
+
+
+def scattered(rng: np.random.Generator, setup: Setup) -> Draft:
+    """Four to seven boxes and posts, solvable as `posts` is."""
+    return strewn(rng, setup, random_way(rng, setup), int(rng.integers(4, 8)), (0.025, 0.08))
+
+
+def crowded(rng: np.random.Generator, setup: Setup) -> Draft:
+    """Fourteen to eighteen boxes and posts, solvable as `posts` is."""
+    return strewn(rng, setup, random_way(rng, setup), int(rng.integers(14, 19)), (0.01, 0.05))
+
+
+def _setup(body: str, height: float) -> Setup:
+    return Setup(size=(0.8, 0.8), grippers=Grippers(body=body), height=height, wall_height=EDGE)
+
+
+SETUPS = tuple(_setup(body, height) for height in HEIGHTS for body in BODIES)
+"""Both grippers between obstacles of either height."""

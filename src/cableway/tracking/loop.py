@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
@@ -13,29 +12,26 @@ from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState
 from cableway.control.limits import last_filter
-from cableway.core.errors import CablewayError, ControlError, PressedError, SimulationError, raised, said
+from cableway.core.errors import CablewayError, ControlError, SimulationError, raised, said
 from cableway.estimation.delay import LONGEST_DELAY
 from cableway.estimation.gating import connected, poses_usable
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
-from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Plan, Rollout
+from cableway.records import Observation, Plan
 from cableway.robot.held_arms import HeldArms
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
+from cableway.tracking.logbook import Log
 from cableway.tracking.plant import Plant
-from cableway.tracking.robot import SHORT, Attachment, FollowingError, MessageGate, Silence
-from cableway.tracking.robot import TRIAL as TRIED
+from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
 from cableway.tracking.suspicion import Obstruction, narrowed
 from cableway.tracking.watchdog import Guard, Watchdog
 from cableway.tracking.way_back import ROOM_BACK, Motion, had_room
 
-LOGGER = logging.getLogger(__name__)
-
 T = TypeVar("T")
-
 
 LOST = "off the plan: stopped"
 """Status of a step in which the grippers stand still because the cable has left its plan."""
@@ -52,91 +48,14 @@ BACKING_OFF = "something unknown holds the cable: going back"
 HOLDING = "a gripper does not follow: holding"
 """The same because a gripper is not where it was sent."""
 
-
 WAITING = "a gripper is late or was not reported: waiting"
 """The same because a gripper has not come yet where it was sent, or may not have."""
 
 TRIAL = "a gripper did not follow: trying it alone"
 """Status of a step in which only that gripper may move."""
 
-
 BLIND = "where the cable lies is not known: stopped"
 """The same because whoever looks at the cable says so."""
-
-
-class Log:
-    """What was observed and done so far."""
-
-    def __init__(self) -> None:
-        self.times: list[float] = []
-        self.observed: list[np.ndarray] = []
-        self.measured: list[Measurement] = []
-        self.reference: list[np.ndarray] = []
-        self.actions: list[np.ndarray] = []
-        self.solve_time: list[float] = []
-        self.status: list[str] = []
-        self.estimates: list[Mapping[str, Estimate]] = []
-
-    def see(self, time: float, observation: Observation, measurement: Measurement, reference: np.ndarray) -> None:
-        """Add a row of what is."""
-        self.times.append(time)
-        self.observed.append(observation.keypoints)
-        self.measured.append(measurement)
-        self.reference.append(reference)
-
-    def act(self, action: np.ndarray, solve_time: float, status: str, estimates: Mapping[str, Estimate]) -> None:
-        """Add a row of what is done about it and of the controller's estimates."""
-        self.estimates.append(estimates)
-        self.actions.append(action)
-        self.solve_time.append(solve_time)
-        if not self.status or status != self.status[-1]:
-            LOGGER.info("from %.1f s on: %s", self.times[-1], status)
-        self.status.append(status)
-
-    def end_early(self, error: SimulationError) -> Ending:
-        """Leave out the step that failed, but not what it touched, and say so in the status of the one before."""
-        self.status.pop()
-        if isinstance(error, PressedError):
-            last = self.measured[-1]
-            self.measured[-1] = replace(last, clearance=min(last.clearance, error.clearance))
-        if self.status:
-            self.status[-1] += THEN_FAILED
-        return Ending(Outcome.PLANT_FAILED, str(error))
-
-    def rollout(self, metadata: dict[str, Any]) -> Rollout:
-        """The record of it all; a row that an interrupt left unfinished is none."""
-        rows = min(map(len, (self.times, self.observed, self.measured, self.reference)))
-        steps = min(rows - 1, *map(len, (self.estimates, self.actions, self.solve_time, self.status)))
-        truth = {
-            name: np.array([getattr(row, name) for row in self.measured[: steps + 1]])
-            for name in ("keypoints", "poses", "centreline", "clearance", "gripper_clearance")
-        }
-        estimates = self._estimates(steps)
-        return Rollout(
-            times=np.array(self.times[: steps + 1]),
-            observed=np.array(self.observed[: steps + 1]),
-            reference=np.array(self.reference[: steps + 1]),
-            actions=np.array(self.actions[:steps]).reshape(steps, 2, SE2.dof),
-            solve_time=np.array(self.solve_time[:steps]),
-            status=np.array(self.status[:steps], dtype=np.str_),
-            metadata={**metadata, **estimates.pop("metadata", {})},
-            **truth,
-            **estimates,
-        )
-
-    def _estimates(self, steps: int) -> dict[str, Any]:
-        """The fields of a rollout that hold estimates."""
-        if not steps or not self.estimates[0]:
-            return {}
-        first, rows = self.estimates[0], self.estimates[:steps]
-        described = [
-            {"name": name, "unit": e.unit, "nominal": e.nominal, "prior": e.prior} for name, e in first.items()
-        ]
-        return {
-            "estimates": np.array([[row[name].value for name in first] for row in rows]),
-            "deviations": np.array([[row[name].deviation for name in first] for row in rows]),
-            "metadata": {"estimates": described},
-        }
 
 
 def _still() -> np.ndarray:
@@ -228,14 +147,17 @@ class Loop:
         side = self._robot.obstructed
         return None if side is None else Obstruction(side, SE2.position(self._robot.poses)[side], self._robot.ahead)
 
-    def give_in(self) -> None:
-        """Take it that a gripper cannot go where it was led: what was tried since it came to stand is no way here."""
-        near = np.full(2, SHORT)
-        if self._robot.obstructed is not None:
-            near[self._robot.obstructed] += TRIED
-        self._robot.forget()
-        while self._way and (SE2.distance(self._way[-1].poses, self.poses)[0] < near).all():
-            self._way.pop()
+    def give_in(self) -> Ending | None:
+        """Go back to before a gripper ran into something; how the run ended, if it did. The way here ends there."""
+        before, ending = self._robot.forget(), None
+        there = next((k for k, made in enumerate(self._way) if np.array_equal(made.poses, before)), len(self._way))
+        del self._way[there:]
+        for _ in range(LONGEST_DELAY):
+            action = self._filtered(self._robot.towards(before, self.plant.task.grippers))
+            if ending is not None or not action.any():
+                break
+            ending = self._without_motion(action, BACKING_OFF)
+        return ending
 
     def take_hold(self) -> None:
         """Note where the arms are that hold the grippers, if the plan has any.
@@ -312,7 +234,9 @@ class Loop:
         answer = self.guard.step(self.state, self.observation, self._before, self._filtered, hold)
         self.state = answer.state
         if stops(self.state):
-            return self.stand(LOOKING)
+            self.state = self.state.cut(_still(), 0.0)
+            self.log.act(_still(), answer.seconds, LOOKING, self.state.estimates())
+            return self._send(_still())
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         ending, missing = self._move(answer.action), self._silence.lasting(self.time)
         return ending or self._rule.outcome(self.state, self.observation, missing) or self.guard.outcome

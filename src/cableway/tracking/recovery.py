@@ -221,9 +221,9 @@ class Watch:
 
     def go_round(self, loop: Loop, found: Obstruction) -> Ending | None:
         """Go back from what a gripper ran into and replan round it; how the run ended, if it did."""
-        loop.give_in()
         contacts = found.contacts(loop.plant.task)
-        return self._plan_round(loop, contacts, self._led_back(loop, contacts), str(found))
+        seen = loop.give_in() or self._led_back(loop, contacts)
+        return self._plan_round(loop, contacts, seen, str(found))
 
     def _plan_round(
         self, loop: Loop, contacts: Sequence[Contact], seen: Float[np.ndarray, "n 2"] | Ending, what: str

@@ -46,6 +46,9 @@ FIRST_HOLDS = 1
 TRIAL = 0.006
 """Way [m] that the gripper then goes alone, to show that it follows: what is `SHORT` of it is noticed."""
 
+REMEMBERED = 50
+"""Control steps for which it is known where the grippers were."""
+
 ARRIVED = 1e-4
 """Distance [m] of the command from the end of that way from which it is there."""
 
@@ -159,10 +162,10 @@ class Attachment:
 class FollowingError:
     """Sees that a gripper does not follow its commands: it stalled, was stopped, or the link is dead.
 
-    Then both hold: where they stand becomes the target. After that the gripper that did not follow goes alone: a little
-    back, if it came from there and is not farther from the other one then than they have been, and as far ahead of
-    where it stood, of what it missed. The run goes on when it is seen to follow, and the next hold begins if it does
-    not. One that follows back but not ahead has something in its way.
+    Then both hold: where they stand becomes the target. After that the gripper that did not follow goes alone: back to
+    where it was a little before, and a little of what it missed ahead of where it stood. The other one goes back first
+    where they would be farther apart than they have been. The run goes on when the gripper is seen to follow, and the
+    next hold begins if it does not. One that follows back but not ahead has something in its way.
 
     Attributes:
         target: Where they were sent [m, m, rad].
@@ -187,7 +190,8 @@ class FollowingError:
         self._suspicions, self._holding, self._holds, self._behind = 0, 0, 0, 0
         self._missed: Float[np.ndarray, "2 3"] | None = None
         self._late, self._tried, self._answered = 0, 0, 0
-        self._backwards, self._widest = False, 0.0
+        self._ends: list[Float[np.ndarray, "2 3"]] = []
+        self._past, self._widest = deque[np.ndarray](maxlen=REMEMBERED), 0.0
         self.obstructed: int | None = None
         self._start, self._moved = self.target, np.zeros(2, bool)
         self._motion = FirstMotion(self.target)
@@ -206,6 +210,8 @@ class FollowingError:
             return
         self.poses = SE2.continued(observation.poses, self.poses)
         self._moved |= _elsewhere(self.poses, self._start)
+        if self._missed is None:
+            self._past.append(self.poses)
         self._widest = max(self._widest, _span(self.poses))
         if self._missed is None and not self.short and _elsewhere(self.poses, self._rest)[self._late]:
             self._holds = 0
@@ -222,7 +228,7 @@ class FollowingError:
         lost = away[worst] > FOLLOWING_ERROR[0] or turned[worst] > FOLLOWING_ERROR[1]
         lost = lost or max(self._behind, self._tried) > LONGEST_DELAY
         self._suspicions = self._suspicions + 1 if lost else 0
-        if self._answered and self._tried > self._answered + SUSPICIONS:
+        if len(self._ends) == 1 and self._answered and self._tried > self._answered + SUSPICIONS:
             self.obstructed, self._suspicions = self._late, 0
         if self._suspicions >= SUSPICIONS and not self._holding and not self.failed:
             self._begin_hold(worst, f"{quantity(away[worst])} and {quantity(turned[worst], 'rad')}")
@@ -237,9 +243,7 @@ class FollowingError:
         self._holds, self._holding = self._holds + 1, self._hold
         self.failed = self._holds > (HOLDS if self._moved[worst] else FIRST_HOLDS)
         self._suspicions, self._behind = 0, 0
-        self._rest, self._backwards = self.poses, True
-        came_from_there = SE2.distance(self.poses, self._start)[0][worst] > TRIAL
-        self._backwards = bool(came_from_there and _span(self._end) <= self._widest)
+        self._rest, self._ends = self.poses, self._trials(self.poses, self._missed)
         self._commands = DelayEstimator.constant(self.target)
 
     @property
@@ -253,43 +257,57 @@ class FollowingError:
         return self._missed is not None and not self._holding
 
     def trial(self, grippers: Grippers) -> Float[np.ndarray, "2 3"]:
-        """The next motion [m, m, rad] of that gripper alone, within its limits: back or ahead by `TRIAL` at most."""
-        motion = np.zeros((2, SE2.dof))
-        if self._missed is not None:
-            self._tried = max(self._tried, 1)
-            motion[self._late] = self._towards(self._end, grippers)[self._late]
-        return motion
+        """The next motion [m, m, rad] of a trial, within the grippers' limits."""
+        if not self._ends:
+            return np.zeros((2, SE2.dof))
+        self._tried = max(self._tried, 1)
+        return self.towards(self._ends[0], grippers)
 
     @property
     def ahead(self) -> Float[np.ndarray, "2"]:
-        """Unit vector from where that gripper stood to where it was sent."""
+        """Unit vector from where the gripper that did not follow stood to where it was sent."""
         way = SE2.position(SE2.minus(self.target if self._missed is None else self._missed, self._rest))[self._late]
         return way / max(float(np.linalg.norm(way)), 1e-12)
 
-    @property
-    def _end(self) -> Float[np.ndarray, "2 3"]:
-        """Where the trial under way ends [m, m, rad]."""
-        missed = SE2.minus(self.target if self._missed is None else self._missed, self._rest)
-        share = min(1.0, TRIAL / max(float(np.linalg.norm(missed[self._late, : SE2.space])), TRIAL))
-        return SE2.plus(self._rest, (-share if self._backwards else share) * missed)
+    def _trials(
+        self, rest: Float[np.ndarray, "2 3"], missed: Float[np.ndarray, "2 3"]
+    ) -> list[Float[np.ndarray, "2 3"]]:
+        """Where the grippers are sent one after the other [m, m, rad], to see whether the late one follows."""
+        late, way = self._late, SE2.minus(missed, rest)
+        share = min(1.0, TRIAL / max(float(np.linalg.norm(SE2.position(way)[late])), TRIAL))
+        before = self._before(rest)
+        if before is None:
+            return [_one(rest, SE2.plus(rest, share * way), late)]
+        back = _one(rest, before, late)
+        if _span(back) <= self._widest:
+            return [back, _one(back, SE2.plus(rest, share * way), late)]
+        return [_one(rest, before, 1 - late), before, _one(before, SE2.plus(rest, share * way), late)]
+
+    def _before(self, rest: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"] | None:
+        """Where the grippers were when the late one was last `TRIAL` from where it stands; None for nowhere."""
+        apart = (past for past in reversed(self._past) if SE2.distance(past, rest)[0][self._late] > TRIAL)
+        return next(apart, None)
 
     def _try(self) -> None:
         """One message later: the gripper follows, or has had one more to do so."""
         if not self._tried:
             return
         away, turned = SE2.distance(self.poses, self.target)
-        sent = SE2.distance(self._end, self.target)[0][self._late] < ARRIVED or self._tried > SUSPICIONS
+        sent = (SE2.distance(self._ends[0], self.target)[0] < ARRIVED).all() or self._tried > SUSPICIONS
         if not sent or away[self._late] > TRIAL / 2 or turned[self._late] > FOLLOWING_ERROR[1] / 2:
             self._tried += 1
-        elif self._backwards:
-            self._backwards, self._answered, self._tried = False, self._tried, 0
-        else:
-            self._missed, self._tried, self._answered, self._holds = None, 0, 0, 0
+            return
+        self._ends, self._answered, self._tried = self._ends[1:], self._tried, 0
+        if not self._ends:
+            self._missed, self._answered, self._holds = None, 0, 0
 
-    def forget(self) -> None:
-        """What was in the way of a gripper is dealt with: nothing is held or tried."""
-        self.obstructed, self._missed = None, None
+    def forget(self) -> Float[np.ndarray, "2 3"]:
+        """Nothing is held or tried any more; where the grippers were before one had something in its way."""
+        before = self._before(self._rest)
+        before = self._rest if before is None else before
+        self.obstructed, self._missed, self._ends = None, None, []
         self._tried, self._answered, self._holding, self._holds, self._behind = 0, 0, 0, 0, 0
+        return before
 
     def stop(self, grippers: Grippers, anew: bool = False) -> Float[np.ndarray, "2 3"]:
         """The motion [m, m, rad] that makes the measured poses the target, within the grippers' limits.
@@ -301,10 +319,10 @@ class FollowingError:
             anew: Whether a hold begins now.
         """
         if anew:
-            self._rest, self._missed = self.poses, None
-        return self._towards(self._rest, grippers)
+            self._rest, self._missed, self._ends = self.poses, None, []
+        return self.towards(self._rest, grippers)
 
-    def _towards(self, poses: Float[np.ndarray, "2 3"], grippers: Grippers) -> Float[np.ndarray, "2 3"]:
+    def towards(self, poses: Float[np.ndarray, "2 3"], grippers: Grippers) -> Float[np.ndarray, "2 3"]:
         """The motion [m, m, rad] from the target towards other poses, within the grippers' limits."""
         return limited(SE2.minus(poses, self.target), grippers.max_step, grippers.max_turn)
 
@@ -313,6 +331,11 @@ def _elsewhere(poses: Float[np.ndarray, "2 3"], before: Float[np.ndarray, "2 3"]
     """Which grippers have moved."""
     moves, turns = SE2.distance(poses, before)
     return (moves > MOVED[0]) | (turns > MOVED[1])
+
+
+def _one(poses: Float[np.ndarray, "2 3"], others: Float[np.ndarray, "2 3"], side: int) -> Float[np.ndarray, "2 3"]:
+    """The same poses but of one gripper."""
+    return np.where(np.arange(2)[:, None] == side, others, poses)
 
 
 def _span(poses: Float[np.ndarray, "2 3"]) -> float:

@@ -6,6 +6,7 @@ have come nearer in between is taken off the clearance.
 
 from __future__ import annotations
 
+import math
 from itertools import chain, combinations, product
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from cableway.core.extras import require
 from cableway.records import Check, Plan, Rollout
-from cableway.scene.cell import TOOLS, ArmModel, Capsule, Cell
+from cableway.scene.cell import TOOLS, ArmModel, Capsule, Cell, Tool
 from cableway.scene.obstacles import to_shapely
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.geometry import pose_distance
@@ -74,25 +75,25 @@ def arm_checks(record: Plan | Rollout, task: Task, clearance: float = CLEARANCE)
     if cell is None:
         return []
     require("cell", "the verification of arms")
-    holders, turns = _how(record)
+    holders, turns = how_held(record)
     if record.joints is None or record.joints.shape[2] != 6 or not holders:
         arms = record.metadata.get("arms")
         fault = arms.get("fault") if isinstance(arms, dict) else None
         why = str(fault or "the record has no joints of the cell's two arms")
         return [Check("arms", 0.0, "", 2.0, False, why)]
-    at, dense = _dense(record.joints, record.poses, holders, task, cell)
-    flanges = [_flanges(cell, holders[side], dense[:, side], task) for side in range(2)]
-    solids = [_solids(cell, holders[side], dense[:, side], task) for side in range(2)]
+    at, dense = dense_joints(record.joints, holders, task, cell)
+    flanges = [flanges_of(cell, holders[side], dense[:, side], task) for side in range(2)]
+    solids = [solids_of(cell, holders[side], dense[:, side], task) for side in range(2)]
     step = max(float(np.linalg.norm(np.diff(each.ends, axis=0), axis=2).max(initial=0.0)) for each in chain(*solids))
     return [
         *_tip_checks(flanges, turns, record, task, cell, at),
-        *_joint_checks(record.joints, holders, cell),
-        _closest(_pairs(solids), at, step, clearance),
-        _lowest(solids, task, at, step, clearance),
+        *joint_checks(record.joints, holders, cell),
+        closest_pair(meeting_pairs(solids), at, step, clearance),
+        lowest_link(solids, task, at, step, clearance),
     ]
 
 
-def _how(record: Plan | Rollout) -> tuple[list[int], list[int]]:
+def how_held(record: Plan | Rollout) -> tuple[list[int], list[int]]:
     """Which arm holds each end and how its tool is turned; empty where the record does not say so."""
     arms = record.metadata.get("arms")
     if not isinstance(arms, dict):
@@ -103,11 +104,11 @@ def _how(record: Plan | Rollout) -> tuple[list[int], list[int]]:
     return [int(arm) for arm in holders], [int(turn) for turn in turns]
 
 
-def _dense(
-    joints: Float[np.ndarray, "t 2 6"], poses: Float[np.ndarray, "t 2 3"], holders: list[int], task: Task, cell: Cell
+def dense_joints(
+    joints: Float[np.ndarray, "t 2 6"], holders: list[int], task: Task, cell: Cell
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s 2 6"]]:
     """Fractional rows between which no capsule moves farther than `STEP`, and the joints there."""
-    solids = [*chain(*(_solids(cell, holders[side], joints[:, side], task) for side in range(2)))]
+    solids = [*chain(*(solids_of(cell, holders[side], joints[:, side], task) for side in range(2)))]
     moved = np.max([np.linalg.norm(np.diff(each.ends, axis=0), axis=2).max(axis=1) for each in solids], axis=0)
     looks = np.clip(np.ceil(moved / STEP), 1, FINEST).astype(int)
     at = np.concatenate([*(row + np.arange(count) / count for row, count in enumerate(looks)), [len(joints) - 1]])
@@ -125,31 +126,40 @@ def _tip_checks(
     wanted = np.stack([[np.interp(at, rows, column) for column in poses[:, side].T] for side in range(2)])
     off, askew = [], []
     for side, flange in enumerate(flanges):
-        tip = flange @ np.array([0.0, 0.0, TOOLS[cell.tool].reach, 1.0])
-        along = flange[:, :3, 0] * (-1.0 if turns[side] == 0 else 1.0)
-        found = np.column_stack([tip[:, :2], np.arctan2(along[:, 1], along[:, 0])])
+        found, height, tilt = tips(flange, turns[side], cell)
         gap, turn = pose_distance(found, wanted[side].T)
-        off.append(np.hypot(gap, tip[:, 2] - task.cable.radius))
-        askew.append(np.maximum(turn, np.arccos(np.clip(-flange[:, 2, 2], -1.0, 1.0))))
+        off.append(np.hypot(gap, height - task.cable.radius))
+        askew.append(np.maximum(turn, tilt))
     return [
-        _most("tool distance", np.max(off, axis=0), "m", TIP, at),
-        _most("tool angle", np.max(askew, axis=0), "rad", TIP_ANGLE, at),
+        most("tool distance", np.max(off, axis=0), "m", TIP, at),
+        most("tool angle", np.max(askew, axis=0), "rad", TIP_ANGLE, at),
     ]
 
 
-def _joint_checks(joints: Float[np.ndarray, "t 2 6"], holders: list[int], cell: Cell) -> list[Check]:
+def tips(
+    flange: Float[np.ndarray, "s 4 4"], turn: int, cell: Cell
+) -> tuple[Float[np.ndarray, "s 3"], Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
+    """Where a tool holds the cable, seen from above [m, m, rad], how high that is [m], and its tilt [rad]."""
+    tip = flange @ np.array([0.0, 0.0, TOOLS[cell.tool].reach, 1.0])
+    along = flange[:, :3, 0] * (-1.0 if turn == 0 else 1.0)
+    seen = np.column_stack([tip[:, :2], np.arctan2(along[:, 1], along[:, 0])])
+    return seen, tip[:, 2], np.arccos(np.clip(-flange[:, 2, 2], -1.0, 1.0))
+
+
+def joint_checks(joints: Float[np.ndarray, "t 2 6"], holders: list[int], cell: Cell) -> list[Check]:
     """Joints over their limits of position and speed."""
     models = [cell.models[arm] for arm in holders]
     angle = np.max([np.abs(joints[:, k]) / models[k].position_limit for k in range(2)], axis=(0, 2))
     speed = np.abs(np.diff(joints, axis=0)) / CONTROL_STEP
     share = np.max([speed[:, k] / models[k].speed_limit for k in range(2)], axis=(0, 2))
     return [
-        _most("joint position", angle, "1", 1.0, np.arange(len(angle))),
-        _most("joint speed", share, "1", 1.0, np.arange(len(share))),
+        most("joint position", angle, "1", 1.0, np.arange(len(angle))),
+        most("joint speed", share, "1", 1.0, np.arange(len(share))),
     ]
 
 
-def _most(name: str, values: Float[np.ndarray, "s"], unit: str, limit: float, at: np.ndarray) -> Check:
+def most(name: str, values: Float[np.ndarray, "s"], unit: str, limit: float, at: np.ndarray) -> Check:
+    """A check that a value per row, whose rows are `at`, stays below its limit."""
     if len(values) == 0:
         return Check(name, 0.0, unit, limit, True)
     worst = int(np.argmax(values))
@@ -192,13 +202,16 @@ def _homes(model: ArmModel) -> list[Float[np.ndarray, "4 4"]]:
     return homes
 
 
-def _flanges(cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task) -> Float[np.ndarray, "s 4 4"]:
+def flanges_of(cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task) -> Float[np.ndarray, "s 4 4"]:
+    """Poses of an arm's flange along a motion."""
     model = cell.models[arm]
     return cell.arms[arm].base(task.scene) @ _exponentials(model, joints)[-1] @ _homes(model)[-1]
 
 
-def _solids(cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task) -> list[Solid]:
-    """An arm's capsules and its tool's along a motion."""
+def solids_of(
+    cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task, tool: Tool | None = None
+) -> list[Solid]:
+    """An arm's capsules and its tool's along a motion; the tool is closed where none is given."""
     model, base = cell.models[arm], cell.arms[arm].base(task.scene)
     still = np.tile(np.eye(4), (len(joints), 1, 1))
     frames = [
@@ -211,11 +224,11 @@ def _solids(cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task) 
 
     return [
         *(solid(each, each.frame) for each in model.capsules),
-        *(solid(each, TOOL) for each in TOOLS[cell.tool].capsules),
+        *(solid(each, TOOL) for each in (tool or TOOLS[cell.tool]).capsules),
     ]
 
 
-def _pairs(solids: list[list[Solid]]) -> list[tuple[Solid, Solid]]:
+def meeting_pairs(solids: list[list[Solid]]) -> list[tuple[Solid, Solid]]:
     """What could touch: arm and arm but for their tools, whose outlines are compared as bodies; an arm's own links."""
     left, right = solids
     both = [(a, b) for a, b in product(left, right) if a.link != TOOL or b.link != TOOL]
@@ -223,7 +236,7 @@ def _pairs(solids: list[list[Solid]]) -> list[tuple[Solid, Solid]]:
     return [*both, *((a, b) for a, b in own if abs(min(a.link, 6) - min(b.link, 6)) > NEIGHBOURS)]
 
 
-def _closest(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:
+def closest_pair(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:
     """Least clearance of pairs, nearest by their enclosing spheres first, until none can be nearer."""
     import coal as library
 
@@ -263,14 +276,18 @@ def _shape(coal: Any, solid: Solid) -> Any:
 
 def _placed(coal: Any, ends: Float[np.ndarray, "2 3"]) -> Any:
     along = ends[1] - ends[0]
-    length = float(np.linalg.norm(along))
+    length = math.sqrt(along @ along)
     if length <= 1e-9:
         return coal.Transform3s(np.eye(3), ends[0])
-    turn = Rotation.align_vectors([along / length], [[0.0, 0.0, 1.0]])[0]
-    return coal.Transform3s(turn.as_matrix(), ends.mean(axis=0))
+    x, y, z = (along / length).tolist()
+    if z < 0.0:  # either end may come first, and the formula is singular downwards
+        x, y, z = -x, -y, -z
+    k = 1.0 / (1.0 + z)  # the turn about a horizontal axis that brings the z axis there
+    turn = np.array([[1.0 - x * x * k, -x * y * k, x], [-x * y * k, 1.0 - y * y * k, y], [-x, -y, z]])
+    return coal.Transform3s(turn, (ends[0] + ends[1]) / 2)
 
 
-def _lowest(solids: list[list[Solid]], task: Task, at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:
+def lowest_link(solids: list[list[Solid]], task: Task, at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:
     """Least clearance of links, from the shoulder on, from the table and what stands on it.
 
     Of a link only the part that is lower than an obstacle's top and the link's radius is compared, seen from above.

@@ -51,11 +51,11 @@ def _meetings(
         split = outline.shape[1]
         if piece.heights[0] < 2 * task.cable.radius:
             moving = np.concatenate([outline, _free(lines, piece, task, limit)], axis=1)
-            who, measure = f"the {piece.name} and the cable", partial(_to_line, split=split)
+            who, measure = f"the {piece.name} and the cable", partial(to_line, split=split)
             yield Meeting("gripper body from the cable", who, moving, measure, task.cable.radius)
         for other, beside in zip(pieces[i + 1 :], outlines[i + 1 :], strict=True):
-            if piece.side != other.side and _level(piece, other):
-                moving, measure = np.concatenate([outline, beside], axis=1), partial(_to_outline, split=split)
+            if piece.side != other.side and level(piece, other):
+                moving, measure = np.concatenate([outline, beside], axis=1), partial(to_outline, split=split)
                 yield Meeting("gripper bodies apart", "both grippers", moving, measure)
 
 
@@ -94,7 +94,8 @@ def piece_clearances(
     return np.min([np.full(len(poses), np.inf), *rows], axis=0)
 
 
-def _level(one: Body, other: Body) -> bool:
+def level(one: Body, other: Body) -> bool:
+    """Whether two pieces have a height in common."""
     return max(one.heights[0], other.heights[0]) < min(one.heights[1], other.heights[1])
 
 
@@ -106,7 +107,7 @@ def _free(lines: np.ndarray, piece: Body, task: Task, limit: float) -> np.ndarra
     return lines[:, first:] if piece.side == 0 else lines[:, : count - first]
 
 
-def _to_line(lines: np.ndarray, split: int) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
+def to_line(lines: np.ndarray, split: int) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
     """Distance [m] of an outline, the first vertices, from a line, the others; negative by how deep that is inside."""
     outline, line = np.asarray(shapely.polygons(lines[:, :split])), shapely.linestrings(lines[:, split:])
     gap = np.asarray(shapely.distance(outline, line))
@@ -115,7 +116,7 @@ def _to_line(lines: np.ndarray, split: int) -> tuple[Float[np.ndarray, "t"], Int
     return gap, np.zeros(len(lines), int)
 
 
-def _to_outline(lines: np.ndarray, split: int) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
+def to_outline(lines: np.ndarray, split: int) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
     """The same between two outlines."""
     one, other = (np.asarray(shapely.polygons(part)) for part in (lines[:, :split], lines[:, split:]))
     gap = np.asarray(shapely.distance(one, other))

@@ -19,6 +19,7 @@ from cableway.verification.bodies import body_checks
 from cableway.verification.ends import Ends
 from cableway.verification.follower import Followed, follow
 from cableway.verification.geometry import curve_through, pose_distance
+from cableway.verification.hands import hand_checks
 from cableway.verification.plug import insertion_checks, plug_clearance, require_port
 from cableway.verification.swept import closest_approach, to_scene
 
@@ -118,6 +119,7 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         *_rod_coordinates(plan, task, limits),
         *_optional(plan, followed, task),
         *arm_checks(plan, task),
+        *hand_checks(plan, task),
     ]
 
 

@@ -85,8 +85,8 @@ def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str
         notes = (*notes, f"The plan is that of {options.plan}.")
     verdict = plans[0].verdict if planner.find is find_plan else None  # a planner of the user's own is not believed
     report = summarize(
-        task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0])), plan_verdict=verdict,
-        insertion_plan_verdict=insertion_plan and insertion_plan.verdict, **common,
+        task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0]), *_without_hands(plans[0])),
+        plan_verdict=verdict, insertion_plan_verdict=insertion_plan and insertion_plan.verdict, **common,
     )  # fmt: skip
     return Run(
         task=task, report=report, plan=plans[0], alternatives=tuple(plans[1:]), insertion_plan=insertion_plan,
@@ -189,6 +189,13 @@ def _rehearsed(plan: Plan) -> tuple[str, ...]:
     if record["passed"]:
         return (f"Plan {record['plans']} of those rehearsed on the simulated cable: {went}.",)
     return (f"None of {record['plans']} plans passed rehearsal on the simulated cable; the best one: {went}.",)
+
+
+def _without_hands(plan: Plan) -> tuple[str, ...]:
+    """Why open hands cannot get to the cable, or away from it, for the reader of the report."""
+    arms = plan.metadata.get("arms")
+    faults = {} if not isinstance(arms, dict) else {name: arms.get(f"no_{name}") for name in ("approach", "retreat")}
+    return tuple(f"The plan has no {name}: {why}." for name, why in faults.items() if why)
 
 
 class StageTimer:

@@ -162,7 +162,7 @@ def _with_arms(
     or else where the grippers were; without where that cannot be, and it says why.
     """
     way = None if run.plan is None else Way.of_record(run.plan.metadata)
-    if rollout is None or run.task.cell is None or way is None:
+    if rollout is None or run.task.cell is None or run.plan is None or way is None:
         return rollout
     joints = None if plant is None else plant.joints
     if joints is None:
@@ -172,7 +172,7 @@ def _with_arms(
         if isinstance(motion, NoMotion):
             return replace(rollout, metadata={**rollout.metadata, "arms": {"fault": motion.reason}})
         joints = motion.joints
-    described = {**rollout.metadata, "arms": way.described()}
+    described = {**rollout.metadata, "arms": run.plan.metadata["arms"]}
     return replace(rollout, joints=joints[: len(rollout.times)], metadata=described)
 
 

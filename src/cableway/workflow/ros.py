@@ -15,12 +15,17 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
+from cableway.robot.grasping import CLOSING
 
 if TYPE_CHECKING:
     from cableway.workflow.trajectory import Trajectory
 
 FRAME = "table"
 """`frame_id` of gripper poses."""
+
+GRIPPER_JOINT, CLOSED, WIDEST = "robotiq_85_left_knuckle_joint", 0.7929, 0.085
+"""Joint of a 2F-85 in ros2_robotiq_gripper, its position where the hand is closed [rad], and the distance of the
+fingers where it is open, at 0 [m]; evenly between."""
 
 NANO = 10**9
 
@@ -37,6 +42,33 @@ def message(trajectory: Trajectory, arm: int) -> str:
     else:
         kind, content = "trajectory_msgs/msg/JointTrajectory", _joint_trajectory(trajectory, arm, side)
     header = {"message": kind, "arm": side, **trajectory.header}
+    return _text(header, content)
+
+
+def gripper_message(trajectory: Trajectory, arm: int) -> str:
+    """A JointTrajectory of the hand of an arm: where it begins to open or to close, and where it has."""
+    hands, side = trajectory.hands, ("left", "right")[arm]
+    assert hands is not None
+    asked = hands.opening[:, arm]
+    changes = np.flatnonzero(np.diff(asked))
+    moves = [(trajectory.times[k], asked[k]) for k in changes]
+    moves += [(trajectory.times[k] + CLOSING, asked[k + 1]) for k in changes]
+    points = [
+        {
+            "positions": [float(CLOSED * (1 - opening / WIDEST))],
+            "velocities": [],
+            "accelerations": [],
+            "effort": [],
+            "time_from_start": _time(now),
+        }
+        for now, opening in sorted([(0.0, asked[0]), *moves])
+    ]
+    content = {"header": _header(0.0, ""), "joint_names": [f"{side}_{GRIPPER_JOINT}"], "points": points}
+    header = {"message": "trajectory_msgs/msg/JointTrajectory", "gripper": side, **trajectory.header}
+    return _text(header, content)
+
+
+def _text(header: dict[str, Any], content: dict[str, Any]) -> str:
     comments = "".join(f"# {name}: {json.dumps(value)}\n" for name, value in header.items())
     return comments + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1000)
 

@@ -15,6 +15,7 @@ from cableway.planning.config import PlannerConfig
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Attempt, Plan, Rollout
 from cableway.report import Report
+from cableway.scene.cell import Cell
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.tracking import Plant, Watchdog
@@ -35,6 +36,9 @@ class SolveOptions(Checked):
         controller: A name of `registry.CONTROLLERS`, the "package.module:NAME" of one of your own, or a controller.
         model: Name or file of the deformation model, for a controller named that has one.
         adapt: Whether that model is adapted to the cable while it runs.
+        cell: A cell, or its name, that the task is put into; None for that which the task has, if any.
+        move_ends: Whether a start or goal that the grippers' bodies or the arms cannot hold is moved by as little as is
+            needed; the report and the metadata of the plan say by how much.
         plan: Followed in place of one that is sought; a `Plan`, or the file of one. It must verify.
         alternatives: Number of plans wanted that go round the obstacles in different ways; the first is followed.
         perturbation: How the simulated plant differs from the task.
@@ -66,6 +70,8 @@ class SolveOptions(Checked):
     controller: str | Controller[Any] = DEFAULT_CONTROLLER
     model: str | None = None
     adapt: bool = False
+    cell: Cell | str | None = None
+    move_ends: bool = False
     plan: Plan | Path | str | None = None
     alternatives: int = 1
     perturbation: Perturbation = field(default_factory=Perturbation)

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,12 @@ from cableway.core.provenance import PACKAGE, describe, versions
 from cableway.geometry.groups import SE2
 from cableway.motion.resampling import smoothed
 from cableway.records import Plan, Rollout, Verdict
-from cableway.robot.ur_arm import joint_names
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification import kind_of, require_verified, verify_record
 from cableway.workflow import ros, urscript
+from cableway.workflow.joint_motion import HandColumns, JointMotion, curve_of, joint_header, joint_motion, with_hands
 
 FORMAT = "cableway trajectory 1"
 SIDES = ("left", "right")
@@ -68,26 +68,6 @@ CONVENTIONS = {
 }
 """What the header of every file says."""
 
-CURVE_OF_JOINTS = "smoothed joint by joint: where the arms carry the grippers is near the gripper poses, not just there"
-"""What the header says of joints at a rate."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointMotion:
-    """Joints of the left and the right arm at the times of a trajectory.
-
-    Attributes:
-        names: Of the j joints of an arm.
-        positions: (k, 2, j) [rad], without jumps.
-        velocities: (k, 2, j) [rad/s]; None of rows that are no curve.
-        accelerations: (k, 2, j) [rad/s²]; None of rows that are no curve.
-    """
-
-    names: tuple[str, ...]
-    positions: Float[np.ndarray, "k 2 j"]
-    velocities: Float[np.ndarray, "k 2 j"] | None = None
-    accelerations: Float[np.ndarray, "k 2 j"] | None = None
-
 
 @dataclass(frozen=True, kw_only=True)
 class Trajectory:
@@ -98,6 +78,7 @@ class Trajectory:
         poses: (k, 2, 3) gripper poses [m, m, rad], left then right, angles without jumps.
         shapes: (k, n, 2) keypoints of the cable [m] at these times; None where they were not asked for.
         joints: Joints of the arms; None where the record has none.
+        hands: How high and how wide open the hands are; None where the record has no approach or retreat.
         header: What a reader has to know, as plain data: frame, units, limits, where it comes from.
     """
 
@@ -105,6 +86,7 @@ class Trajectory:
     poses: Float[np.ndarray, "k 2 3"]
     shapes: Float[np.ndarray, "k n 2"] | None
     joints: JointMotion | None = None
+    hands: HandColumns | None = None
     header: Mapping[str, Any]
 
     @classmethod
@@ -153,11 +135,11 @@ class Trajectory:
             "limits": limits_of(task.grippers),
             "reached": greatest_rates(times, poses),
         }
-        motion = None if joints is None else _joint_motion(joints, at, _step(record))
+        motion = None if joints is None else joint_motion(joints, at, _step(record))
         if motion is not None:
-            arms = describe(record.metadata.get("arms", {}))
-            header["joints"] = {"arms": arms, **_joint_header(motion, times, at is not None)}
-        return cls(times=times, poses=poses, shapes=shapes if cable else None, joints=motion, header=header)
+            header["joints"] = {"arms": describe(record.metadata.get("arms", {})), **joint_header(motion, times)}
+        found = cls(times=times, poses=poses, shapes=shapes if cable else None, joints=motion, header=header)
+        return with_hands(found, record, task, rate) if isinstance(record, Plan) else found
 
     def write(self, path: Path | str) -> list[Path]:
         """Write a file of the format that its name ends in (see `FORMATS`), or one for each arm; which they are.
@@ -174,6 +156,11 @@ class Trajectory:
         else:
             text = urscript.program if name == "urscript" else ros.message
             texts = {path.with_stem(f"{path.stem}-{side}"): text(self, arm) for arm, side in enumerate(SIDES)}
+            if name == "ros" and self.hands is not None:
+                texts |= {
+                    path.with_stem(f"{path.stem}-{side}-gripper"): ros.gripper_message(self, arm)
+                    for arm, side in enumerate(SIDES)
+                }
         for each, content in texts.items():
             write_text(each, content)
         return list(texts)
@@ -186,6 +173,9 @@ class Trajectory:
             table = np.column_stack([table, values.reshape(len(table), -1)])
             assert self.joints is not None
             names += [f"{side}_{name}{unit}" for side in SIDES for name in self.joints.names]
+        if self.hands is not None:
+            table = np.column_stack([table, self.hands.height, self.hands.opening])
+            names += [f"{side}_{name}" for name in HandColumns._fields for side in SIDES]
         if self.shapes is not None:
             table = np.column_stack([table, self.shapes.reshape(len(table), -1)])
             names += [f"{axis}{k}" for k in range(self.shapes.shape[1]) for axis in "xy"]
@@ -197,12 +187,15 @@ class Trajectory:
     def to_json(self) -> str:
         """One object: `header`, `time` (k), `left` and `right` (k, 3), and what there is of the following.
 
-        `left_joints`, `right_joints` (k, j), the same with `_velocity` and `_acceleration`, and `cable` (k, n, 2).
+        `left_joints`, `right_joints` (k, j), the same with `_velocity` and `_acceleration`, `left_height`,
+        `right_height`, `left_opening`, `right_opening` (k), and `cable` (k, n, 2).
         """
         left, right = self.poses[:, 0], self.poses[:, 1]
         arrays = {"time": self.times, "left": left, "right": right}
         for quantity, values in self._joint_columns().items():
             arrays |= {f"{side}_joints{quantity}": values[:, arm] for arm, side in enumerate(SIDES)}
+        for name, values in ({} if self.hands is None else self.hands._asdict()).items():
+            arrays |= {f"{side}_{name}": values[:, arm] for arm, side in enumerate(SIDES)}
         if self.shapes is not None:
             arrays["cable"] = self.shapes
         content = {"header": dict(self.header), **{name: array.tolist() for name, array in arrays.items()}}
@@ -285,33 +278,6 @@ def _step(record: Plan | Rollout) -> float:
     return CONTROL_STEP if isinstance(record, Plan) else float(np.diff(record.times).mean())
 
 
-def _joint_motion(rows: Float[np.ndarray, "t 2 j"], at: Float[np.ndarray, "k"] | None, step: float) -> JointMotion:
-    """Joints at fractional indices of rows that are a time [s] apart; the rows themselves where there are none."""
-    names = joint_names(rows.shape[2])
-    if at is None:
-        return JointMotion(names=names, positions=rows)
-    curve = (smoothed(rows, at, order) / step**order for order in range(3))
-    return JointMotion(names=names, positions=next(curve), velocities=next(curve), accelerations=next(curve))
-
-
-def _joint_header(motion: JointMotion, times: Float[np.ndarray, "k"], curve: bool) -> dict[str, Any]:
-    """What the header says of the joints; speeds and accelerations by the differences of rows, from rest to rest."""
-    spacing = np.diff(times)[:, None, None]
-    speeds = np.diff(motion.positions, axis=0) / spacing
-    still = np.zeros_like(speeds[:1])
-    changes = np.diff(np.concatenate([still, speeds, still]), axis=0)
-    between = np.concatenate([spacing[:1], (spacing[1:] + spacing[:-1]) / 2, spacing[-1:]])
-    header = {
-        "names": list(motion.names),
-        "unit": "rad",
-        "reached": {
-            "speed": float(np.abs(speeds).max(initial=0.0)),
-            "acceleration": float(np.abs(changes / between).max(initial=0.0)),
-        },
-    }
-    return {**header, "curve": CURVE_OF_JOINTS} if curve else header
-
-
 def _even_times(
     rows: Float[np.ndarray, "t"], rate: float, source: str
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
@@ -348,8 +314,16 @@ def _checked_curve(
     if not isinstance(record, Plan) or unverified:
         return "the rows"
     at = np.arange(-1.0, len(poses) + 1)
-    joints = None if record.joints is None else smoothed(record.joints, at)
-    curve = Plan(smoothed(record.shapes, at), smoothed(poses, at), metadata=record.metadata, joints=joints)
+    curve = replace(
+        record,
+        shapes=smoothed(record.shapes, at),
+        poses=smoothed(poses, at),
+        q=None,
+        stages=None,
+        joints=curve_of(record.joints),
+        approach=curve_of(record.approach),
+        retreat=curve_of(record.retreat),
+    )
     require_verified(curve, task, f"{source}, as a curve")
     return "the rows, and the curve at each control step"
 

@@ -31,6 +31,17 @@ SIGNAL = 0
 """Standard digital input that starts both arms."""
 
 
+GRIPPER = ("127.0.0.1", 63352, "gripper")
+"""Where the maker's software of the 2F-85 (the Robotiq URCap) takes commands on the controller, and what a program
+calls that."""
+
+OPEN, WIDEST, CLOSED = 0, 0.085, 255
+"""Positions of a 2F-85 that is open, `WIDEST` [m], and closed; evenly between."""
+
+SPEED, FORCE = 85, 0
+"""Of its fingers, of 255: 50 mm/s of 20 to 150, and the least force, 20 N of 20 to 235."""
+
+
 def program(trajectory: Trajectory, arm: int) -> str:
     """The program of an arm, 0 for the left one: it checks the start, waits for the signal, follows the rows, stops.
 
@@ -54,6 +65,7 @@ def program(trajectory: Trajectory, arm: int) -> str:
         "  end",
         "  return most",
         "end",
+        *_gripper_ready(trajectory, arm),
         f"start = {_list(rows[0])}",
         *_halt_unless_at_start(side),
         f"if get_standard_digital_in({SIGNAL}):",
@@ -63,13 +75,42 @@ def program(trajectory: Trajectory, arm: int) -> str:
         "  sync()",
         "end",
         *_halt_unless_at_start(side),
-        *(f"servoj({_list(row)}, {servo.format(period)}" for row in rows),
+        *_servo_lines(trajectory, arm, rows, servo.format(period)),
         f"servoj({_list(rows[-1])}, {servo.format(SETTLING)}",
         f"stopj({DECELERATION})",
     ]
     body = "".join(f"  {line}\n" for line in lines)
     title = f"# {side} arm, one row every {period} s, joints: {', '.join(JOINTS)} [rad]\n"
     return f"{title}{header}def cableway_{side}():\n{body}end\n"
+
+
+def _servo_lines(trajectory: Trajectory, arm: int, rows: Float[np.ndarray, "k 6"], rest: str) -> list[str]:
+    """A line for each row, and one before each row with which the hand is to open or close."""
+    lines, hands = [], trajectory.hands
+    asked = np.zeros(len(rows)) if hands is None else hands.opening[:, arm]
+    for index, row in enumerate(rows):
+        if index and asked[index] != asked[index - 1]:
+            lines.append(_gripper_to(asked[index]))
+        lines.append(f"servoj({_list(row)}, {rest}")
+    return lines
+
+
+def _gripper_ready(trajectory: Trajectory, arm: int) -> list[str]:
+    """The hand is made ready and opens, before the arm is where it starts; nothing without commands for it."""
+    if trajectory.hands is None:
+        return []
+    address, port, name = GRIPPER
+    settings = {"ACT": 1, "GTO": 1, "SPE": SPEED, "FOR": FORCE}
+    return [
+        f'socket_open("{address}", {port}, "{name}")',
+        *(f'socket_set_var("{variable}", {value}, "{name}")' for variable, value in settings.items()),
+        _gripper_to(trajectory.hands.opening[0, arm]),
+    ]
+
+
+def _gripper_to(opening: float) -> str:
+    position = round(CLOSED + (OPEN - CLOSED) * min(opening / WIDEST, 1.0))
+    return f'socket_set_var("POS", {position}, "{GRIPPER[2]}")'
 
 
 def _rows(trajectory: Trajectory, arm: int, side: str) -> Float[np.ndarray, "k 6"]:

@@ -72,6 +72,20 @@ def as_task(task: TaskSource) -> Task:
     raise InputError(f"a task must be a Task, a name of the catalogue or the path of a YAML file, got {shown(task)}")
 
 
+def as_draft(task: TaskSource) -> Draft:
+    """As `as_task`, but one that contradicts itself as far as it could be read.
+
+    Raises:
+        InputError: There is no such task, or its values make none.
+    """
+    try:
+        return as_task(task)
+    except TaskError as error:
+        if not isinstance(error.draft, Draft):
+            raise
+        return error.draft
+
+
 def task_names() -> tuple[str, ...]:
     """Names of the tasks in the catalogue."""
     return tuple(sorted(path.stem for path in _catalogue().glob("*.yaml")))

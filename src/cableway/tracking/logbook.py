@@ -1,0 +1,93 @@
+"""What was observed and done in a run so far."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cableway.core.errors import PressedError, SimulationError
+from cableway.geometry.groups import SE2
+from cableway.outcome import Outcome
+from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Rollout
+from cableway.tracking.stopping import Ending
+
+LOGGER = logging.getLogger(__name__)
+
+
+class Log:
+    """What was observed and done so far."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        self.observed: list[np.ndarray] = []
+        self.measured: list[Measurement] = []
+        self.reference: list[np.ndarray] = []
+        self.actions: list[np.ndarray] = []
+        self.solve_time: list[float] = []
+        self.status: list[str] = []
+        self.estimates: list[Mapping[str, Estimate]] = []
+
+    def see(self, time: float, observation: Observation, measurement: Measurement, reference: np.ndarray) -> None:
+        """Add a row of what is."""
+        self.times.append(time)
+        self.observed.append(observation.keypoints)
+        self.measured.append(measurement)
+        self.reference.append(reference)
+
+    def act(self, action: np.ndarray, solve_time: float, status: str, estimates: Mapping[str, Estimate]) -> None:
+        """Add a row of what is done about it and of the controller's estimates."""
+        self.estimates.append(estimates)
+        self.actions.append(action)
+        self.solve_time.append(solve_time)
+        if not self.status or status != self.status[-1]:
+            LOGGER.info("from %.1f s on: %s", self.times[-1], status)
+        self.status.append(status)
+
+    def end_early(self, error: SimulationError) -> Ending:
+        """Leave out the step that failed, but not what it touched, and say so in the status of the one before."""
+        self.status.pop()
+        if isinstance(error, PressedError):
+            last = self.measured[-1]
+            self.measured[-1] = replace(last, clearance=min(last.clearance, error.clearance))
+        if self.status:
+            self.status[-1] += THEN_FAILED
+        return Ending(Outcome.PLANT_FAILED, str(error))
+
+    def rollout(self, metadata: dict[str, Any]) -> Rollout:
+        """The record of it all; a row that an interrupt left unfinished is none."""
+        rows = min(map(len, (self.times, self.observed, self.measured, self.reference)))
+        steps = min(rows - 1, *map(len, (self.estimates, self.actions, self.solve_time, self.status)))
+        truth = {
+            name: np.array([getattr(row, name) for row in self.measured[: steps + 1]])
+            for name in ("keypoints", "poses", "centreline", "clearance", "gripper_clearance")
+        }
+        estimates = self._estimates(steps)
+        return Rollout(
+            times=np.array(self.times[: steps + 1]),
+            observed=np.array(self.observed[: steps + 1]),
+            reference=np.array(self.reference[: steps + 1]),
+            actions=np.array(self.actions[:steps]).reshape(steps, 2, SE2.dof),
+            solve_time=np.array(self.solve_time[:steps]),
+            status=np.array(self.status[:steps], dtype=np.str_),
+            metadata={**metadata, **estimates.pop("metadata", {})},
+            **truth,
+            **estimates,
+        )
+
+    def _estimates(self, steps: int) -> dict[str, Any]:
+        """The fields of a rollout that hold estimates."""
+        if not steps or not self.estimates[0]:
+            return {}
+        first, rows = self.estimates[0], self.estimates[:steps]
+        described = [
+            {"name": name, "unit": e.unit, "nominal": e.nominal, "prior": e.prior} for name, e in first.items()
+        ]
+        return {
+            "estimates": np.array([[row[name].value for name in first] for row in rows]),
+            "deviations": np.array([[row[name].deviation for name in first] for row in rows]),
+            "metadata": {"estimates": described},
+        }
