@@ -124,9 +124,9 @@ def calibrate(
     if lying is None:
         raise InputError(f"the picture of the board on the table shows fewer than {LEAST_CORNERS} of its corners")
     seen: Any = ([points for points, _ in found], [pixels for _, pixels in found])
-    residual, matrix, distortion, _, _ = cv2.calibrateCamera(  # boards in hand do not reach where k3 tells
-        *seen, (width, height), *(None, None), flags=cv2.CALIB_FIX_K3
-    )
+    fit: Any = cv2.calibrateCamera  # its types want arrays for what is to be found
+    fixed = cv2.CALIB_FIX_K3  # boards in hand do not reach where k3 tells
+    residual, matrix, distortion, _, _ = fit(*seen, (width, height), None, None, flags=fixed)
     points, pixels = lying
     _, turn, at = cv2.solvePnP(points, pixels, matrix, distortion)
     turn, at = cv2.solvePnPRefineLM(points, pixels, matrix, distortion, turn, at)
