@@ -237,6 +237,17 @@ def test_the_way_back_of_a_gripper_that_ran_into_something_ends_before_it(contro
     assert np.linalg.norm((loop.poses - reached)[1, :2]) > 0.01
 
 
+def test_a_new_plan_ends_the_trial_on_the_way_of_the_last_one(controller: RodMPC) -> None:
+    """Elsewhere by then, the grippers would be sent all the way back to where one of them stood."""
+    plant = Stalled(2.0, 3.2)
+    loop = Loop(plant, controller, PLAN, TrackConfig(), Watchdog())
+    while not loop.log.status or loop.log.status[-1] != HOLDING:
+        assert loop.step() is None
+    loop.follow(TASK, replace(PLAN))
+    assert loop.step() is None
+    assert loop.log.status[-1] not in (HOLDING, TRIAL)
+
+
 @pytest.mark.parametrize("camera_only", [True, False], ids=["camera", "link"])
 def test_what_is_only_repeated_counts_as_nothing(controller: RodMPC, camera_only: bool) -> None:
     rollout = track(Repeating(2.0, 8.0, camera_only), controller, PLAN)

@@ -204,7 +204,8 @@ class Loop:
         self.suspected = narrowed([*self.suspected, *new], keypoints, self.plant.task)
 
     def follow(self, task: Task, plan: Plan) -> None:
-        """Go on with another plan."""
+        """Go on with another plan; what was to be tried on the way of the last one is not."""
+        self._robot.forget()
         self.plan, self._followed = plan, len(self.log.reference) - 1
         self.state = self._controller.resume(self.state, task, plan)
         self._rule = StopRule(self._config, plan, self.plant.control_step, self.task.cable.swing_period)

@@ -306,7 +306,7 @@ class FollowingError:
         before = self._before(self._rest)
         before = self._rest if before is None else before
         self.obstructed, self._missed, self._ends = None, None, []
-        self._tried, self._answered, self._holding, self._holds, self._behind = 0, 0, 0, 0, 0
+        self._tried, self._answered, self._holding, self._behind = 0, 0, 0, 0
         return before
 
     def stop(self, grippers: Grippers, anew: bool = False) -> Float[np.ndarray, "2 3"]:
