@@ -37,7 +37,7 @@ def test_a_seed_is_offered_where_it_is_taken(cableway: Command):
     without = {
         command for command in NAMES if "--seed" not in cableway(command, "--help").out.replace("from --seed", "")
     }
-    assert without == {"bench", "reproduce", "warm-up"}
+    assert without == {"bench", "calibrate", "reproduce", "see", "warm-up"}
     assert cableway("bench", "clutter", "--seed", 3).status == 2
 
 

@@ -154,6 +154,17 @@ def test_bands_of_another_width_and_what_is_half_hidden_give_no_points():
     assert off_line(axis_points(unaware, CABLE.radius), line).mean() > 4e-4
 
 
+def test_what_hides_the_cable_may_be_of_its_colour():
+    _, line = true_cable()
+    shown = view(line)
+    hand = np.zeros_like(shown.mask)
+    hand[:, 260:420] = True
+    grey = followed(replace(shown, mask=shown.mask & ~hand, hiding=hand))
+    orange = followed(replace(shown, mask=shown.mask | hand, hiding=hand))
+    assert orange.hidden == grey.hidden > 0.3
+    np.testing.assert_array_equal(orange.observation.keypoints, grey.observation.keypoints)
+
+
 def test_half_of_the_cable_missing_is_not_explained():
     """Though all that is seen is on the rod."""
     _, line = true_cable()

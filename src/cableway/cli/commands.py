@@ -5,6 +5,7 @@ from __future__ import annotations
 import tyro
 
 from cableway.cli.bench import Bench
+from cableway.cli.calibrate import Calibrate
 from cableway.cli.check import Check
 from cableway.cli.collect import Collect
 from cableway.cli.evaluate import Evaluate
@@ -14,6 +15,7 @@ from cableway.cli.options import Options
 from cableway.cli.plan import Plan
 from cableway.cli.reproduce import Reproduce
 from cableway.cli.run import Run
+from cableway.cli.see import See
 from cableway.cli.show import Show
 from cableway.cli.tasks import Tasks
 from cableway.cli.train import Train
@@ -25,7 +27,23 @@ DESCRIPTION = """A cable's way through clutter: plan how two grippers lead a cab
 Exit status: 0 done and the task succeeded, 1 done but it did not, 2 the input was wrong, 130
 interrupted, 143 terminated."""
 
-Command = Tasks | Show | Plan | Run | Check | Export | Collect | Train | Evaluate | Models | Bench | Reproduce | WarmUp
+Command = (
+    Tasks
+    | Show
+    | Plan
+    | Run
+    | See
+    | Calibrate
+    | Check
+    | Export
+    | Collect
+    | Train
+    | Evaluate
+    | Models
+    | Bench
+    | Reproduce
+    | WarmUp
+)
 
 
 def parse(arguments: list[str]) -> Options:

@@ -12,6 +12,7 @@ EXTRAS = {
     "ray": {"ray": "Ray"},
     "tang2025": {"casadi": "CasADi", "equinox": "Equinox", "jax": "JAX", "optax": "Optax"},
     "ur": {"rtde_control": "ur-rtde"},
+    "vision": {"cv2": "OpenCV"},
 }
 """By extra: its packages and what they are called. OMPL, for Linux only, is looked for where it is used."""
 

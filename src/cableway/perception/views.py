@@ -27,7 +27,8 @@ class View:
 
     Attributes:
         camera: The camera.
-        mask: Which pixels are the cable's, see `segmentation.cable_mask`; a mask of your own does as well.
+        mask: Which pixels are the cable's, see `segmentation.cable_mask`; a mask of your own does as well. Those that
+            show something that hides the cable do not count: hands and arms may be of its colour.
         hiding: Which pixels show something that may hide the cable: hands, arms, posts. None where that is not known: a
             place where the cable should be seen and is not is then taken to be hidden.
 
@@ -48,6 +49,11 @@ class View:
                     f"{' x '.join(map(str, mask.shape))} of {mask.dtype}"
                 )
 
+    @property
+    def cable(self) -> Bool[np.ndarray, "h w"]:
+        """Which pixels are the cable's and nothing else's."""
+        return np.ascontiguousarray(self.mask if self.hiding is None else self.mask & ~self.hiding)
+
 
 def centreline(view: View) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k"]]:
     """Points (u, v) on the centre line of the mask, to a part of a pixel and in no order, and its width there [pixels].
@@ -55,9 +61,9 @@ def centreline(view: View) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, 
     They are the middles of runs of pixels across the band, see `kernels.middles`: there is no kernel of an even size to
     shift them. Runs beside what hides the cable are left out.
     """
-    out = np.empty((ROOM * sum(view.mask.shape), 3))
+    out, cable = np.empty((ROOM * sum(view.mask.shape), 3)), view.cable
     hiding = np.zeros((0, 0), bool) if view.hiding is None else np.ascontiguousarray(view.hiding)
-    found = out[: kernels.middles(np.ascontiguousarray(view.mask), hiding, out)]
+    found = out[: kernels.middles(cable, hiding, out)]
     return found[:, :2].copy(), found[:, 2].copy()
 
 
@@ -89,7 +95,7 @@ def seen_of(view: View, points: Float[np.ndarray, "m 2"], radius: float) -> Int[
     reach = SMALL * _width(view, points, radius) + 1.0
     hiding = np.ones(view.mask.shape, bool) if view.hiding is None else np.ascontiguousarray(view.hiding)
     out = np.empty(len(points), np.int64)
-    kernels.claims(pixels, reach, np.ascontiguousarray(view.mask), hiding, out)
+    kernels.claims(pixels, reach, view.cable, hiding, out)
     return out
 
 

@@ -1,0 +1,107 @@
+"""`cableway see`: keypoints of a cable in pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import takewhile
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from cableway.cli.options import Maybe, Options, option
+from cableway.cli.terminal import Terminal, pairs
+from cableway.core.errors import InputError
+
+KEYPOINTS, OVERLAY = "keypoints.csv", "overlay.mp4"
+"""What it leaves."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class See(Options):
+    """Find a cable in pictures: keypoints.csv, a recording, and overlay.mp4. Needs pip install 'cableway[vision]'."""
+
+    source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
+    """A video file, a folder of pictures, or the number of a camera."""
+
+    calibration: Annotated[Path, tyro.conf.arg(metavar="CAMERA.json")]
+    """The camera, as `calibrate` writes it."""
+
+    color: Annotated[str, tyro.conf.arg(metavar="R,G,B")]
+    """Colour of the cable in the pictures, from 0 to 255."""
+
+    task: Maybe[str] = None
+    """A task with this cable; by default, a cable of 0.3 m with 13 keypoints."""
+
+    grippers: Annotated[Path | None, option(metavar="FILE.csv")] = None
+    """Gripper poses by time, with the columns of a recording, for what is hidden to be found, too; by default, only
+    what is seen is found."""
+
+    rate: float = 30.0
+    """Pictures per second, where the source does not say."""
+
+    seconds: Maybe[float] = None
+    """When to stop; by default, at the end of the source, or Ctrl-C."""
+
+    seed: tyro.conf.Suppress[None] = None
+    """Nothing is drawn."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.rate <= 1000:
+            raise InputError(f"--rate must be above 0 and at most 1000, got {self.rate}")
+
+    def execute(self) -> int:
+        """Carry the command out and return its exit status."""
+        import numpy as np
+
+        from cableway.core.files import only_writer
+        from cableway.perception.calibration_file import load_camera
+        from cableway.perception.capture import Overlay, frames
+        from cableway.perception.segmentation import CableColor
+        from cableway.scene.cable import Cable
+        from cableway.scene.files.loading import load_task
+        from cableway.workflow.seeing import GripperLog, see, write_recording
+
+        camera, color = load_camera(self.calibration), CableColor(color=self._color())
+        cable = Cable() if self.task is None else load_task(self.task).cable
+        grippers = None if self.grippers is None else GripperLog.load(self.grippers)
+        folder, terminal, found = self.folder("see"), Terminal(self), []
+        pictures = frames(self.source, self.rate)
+        if self.seconds is not None:
+            most = self.seconds
+            pictures = takewhile(lambda frame: frame.time <= most, pictures)
+        with only_writer(folder):
+            overlay = Overlay(folder / OVERLAY, self.rate)
+            try:
+                for seen in see(pictures, camera, color, cable, grippers, 1 / self.rate):
+                    height = np.full((len(seen.keypoints), 1), cable.radius)
+                    overlay.add(seen.frame.image, camera.project(np.hstack([seen.keypoints, height]))[0])
+                    found.append(seen.without_picture())
+            except KeyboardInterrupt:
+                if not found:
+                    raise
+            finally:
+                overlay.close()
+            write_recording(folder / KEYPOINTS, found)
+        known = sum(each.known for each in found)
+        report = {"pictures": len(found), "known": known, "seconds": found[-1].frame.time, "folder": str(folder)}
+        self.keep("see", report)
+        rows = [
+            ("pictures", f"{len(found)}, the cable found in {known}"),
+            ("files", f"{folder / KEYPOINTS}, {OVERLAY}"),
+        ]
+        terminal.result(report, pairs(rows))
+        return 0 if known else 1
+
+    def _color(self) -> tuple[float, float, float]:
+        """Red, green and blue.
+
+        Raises:
+            InputError: They are not three numbers.
+        """
+        try:
+            red, green, blue = (float(part) for part in self.color.split(","))
+        except ValueError:
+            raise InputError(f"--color must be three numbers R,G,B from 0 to 255, got {self.color!r}") from None
+        return red, green, blue

@@ -1,0 +1,121 @@
+"""Pictures from a camera, a video file or a folder, and a video of what was found in them. OpenCV's."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from cableway.core.errors import InputError
+from cableway.core.extras import require
+
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+"""Endings of the pictures of a folder, which are taken in the order of their names."""
+
+DOT = 4
+"""Radius of a keypoint in a video [pixels]."""
+
+
+class Frame(NamedTuple):
+    """A picture (red, green, blue) and when it was taken [s], from the first one on."""
+
+    time: float
+    image: UInt8[np.ndarray, "h w 3"]
+
+
+def frames(source: str, rate: float = 30.0) -> Iterator[Frame]:
+    """The pictures of a source.
+
+    Args:
+        source: The number of a camera, a video file, or a folder of pictures.
+        rate: Pictures per second of a folder, and of a video that does not say.
+
+    Raises:
+        InputError: There is no such source, or nothing in it can be read.
+        MissingExtraError: OpenCV is not installed.
+    """
+    require("vision", "reading pictures")
+    import cv2
+
+    if Path(source).is_dir():
+        yield from _of_folder(Path(source), rate)
+        return
+    live = source.isdigit()
+    if not live and not Path(source).is_file():
+        raise InputError(f"{source}: no such file, folder or number of a camera")
+    capture = cv2.VideoCapture(int(source) if live else source)
+    try:
+        told = capture.get(cv2.CAP_PROP_FPS)
+        rate, begun, count = told if told > 0 else rate, time.monotonic(), 0
+        while True:
+            read, image = capture.read()
+            if not read:
+                break
+            yield Frame(time.monotonic() - begun if live else count / rate, cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+            count += 1
+    finally:
+        capture.release()
+    if not count:
+        raise InputError(f"{source}: " + ("there is no such camera" if live else "not a video that OpenCV can read"))
+
+
+def _of_folder(folder: Path, rate: float) -> Iterator[Frame]:
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGES)
+    if not files:
+        raise InputError(f"{folder}: there is no picture in it that ends in {', '.join(IMAGES)}")
+    for count, file in enumerate(files):
+        yield Frame(count / rate, picture(file))
+
+
+def picture(file: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """A picture (red, green, blue).
+
+    Raises:
+        InputError: It cannot be read.
+        MissingExtraError: OpenCV is not installed.
+    """
+    require("vision", "reading pictures")
+    import cv2
+
+    image = cv2.imread(str(file), cv2.IMREAD_COLOR) if file.is_file() else None
+    if image is None:
+        raise InputError(f"{file}: not a picture that OpenCV can read")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+class Overlay:
+    """A video (MP4) of pictures with what was found in them.
+
+    Args:
+        path: Where to.
+        rate: Pictures per second.
+    """
+
+    def __init__(self, path: Path, rate: float) -> None:
+        require("vision", "a video of pictures")
+        self._path, self._rate, self._writer = path, rate, None
+
+    def add(self, image: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "n 2"]) -> None:
+        """Add a picture with keypoints (u, v), NaN where there is none."""
+        import cv2
+
+        drawn = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+        there = pixels[np.isfinite(pixels).all(axis=1)].round().astype(np.int32)
+        if len(there) == len(pixels):
+            cv2.polylines(drawn, [there.reshape(-1, 1, 2)], False, (255, 120, 0), 1, cv2.LINE_AA)
+        for u, v in there.tolist():
+            cv2.circle(drawn, (u, v), DOT, (255, 120, 0), -1, cv2.LINE_AA)
+        if self._writer is None:
+            height, width, _ = image.shape
+            code = cv2.VideoWriter.fourcc(*"mp4v")
+            self._writer = cv2.VideoWriter(str(self._path), code, self._rate, (width, height))
+        self._writer.write(drawn)
+
+    def close(self) -> None:
+        """End the video."""
+        if self._writer is not None:
+            self._writer.release()

@@ -1,0 +1,97 @@
+"""Laws of `see` and `calibrate`: pictures in, a recording and a camera out."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import Command
+
+from cableway.datasets.recordings import load_recording
+from cableway.perception.calibration_file import load_camera, save_camera
+from cableway.perception.placement import camera_at
+from cableway.rendering.mesh import Mesh, prism, tube
+from cableway.rendering.picture import Light, render
+from cableway.rod.inverse import shape_between
+from cableway.scene.cable import Cable
+
+cv2 = pytest.importorskip("cv2")
+
+CABLE = Cable()
+POSES = np.array([[0.2, 0.3, 0.5], [0.42, 0.3, -0.5]])
+STEPS = 5
+
+
+def shape(k: int) -> np.ndarray:
+    poses = POSES + [0.01 * k, 0.0, 0.0]
+    return CABLE.rod.shapes(shape_between(CABLE.rod, poses, "left")[None])[0][0]
+
+
+@pytest.fixture
+def film(tmp_path: Path) -> Path:
+    """A folder of pictures of a cable that moves, and the file of their camera."""
+    camera, folder = camera_at("above", (0.7, 0.7)), tmp_path / "film"
+    folder.mkdir()
+    table = prism(np.array([[-0.2, -0.2], [0.9, -0.2], [0.9, 0.9], [-0.2, 0.9]]), (-0.01, 0.0)).painted((0.9,) * 3, 1)
+    for k in range(STEPS):
+        line = np.column_stack([shape(k), np.full(len(shape(k)), CABLE.radius)])
+        mesh = Mesh.joined([table, tube(line, CABLE.radius).painted((0.85, 0.35, 0.05), 4)])
+        image = render(mesh, camera.pinhole, Light(position=(0.3, 0.3, 2.0), shadows=0)).color
+        cv2.imwrite(str(folder / f"{k:03d}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    save_camera(tmp_path / "camera.json", camera)
+    return folder
+
+
+def grippers(path: Path) -> Path:
+    head = "time,left_x,left_y,left_theta,right_x,right_y,right_theta\n"
+    rows = [",".join(map(str, [0.1 * k, *(POSES + [0.01 * k, 0.0, 0.0]).ravel()])) for k in range(STEPS)]
+    path.write_text(head + "\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("by_grippers", [False, True])
+def test_keypoints_of_a_film_are_a_recording(cableway: Command, tmp_path: Path, film: Path, by_grippers: bool):
+    """To 1 mm with gripper poses; by the pixels alone, ends in shadow are cut by a little."""
+    options = ["--calibration", tmp_path / "camera.json", "--color", "217,89,13", "--rate", "10", "--out", "seen"]
+    options += ["--grippers", grippers(tmp_path / "grippers.csv")] if by_grippers else []
+    done = cableway("see", film, *options)
+    assert done.status == 0, done.err
+    found = np.genfromtxt("seen/keypoints.csv", delimiter=",", names=True)
+    keypoints = np.array([[found[f"x{n}"], found[f"y{n}"]] for n in range(13)]).transpose(2, 0, 1)
+    truth = np.array([CABLE.rod.at_keypoints(shape(k)[None])[0] for k in range(STEPS)])
+    assert np.linalg.norm(keypoints - truth, axis=2).max() < (0.001 if by_grippers else 0.006)
+    assert json.loads(Path("seen/report.json").read_text())["known"] == STEPS
+    assert cv2.VideoCapture("seen/overlay.mp4").get(cv2.CAP_PROP_FRAME_COUNT) == STEPS
+    assert len(load_recording(Path("seen/keypoints.csv"))) == STEPS - 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("none", "--color", "1,2,3"), "none: no such file, folder or number of a camera"),
+        (("film", "--color", "red"), "--color must be three numbers"),
+        (("film", "--color", "1,2,3", "--rate", "0"), "--rate must be above 0"),
+        (("film", "--color", "1,2,3", "--calibration", "none.json"), "none.json"),
+        (("film", "--color", "1,2,3", "--grippers", "camera.json"), "there is no column 'time'"),
+    ],
+)
+def test_what_cannot_be_seen_is_told(cableway: Command, tmp_path: Path, film: Path, arguments, said: str, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = cableway("see", "--calibration", "camera.json", *arguments)
+    assert done.status == 2
+    assert said in done.err
+
+
+def test_a_camera_in_a_file_is_the_same(tmp_path: Path, film: Path):
+    camera, read = camera_at("above", (0.7, 0.7)), load_camera(tmp_path / "camera.json")
+    np.testing.assert_allclose(read.pinhole.pose, camera.pinhole.pose, atol=1e-12)
+    assert read.pinhole.focal == camera.pinhole.focal
+
+
+def test_calibrate_says_what_it_needs(cableway: Command, film: Path):
+    done = cableway("calibrate", film, "--table", film / "000.png", "--board", "7")
+    assert (done.status, "--board must be 2 numbers" in done.err) == (2, True)
+    done = cableway("calibrate", film, "--table", film / "000.png")
+    assert (done.status, f"0 of {STEPS + 1} pictures show" in done.err) == (2, True)
