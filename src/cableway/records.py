@@ -69,7 +69,6 @@ class PaperStages(Brief):
 
 _STAGES = ("pivot", "passages", "path_set", "progress")
 
-
 INSERTION = "insertion"
 """Value of `metadata["part"]` of a plan and a rollout that insert a plug into its port."""
 
@@ -226,8 +225,8 @@ class Observation(Brief):
         keypoints: (n, 2) measured keypoints [m], NaN where nothing was observed.
         poses: (2, 3) measured gripper poses [m, m, rad].
         taken: [s] when the frame was taken, on the same clock as `time`; None where unknown, it is then estimated.
-        confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same. Where
-            all are 0, whoever observes does not know where the cable is: the grippers stand still.
+        confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same. The
+            grippers stand still where all are 0: nobody knows where the cable is then.
     """
 
     time: float
