@@ -162,9 +162,9 @@ class Attachment:
 class FollowingError:
     """Sees that a gripper does not follow its commands: it stalled, was stopped, or the link is dead.
 
-    Then both hold: where they stand becomes the target. After that the gripper that did not follow goes alone: back to
-    where it was a little before, and a little of what it missed ahead of where it stood. The other one goes back first
-    where they would be farther apart than they have been. The run goes on when the gripper is seen to follow, and the
+    Then both hold: where they stand becomes the target. After that the gripper that did not follow goes alone: a little
+    back the way it came, and a little of what it missed ahead of where it stood. The other one goes back first, as it
+    came, where they would be farther apart than they have been. The run goes on when the gripper is seen to follow, and the
     next hold begins if it does not. One that follows back but not ahead has something in its way.
 
     Attributes:
@@ -273,15 +273,15 @@ class FollowingError:
         self, rest: Float[np.ndarray, "2 3"], missed: Float[np.ndarray, "2 3"]
     ) -> list[Float[np.ndarray, "2 3"]]:
         """Where the grippers are sent one after the other [m, m, rad], to see whether the late one follows."""
-        late, way = self._late, SE2.minus(missed, rest)
-        share = min(1.0, TRIAL / max(float(np.linalg.norm(SE2.position(way)[late])), TRIAL))
-        before = self._before(rest)
+        late, before = self._late, self._before(rest)
+        ahead = _part(rest, missed, late)
         if before is None:
-            return [_one(rest, SE2.plus(rest, share * way), late)]
+            return [_one(rest, ahead, late)]
+        before = _part(rest, before, late)
         back = _one(rest, before, late)
         if _span(back) <= self._widest:
-            return [back, _one(back, SE2.plus(rest, share * way), late)]
-        return [_one(rest, before, 1 - late), before, _one(before, SE2.plus(rest, share * way), late)]
+            return [back, _one(back, ahead, late)]
+        return [_one(rest, before, 1 - late), before, _one(before, ahead, late)]
 
     def _before(self, rest: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"] | None:
         """Where the grippers were when the late one was last `TRIAL` from where it stands; None for nowhere."""
@@ -336,6 +336,14 @@ def _elsewhere(poses: Float[np.ndarray, "2 3"], before: Float[np.ndarray, "2 3"]
 def _one(poses: Float[np.ndarray, "2 3"], others: Float[np.ndarray, "2 3"], side: int) -> Float[np.ndarray, "2 3"]:
     """The same poses but of one gripper."""
     return np.where(np.arange(2)[:, None] == side, others, poses)
+
+
+def _part(
+    poses: Float[np.ndarray, "2 3"], others: Float[np.ndarray, "2 3"], side: int
+) -> Float[np.ndarray, "2 3"]:
+    """Poses on the way to others, of which one gripper has gone `TRIAL`, or all if that is less."""
+    way = SE2.minus(others, poses)
+    return SE2.plus(poses, min(1.0, TRIAL / max(float(np.linalg.norm(SE2.position(way)[side])), TRIAL)) * way)
 
 
 def _span(poses: Float[np.ndarray, "2 3"]) -> float:
