@@ -20,22 +20,23 @@ from cableway.robot.grasping import lowered
 from cableway.robot.held_arms import HeldArms
 from cableway.scene.task import Task
 from cableway.tracking.answers import AnsweringPlant
+from cableway.tracking.plant import Plant
 
 
-def take_hold(plant: AnsweringPlant, plan: Plan) -> Observation | None:
+def take_hold(plant: Plant, plan: Plan) -> Observation | None:
     """The first observation of a plant once its arms hold the cable; None where it or the plan cannot grasp.
 
     Raises:
         GraspError: A hand missed the cable.
         SimulationError: The plant cannot go on.
     """
-    if plan.approach is None or not plant.can_grasp:
+    if plan.approach is None or not isinstance(plant, AnsweringPlant) or not plant.can_grasp:
         return None
     return plant.take_hold(plan.approach, float(plan.metadata["arms"]["opening"][0]))
 
 
 def let_go(
-    plant: AnsweringPlant, arms: HeldArms, poses: Float[np.ndarray, "2 3"], keypoints: Float[np.ndarray, "n 2"],
+    plant: Plant, arms: HeldArms, poses: Float[np.ndarray, "2 3"], keypoints: Float[np.ndarray, "n 2"],
     task: Task,
 ) -> tuple[dict[str, Any], Measurement | None]:  # fmt: skip
     """Let go of the cable where it is, not where the plan ends.
@@ -50,6 +51,7 @@ def let_go(
     Returns:
         Whether it was let go, how far it moved [m] by then, and if not why, for the record; and what was measured.
     """
+    assert isinstance(plant, AnsweringPlant)
     hands = lowered(poses, keypoints, arms.joints, task, arms.kinematics.way)
     if isinstance(hands, NoMotion):
         x, y = hands.at

@@ -23,8 +23,8 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking import hands
-from cableway.tracking.answers import AnsweringPlant
 from cableway.tracking.logbook import Log
+from cableway.tracking.plant import Plant
 from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
 from cableway.tracking.stopping import Ending, StopRule, TrackConfig
@@ -85,7 +85,7 @@ class Loop:
     """A run: plant and controller, what was observed last, and the record."""
 
     def __init__(
-        self, plant: AnsweringPlant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
+        self, plant: Plant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
     ) -> None:
         self.plant, self._controller, self._config, self.log = plant, controller, config, Log()
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)

@@ -164,8 +164,8 @@ class FollowingError:
 
     Then both hold: where they stand becomes the target. After that the gripper that did not follow goes alone: a little
     back the way it came, and a little of what it missed ahead of where it stood. The other one goes back first, as it
-    came, where they would be farther apart than they have been. The run goes on when the gripper is seen to follow, and the
-    next hold begins if it does not. One that follows back but not ahead has something in its way.
+    came, where they would be farther apart than they have been. The run goes on when the gripper is seen to follow, and
+    the next hold begins if it does not. One that follows back but not ahead has something in its way.
 
     Attributes:
         target: Where they were sent [m, m, rad].
