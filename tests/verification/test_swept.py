@@ -12,7 +12,7 @@ import shapely
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.tasks.generation import random_task
-from cableway.verification.bodies import _to_outline
+from cableway.verification.bodies import to_outline
 from cableway.verification.swept import SWEEP_STEP, closest_approach, to_scene
 
 PIECES = 64
@@ -74,5 +74,5 @@ def test_two_that_pass_each_other_between_two_rows_are_met():
     """Each moves half the way, so that they come nearer twice as fast as either moves."""
     square = np.array([[0.0, 0.0], [0.01, 0.0], [0.01, 0.01], [0.0, 0.01], [0.0, 0.0]])
     rows = np.array([[square + [x, 0.0], square + [0.1 - x, 0.0]] for x in (0.0, 0.1)]).reshape(2, 10, 2)
-    found = closest_approach(rows, partial(_to_outline, split=5), rate=2.0)
+    found = closest_approach(rows, partial(to_outline, split=5), rate=2.0)
     assert found.distance <= 0
