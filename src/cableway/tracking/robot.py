@@ -338,9 +338,7 @@ def _one(poses: Float[np.ndarray, "2 3"], others: Float[np.ndarray, "2 3"], side
     return np.where(np.arange(2)[:, None] == side, others, poses)
 
 
-def _part(
-    poses: Float[np.ndarray, "2 3"], others: Float[np.ndarray, "2 3"], side: int
-) -> Float[np.ndarray, "2 3"]:
+def _part(poses: Float[np.ndarray, "2 3"], others: Float[np.ndarray, "2 3"], side: int) -> Float[np.ndarray, "2 3"]:
     """Poses on the way to others, of which one gripper has gone `TRIAL`, or all if that is less."""
     way = SE2.minus(others, poses)
     return SE2.plus(poses, min(1.0, TRIAL / max(float(np.linalg.norm(SE2.position(way)[side])), TRIAL)) * way)
