@@ -10,10 +10,12 @@ import pytest
 
 from cableway.core.errors import InputError, PressedError, SimulationError
 from cableway.geometry import polyline, se2
+from cableway.geometry.groups import SE2
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Box
 from cableway.scene.scene import Scene
 from cableway.scene.task import Plug, Task
+from cableway.simulation.perturbations.grasp import GraspConfig, GraspedCable
 from cableway.simulation.plant import CableSimulator, PlantConfig
 
 STILL = np.zeros((2, 3))
@@ -211,6 +213,16 @@ def test_a_gripper_led_into_a_wall_stands_there_until_it_is_led_back(task_at):
     assert plant.measure().gripper_clearance > 0
     plant.restore(state)
     np.testing.assert_array_equal([plant.step(-ahead).poses for _ in range(3)], backed)
+
+
+def test_a_gripper_that_holds_the_cable_askew_is_reported_where_a_wall_stops_its_end(task_at):
+    grasp = GraspConfig(left=(0.004, 0.0, 0.05))
+    plant, ahead = GraspedCable(CableSimulator(task_at()), grasp), np.tile([-0.012, 0.0, 0.0], (2, 1))
+    reported = [plant.reset().poses, *(plant.step(ahead).poses for _ in range(22))]
+    assert plant.measure().gripper_clearance <= 0
+    ends = SE2.compose(reported[-1], grasp.offsets(0.0))
+    np.testing.assert_allclose(ends, plant.measure().poses, atol=1e-4)
+    assert np.abs(reported[-1] - reported[-2])[0].max() < 1e-9 < np.abs(reported[-1] - reported[-2])[1].max()
 
 
 def test_a_cable_pressed_deeper_than_its_radius_in_one_step_is_refused_with_how_deep(task_at):

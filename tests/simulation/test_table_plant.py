@@ -123,6 +123,18 @@ def test_obstacles_are_as_high_as_stated_and_the_lowest_stops_the_cable(height: 
     assert np.abs(plant._data.xpos[1 : plant.config.segments + 1, 2] - OPEN.cable.radius).max() < 0.002
 
 
+def test_a_gripper_led_into_a_wall_stands_before_it() -> None:
+    """It is a contact; what it was led too far must be taken back first."""
+    plant, ahead = TablePlant(OPEN, config=replace(SMOOTH, servo_time=0.05)), np.tile([0.0, -0.012, 0.0], (2, 1))
+    side, radius = int(plant.reset().poses[:, 1].argmin()), OPEN.grippers.radius
+    least = plant.reset().poses[side, 1]
+    moved(plant, ahead, round((least - radius) / 0.012) + 3)
+    assert plant.measure().gripper_clearance <= 0
+    assert 0 < plant._observe().poses[side, 1] - radius < 0.001
+    moved(plant, -ahead, 5)
+    assert plant.measure().gripper_clearance > 0
+
+
 def test_the_same_run_is_the_same_and_a_branch_goes_on_bit_for_bit() -> None:
     plant, action = TablePlant(TASK), np.array([[0.002, 0.001, 0.01]] * 2)
     moved(plant, action, 3)

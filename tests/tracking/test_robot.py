@@ -20,6 +20,7 @@ from cableway.tracking import track
 from cableway.tracking.loop import HOLDING, TRIAL, WAITING, Loop
 from cableway.tracking.robot import HOLD, HOLDS, SHORT, FollowingError, MessageGate
 from cableway.tracking.stopping import TrackConfig
+from cableway.tracking.suspicion import Obstruction
 from cableway.tracking.watchdog import Watchdog
 
 ROD = PlanarRod(0.3)
@@ -214,6 +215,10 @@ def test_a_gripper_that_follows_back_but_not_ahead_has_something_in_its_way(cont
     rollout = track(plant, controller, PLAN)
     assert rollout.outcome is Outcome.BLOCKED_WAY
     assert "before the right gripper near" in rollout.detail
+    found = Obstruction(1, np.array([0.3, 0.3]), np.array([1.0, 0.0])).contacts(TASK)
+    beside = [contact.place - TASK.cable.radius * contact.direction - [0.3, 0.3] for contact in found]
+    np.testing.assert_allclose(np.linalg.norm(beside, axis=1), TASK.grippers.radius)
+    np.testing.assert_allclose(np.degrees(np.arctan2(*np.transpose(beside)[::-1])), [-60.0, 0.0, 60.0], atol=1e-9)
     assert plant.pressed[-1] - plant.pressed[0] < 2.0, "six steps to notice, half a second of hold, and two trials"
     tried = rollout.actions[rollout.status == TRIAL][:, 1, :2]
     ahead = PLAN.poses[-1, 1, :2] - PLAN.poses[0, 1, :2]
@@ -235,6 +240,30 @@ def test_the_way_back_of_a_gripper_that_ran_into_something_ends_before_it(contro
     gaps = np.linalg.norm((PLAN.poses - loop.poses)[..., :2], axis=2)
     assert gaps.max(axis=1).min() < 0.0065, "within a step both are where the plan had them at once"
     assert np.linalg.norm((loop.poses - reached)[1, :2]) > 0.01
+
+
+@pytest.mark.parametrize("kept", [True, False], ids=["kept from going back", "goes back"])
+def test_a_gripper_that_was_not_let_back_is_not_taken_for_obstructed(kept: bool) -> None:
+    """The last filter may keep it where it is; then nothing shows that it could have followed."""
+    still, grippers = np.array([[0.2, 0.3, 0.0], [0.5, 0.3, 0.0]]), Grippers()
+    robot, time, at = FollowingError(still, 0.1), 0.0, still.copy()
+
+    def sent(action: np.ndarray, most: float) -> None:
+        nonlocal time, at
+        time += 0.1
+        robot.commanded(action)
+        at = np.where(np.arange(2)[:, None] == 1, np.minimum(robot.target, still + most), robot.target)
+        robot.measured(Observation(time, np.zeros((13, 2)), at))
+
+    ahead = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
+    for _ in range(4):
+        sent(ahead, 0.02)
+    for _ in range(40):
+        if robot.obstructed is not None or robot.failed:
+            break
+        motion = robot.stop(grippers) if robot.holding else robot.trial(grippers)
+        sent(np.maximum(motion, 0.0) if kept and not robot.holding else motion, 0.02)
+    assert robot.obstructed == (None if kept else 1)
 
 
 def test_a_new_plan_ends_the_trial_on_the_way_of_the_last_one(controller: RodMPC) -> None:

@@ -77,6 +77,10 @@ class Grippers:
         """What both grippers have beyond their discs."""
         return tuple(part.body(name, side) for part in gripper_body(self.body) for name, side in SIDES)
 
+    def efforts(self, motion: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2"]:
+        """Share of a control step's limits that the motion [m, m, rad] of each gripper takes."""
+        return np.maximum(np.linalg.norm(motion[:, :2], axis=1) / self.max_step, np.abs(motion[:, 2]) / self.max_turn)
+
     @property
     def has_ramps(self) -> bool:
         """Whether acceleration or jerk is limited."""

@@ -71,6 +71,6 @@ class SolidGrippers:
         self, poses: Float[np.ndarray, "2 3"], reached: Float[np.ndarray, "2 3"], steps: int
     ) -> Float[np.ndarray, "2 3"]:
         """As far towards poses as a time step allows."""
-        way, most = poses - reached, (self._grippers.max_step / steps, self._grippers.max_turn / steps)
-        efforts = np.maximum(np.linalg.norm(way[:, :2], axis=1) / most[0], np.abs(way[:, 2]) / most[1])
-        return np.where((efforts > 1)[:, None], reached + way / np.maximum(efforts, 1.0)[:, None], poses)
+        way = poses - reached
+        efforts = steps * self._grippers.efforts(way)[:, None]
+        return np.where(efforts > 1, reached + way / np.maximum(efforts, 1.0), poses)

@@ -87,7 +87,7 @@ class Loop:
     def __init__(
         self, plant: Plant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
     ) -> None:
-        self.plant, self._controller, self._config, self.log = plant, controller, config, Log()
+        self.plant, self._controller, self._config = plant, controller, config
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
         self._scene: Scene | None = None
         self._followed = -1
@@ -156,7 +156,10 @@ class Loop:
 
     def give_in(self) -> Ending | None:
         """Go back to before a gripper ran into something; how the run ended, if it did. The way here ends there."""
-        before, ending = self._robot.forget(), None
+        before, ending = self._robot.came_from, None
+        self._robot.forget()
+        if before is None:
+            return None
         there = next((k for k, made in enumerate(self._way) if np.array_equal(made.poses, before)), len(self._way))
         del self._way[there:]
         for _ in range(LONGEST_DELAY):

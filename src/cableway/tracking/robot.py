@@ -175,6 +175,8 @@ class FollowingError:
             goes elsewhere than it is sent.
         error: What is wrong, in a sentence.
         obstructed: The gripper, 0 or 1, that has something in its way; None for none.
+        came_from: Where the grippers were, before the last hold, when the one that did not follow was last `TRIAL` from
+            where it stands; None for nowhere.
 
     Args:
         poses: Where the grippers stand [m, m, rad].
@@ -192,6 +194,7 @@ class FollowingError:
         self._late, self._tried, self._answered = 0, 0, 0
         self._ends: list[Float[np.ndarray, "2 3"]] = []
         self._past, self._widest = deque[np.ndarray](maxlen=REMEMBERED), 0.0
+        self.came_from: Float[np.ndarray, "2 3"] | None = None
         self.obstructed: int | None = None
         self._start, self._moved = self.target, np.zeros(2, bool)
         self._motion = FirstMotion(self.target)
@@ -243,7 +246,10 @@ class FollowingError:
         self._holds, self._holding = self._holds + 1, self._hold
         self.failed = self._holds > (HOLDS if self._moved[worst] else FIRST_HOLDS)
         self._suspicions, self._behind = 0, 0
-        self._rest, self._ends = self.poses, self._trials(self.poses, self._missed)
+        self._rest = self.poses
+        apart = (past for past in reversed(self._past) if SE2.distance(past, self._rest)[0][worst] > TRIAL)
+        self.came_from = next(apart, None)
+        self._ends = self._trials(self._missed)
         self._commands = DelayEstimator.constant(self.target)
 
     @property
@@ -269,24 +275,16 @@ class FollowingError:
         way = SE2.position(SE2.minus(self.target if self._missed is None else self._missed, self._rest))[self._late]
         return way / max(float(np.linalg.norm(way)), 1e-12)
 
-    def _trials(
-        self, rest: Float[np.ndarray, "2 3"], missed: Float[np.ndarray, "2 3"]
-    ) -> list[Float[np.ndarray, "2 3"]]:
+    def _trials(self, missed: Float[np.ndarray, "2 3"]) -> list[Float[np.ndarray, "2 3"]]:
         """Where the grippers are sent one after the other [m, m, rad], to see whether the late one follows."""
-        late, before = self._late, self._before(rest)
-        ahead = _part(rest, missed, late)
-        if before is None:
+        rest, late, ahead = self._rest, self._late, _part(self._rest, missed, self._late)
+        if self.came_from is None:
             return [_one(rest, ahead, late)]
-        before = _part(rest, before, late)
+        before = _part(rest, self.came_from, late)
         back = _one(rest, before, late)
         if _span(back) <= self._widest:
             return [back, _one(back, ahead, late)]
         return [_one(rest, before, 1 - late), before, _one(before, ahead, late)]
-
-    def _before(self, rest: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3"] | None:
-        """Where the grippers were when the late one was last `TRIAL` from where it stands; None for nowhere."""
-        apart = (past for past in reversed(self._past) if SE2.distance(past, rest)[0][self._late] > TRIAL)
-        return next(apart, None)
 
     def _try(self) -> None:
         """One message later: the gripper follows, or has had one more to do so."""
@@ -297,17 +295,15 @@ class FollowingError:
         if not sent or away[self._late] > TRIAL / 2 or turned[self._late] > FOLLOWING_ERROR[1] / 2:
             self._tried += 1
             return
-        self._ends, self._answered, self._tried = self._ends[1:], self._tried, 0
+        went_back = SE2.distance(self.poses, self._rest)[0][self._late] > TRIAL / 2  # not if the last filter kept it
+        self._ends, self._answered, self._tried = self._ends[1:], self._tried if went_back else 0, 0
         if not self._ends:
             self._missed, self._answered, self._holds = None, 0, 0
 
-    def forget(self) -> Float[np.ndarray, "2 3"]:
-        """Nothing is held or tried any more; where the grippers were before one had something in its way."""
-        before = self._before(self._rest)
-        before = self._rest if before is None else before
+    def forget(self) -> None:
+        """Nothing is held or tried any more."""
         self.obstructed, self._missed, self._ends = None, None, []
         self._tried, self._answered, self._holding, self._behind = 0, 0, 0, 0
-        return before
 
     def stop(self, grippers: Grippers, anew: bool = False) -> Float[np.ndarray, "2 3"]:
         """The motion [m, m, rad] that makes the measured poses the target, within the grippers' limits.

@@ -123,11 +123,7 @@ class FaultyPlant(Layer[SensedPlant]):
         pending, config = self._pending + action, self.config
         made = pending.copy()
         if config.stall is not None and self._time >= config.stall[0]:
-            grippers = self.plant.task.grippers
-            efforts = np.maximum(
-                np.linalg.norm(pending[:, :2], axis=1) / grippers.max_step, np.abs(pending[:, 2]) / grippers.max_turn
-            )
-            made /= np.maximum(efforts, 1.0)[:, None]
+            made /= np.maximum(self.plant.task.grippers.efforts(pending), 1.0)[:, None]
             if self._time < config.stall[1]:
                 made[config.stalls] = 0.0
         truth = self.plant.step(made)
