@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from cableway.cli.options import Maybe, Options, option
 from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 KEYPOINTS, OVERLAY = "keypoints.csv", "overlay.mp4"
 """What it leaves."""
@@ -50,39 +54,45 @@ class See(Options):
         super().__post_init__()
         if not 0 < self.rate <= 1000:
             raise InputError(f"--rate must be above 0 and at most 1000, got {self.rate}")
+        if self.seconds is not None and not self.seconds > 0:
+            raise InputError(f"--seconds must be above 0, got {self.seconds}")
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         import numpy as np
 
         from cableway.core.files import only_writer
+        from cableway.figures.film import write_film
         from cableway.perception.calibration_file import load_camera
-        from cableway.perception.capture import Overlay, frames
+        from cableway.perception.capture import frames, marked, rate_of
         from cableway.perception.segmentation import CableColor
         from cableway.scene.cable import Cable
         from cableway.scene.files.loading import load_task
-        from cableway.workflow.seeing import GripperLog, see, write_recording
+        from cableway.workflow.seeing import GripperLog, Seen, see, write_recording
 
         camera, color = load_camera(self.calibration), CableColor(color=self._color())
         cable = Cable() if self.task is None else load_task(self.task).cable
         grippers = None if self.grippers is None else GripperLog.load(self.grippers)
-        folder, terminal, found = self.folder("see"), Terminal(self), []
-        pictures = frames(self.source, self.rate)
+        folder, terminal, found = self.folder("see"), Terminal(self), list[Seen]()
+        rate = rate_of(self.source, self.rate)
+        pictures = frames(self.source, rate)
         if self.seconds is not None:
             most = self.seconds
             pictures = takewhile(lambda frame: frame.time <= most, pictures)
-        with only_writer(folder):
-            overlay = Overlay(folder / OVERLAY, self.rate)
+
+        def overlaid() -> Iterator[np.ndarray]:
+            """Pictures with what was found in them, noted in `found`; until Ctrl-C."""
             try:
-                for seen in see(pictures, camera, color, cable, grippers, 1 / self.rate):
+                for seen in see(pictures, camera, color, cable, grippers, 1 / rate):
                     height = np.full((len(seen.keypoints), 1), cable.radius)
-                    overlay.add(seen.frame.image, camera.project(np.hstack([seen.keypoints, height]))[0])
                     found.append(seen.without_picture())
+                    yield marked(seen.frame.image, camera.project(np.hstack([seen.keypoints, height]))[0])
             except KeyboardInterrupt:
                 if not found:
                     raise
-            finally:
-                overlay.close()
+
+        with only_writer(folder):
+            write_film(folder / OVERLAY, rate, overlaid())
             write_recording(folder / KEYPOINTS, found)
         known = sum(each.known for each in found)
         report = {"pictures": len(found), "known": known, "seconds": found[-1].frame.time, "folder": str(folder)}

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import imageio_ffmpeg
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from cableway.core.errors import CablewayError
-from cableway.core.files import write_atomically
 from cableway.figures import scene, style
+from cableway.figures.film import write_film
 from cableway.figures.moving import MovingScene, captions, moving_handles
 from cableway.figures.perspective import CellView, way_of
 from cableway.figures.plan import draw_clearance
@@ -87,19 +82,10 @@ def write_video(
     Raises:
         CablewayError: The encoder failed.
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     stage = _Stage(task, rollout, insertion, plan)
     rows, rate, speed = playback(stage.run)
     stage.title(speed)
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
-        film = Path(folder) / "film.mp4"
-        try:
-            _encode(film, rate, _frames(stage, rows, rate, progress))
-        except (OSError, RuntimeError) as error:
-            raise CablewayError(f"{path}: the video could not be encoded ({error})") from error
-        with film.open("rb") as source:
-            write_atomically(path, lambda file: shutil.copyfileobj(source, file))
+    write_film(path, rate, _frames(stage, rows, rate, progress))
 
 
 def playback(rollout: Rollout) -> tuple[range, float, int]:
@@ -126,35 +112,6 @@ def joined(rollout: Rollout, insertion: Rollout | None) -> Rollout:
     }
     times = np.concatenate([rollout.times, rollout.times[-1] + insertion.times[1:] - insertion.times[0]])
     return replace(rollout, times=times, estimates=None, deviations=None, **parts, **steps)
-
-
-def _encode(path: Path, rate: float, frames: Iterator[np.ndarray]) -> None:
-    """Send frames to ffmpeg.
-
-    Its process is started here and not by imageio-ffmpeg, which forks to do so: a risk where JAX's threads run.
-    A group of its own keeps ctrl-c from it.
-    """
-    raw = ["-f", "rawvideo", "-pix_fmt", "rgba", "-s", f"{SIZE[0]}x{SIZE[1]}", "-r", f"{rate:.6g}", "-i", "-"]
-    coded = ["-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-preset", "veryfast", "-crf", "19"]
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *raw, *coded, "-movflags", "+faststart", str(path)]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, process_group=0
-    ) as encoder:
-        assert encoder.stdin is not None
-        assert encoder.stderr is not None
-        try:
-            with encoder.stdin as sink:
-                for frame in frames:
-                    sink.write(np.ascontiguousarray(frame).data)
-        except BrokenPipeError:
-            pass  # ffmpeg gave up; it says why
-        except BaseException:
-            encoder.kill()
-            encoder.wait()  # `with` alone does not wait after an interrupt
-            raise
-        complaint = encoder.stderr.read().decode(errors="replace").strip()
-    if encoder.returncode != 0:
-        raise OSError(complaint.splitlines()[-1] if complaint else f"ffmpeg ended with {encoder.returncode}")
 
 
 def _frames(

@@ -1,7 +1,8 @@
-"""Pictures from a camera, a video file or a folder, and a video of what was found in them. OpenCV's."""
+"""Pictures from a camera, a video file or a folder, and what was found drawn on them. OpenCV's."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,8 +17,8 @@ from cableway.core.extras import require
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 """Endings of the pictures of a folder, which are taken in the order of their names."""
 
-DOT = 4
-"""Radius of a keypoint in a video [pixels]."""
+DOT, MARK = 4, (0, 120, 255)
+"""Radius [pixels] and colour of a keypoint in a picture."""
 
 
 class Frame(NamedTuple):
@@ -27,12 +28,29 @@ class Frame(NamedTuple):
     image: UInt8[np.ndarray, "h w 3"]
 
 
+def rate_of(source: str, otherwise: float) -> float:
+    """Pictures per second of a video file, as it says; `otherwise` for all else.
+
+    Raises:
+        MissingExtraError: OpenCV is not installed.
+    """
+    require("vision", "reading pictures")
+    import cv2
+
+    if not Path(source).is_file():
+        return otherwise
+    capture = cv2.VideoCapture(source)
+    stated = capture.get(cv2.CAP_PROP_FPS)
+    capture.release()
+    return stated if 0 < stated < math.inf else otherwise
+
+
 def frames(source: str, rate: float = 30.0) -> Iterator[Frame]:
     """The pictures of a source.
 
     Args:
         source: The number of a camera, a video file, or a folder of pictures.
-        rate: Pictures per second of a folder, and of a video that does not say.
+        rate: Pictures per second of a folder or a video file.
 
     Raises:
         InputError: There is no such source, or nothing in it can be read.
@@ -49,8 +67,7 @@ def frames(source: str, rate: float = 30.0) -> Iterator[Frame]:
         raise InputError(f"{source}: no such file, folder or number of a camera")
     capture = cv2.VideoCapture(int(source) if live else source)
     try:
-        told = capture.get(cv2.CAP_PROP_FPS)
-        rate, begun, count = told if told > 0 else rate, time.monotonic(), 0
+        begun, count = time.monotonic(), 0
         while True:
             read, image = capture.read()
             if not read:
@@ -87,35 +104,19 @@ def picture(file: Path) -> UInt8[np.ndarray, "h w 3"]:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-class Overlay:
-    """A video (MP4) of pictures with what was found in them.
+def marked(image: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "n 2"]) -> UInt8[np.ndarray, "h w 3"]:
+    """A picture with keypoints (u, v) on it, NaN where there is none.
 
-    Args:
-        path: Where to.
-        rate: Pictures per second.
+    Raises:
+        MissingExtraError: OpenCV is not installed.
     """
+    require("vision", "drawing on pictures")
+    import cv2
 
-    def __init__(self, path: Path, rate: float) -> None:
-        require("vision", "a video of pictures")
-        self._path, self._rate, self._writer = path, rate, None
-
-    def add(self, image: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "n 2"]) -> None:
-        """Add a picture with keypoints (u, v), NaN where there is none."""
-        import cv2
-
-        drawn = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-        there = pixels[np.isfinite(pixels).all(axis=1)].round().astype(np.int32)
-        if len(there) == len(pixels):
-            cv2.polylines(drawn, [there.reshape(-1, 1, 2)], False, (255, 120, 0), 1, cv2.LINE_AA)
-        for u, v in there.tolist():
-            cv2.circle(drawn, (u, v), DOT, (255, 120, 0), -1, cv2.LINE_AA)
-        if self._writer is None:
-            height, width, _ = image.shape
-            code = cv2.VideoWriter.fourcc(*"mp4v")
-            self._writer = cv2.VideoWriter(str(self._path), code, self._rate, (width, height))
-        self._writer.write(drawn)
-
-    def close(self) -> None:
-        """End the video."""
-        if self._writer is not None:
-            self._writer.release()
+    drawn = image.copy()
+    there = pixels[np.isfinite(pixels).all(axis=1)].round().astype(np.int32)
+    if len(there) == len(pixels):
+        cv2.polylines(drawn, [there.reshape(-1, 1, 2)], False, MARK, 1, cv2.LINE_AA)
+    for u, v in there.tolist():
+        cv2.circle(drawn, (u, v), DOT, MARK, -1, cv2.LINE_AA)
+    return drawn
