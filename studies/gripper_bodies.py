@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/gripper-bodies"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    setting = given.cell or f"{given.body}-{given.height:g}"
+    setting = Path(given.cell).stem if given.cell else f"{given.body}-{given.height:g}"
     named = f"catalogue-{setting}" if given.kind == "catalogue" else given.kind
     path = given.out / f"{named}.jsonl"
     lines = path.read_text().splitlines() if path.exists() else []

@@ -43,7 +43,7 @@ def failed(plan: cw.Plan, task: cw.Task = TASK) -> set[str]:
 def beside(gap: float, row: int = 0) -> cw.Task:
     """The task with a post that the left hand, its fingers 50 mm apart, comes so near to [m] in a row of the plan."""
     assert TASK.cell is not None
-    outer = max(body.outline[:, 1].max() for body in hand_bodies(TASK.cell.tool, 0.05) if body.heights[0] < 0.04)
+    outer = max(body.outline[:, 1].max() for body in hand_bodies(TASK.cell, 0.05) if body.heights[0] < 0.04)
     pose, radius = PLAN.poses[row, 0], 0.004
     aside = (outer + radius + gap) * np.array([-np.sin(pose[2]), np.cos(pose[2])])
     post = Disc(center=tuple((pose[:2] + aside).tolist()), radius=radius, height=0.04)

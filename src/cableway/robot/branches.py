@@ -1,6 +1,6 @@
 """Which arm holds which end of the cable, and how: the joints of a cell's two arms along a motion of the grippers.
 
-A tool that points straight down leaves an arm eight branches, and a gripper that looks the same from either side two
+A tool of a given tilt leaves an arm eight branches, and a gripper that looks the same from either side two
 turns. Branches meet in singularities only, which a motion keeps away from, so (arm, branch, turn) is chosen once for a
 whole motion and each gripper: of all pairs, the one that keeps most room.
 """
@@ -20,6 +20,7 @@ from cableway.core.quantities import limit_text, quantity
 from cableway.robot.kinematics import BRANCHES, branch_motion, flange_poses
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps, world_of_arms
 from cableway.scene.cell import ARMS, TOOLS, Cell, Tool, Way
+from cableway.scene.gripper_bodies import outward
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import CONTROL_STEP, ENDS, Draft, Task
 
@@ -156,8 +157,8 @@ class _Pair(NamedTuple):
 def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: PackedCell) -> list[_Pair] | NoMotion:
     """All pairs, at least one, or only that of the way in which the cell holds the cable; or why there is none."""
     tracks, way = [], packed.cell.way
-    for side, (name, _) in enumerate(SIDES):
-        found, fault = _tracks(poses[:, side], packed, name, None if way is None else way.of(side))
+    for side in range(len(SIDES)):
+        found, fault = _tracks(poses[:, side], packed, side, None if way is None else way.of(side))
         if not found:
             return fault
         tracks.append(found)
@@ -191,15 +192,17 @@ class PackedCell:
         self.cell, self.height = cell, task.cable.radius
         self.lengths = [np.array(model.lengths) for model in cell.models]
         self.bases = [arm.base(task.scene) for arm in cell.arms]
-        self.reach = TOOLS[cell.tool].reach
+        self.reach, self.leans = TOOLS[cell.tool].reach, tuple(outward(side, cell.tilt) for _, side in SIDES)
         self.capsules = [Capsules.of(model, tool or TOOLS[cell.tool]) for model in cell.models]
         self.world = world_of_arms(task.scene)
 
     def flanges(
-        self, arm: int, poses: Float[np.ndarray, "t 3"], turn: int, raised: Float[np.ndarray, "t"] | float = 0.0
-    ) -> Float[np.ndarray, "t 4 4"]:
-        """Poses of an arm's flange in the frame of its base, where its gripper is `raised` [m] at poses [m, m, rad]."""
-        return np.linalg.inv(self.bases[arm]) @ flange_poses(poses, self.reach, self.height + raised, turn)
+        self, arm: int, poses: Float[np.ndarray, "t 3"], side: int, turn: int,
+        raised: Float[np.ndarray, "t"] | float = 0.0,
+    ) -> Float[np.ndarray, "t 4 4"]:  # fmt: skip
+        """Poses of an arm's flange in its base's frame, where the gripper of a side is `raised` [m] at [m, m, rad]."""
+        flanges = flange_poses(poses, self.reach, self.height + raised, turn, self.leans[side])
+        return np.linalg.inv(self.bases[arm]) @ flanges
 
     def placed(
         self, arm: int, joints: Float[np.ndarray, "t 6"]
@@ -217,13 +220,13 @@ class PackedCell:
 
 
 def _tracks(
-    poses: Float[np.ndarray, "t 3"], packed: PackedCell, name: str, only: tuple[int, int, int] | None
+    poses: Float[np.ndarray, "t 3"], packed: PackedCell, side: int, only: tuple[int, int, int] | None
 ) -> tuple[list[Track], NoMotion]:
     """All tracks of a gripper, or only that of one arm, turn and branch; and why there are no more."""
     found: list[Track] = []
-    reached, blocked = 0, (-np.inf, 0)
+    name, reached, blocked = SIDES[side][0], 0, (-np.inf, 0)
     for arm, turn in product(range(ARMS), (0, 1)):
-        flanges = packed.flanges(arm, poses, turn)
+        flanges = packed.flanges(arm, poses, side, turn)
         for branch in range(BRANCHES):
             if only not in (None, (arm, turn, branch)):
                 continue

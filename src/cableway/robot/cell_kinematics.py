@@ -58,7 +58,7 @@ class CellKinematics:
         return found
 
     def heights(self, joints: Float[np.ndarray, "k 2 6"]) -> Float[np.ndarray, "k 2"]:
-        """Heights [m] above the table of where tools that point down hold the cable, at joint positions [rad]."""
+        """Heights [m] above the table of where tools hold the cable, at joint positions [rad]."""
         found, frames = np.empty(joints.shape[:2]), np.empty((7, 3, 4))
         for side, arm in enumerate(self.way.holders):
             lengths, base = self._packed.lengths[arm], self._packed.bases[arm]
@@ -98,7 +98,7 @@ class CellKinematics:
         """
         found, away = np.empty((len(poses), 2, 6)), np.empty((len(poses), 2))
         for side, (arm, turn, branch) in enumerate(map(self.way.of, range(2))):
-            lengths, flanges = self._packed.lengths[arm], self._packed.flanges(arm, poses[:, side], turn)
+            lengths, flanges = self._packed.lengths[arm], self._packed.flanges(arm, poses[:, side], side, turn)
             for k, flange in enumerate(flanges):
                 away[k, side] = branch_joints(lengths, flange, branch, found[k, side])
         found = np.where((away > 0)[..., None], found, near)

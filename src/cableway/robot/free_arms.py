@@ -7,6 +7,7 @@ from each other [m].
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,9 @@ class Arm(NamedTuple):
         base: Its pose in the workspace.
         inverse: The inverse of that.
         turn: 1.0 or -1.0, see `flange_poses`.
+        upright, aside: Cosine and sine of the lean of its tool, see `flange_poses`.
         height: Of its flange above the table [m].
+        ahead: Of its flange from the gripper, along the cable's tangent [m].
         branch: Of its inverse kinematics.
         capsules: Its links.
     """
@@ -48,7 +51,10 @@ class Arm(NamedTuple):
     base: Float[np.ndarray, "4 4"]
     inverse: Float[np.ndarray, "4 4"]
     turn: float
+    upright: float
+    aside: float
     height: float
+    ahead: float
     branch: int
     capsules: Capsules
 
@@ -66,10 +72,11 @@ def free_arms(task: Draft, kept: Float[np.ndarray, "k 2 3"]) -> FreeArms | None:
     if cell is None or cell.way is None:
         return None
     packed, sides = PackedCell(task, cell), []
-    for arm, turn, branch in map(cell.way.of, range(2)):
-        base = packed.bases[arm]
+    for (arm, turn, branch), lean in zip(map(cell.way.of, range(2)), packed.leans, strict=True):
+        base, upright, aside = packed.bases[arm], math.cos(lean), math.sin(lean)
+        height, ahead = packed.height + packed.reach * upright, packed.reach * aside
         sides.append(
-            Arm(packed.lengths[arm], base, np.linalg.inv(base), 1.0 - 2.0 * turn, packed.height + packed.reach, branch,
+            Arm(packed.lengths[arm], base, np.linalg.inv(base), 1.0 - 2.0 * turn, upright, aside, height, ahead, branch,
                 packed.capsules[arm])
         )  # fmt: skip
     arms: FreeArms = ((sides[0], sides[1]), packed.world, np.full(ROOM, -np.inf))
@@ -86,13 +93,14 @@ def arms_room(poses, arms, out):
     out[:] = -1.0
     for side in range(2):
         arm, inverse = sides[side], sides[side].inverse
-        c, s = arm.turn * np.cos(poses[side, 2]), arm.turn * np.sin(poses[side, 2])
+        c, s, up = np.cos(poses[side, 2]), np.sin(poses[side, 2]), arm.height
+        x, y = poses[side, 0] + arm.ahead * c, poses[side, 1] + arm.ahead * s
         for i in range(3):
-            flange[i, 0] = -c * inverse[i, 0] - s * inverse[i, 1]
-            flange[i, 1] = -s * inverse[i, 0] + c * inverse[i, 1]
-            flange[i, 2] = -inverse[i, 2]
-            along = inverse[i, 0] * poses[side, 0] + inverse[i, 1] * poses[side, 1]
-            flange[i, 3] = along + inverse[i, 2] * arm.height + inverse[i, 3]
+            tangent, normal = c * inverse[i, 0] + s * inverse[i, 1], c * inverse[i, 1] - s * inverse[i, 0]
+            flange[i, 0] = -arm.turn * (arm.upright * tangent - arm.aside * inverse[i, 2])
+            flange[i, 1] = arm.turn * normal
+            flange[i, 2] = -arm.upright * inverse[i, 2] - arm.aside * tangent
+            flange[i, 3] = inverse[i, 0] * x + inverse[i, 1] * y + inverse[i, 2] * up + inverse[i, 3]
         away = branch_joints(arm.lengths, flange, arm.branch, joints[side, 0])
         if away < 0:
             out[:] = -1.0

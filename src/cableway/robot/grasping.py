@@ -20,10 +20,10 @@ from cableway.records import Plan
 from cableway.robot.branches import CLEARANCE, SINGULAR, SPEED_SHARE, ArmMotion, NoMotion, PackedCell
 from cableway.robot.kinematics import branch_motion
 from cableway.scene.bodies import Body, body_pairs, into_frame
-from cableway.scene.cell import TOOLS, Way
+from cableway.scene.cell import TOOLS, Cell, Way
 from cableway.scene.clearance import PIECES, bodies_gap, body_clearance
 from cableway.scene.gripper_bodies import OPENINGS, open_hand
-from cableway.scene.grippers import SIDES
+from cableway.scene.grippers import SIDES, bodies_of_hands
 from cableway.scene.task import CONTROL_STEP, ENDS, Task
 
 CLOSING = 1.0
@@ -107,9 +107,9 @@ def lowered(
     return fault
 
 
-def hand_bodies(tool: str, opening: float) -> tuple[Body, ...]:
-    """The pieces of both open hands of a tool, their fingers `opening` [m] apart."""
-    return tuple(part.body(name, side) for part in open_hand(tool, opening) for name, side in SIDES)
+def hand_bodies(cell: Cell, opening: float) -> tuple[Body, ...]:
+    """The pieces of both open hands of a cell, their fingers `opening` [m] apart."""
+    return bodies_of_hands(open_hand(cell.tool, opening), cell.tilt)
 
 
 def hands_clearance(
@@ -121,7 +121,7 @@ def hands_clearance(
         Of each from the scene and the cable along `lines` [m], and of one from the other.
     """
     assert task.cell is not None
-    bodies, radius = hand_bodies(task.cell.tool, opening), task.cable.radius
+    bodies, radius = hand_bodies(task.cell, opening), task.cable.radius
     room = np.full((len(poses), len(SIDES)), np.inf)
     for body in bodies:
         gaps = [body_clearance(body, poses, task.scene)]
@@ -164,7 +164,7 @@ def _down(
         found = np.empty((len(raised), 2, 6))
         for side, (name, _) in enumerate(SIDES):
             arm, turn, branch = way.of(side)
-            flanges = packed.flanges(arm, np.repeat(poses[side : side + 1], len(raised), axis=0), turn, raised)
+            flanges = packed.flanges(arm, np.repeat(poses[side : side + 1], len(raised), axis=0), side, turn, raised)
             if branch_motion(packed.lengths[arm], flanges, branch, SINGULAR, found[:, side]) < len(raised):
                 away = (float(poses[side, 0]), float(poses[side, 1]))
                 return NoMotion(f"the arm at the {name} does not reach {quantity(RISE)} above it", away)

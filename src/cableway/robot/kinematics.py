@@ -107,31 +107,29 @@ def branch_motion(lengths, flanges, branch, least, out):
 
 
 def flange_poses(
-    poses: Float[np.ndarray, "t 3"], reach: float, height: Float[np.ndarray, "t"] | float, turn: int
+    poses: Float[np.ndarray, "t 3"], reach: float, height: Float[np.ndarray, "t"] | float, turn: int, lean: float = 0.0
 ) -> Float[np.ndarray, "t 4 4"]:
-    """Poses of a flange whose tool points straight down and holds the cable at gripper poses [m, m, rad].
+    """Poses of a flange whose tool points down and holds the cable at gripper poses [m, m, rad].
 
     Args:
         poses: Of the gripper.
         reach: From the flange to the cable [m].
         height: Of the cable's axis above the table [m].
         turn: 0 or 1: the flange's y axis, along which the fingers move, is to the left of the cable or to its right.
+        lean: Turn about the gripper's y axis from straight down, see `outward` [rad].
     """
-    sign = 1.0 - 2.0 * turn
-    cosine, sine = sign * np.cos(poses[:, 2]), sign * np.sin(poses[:, 2])
+    sign, upright, aside = 1.0 - 2.0 * turn, math.cos(lean), math.sin(lean)
+    along = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
     flanges = np.zeros((len(poses), 4, 4))
-    flanges[:, 0, 0], flanges[:, 1, 0] = -cosine, -sine
-    flanges[:, 0, 1], flanges[:, 1, 1] = -sine, cosine
-    flanges[:, 2, 2], flanges[:, 3, 3] = -1.0, 1.0
-    flanges[:, :2, 3], flanges[:, 2, 3] = poses[:, :2], height + reach
+    flanges[:, :2, 0], flanges[:, 2, 0] = -sign * upright * along, sign * aside
+    flanges[:, 0, 1], flanges[:, 1, 1] = -sign * along[:, 1], sign * along[:, 0]
+    flanges[:, :2, 2], flanges[:, 2, 2], flanges[:, 3, 3] = -aside * along, -upright, 1.0
+    flanges[:, :2, 3], flanges[:, 2, 3] = poses[:, :2] + reach * aside * along, height + reach * upright
     return flanges
 
 
 def gripper_poses(flanges: Float[np.ndarray, "t 3 4"], reach: float, turn: int) -> Float[np.ndarray, "t 3"]:
-    """Gripper poses [m, m, rad] of flanges whose tool points down, the inverse of `flange_poses`.
-
-    Where the tool does not point straight down, that of its tip, seen from above.
-    """
+    """Gripper poses [m, m, rad] of flanges, the inverse of `flange_poses`: those of the tip, seen from above."""
     sign = 1.0 - 2.0 * turn
     angle = np.arctan2(-sign * flanges[:, 1, 0], -sign * flanges[:, 0, 0])
     return np.column_stack([flanges[:, :2, 3] + reach * flanges[:, :2, 2], angle])

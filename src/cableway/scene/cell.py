@@ -1,4 +1,4 @@
-"""A cell: two arms beside the table, each with a gripper that holds an end of the cable, its tool straight down.
+"""A cell: two arms beside the table, each with a gripper that holds an end of the cable from above.
 
 What is here are facts: lengths, limits, shapes and places. Kinematics and distances are in `cableway.robot`, and for
 the judge in `cableway.verification`, which shares no code with it.
@@ -17,6 +17,7 @@ from jaxtyping import Float
 from cableway.core.errors import TaskError
 from cableway.scene import checks
 from cableway.scene.checks import Quantity
+from cableway.scene.gripper_bodies import Tilt
 from cableway.scene.obstacles import Height
 from cableway.scene.scene import Scene
 
@@ -249,6 +250,7 @@ class Cell:
         name: For reports.
         arms: The two.
         tool: A name of `TOOLS`; the grippers' body.
+        tilt: By which tools lean outward from straight down, see `Grippers` [rad].
         obstacle_height: Of obstacles without a height [m]; None where nothing passes above them.
         wall_height: The same of the walls. Arms come over the walls in any case; hands and cable stay within them.
         way: How the arms hold the cable already, in a run that is under way; None where that is open. Not in files.
@@ -260,6 +262,7 @@ class Cell:
     name: str
     arms: tuple[MountedArm, ...]
     tool: str = "2f-85"
+    tilt: Tilt = 0.0
     obstacle_height: Height = None
     wall_height: Height = None
     way: Way | None = None
@@ -300,4 +303,15 @@ CELLS: dict[str, Cell] = {
     )
     for ending in ("", "-long-fingers")
 }
-"""By name: two UR5e at either side of a table of up to 0.8 m, facing each other, on pedestals of 15 cm."""
+CELLS["dual-ur5e-tilted"] = Cell(
+    name="dual-ur5e-tilted",
+    arms=(
+        MountedArm(position=(0.0, -0.55, 0.0), angle=math.pi / 2),
+        MountedArm(position=(0.0, 0.55, 0.0), angle=-math.pi / 2),
+    ),
+    tilt=0.17,
+    obstacle_height=0.05,
+    wall_height=0.001,
+)
+"""By name: two UR5e at either side of a table of up to 0.8 m, facing each other, on pedestals of 15 cm; and before and
+behind it, without pedestals, their tools tilted, see `studies/cell_layouts.py`."""

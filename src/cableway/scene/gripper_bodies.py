@@ -3,25 +3,36 @@
 The named ones are made for a tool that points straight down with its tips 2 mm above the table, closed on a cable of
 8 mm, the fingers to either side of it. The 2F-85's extents are those of its meshes in MuJoCo Menagerie (BSD-2-Clause),
 by `studies/gripper_outlines.py`, rounded up to millimetres; those of the layer above the knuckles, 103 x 74, hold its
-flange of 75 x 75 as well. The same study has those of the open hand.
+flange of 75 x 75 as well. The same study has those of the open hand. A *tilted* hand leans outward, away from the
+cable along its tangent, turned about the axis of that cable.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from cableway.core.errors import TaskError
 from cableway.scene import checks
-from cableway.scene.bodies import Body
+from cableway.scene.bodies import RIGHT, Body
 from cableway.scene.checks import Quantity
 from cableway.scene.obstacles import check_convex, counter_clockwise
 
 TIP = 0.002
 """Height [m] of the tips above the table."""
+
+AXIS = 0.004
+"""Height [m] above the table of the axis about which hands are tilted: that of a cable of 8 mm."""
+
+SLICE = 0.03
+"""Of a tilted hand, most of the height [m] over which one outline holds it."""
 
 MOST_PIECES = 12
 """Of a gripper; all pairs of two grippers are compared."""
@@ -30,6 +41,7 @@ MOST_CORNERS = 40
 """Of a piece."""
 
 Height = Annotated[float, "a height", Quantity("m", 0.0, 50.0)]
+Tilt = Annotated[float, "an angle", Quantity("rad", 0.0, 0.5)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,9 +79,33 @@ class BodyPart:
     def __hash__(self) -> int:
         return hash((self.heights, self.outline.tobytes()))
 
-    def body(self, name: str, side: int) -> Body:
-        """The piece as a body of one of the grippers."""
-        return Body(name, side, self.outline, heights=self.heights)
+    def bodies(self, name: str, side: int, tilt: float = 0.0) -> Iterator[Body]:
+        """The piece as bodies of one of the grippers, several where it is high and leans outward by `tilt` [rad].
+
+        Each outline holds the part of the piece between two planes across the tool, seen from above.
+
+        >>> (body,) = _layer(20, 10, 0, 20).bodies("left gripper", 0, tilt=0.1)
+        >>> body.outline[:, 0].min().round(4).item(), body.outline[:, 0].max().round(4).item()
+        (-0.0068, 0.0052)
+        """
+        if not tilt:
+            yield Body(name, side, self.outline, heights=self.heights)
+            return
+        lean = outward(side, tilt)
+        (low, high), cosine, sine = self.heights, math.cos(lean), math.sin(lean)
+        levels = np.linspace(low, high, math.ceil((high - low) / SLICE - 1e-9) + 1) - AXIS
+        for bottom, top in pairwise(levels.tolist()):
+            x, y, z = np.array([(*vertex, level) for level in (bottom, top) for vertex in self.outline]).T
+            seen = shapely.MultiPoint(np.column_stack([cosine * x + sine * z, y])).convex_hull
+            heights = AXIS + cosine * z - sine * x
+            outline = counter_clockwise(shapely.get_coordinates(seen)[:-1])
+            yield Body(name, side, outline, heights=(float(heights.min()), float(heights.max())))
+
+
+def outward(side: int, tilt: float) -> float:
+    """Turn [rad] about the y axis of a gripper's frame that tilts its hand outward: its x axis points along the cable's
+    tangent, into the cable at the left end and out of it at the right one."""
+    return tilt if side == RIGHT else -tilt
 
 
 def _layer(across: float, along: float, low: float, high: float, aside: float = 0.0) -> BodyPart:

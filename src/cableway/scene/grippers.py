@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import TaskError
+from cableway.core.quantities import quantity
 from cableway.geometry import se2
 from cableway.scene import checks
 from cableway.scene.bodies import LEFT, RIGHT, Body
 from cableway.scene.checks import Quantity
-from cableway.scene.gripper_bodies import BodyPart, gripper_body
+from cableway.scene.gripper_bodies import BodyPart, Tilt, gripper_body
 
 PlugLength = Annotated[float, "a length", Quantity("m", 1e-4, 1.0)]
 
@@ -23,6 +24,11 @@ SIDES = (("left gripper", LEFT), ("right gripper", RIGHT))
 
 RAMPS = ("max_acceleration", "max_turn_acceleration", "max_jerk", "max_turn_jerk")
 """Limits of grippers that are not set by default."""
+
+
+def bodies_of_hands(parts: tuple[BodyPart, ...], tilt: float) -> tuple[Body, ...]:
+    """The pieces of both grippers as bodies, tilted outward [rad]."""
+    return tuple(body for part in parts for name, side in SIDES for body in part.bodies(name, side, tilt))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,13 +41,14 @@ class Grippers:
         max_turn: Largest turn in one control step [rad].
         separation: Least distance between the two grippers' centres [m]; never below what their discs need.
         body: What else of a gripper takes room: a name of `GRIPPER_BODIES` or pieces; None for the disc alone.
+        tilt: By which hands lean outward from straight down [rad], away from the cable along its tangent.
         max_acceleration: Of a gripper's position along a plan [m/s²]; None for no limit.
         max_turn_acceleration: Of its angle [rad/s²].
         max_jerk: Of its position [m/s³].
         max_turn_jerk: Of its angle [rad/s³].
 
     Raises:
-        TaskError: A value is not finite or out of range, or there is no such body.
+        TaskError: A value is not finite or out of range, there is no such body, or so tilted it touches the table.
 
     Note:
         A plan with one of the last four starts and ends at rest: velocity, acceleration and jerk are the first,
@@ -53,6 +60,7 @@ class Grippers:
     max_turn: Annotated[float, "an angle", Quantity("rad", 1e-4, math.pi)] = 0.133
     separation: Annotated[float, "a length", Quantity("m", 0.0, 10.0)] = 0.0
     body: str | tuple[BodyPart, ...] | None = None
+    tilt: Tilt = 0.0
     max_acceleration: Annotated[float | None, "a number", Quantity("m/s^2", 1e-3, 1e3)] = None
     max_turn_acceleration: Annotated[float | None, "a number", Quantity("rad/s^2", 1e-2, 1e4)] = None
     max_jerk: Annotated[float | None, "a number", Quantity("m/s^3", 1e-3, 1e5)] = None
@@ -66,6 +74,10 @@ class Grippers:
             raise error.within("grippers") from None
         if self.body is not None and not isinstance(self.body, str):
             object.__setattr__(self, "body", pieces)
+        lowest = min((piece.heights[0] for piece in self.pieces), default=0.0) if self.tilt else 0.0
+        if lowest < 0:
+            deep = f"fingers of {self.body if isinstance(self.body, str) else 'such grippers'} {quantity(-lowest)}"
+            raise TaskError(f"must be less: it brings {deep} into the table, got {self.tilt:g}", ("grippers", "tilt"))
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -75,7 +87,7 @@ class Grippers:
     @property
     def pieces(self) -> tuple[Body, ...]:
         """What both grippers have beyond their discs."""
-        return tuple(part.body(name, side) for part in gripper_body(self.body) for name, side in SIDES)
+        return bodies_of_hands(gripper_body(self.body), self.tilt)
 
     def efforts(self, motion: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2"]:
         """Share of a control step's limits that the motion [m, m, rad] of each gripper takes."""

@@ -75,7 +75,7 @@ class Draft(Brief):
 
     Raises:
         TaskError: A value is of the wrong form, the port is without a plug, or in a cell there is a plug, or the
-            grippers have another body than its tool.
+            grippers have another body than its tool, or another tilt.
     """
 
     name: str
@@ -104,6 +104,8 @@ class Draft(Brief):
             raise TaskError(
                 f"must be the cell's tool, {self.cell.tool}, got {self.grippers.body}", ("grippers", "body")
             )
+        if self.cell is not None and self.grippers.tilt != self.cell.tilt:
+            raise TaskError(f"must be the cell's, {self.cell.tilt:g}, got {self.grippers.tilt:g}", ("grippers", "tilt"))
         for end in ENDS:
             for name, columns in ((end, checks.XY), (f"{end}_poses", checks.POSE)):
                 if getattr(self, name) is not None:
@@ -155,7 +157,7 @@ class Draft(Brief):
         Raises:
             TaskError: A plug is held, or the bodies leave start or goal of a `Task` no room.
         """
-        grippers = replace(self.grippers, body=cell.tool)
+        grippers = replace(self.grippers, body=cell.tool, tilt=cell.tilt)
         return replace(self, scene=cell.furnished(self.scene), grippers=grippers, cell=cell)
 
     def faults(self) -> Iterator[TaskError]:

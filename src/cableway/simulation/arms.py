@@ -30,6 +30,7 @@ from cableway.robot.cell_kinematics import CellKinematics
 from cableway.robot.kinematics import link_frames
 from cableway.robot.ur_arm import LOOKAHEAD
 from cableway.scene.cell import TOOLS, ArmModel, Mass, Way
+from cableway.scene.gripper_bodies import outward
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import Task
 from cableway.simulation.drives import NAMES
@@ -45,7 +46,8 @@ ROTOR_INERTIA = 0.1
 """Of a joint's motor behind its gear [kg m²]; MuJoCo Menagerie's `armature` of all joints of the UR5e."""
 
 UPRIGHT = ((0.0, 0.0, 1.0, 0.0), (0.0, 1.0, 0.0, 0.0))
-"""Quaternion of a gripper's frame, x along the cable and z upwards, in that of the flange, by the turn of its tool."""
+"""Quaternion of a gripper's frame, x along the cable and z upwards, in that of the flange of a tool that points
+straight down, by its turn."""
 
 
 class ArmDrive:
@@ -81,7 +83,7 @@ class ArmDrive:
             base = self._cell.arms[self._way.holders[side]].base(self._task.scene)
             flange = _add_links(spec, name, self._models[side], base, met)
             _set_mass(flange.add_body(name=f"{name} tool"), tool.mass)
-            upright = UPRIGHT[self._way.turns[side]]
+            upright = _upright(self._way.turns[side], outward(side, self._cell.tilt))
             gripper = flange.add_body(name=f"{name} gripper", pos=[0.0, 0.0, tool.reach], quat=upright)
             for index, part in enumerate(self._task.grippers.pieces):
                 if part.side == side:
@@ -205,6 +207,13 @@ def _add_links(
                 ends, size = [*capsule.start, *capsule.end], [capsule.radius, 0.0, 0.0]
                 body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=size, mass=0.0, **met)
     return body
+
+
+def _upright(turn: int, lean: float) -> Float[np.ndarray, "4"]:
+    """The same of a tool that leans by so much [rad] about the gripper's y axis."""
+    found, back = np.empty(4), [math.cos(lean / 2), 0.0, -math.sin(lean / 2), 0.0]
+    mujoco.mju_mulQuat(found, np.array(UPRIGHT[turn]), np.array(back))
+    return found
 
 
 def _add_joint(

@@ -121,12 +121,12 @@ def _tip_checks(
     flanges: list[Float[np.ndarray, "s 4 4"]], turns: list[int], record: Plan | Rollout, task: Task, cell: Cell,
     at: Float[np.ndarray, "s"],
 ) -> list[Check]:  # fmt: skip
-    """How far the tools are from the grippers' poses, and from pointing straight down."""
+    """How far the tools are from the grippers' poses, and from the cell's tilt."""
     rows, poses = np.arange(len(record.poses)), tool_poses(record)
     wanted = np.stack([[np.interp(at, rows, column) for column in poses[:, side].T] for side in range(2)])
     off, askew = [], []
     for side, flange in enumerate(flanges):
-        found, height, tilt = tips(flange, turns[side], cell)
+        found, height, tilt = tips(flange, side, turns[side], cell)
         gap, turn = pose_distance(found, wanted[side].T)
         off.append(np.hypot(gap, height - task.cable.radius))
         askew.append(np.maximum(turn, tilt))
@@ -137,13 +137,19 @@ def _tip_checks(
 
 
 def tips(
-    flange: Float[np.ndarray, "s 4 4"], turn: int, cell: Cell
+    flange: Float[np.ndarray, "s 4 4"], side: int, turn: int, cell: Cell
 ) -> tuple[Float[np.ndarray, "s 3"], Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
-    """Where a tool holds the cable, seen from above [m, m, rad], how high that is [m], and its tilt [rad]."""
+    """Where a tool holds the cable, seen from above [m, m, rad], how high that is [m], and what it leans too far [rad].
+
+    A hand of a cell with a tilt leans away from the cable: against its tangent at the left end, along it at the right.
+    """
     tip = flange @ np.array([0.0, 0.0, TOOLS[cell.tool].reach, 1.0])
     along = flange[:, :3, 0] * (-1.0 if turn == 0 else 1.0)
     seen = np.column_stack([tip[:, :2], np.arctan2(along[:, 1], along[:, 0])])
-    return seen, tip[:, 2], np.arccos(np.clip(-flange[:, 2, 2], -1.0, 1.0))
+    ahead = math.sin(cell.tilt) * (-1.0 if side == 0 else 1.0)
+    wanted = np.column_stack([ahead * np.cos(seen[:, 2]), ahead * np.sin(seen[:, 2])])
+    upright = -flange[:, 2, 2] * math.cos(cell.tilt) - np.sum(flange[:, :2, 2] * wanted, axis=1)
+    return seen, tip[:, 2], np.arccos(np.clip(upright, -1.0, 1.0))
 
 
 def joint_checks(joints: Float[np.ndarray, "t 2 6"], holders: list[int], cell: Cell) -> list[Check]:

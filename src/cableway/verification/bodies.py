@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 from jaxtyping import Float, Integer
+from scipy.spatial.transform import Rotation
 
 from cableway.records import Check
 from cableway.scene.bodies import Body
+from cableway.scene.gripper_bodies import AXIS, BodyPart, gripper_body
+from cableway.scene.grippers import SIDES
 from cableway.scene.task import Task
 from cableway.verification.ends import Ends
 from cableway.verification.geometry import outline_at
@@ -19,6 +23,54 @@ from cableway.verification.swept import Measure, closest_approach, depths, to_sc
 
 OUTLINE_SPACING = 0.004
 """Distance [m] of the vertices round a piece: the depth of an overlap is that of the deepest of them."""
+
+
+LAYER = 0.01
+"""Height [m] over which one outline holds a tilted hand, unless something ends between."""
+
+
+def hand_pieces(parts: Sequence[BodyPart], task: Task, name: str = "") -> list[Body]:
+    """The pieces of both grippers, cut into level layers where they are tilted; `name` comes before those of grippers.
+
+    A cut at the height of everything on the table: what is below it meets that, what is above does not.
+    """
+    if not task.grippers.tilt:
+        return [Body(f"{name}{who}", side, part.outline, heights=part.heights) for part in parts for who, side in SIDES]
+    tops = [top for top in task.scene.heights if top is not None]
+    return [
+        Body(f"{name}{who}", side, outline, heights=heights)
+        for part in parts
+        for who, side in SIDES
+        for outline, heights in _layers(part, task.grippers.tilt * (1 if side else -1), [2 * task.cable.radius, *tops])
+    ]
+
+
+def _layers(
+    part: BodyPart, lean: float, cuts: list[float]
+) -> Iterator[tuple[Float[np.ndarray, "k 2"], tuple[float, float]]]:
+    """Outlines [m] of a piece turned by `lean` [rad] about the cable's axis, between two heights each [m]."""
+    turn = Rotation.from_euler("y", lean).as_matrix()
+    bottom, top = (np.column_stack([part.outline, np.full(len(part.outline), z - AXIS)]) @ turn.T for z in part.heights)
+    corners = np.vstack([bottom, top]) + (0.0, 0.0, AXIS)
+    count = len(part.outline)
+    ring = np.arange(count)
+    edges = np.vstack(
+        [np.column_stack([a, b]) for a, b in (
+            (ring, (ring + 1) % count), (ring + count, (ring + 1) % count + count), (ring, ring + count))]
+    )  # fmt: skip
+    low, high = corners[:, 2].min(), corners[:, 2].max()
+    levels = np.unique([low, *(cut for cut in cuts if low < cut < high), *np.arange(low, high, LAYER), high])
+    for under, over in pairwise(levels.tolist()):
+        inside = corners[(corners[:, 2] >= under) & (corners[:, 2] <= over)]
+        crossings = [
+            a + (level - a[2]) / (b[2] - a[2]) * (b - a)
+            for a, b in corners[edges]
+            for level in (under, over)
+            if min(a[2], b[2]) < level < max(a[2], b[2])
+        ]
+        hull = shapely.MultiPoint(np.array([*inside, *crossings])[:, :2]).convex_hull
+        if isinstance(hull, shapely.Polygon):
+            yield shapely.get_coordinates(hull.exterior)[:-1], (under, over)
 
 
 class Meeting(NamedTuple):
@@ -43,7 +95,7 @@ def _meetings(
     lines: Float[np.ndarray, "t m 2"], poses: Float[np.ndarray, "t 2 3"], task: Task, limit: float
 ) -> Iterator[Meeting]:
     """All that pieces of the grippers may meet: what stands on the table, the cable, each other."""
-    pieces = task.grippers.pieces
+    pieces = hand_pieces(gripper_body(task.grippers.body), task)
     outlines = [outline_at(piece.outline, poses[:, piece.side], OUTLINE_SPACING) for piece in pieces]
     for i, (piece, outline) in enumerate(zip(pieces, outlines, strict=True)):
         scene = to_scene(task.scene, piece.heights[0], solid=True)

@@ -13,7 +13,6 @@ from cableway.records import Check, Plan
 from cableway.scene.bodies import Body
 from cableway.scene.cell import TOOLS, Cell
 from cableway.scene.gripper_bodies import OPENINGS, open_hand
-from cableway.scene.grippers import SIDES
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.arms import (
     CLEARANCE,
@@ -30,7 +29,7 @@ from cableway.verification.arms import (
     solids_of,
     tips,
 )
-from cableway.verification.bodies import OUTLINE_SPACING, level, to_line, to_outline
+from cableway.verification.bodies import OUTLINE_SPACING, hand_pieces, level, to_line, to_outline
 from cableway.verification.geometry import curve_through, outline_at, pose_distance
 from cableway.verification.swept import to_scene
 
@@ -68,7 +67,8 @@ def _checks(name: str, rows: Float[np.ndarray, "t 2 j"], row: int, plan: Plan, t
     cell, tool = task.cell, TOOLS[task.cell.tool].opened(opening)
     at, dense = dense_joints(rows, holders, task, cell)
     solids = [solids_of(cell, holders[side], dense[:, side], task, tool) for side in range(2)]
-    seen = [tips(flanges_of(cell, holders[side], dense[:, side], task), turns[side], cell) for side in range(2)]
+    flanges = [flanges_of(cell, holders[side], dense[:, side], task) for side in range(2)]
+    seen = [tips(flange, side, turns[side], cell) for side, flange in enumerate(flanges)]
     step = max(float(np.linalg.norm(np.diff(each.ends, axis=0), axis=2).max(initial=0.0)) for each in chain(*solids))
     line = curve_through(plan.shapes[row], PIECES)
     checks = [
@@ -96,7 +96,7 @@ def _straight(
     seen: list[tuple[np.ndarray, np.ndarray, np.ndarray]], poses: Float[np.ndarray, "2 3"],
     at: Float[np.ndarray, "s"], task: Task,
 ) -> list[Check]:  # fmt: skip
-    """How far tools are from above the grippers' poses, or below where they hold the cable; and from pointing down."""
+    """How far tools are from above the grippers' poses, or below where they hold the cable; and from their tilt."""
     off, askew = [], []
     for (found, height, tilt), wanted in zip(seen, poses, strict=True):
         gap, turn = pose_distance(found, np.broadcast_to(wanted, found.shape))
@@ -133,8 +133,7 @@ def _hands(
     All of it stands on the table, so that hands that are lowest where they hold the cable are nearest to it there.
     """
     assert task.cell is not None
-    parts = open_hand(task.cell.tool, opening)
-    bodies = [part.body(f"open hand of the {name}", side) for name, side in SIDES for part in parts]
+    bodies = hand_pieces(open_hand(task.cell.tool, opening), task, "open hand of the ")
     outlines = [outline_at(body.outline, poses[:, body.side], OUTLINE_SPACING) for body in bodies]
     lines, found = np.broadcast_to(line, (len(poses), *line.shape)), []
     for index, (body, outline) in enumerate(zip(bodies, outlines, strict=True)):

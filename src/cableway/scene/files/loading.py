@@ -207,7 +207,7 @@ def _in_cell(cell: Cell, values: Mapping[str, Any]) -> dict[str, Any]:
     """What a cell changes in a task: grippers that state no body have its tool, the scene its heights."""
     grippers = values["grippers"]
     if grippers.body is None:
-        grippers = replace(grippers, body=cell.tool)
+        grippers = replace(grippers, body=cell.tool, tilt=cell.tilt)
     return {"cell": cell, "grippers": grippers, "scene": cell.furnished(values["scene"])}
 
 

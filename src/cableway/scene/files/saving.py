@@ -11,10 +11,12 @@ import yaml
 from jaxtyping import Float
 
 from cableway.core.files import write_text
+from cableway.scene.cell import Cell
 from cableway.scene.files.document import Dumper
 from cableway.scene.files.presets import preset_names
 from cableway.scene.files.schema import FORMAT_VERSION
 from cableway.scene.gripper_bodies import BodyPart
+from cableway.scene.grippers import Grippers
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.task import Task
 
@@ -45,7 +47,7 @@ def _content(task: Task) -> dict[str, Any]:
         "description": task.description,
         "workspace": _stated({"size": list(task.scene.size), "wall_height": task.scene.wall_height}),
         "cable": cable,
-        "grippers": _stated({**vars(task.grippers), "body": _gripper_body(task.grippers.body)}),
+        "grippers": _stated({**vars(task.grippers), "body": _gripper_body(task.grippers.body), **_tilt(task.grippers)}),
         "obstacles": [_obstacle(obstacle) for obstacle in task.scene.obstacles],
         "start": _shape(task.start, task.start_poses),
         "goal": _shape(task.goal, task.goal_poses),
@@ -56,13 +58,17 @@ def _content(task: Task) -> dict[str, Any]:
         content["port"] = {**vars(task.port), "position": list(task.port.position)}
     if task.cell is not None:
         arms = [{**vars(arm), "position": list(arm.position)} for arm in task.cell.arms]
-        content["cell"] = _stated({**vars(task.cell), "arms": arms, "way": None})
+        content["cell"] = _stated({**vars(task.cell), "arms": arms, "way": None, **_tilt(task.cell)})
     return content
 
 
 def _stated(section: dict[str, Any]) -> dict[str, Any]:
     """A section without the values that stand for nothing."""
     return {name: value for name, value in section.items() if value is not None}
+
+
+def _tilt(holder: Grippers | Cell) -> dict[str, float | None]:
+    return {"tilt": holder.tilt or None}
 
 
 def _gripper_body(body: str | tuple[BodyPart, ...] | None) -> Any:

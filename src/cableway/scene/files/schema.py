@@ -17,7 +17,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.cell import CELLS, TOOLS, MountedArm
 from cableway.scene.checks import AngleUnit, LengthUnit, Quantity
 from cableway.scene.files.document import Document
-from cableway.scene.gripper_bodies import GRIPPER_BODIES
+from cableway.scene.gripper_bodies import GRIPPER_BODIES, Tilt
 from cableway.scene.gripper_bodies import Height as Level
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Height
@@ -94,6 +94,7 @@ class CellSection:
     name: Annotated[str, "a short text"]
     arms: Annotated[list[MountedArm], "a list of two arms"]
     tool: Annotated[str, ", ".join(TOOLS)] = "2f-85"
+    tilt: Tilt = 0.0
     obstacle_height: Height = None
     wall_height: Height = None
 

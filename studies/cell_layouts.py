@@ -1,0 +1,90 @@
+"""Where arms should stand and how much their tools should lean: which plans of the named tasks arms could follow.
+
+    .venv/bin/python studies/cell_layouts.py
+
+Each named task with obstacles of 5 cm is planned for the hands alone, without arms. In 20 rows of its plan, evenly
+spaced, all ways are found in which the arms of a cell can hold the cable: which arm holds which end, in which branch
+and turn. A task counts as held where some way is possible at start and goal, and as followed where it is in every row.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+import cableway as cw
+from cableway.core.errors import CablewayError
+from cableway.planning.moved_ends import move_ends
+from cableway.robot.branches import NoMotion, PackedCell, possible_ways
+from cableway.scene.cell import CELLS, Cell, MountedArm, Way
+from cableway.scene.files.loading import as_draft
+
+ROWS = 20
+"""Of a plan that are looked at."""
+
+LAYOUTS = (
+    (0, 1.0, 0.15), (0, 1.1, 0.15), (0, 1.2, 0.15), (0, 1.3, 0.15), (0, 1.1, 0.0), (0, 1.0, 0.45),
+    (90, 1.0, 0.15), (90, 1.1, 0.15), (90, 1.2, 0.15), (90, 1.1, 0.0), (90, 1.0, 0.45),
+)  # fmt: skip
+"""Direction from arm to arm [degrees], distance of their bases and height of those above the table [m]."""
+
+TILTS = (0.0, 0.09, 0.17)
+"""Of tools [rad]; a little more brings the fingers of a 2F-85 into the table."""
+
+
+def laid_out(degrees: float, distance: float, height: float, tilt: float) -> Cell:
+    """A cell like `dual-ur5e` with its arms elsewhere."""
+    angle = math.radians(degrees)
+    x, y = distance / 2 * math.cos(angle), distance / 2 * math.sin(angle)
+    arms = (
+        MountedArm(position=(-x, -y, height), angle=angle),
+        MountedArm(position=(x, y, height), angle=angle - math.pi),
+    )
+    return replace(CELLS["dual-ur5e"], arms=arms, tilt=tilt)
+
+
+def planned(cell: Cell) -> Iterator[tuple[cw.Task, np.ndarray]]:
+    """The named tasks with the hands of a cell but without its arms, and rows of gripper poses of their plans."""
+    for name in cw.task_names():
+        try:
+            task = move_ends(replace(as_draft(name).unchecked().in_cell(cell), cell=None)).task
+            poses = cw.plan(task, seed=0).poses
+        except CablewayError as error:
+            print(f"{name} is left out: {error}")
+            continue
+        yield task, poses[np.linspace(0, len(poses) - 1, ROWS).astype(int)]
+
+
+def shares(task: cw.Task, poses: np.ndarray, cell: Cell) -> dict[Way, float]:
+    """Share of the rows in which arms can hold the cable in a way, of the ways that are possible at both ends."""
+    packed = PackedCell(task, cell)
+    rows = [possible_ways(row, packed) for row in poses]
+    ways: list[set[Way]] = [set() if isinstance(row, NoMotion) else set(row) for row in rows]
+    count = Counter(way for row in ways for way in row)
+    return {way: count[way] / len(rows) for way in ways[0] & ways[-1]}
+
+
+def main() -> None:
+    """Print a line for each layout and tilt."""
+    argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0]).parse_args()
+    for tilt in TILTS:
+        tasks = list(planned(replace(CELLS["dual-ur5e"], tilt=tilt)))
+        for layout in LAYOUTS:
+            found = [shares(*each, laid_out(*layout, tilt)) for each in tasks]
+            best = [max(ways.values(), default=0.0) for ways in found]
+            where = (
+                f"direction {layout[0]:2d} deg, distance {layout[1]:.1f} m, height {layout[2]:.2f} m, tilt {tilt:.2f}"
+            )
+            sums = f"{sum(map(bool, found))} held, {sum(share == 1 for share in best)} followed"
+            names = (task.name for task, _ in tasks)
+            each = (f"{n} {len(ways)}/{share:.2f}" for n, ways, share in zip(names, found, best, strict=True))
+            print(f"{where}: of {len(tasks)} tasks {sums};", *each, flush=True)
+
+
+if __name__ == "__main__":
+    main()
