@@ -27,13 +27,10 @@ from cableway.scene.files.loading import as_draft
 ROWS = 20
 """Of a plan that are looked at."""
 
-LAYOUTS = (
-    (0, 1.0, 0.15), (0, 1.1, 0.15), (0, 1.2, 0.15), (0, 1.3, 0.15), (0, 1.1, 0.0), (0, 1.0, 0.45),
-    (90, 1.0, 0.15), (90, 1.1, 0.15), (90, 1.2, 0.15), (90, 1.1, 0.0), (90, 1.0, 0.45),
-)  # fmt: skip
+LAYOUTS = ((0, 1.0, 0.15), (0, 1.1, 0.15), (0, 1.2, 0.15), (0, 1.0, 0.45), (90, 1.1, 0.0), (90, 1.0, 0.45))
 """Direction from arm to arm [degrees], distance of their bases and height of those above the table [m]."""
 
-TILTS = (0.0, 0.09, 0.17)
+TILTS = (0.0, 0.17)
 """Of tools [rad]; a little more brings the fingers of a 2F-85 into the table."""
 
 
