@@ -163,3 +163,14 @@ def test_loading_does_not_depend_on_random_numbers(file):
     first, second = load_model(file), load_model(file)
     assert eqx.tree_equal(first, second)
     assert len(jax.tree.leaves(first)) > 20
+
+
+def test_half_precision_makes_a_smaller_file_and_hardly_changes_what_is_predicted(model, file, tmp_path):
+    rounded = tmp_path / "half.safetensors"
+    save_model(rounded, model, CARD, half=True)
+    assert rounded.stat().st_size < 0.9 * file.stat().st_size
+    keypoints = np.stack([np.linspace(0.0, 0.28, 13), np.zeros(13)], axis=1).astype(np.float32)
+    poses = np.array([[0.0, 0.0, 0.2], [0.28, 0.0, -0.2]], np.float32)
+    action = np.full((2, 3), 0.004, np.float32)
+    first, second = (np.asarray(load_model(path)(keypoints, poses, action)) for path in (file, rounded))
+    assert 0 < np.abs(first - second).max() < 5e-3 * np.abs(first).max()
