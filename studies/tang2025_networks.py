@@ -1,4 +1,4 @@
-"""The paper's T-DM, C-DM and B-DM: world coordinates, one width, 50,000 transitions, three seeds each; and what they err.
+"""The paper's T-DM, C-DM and B-DM: in world coordinates, of one width, on 50,000 transitions, three seeds each.
 
     .venv/bin/python studies/tang2025_networks.py collect            # two minutes
     .venv/bin/python studies/tang2025_networks.py train --jobs 9     # minutes of a GPU, days of a core
