@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +32,7 @@ from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.perception.views import View, axis_points
 from cableway.records import Rollout
 from cableway.rendering.cell import CellScene, Label
-from cableway.rendering.mesh import Mesh
-from cableway.rendering.picture import Light, render
+from cableway.rendering.picture import Light, labels, render
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.variants import named_perturbation
@@ -71,12 +69,6 @@ def rollout_of(task: Task, seed: int, folder: Path) -> Rollout | None:
     return Rollout.load(file)
 
 
-def without_cable(mesh: Mesh) -> Mesh:
-    """All but the cable: what is known of the scene by joints alone."""
-    kept = mesh.labels != Label.CABLE
-    return Mesh(mesh.corners[kept], mesh.normals[kept], mesh.colors[kept], mesh.labels[kept])
-
-
 def pictures(
     scene: CellScene, eyes: Sequence[CalibratedCamera], cable: np.ndarray, joints: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -86,8 +78,7 @@ def pictures(
     for eye in eyes:
         color = render(mesh, eye.pinhole, light, samples=3).color.astype(float)
         color = gaussian_filter(color, (BLUR, BLUR, 0)) + NOISE * rng.standard_normal(color.shape)
-        bare = render(without_cable(mesh), eye.pinhole, replace(light, shadows=0)).label
-        hiding = (bare != Label.TABLE) & (bare != Label.NOTHING)
+        hiding = labels(mesh.where(mesh.labels != Label.CABLE), eye.pinhole) > Label.TABLE
         made.append((np.clip(color, 0, 255).round().astype(np.uint8), hiding))
     return made
 

@@ -50,6 +50,7 @@ class Method:
         rehearses: Whether plans are rehearsed where the cable asks for it; those of a function never are.
         recovers: Whether a cable that left its plan is stopped and replanned for.
         follows_unverified: Whether the closest attempt is followed where no plan verifies.
+        looks: Whether the cable is known by cameras alone in the suites that have some; else by its true keypoints.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Method:
     rehearses: bool = True
     recovers: bool = True
     follows_unverified: bool = False
+    looks: bool = True
 
     def __post_init__(self) -> None:
         if not self.name or not all(letter.isalnum() or letter in "-_." for letter in self.name):
@@ -148,6 +150,8 @@ def _all() -> tuple[Method, ...]:
               "bdm-mpc": ("the bidirectional LSTM", "bilstm")}  # fmt: skip
     return (
         Method(name=DEFAULT, description=f"{ours}, adaptive rod MPC"),
+        Method(name="true-keypoints", description=f"{ours}, adaptive rod MPC; where there are cameras, true keypoints, "
+               "without noise or latency", looks=False),
         Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", rehearses=False),
         Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative", controller="rod-jacobian"),
         Method(name="broyden", description=f"{ours}, feedback by a learned derivative (the paper's Jacob-IK)",

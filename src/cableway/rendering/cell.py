@@ -35,6 +35,7 @@ class Label(IntEnum):
     RIGHT_GRIPPER = 6
     LEFT_ARM = 7
     RIGHT_ARM = 8
+    STRANGER = 9
 
 
 GRIPPERS, ARMS = (Label.LEFT_GRIPPER, Label.RIGHT_GRIPPER), (Label.LEFT_ARM, Label.RIGHT_ARM)
