@@ -162,8 +162,8 @@ def _all() -> tuple[Method, ...]:
         Method(name="open-loop", description=f"{ours}, in open loop", controller="open-loop", recovers=False),
         *(Method(name=name, description=f"{ours}, our neural MPC with {what}", controller="neural-mpc", model=model)
           for name, (what, model) in neural.items()),
-        Method(name="tang2025-tracking", description=f"{ours}, neural MPC as in the paper", controller="tang2025"),
-        Method(name="tang2025", description=f"{paper}; neural MPC as in the paper", controller="tang2025",
+        Method(name="tang2025-tracking", description=f"{ours}; the paper's MPC and network", controller="tang2025"),
+        Method(name="tang2025", description=f"{paper}; its MPC and network", controller="tang2025",
                planner="tang2025", rehearses=False, recovers=False, follows_unverified=True),
         *(Method(name=f"{name}-plan", description=f"{PLANNERS[name].description}; adaptive rod MPC", planner=name,
                  rehearses=False) for name in ("straight", "slide", "rrt-connect", "tang2025-refined")),

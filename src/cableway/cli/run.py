@@ -30,11 +30,11 @@ class Run(PlanOptions):
     """The controller, or a class of your own, whose code is run; by default rod-mpc, neural-mpc with a --model."""
 
     model: Maybe[str] = None
-    """Deformation model of neural-mpc: bilstm, conv, hybrid, linear, mlp, rod, transformer, or a .safetensors file;
-    by default, conv."""
+    """Deformation model of neural-mpc or tang2025: bilstm, conv, hybrid, linear, mlp, rod, transformer, tang2025-bdm,
+    tang2025-cdm, tang2025-tdm, or a .safetensors file; by default, conv and tang2025-tdm."""
 
     adapt: Flag = False
-    """Adapt the model of neural-mpc to the cable while it runs."""
+    """Adapt the model to the cable while it runs."""
 
     plant: Annotated[str | None, option(metavar="{FILE.yaml,package.module:Class}")] = None
     """Perturbations of the simulated plant (cable, grasp, noise, latency), or another plant, whose code is run.
