@@ -51,6 +51,9 @@ BLUR, NOISE = 0.7, 5.0
 
 PLACES = ("above", "front", "back")
 SETUPS = {"one above": (0,), "two low": (1, 2)}
+FINE = 1500
+"""Points of a curve from which the nearest one is sought: 0.2 mm apart."""
+
 NINETY = 1.645
 """Standard deviations within which 90% of a normal distribution lie."""
 
@@ -110,7 +113,7 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             out.setdefault(f"{name} {what}", []).append(value)
 
     for row in rows:
-        state, truth = (rollout.centreline[row], rollout.joints[row]), rollout.keypoints[row]
+        state, true = (rollout.centreline[row], rollout.joints[row]), (rollout.keypoints[row], rollout.centreline[row])
         made, bands = (
             pictures(scene, eyes, *state, rng),
             pictures(banded, eyes, *state, np.random.default_rng([seed, row])),
@@ -122,32 +125,33 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             spent = time.process_time() - begun
             found = seen.observation.keypoints
             deviation = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
-            note(f"{name} rod", **off(found, truth), covered=np.abs(found - truth) <= NINETY * deviation,
+            note(f"{name} rod", **off(found, *true), covered=np.abs(found - true[0]) <= NINETY * deviation,
                  hidden=seen.hidden, explained=seen.explained, spent=spent)  # fmt: skip
             begun = time.process_time()
             views = [View(eyes[k], cable_mask(bands[k][0], green), bands[k][1]) for k in chosen]
             marked[name], marks = by_markers.update(marked[name], views, poses[row], float(rollout.times[row]))
             spent, there = time.process_time() - begun, marks.observation.keypoints
-            note(f"{name} markers", **off(there, truth), spent=spent, explained=marks.explained)
-            note(f"{name} rod-by-markers", **off(marks.keypoints, truth), spent=spent)
+            note(f"{name} markers", **off(there, *true), spent=spent, explained=marks.explained)
+            note(f"{name} rod-by-markers", **off(marks.keypoints, *true), spent=spent)
             views = [View(eyes[k], cable_mask(made[k][0], color), made[k][1]) for k in chosen]
             points = np.concatenate([axis_points(view, task.cable.radius) for view in views])
             for kind in OTHERS:
                 begun = time.process_time()
-                found = others[name, kind].update(points, poses[row], len(truth))
-                note(f"{name} {kind}", **off(found, truth), spent=time.process_time() - begun)
-        note("- true curve", **off(between(rollout.centreline[row], poses[row], len(truth)), truth))
+                found = others[name, kind].update(points, poses[row], len(true[0]))
+                note(f"{name} {kind}", **off(found, *true), spent=time.process_time() - begun)
+        note("- true curve", **off(between(rollout.centreline[row], poses[row], len(true[0])), *true))
     return {name: np.array(values) for name, values in out.items()}
 
 
 OTHERS, MAKERS = ("spline", "registration"), (SplineTracker, RegisteringTracker)
 
 
-def off(found: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarray]:
-    """How far keypoints are off, and across the cable [m]."""
+def off(found: np.ndarray, truth: np.ndarray, curve: np.ndarray) -> dict[str, np.ndarray]:
+    """How far keypoints are off [m]: from the true ones, across the cable, and from the true curve, wherever on it."""
     error, along = found - truth, np.gradient(truth, axis=0)
     across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
-    return {"error": np.linalg.norm(error, axis=1), "across": across}
+    away = np.linalg.norm(found[:, None] - resampled(curve, FINE), axis=2).min(axis=1)
+    return {"error": np.linalg.norm(error, axis=1), "across": across, "curve": away}
 
 
 def between(curve: np.ndarray, poses: np.ndarray, count: int) -> np.ndarray:
@@ -191,13 +195,15 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
     def rows(name: str) -> np.ndarray:
         return np.concatenate([each[name] for each in found])
 
-    table("cameras", "tracker", "error, mean, p99, worst [mm]", "across the cable [mm]", "time, median, p99 [ms]")
+    table("cameras", "tracker", "error, mean, p99, worst [mm]", "across the cable [mm]", "off the curve [mm]",
+          "time, median, p99 [ms]")  # fmt: skip
     kinds = ("rod", "markers", "rod-by-markers", *OTHERS)
     for name in ("- true curve", *(f"{setup} {kind}" for setup in SETUPS for kind in kinds)):
         setup, kind = ("-", "true curve") if name[0] == "-" else name.rsplit(" ", 1)
         spent = 1e3 * rows(f"{name} spent") if kind != "true curve" else np.full(1, np.nan)
         times = f"{np.median(spent):.1f}, {np.percentile(spent, 99):.1f}" if np.isfinite(spent).all() else "-"
-        table(setup, kind, spread(rows(f"{name} error")), spread(rows(f"{name} across")), times, head=False)
+        spreads = (spread(rows(f"{name} {what}")) for what in ("error", "across", "curve"))
+        table(setup, kind, *spreads, times, head=False)
     print()
     table("cameras", "hidden, mean, p90 [%]", "90% intervals cover [%]", "explained [%]", "lost [frames]",
           "inner markers seen [%]", "explained by markers [%]")  # fmt: skip
