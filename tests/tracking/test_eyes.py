@@ -80,6 +80,18 @@ def shot(**config) -> tuple[np.ndarray, np.ndarray]:
     return Photographer(TASK, None, EyesConfig(**given)).shot(state, np.random.default_rng(0))[0]
 
 
+def test_markers_are_painted_and_found_again():
+    plant = seen_plant(tracker="markers", noise=5.0, blur=0.7, latency=0.0)
+    for look in (plant.reset, lambda: plant.step(PLAN.poses[1] - PLAN.poses[0])):
+        seen = look()
+        assert np.isnan(seen.keypoints[[0, -1]]).all()
+        off = np.linalg.norm(seen.keypoints - plant.measure().keypoints, axis=1)[1:-1]
+        assert np.isfinite(off).sum() > 8
+        assert np.nanmax(off) < 0.001
+    assert plant.record()["known"] == 1.0
+    assert plant.record()["mean_error"] < 0.0006
+
+
 def test_strangers_are_in_the_picture_and_nobody_is_told():
     plain, hiding = shot()
     for stranger in ("cable", "arm"):

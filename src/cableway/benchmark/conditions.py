@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from cableway.core.errors import UnknownNameError
+from cableway.perception.markers import Tracker
 from cableway.tracking.photographer import EyesConfig
 
 FRAME_RATE = 10.0
@@ -25,9 +26,9 @@ class Condition:
     description: str
     eyes: EyesConfig = field(default_factory=EyesConfig)
 
-    def seen(self, seed: int) -> EyesConfig:
-        """The cameras of an episode."""
-        return replace(self.eyes, frame_rate=FRAME_RATE, seed=seed)
+    def seen(self, seed: int, tracker: Tracker = "rod") -> EyesConfig:
+        """The cameras of an episode, and what finds the cable in their pictures."""
+        return replace(self.eyes, frame_rate=FRAME_RATE, seed=seed, tracker=tracker)
 
 
 CONDITIONS = {

@@ -203,7 +203,8 @@ def _score(job: Job) -> Scored:
     eyes = None
     if episode.condition:  # the noise and latency of the plant's keypoints are those of another way to know the cable
         perturbation = replace(perturbation, sensing=SensingConfig())
-        eyes = condition_of(episode.condition).seen(episode.seed) if _method(job.source).looks else None
+        tracker = _method(job.source).tracker
+        eyes = tracker and condition_of(episode.condition).seen(episode.seed, tracker)
     controller = _controller(job.source)
     if episode.plant in FAULTS:
         controller = FaultyController(controller, episode.plant, episode.seed)

@@ -14,6 +14,7 @@ from cableway.core.deprecation import renamed_value
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.plugins import is_plugin, load_plugin, require_name
 from cableway.core.provenance import PACKAGE, versions
+from cableway.perception.markers import Tracker
 from cableway.planning.named import PLANNERS
 from cableway.records import Plan
 from cableway.scene.task import Task
@@ -50,7 +51,7 @@ class Method:
         rehearses: Whether plans are rehearsed where the cable asks for it; those of a function never are.
         recovers: Whether a cable that left its plan is stopped and replanned for.
         follows_unverified: Whether the closest attempt is followed where no plan verifies.
-        looks: Whether the cable is known by cameras alone in the suites that have some; else by its true keypoints.
+        tracker: What finds the cable in pictures, in suites with cameras; None where true keypoints are given instead.
     """
 
     name: str
@@ -61,7 +62,7 @@ class Method:
     rehearses: bool = True
     recovers: bool = True
     follows_unverified: bool = False
-    looks: bool = True
+    tracker: Tracker | None = "rod"
 
     def __post_init__(self) -> None:
         if not self.name or not all(letter.isalnum() or letter in "-_." for letter in self.name):
@@ -151,7 +152,9 @@ def _all() -> tuple[Method, ...]:
     return (
         Method(name=DEFAULT, description=f"{ours}, adaptive rod MPC"),
         Method(name="true-keypoints", description=f"{ours}, adaptive rod MPC; where there are cameras, true keypoints, "
-               "without noise or latency", looks=False),
+               "without noise or latency", tracker=None),
+        Method(name="markers", description=f"{ours}, adaptive rod MPC; where there are cameras, by markers",
+               tracker="markers"),
         Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", rehearses=False),
         Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative", controller="rod-jacobian"),
         Method(name="broyden", description=f"{ours}, feedback by a learned derivative (the paper's Jacob-IK)",

@@ -44,10 +44,10 @@ class Bench(EpisodeOptions):
     """How many episodes of each suite."""
 
     methods: str = "cableway"
-    """Names, separated by commas: cableway, true-keypoints, unrehearsed, rod-jacobian, broyden, open-loop, tdm-mpc,
-    cdm-mpc, bdm-mpc, tang2025, tang2025-tracking, tang2025-plan, tang2025-refined-plan, straight-plan, slide-plan,
-    rrt-connect-plan; FILE.py:NAME or package.module:NAME for your own, whose code is run. In eyes, true-keypoints is
-    always run, too."""
+    """Names, separated by commas: cableway, true-keypoints, markers, unrehearsed, rod-jacobian, broyden, open-loop,
+    tdm-mpc, cdm-mpc, bdm-mpc, tang2025, tang2025-tracking, tang2025-plan, tang2025-refined-plan, straight-plan,
+    slide-plan, rrt-connect-plan; FILE.py:NAME or package.module:NAME for your own, whose code is run. In eyes,
+    true-keypoints is always run, too."""
 
     episodes: Maybe[str] = None
     """Only these episodes, separated by commas; by default, all."""

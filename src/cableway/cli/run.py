@@ -44,8 +44,9 @@ class Run(PlanOptions):
     """Places of cameras, one or more: the controller knows the cable by their rendered pictures alone. By default, it
     gets the keypoints of the plant."""
 
-    tracker: Annotated[str | None, option(metavar="{rod}")] = None
-    """What finds the cable in the pictures of the cameras; by default, rod."""
+    tracker: Annotated[str | None, option(metavar="{rod,markers}")] = None
+    """What finds the cable in the pictures of the cameras: by its own colour, or by coloured markers on it; by default,
+    rod."""
 
     deadline: Maybe[float] = None
     """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""

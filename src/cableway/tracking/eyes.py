@@ -17,13 +17,14 @@ from jaxtyping import Float
 from cableway.core.provenance import describe
 from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
-from cableway.perception.rod_tracker import RodTracker, Sighting, Track
+from cableway.perception.markers import TRACKERS
+from cableway.perception.rod_tracker import Sighting, Track
 from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.perception.views import View
 from cableway.records import Measurement, Observation
 from cableway.scene.cell import Way
 from cableway.scene.task import Task
-from cableway.tracking.photographer import LOOK, EyesConfig, Photographer, State
+from cableway.tracking.photographer import LOOK, MARKER, EyesConfig, Photographer, State
 from cableway.tracking.plant import Plant
 
 ROUNDING = 1e-9
@@ -49,9 +50,10 @@ class SeenPlant:
     def __init__(self, plant: Plant, config: EyesConfig, way: Way | None = None) -> None:
         self._plant, self._config = plant, config
         self._photographer = Photographer(plant.task, way, config)
-        r, g, b = (255 * part for part in LOOK.cable)
+        marked = config.tracker == "markers"
+        r, g, b = (255 * part for part in (MARKER if marked else LOOK.cable))
         self._color = CableColor(color=(r, g, b))
-        self._tracker = RodTracker(plant.task.cable, 1 / config.frame_rate)
+        self._tracker = TRACKERS[config.tracker](plant.task.cable, 1 / config.frame_rate)
         self._begin()
 
     def _begin(self) -> None:
@@ -102,7 +104,7 @@ class SeenPlant:
         return {
             **describe(self._config),
             "frames": len(self._hidden),
-            "known": len(errors) / frames,
+            "known": sum(self._known) / frames,
             "hidden": sum(self._hidden) / frames,
             "mean_error": float(np.nanmean(errors)) if len(errors) else None,
             "p99_error": float(np.nanpercentile(errors, 99)) if len(errors) else None,
@@ -149,9 +151,9 @@ class SeenPlant:
             n = len(reported.keypoints)
             return replace(reported, keypoints=np.full((n, 2), np.nan), confidence=np.zeros(n))
         seen, offset = newest.observation, reported.time - now
-        return replace(
-            reported, keypoints=seen.keypoints, confidence=seen.confidence, taken=seen.time + offset
-        )  # fmt: skip
+        # where all markers are hidden, and the rod is sure of itself, the loop goes on by what it knows
+        confidence = seen.confidence if np.isfinite(seen.keypoints).any() else None
+        return replace(reported, keypoints=seen.keypoints, confidence=confidence, taken=seen.time + offset)
 
     def _look(self, state: State) -> Sighting:
         shot = self._photographer.shot(state, self._rng)
@@ -166,7 +168,7 @@ class SeenPlant:
         self._spent += clock.process_time() - begun
         self._hidden.append(seen.hidden)
         self._known.append(seen.known)
-        if seen.known:
+        if seen.known and np.isfinite(seen.observation.keypoints).any():
             truth = polyline.resample(state.cable, self.task.cable.keypoints)
             self._errors.append(np.linalg.norm(seen.observation.keypoints - truth, axis=1))
         return seen

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 from cableway.core.checks import Bounds, Checked, Choice, NotNegative, Positive, Share, shown
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.markers import Tracker
 from cableway.perception.placement import camera_at
 from cableway.rendering.cell import CellScene, Color, Label, Look
 from cableway.rendering.mesh import Mesh
@@ -31,6 +32,9 @@ LOOK = Look(
     links=(0.7, 0.72, 0.75),
 )
 """An orange cable on a light table."""
+
+MARKER = (0.05, 0.55, 0.2)
+"""Of the markers, green: like nothing else there."""
 
 LAMP, AMBIENT = (0.0, -0.5, 3.2), 0.62
 """Where the lamp is from the middle of the workspace [m], and the share of light from everywhere."""
@@ -51,7 +55,7 @@ class EyesConfig(Checked):
 
     Attributes:
         cameras: Where they stand, of `cableway.perception.placement.PLACES`.
-        tracker: What finds the cable in their pictures.
+        tracker: What finds the cable in their pictures: the rod by the cable's own pixels, or by markers on it.
         frame_rate: Pictures per second [Hz].
         latency: Time [s] from when a picture is taken until the cable is found in it.
         drop_rate: Share of the pictures that are lost.
@@ -72,7 +76,7 @@ class EyesConfig(Checked):
     """
 
     cameras: tuple[str, ...] = ("front", "back")
-    tracker: Annotated[Literal["rod"], Choice("tracker")] = "rod"
+    tracker: Annotated[Tracker, Choice("tracker")] = "rod"
     frame_rate: Annotated[float, Bounds(1, 1000)] = 30.0
     latency: Annotated[float, Bounds(0, 1)] = 0.05
     drop_rate: Share = 0.0
@@ -125,6 +129,8 @@ class Photographer:
         look = LOOK if config.tint is None else LOOK._replace(cable=config.tint)
         if config.alike:
             look = look._replace(obstacle=look.cable, grippers=(look.cable, look.cable))
+        if config.tracker == "markers":
+            look = look._replace(marker=MARKER)
         self._scene = CellScene(task, way, look)
         self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)]
         self._lying = self._lying if "cable" in config.strangers else []
