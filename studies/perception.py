@@ -5,10 +5,12 @@
 Runs random tasks of kind "cell" on the table plant, whose cables are of another length, curved, stiff in part and held
 askew; renders each row of the rollouts by three cameras of 640 x 480 pixels, one straight above and two low ones at
 front and back, with blur and noise; and finds the cable again from the pictures and the gripper poses that the joints
-give. Two trackers without a rod get the same (`other_trackers`). "true curve" is no tracker: the cable's own curve, its
-keypoints at equal distances between the grippers. What it is off is how far the cable was shoved into them, which no
-picture of a cable without marks shows. Rollouts and errors are kept in the folder, so that an interrupted study goes
-on. Prints Markdown.
+give. Two trackers without a rod get the same (`other_trackers`). "markers" is the rod tracker by markers: the same
+frames are rendered again with green bands at the inner keypoints, and its errors are those of the markers that it sees;
+"rod-by-markers" has those of all keypoints of the rod that it fits to them. "true curve" is no tracker: the cable's own
+curve, its keypoints at equal distances between the grippers. What it is off is how far the cable was shoved into them,
+which no picture of a cable without marks shows. Rollouts and errors are kept in the folder, so that an interrupted
+study goes on. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -16,7 +18,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,14 +28,14 @@ from threadpoolctl import threadpool_limits
 from cableway.core.errors import CablewayError
 from cableway.figures.perspective import AMBIENT, LAMP, LOOK, way_of
 from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.markers import MarkerTracker
 from cableway.perception.placement import camera_at
 from cableway.perception.rod_tracker import RodTracker
 from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.perception.views import View, axis_points
 from cableway.records import Rollout
 from cableway.rendering.cell import CellScene, Label
-from cableway.rendering.mesh import Mesh
-from cableway.rendering.picture import Light, render
+from cableway.rendering.picture import Light, labels, render
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.variants import named_perturbation
@@ -43,13 +44,16 @@ from cableway.workflow.run import SolveOptions
 from cableway.workflow.solve import solve
 
 KINDS = ("table-uniform", "table-coiled", "table-stiff-third", "table-rough", "table-all")
-ORANGE = (0.85, 0.35, 0.05)
+ORANGE, GREEN = (0.85, 0.35, 0.05), (0.05, 0.55, 0.2)
 SIZE = (640, 480)
 BLUR, NOISE = 0.7, 5.0
 """Of the pictures: standard deviations of the blur [pixels] and of each pixel, of 255."""
 
 PLACES = ("above", "front", "back")
 SETUPS = {"one above": (0,), "two low": (1, 2)}
+FINE = 1500
+"""Points of a curve from which the nearest one is sought: 0.2 mm apart."""
+
 NINETY = 1.645
 """Standard deviations within which 90% of a normal distribution lie."""
 
@@ -71,12 +75,6 @@ def rollout_of(task: Task, seed: int, folder: Path) -> Rollout | None:
     return Rollout.load(file)
 
 
-def without_cable(mesh: Mesh) -> Mesh:
-    """All but the cable: what is known of the scene by joints alone."""
-    kept = mesh.labels != Label.CABLE
-    return Mesh(mesh.corners[kept], mesh.normals[kept], mesh.colors[kept], mesh.labels[kept])
-
-
 def pictures(
     scene: CellScene, eyes: Sequence[CalibratedCamera], cable: np.ndarray, joints: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -86,8 +84,7 @@ def pictures(
     for eye in eyes:
         color = render(mesh, eye.pinhole, light, samples=3).color.astype(float)
         color = gaussian_filter(color, (BLUR, BLUR, 0)) + NOISE * rng.standard_normal(color.shape)
-        bare = render(without_cable(mesh), eye.pinhole, replace(light, shadows=0)).label
-        hiding = (bare != Label.TABLE) & (bare != Label.NOTHING)
+        hiding = labels(mesh.where(mesh.labels != Label.CABLE), eye.pinhole) > Label.TABLE
         made.append((np.clip(color, 0, 255).round().astype(np.uint8), hiding))
     return made
 
@@ -97,16 +94,17 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
     way = way_of(task, rollout)
     assert way is not None
     assert rollout.joints is not None
-    scene, eyes = (
-        CellScene(task, way, LOOK._replace(cable=ORANGE)),
-        tuple(camera_at(place, task.scene.size, SIZE) for place in PLACES),
-    )
+    look, eyes = LOOK._replace(cable=ORANGE), tuple(camera_at(place, task.scene.size, SIZE) for place in PLACES)
+    scene, banded = CellScene(task, way, look), CellScene(task, way, look._replace(marker=GREEN))
     rng, rows = np.random.default_rng(seed), range(0, len(rollout.times), every)
-    color, start = CableColor(color=(217, 89, 13)), task.cable.rod.shapes(task.start_equilibrium[None])[0][0]
+    color, green = CableColor(color=(217, 89, 13)), CableColor(color=(13, 140, 51))
+    start = task.cable.rod.shapes(task.start_equilibrium[None])[0][0]
     kinematics = CellKinematics(task, way)
     poses = np.array([kinematics.poses(np.ascontiguousarray(joints)) for joints in rollout.joints])
     tracker = RodTracker(task.cable, every * CONTROL_STEP)
+    by_markers = MarkerTracker(task.cable, every * CONTROL_STEP)
     tracks = {name: tracker.start(poses[0], task.start_equilibrium) for name in SETUPS}
+    marked = {name: by_markers.start(poses[0], task.start_equilibrium) for name in SETUPS}
     others = {(name, kind): make(start, poses[0]) for name in SETUPS for kind, make in zip(OTHERS, MAKERS, strict=True)}
     out: dict[str, list] = {}
 
@@ -115,7 +113,11 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             out.setdefault(f"{name} {what}", []).append(value)
 
     for row in rows:
-        made, truth = pictures(scene, eyes, rollout.centreline[row], rollout.joints[row], rng), rollout.keypoints[row]
+        state, true = (rollout.centreline[row], rollout.joints[row]), (rollout.keypoints[row], rollout.centreline[row])
+        made, bands = (
+            pictures(scene, eyes, *state, rng),
+            pictures(banded, eyes, *state, np.random.default_rng([seed, row])),
+        )
         for name, chosen in SETUPS.items():
             begun = time.process_time()
             views = [View(eyes[k], cable_mask(made[k][0], color), made[k][1]) for k in chosen]
@@ -123,25 +125,33 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             spent = time.process_time() - begun
             found = seen.observation.keypoints
             deviation = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
-            note(f"{name} rod", **off(found, truth), covered=np.abs(found - truth) <= NINETY * deviation,
+            note(f"{name} rod", **off(found, *true), covered=np.abs(found - true[0]) <= NINETY * deviation,
                  hidden=seen.hidden, explained=seen.explained, spent=spent)  # fmt: skip
+            begun = time.process_time()
+            views = [View(eyes[k], cable_mask(bands[k][0], green), bands[k][1]) for k in chosen]
+            marked[name], marks = by_markers.update(marked[name], views, poses[row], float(rollout.times[row]))
+            spent, there = time.process_time() - begun, marks.observation.keypoints
+            note(f"{name} markers", **off(there, *true), spent=spent, explained=marks.explained)
+            note(f"{name} rod-by-markers", **off(marks.keypoints, *true), spent=spent)
+            views = [View(eyes[k], cable_mask(made[k][0], color), made[k][1]) for k in chosen]
             points = np.concatenate([axis_points(view, task.cable.radius) for view in views])
             for kind in OTHERS:
                 begun = time.process_time()
-                found = others[name, kind].update(points, poses[row], len(truth))
-                note(f"{name} {kind}", **off(found, truth), spent=time.process_time() - begun)
-        note("- true curve", **off(between(rollout.centreline[row], poses[row], len(truth)), truth))
+                found = others[name, kind].update(points, poses[row], len(true[0]))
+                note(f"{name} {kind}", **off(found, *true), spent=time.process_time() - begun)
+        note("- true curve", **off(between(rollout.centreline[row], poses[row], len(true[0])), *true))
     return {name: np.array(values) for name, values in out.items()}
 
 
 OTHERS, MAKERS = ("spline", "registration"), (SplineTracker, RegisteringTracker)
 
 
-def off(found: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarray]:
-    """How far keypoints are off, and across the cable [m]."""
+def off(found: np.ndarray, truth: np.ndarray, curve: np.ndarray) -> dict[str, np.ndarray]:
+    """How far keypoints are off [m]: from the true ones, across the cable, and from the true curve, wherever on it."""
     error, along = found - truth, np.gradient(truth, axis=0)
     across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
-    return {"error": np.linalg.norm(error, axis=1), "across": across}
+    away = np.linalg.norm(found[:, None] - resampled(curve, FINE), axis=2).min(axis=1)
+    return {"error": np.linalg.norm(error, axis=1), "across": across, "curve": away}
 
 
 def between(curve: np.ndarray, poses: np.ndarray, count: int) -> np.ndarray:
@@ -185,14 +195,18 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
     def rows(name: str) -> np.ndarray:
         return np.concatenate([each[name] for each in found])
 
-    table("cameras", "tracker", "error, mean, p99, worst [mm]", "across the cable [mm]", "time, median, p99 [ms]")
-    for name in ("- true curve", *(f"{setup} {kind}" for setup in SETUPS for kind in ("rod", *OTHERS))):
+    table("cameras", "tracker", "error, mean, p99, worst [mm]", "across the cable [mm]", "off the curve [mm]",
+          "time, median, p99 [ms]")  # fmt: skip
+    kinds = ("rod", "markers", "rod-by-markers", *OTHERS)
+    for name in ("- true curve", *(f"{setup} {kind}" for setup in SETUPS for kind in kinds)):
         setup, kind = ("-", "true curve") if name[0] == "-" else name.rsplit(" ", 1)
         spent = 1e3 * rows(f"{name} spent") if kind != "true curve" else np.full(1, np.nan)
         times = f"{np.median(spent):.1f}, {np.percentile(spent, 99):.1f}" if np.isfinite(spent).all() else "-"
-        table(setup, kind, spread(rows(f"{name} error")), spread(rows(f"{name} across")), times, head=False)
+        spreads = (spread(rows(f"{name} {what}")) for what in ("error", "across", "curve"))
+        table(setup, kind, *spreads, times, head=False)
     print()
-    table("cameras", "hidden, mean, p90 [%]", "90% intervals cover [%]", "explained [%]", "lost [frames]")
+    table("cameras", "hidden, mean, p90 [%]", "90% intervals cover [%]", "explained [%]", "lost [frames]",
+          "inner markers seen [%]", "explained by markers [%]")  # fmt: skip
     for setup in SETUPS:
         error, covered, hidden, explained = (
             rows(f"{setup} rod {what}") for what in ("error", "covered", "hidden", "explained")
@@ -203,6 +217,8 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
             f"{100 * covered[np.isfinite(error)].mean():.0f}",
             f"{100 * explained.mean():.0f}",
             f"{np.isnan(error).any(axis=1).sum()}",
+            f"{100 * np.isfinite(rows(f'{setup} markers error'))[:, 1:-1].mean():.0f}",
+            f"{100 * rows(f'{setup} markers explained').mean():.0f}",
             head=False,
         )
 

@@ -13,11 +13,13 @@ import argparse
 import csv
 import itertools
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from cableway.benchmark.suites import SUITES, make_task, task_digest
+from cableway.benchmark.conditions import CONDITIONS
+from cableway.benchmark.suites import SUITES, frozen_episodes, make_task, task_digest
 from cableway.core.errors import InputError, SimulationError
 from cableway.geometry.convex import polyline_distance
 from cableway.scene.files.loading import task_names
@@ -43,7 +45,16 @@ LEAST_ROOM = 0.005
 TASKS = 100 * len(PLANTS_SUITE)
 """Tasks of the suite "plants": then come more seeds of the noise, two for every third task of those seen with noise."""
 
-COLUMNS = ["episode", "task", "plant", "seed", "digest"]
+COLUMNS = ["episode", "task", "plant", "seed", "digest", "condition"]
+"""Of a list; the last one of "eyes" alone."""
+
+IN_CELL = tuple(
+    f"{name}+dual-ur5e"
+    for name in ("single-obstacle-1", "single-obstacle-2", "multi-obstacle-1", "multi-obstacle-2", "multi-obstacle-3",
+                 "real-single", "real-multi", "maze-1")
+)  # fmt: skip
+"""The tasks of the catalogue whose ends the arms can hold, and between which there is a plan for them."""
+
 LONG = ("paracord-0.34", "rubber-0.34", "ethernet-0.34", "usb-0.34")
 OTHERS = ("cotton-0.22", "hdmi-0.25", "silicone-0.27")
 SHORT = ("rubber-0.17", "paracord-0.17")
@@ -106,6 +117,8 @@ def line(suite: str, number: int, before: list[list[str]]) -> list[str]:
     if suite in ("lab-constrained", "lab-drawn"):
         task, cable = LAB[number % len(LAB)]
         return described(f"{task}~{cable}", "laid" if suite == "lab-constrained" else "drawn", number)
+    if suite == "eyes":
+        return seen_by_cameras(number)
     patterns, plants = PATTERNS.get(suite, (suite + "-{}",)), IN_TURN.get(suite, ("nominal",))
     for seed in itertools.count(FIRST + number, NEXT):
         try:
@@ -115,8 +128,31 @@ def line(suite: str, number: int, before: list[list[str]]) -> list[str]:
     raise AssertionError
 
 
+def seen_by_cameras(number: int) -> list[str]:
+    """A line of the suite "eyes": two tasks of the suite "cell", then one of the catalogue, the conditions in turn."""
+    condition, third, drawn = tuple(CONDITIONS)[number % len(CONDITIONS)], number // 3, number % 3
+    if drawn < 2:
+        clutter = [each for each in frozen_episodes("cell") if each.task.startswith("cell-clutter-")]
+        task, plant, digest = (getattr(clutter[2 * third + drawn], name) for name in ("task", "plant", "digest"))
+    else:
+        task, plant = IN_CELL[third % len(IN_CELL)], CELL_SUITE[third % len(CELL_SUITE)]
+        digest = checked(task, plant, 0)
+    return [f"{name_of(task, plant, number)}-{condition}", task, plant, str(number), digest, condition]
+
+
+def name_of(task: str, plant: str, seed: int) -> str:
+    """The name of an episode."""
+    return re.sub("[@~^+]", "-", task) + ("" if plant == "nominal" else f"-{plant}") + (f"-s{seed}" if seed else "")
+
+
 def described(task: str, plant: str, seed: int) -> list[str]:
-    """The line of an episode.
+    """The line of an episode; raises as `checked` does."""
+    return [name_of(task, plant, seed), task, plant, str(seed), checked(task, plant, seed)]
+
+
+@cache
+def checked(task: str, plant: str, seed: int) -> str:
+    """The digest of a task that can be set up with a plant.
 
     Raises:
         InputError: There is no such task, or its ends are too near to something for a plan.
@@ -129,8 +165,7 @@ def described(task: str, plant: str, seed: int) -> list[str]:
         raise InputError(f"the ends of {task} have {1000 * room:.1f} mm of clearance")
     if plant != "nominal":
         named_perturbation(plant, made, seed).build(made, seed)
-    name = re.sub("[@~^]", "-", task) + ("" if plant == "nominal" else f"-{plant}") + (f"-s{seed}" if seed else "")
-    return [name, task, plant, str(seed), task_digest(task, made)]
+    return task_digest(task, made)
 
 
 def freeze(suite: str, most: int) -> None:
@@ -141,7 +176,7 @@ def freeze(suite: str, most: int) -> None:
     with path.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         if not rows:
-            writer.writerow(COLUMNS)
+            writer.writerow(COLUMNS if suite == "eyes" else COLUMNS[:-1])
         while len(rows) < count:
             rows.append(line(suite, len(rows), rows))
             writer.writerow(rows[-1])

@@ -13,7 +13,7 @@ from typing import Any, Literal
 REACHABLE = 0.008
 """Least achievable error [m] below which the strict rule can fairly be asked for."""
 
-SHOWN = {"1": ("%", 100.0), "m": ("mm", 1000.0), "s": ("s", 1.0)}
+SHOWN = {"1": ("%", 100.0), "share": ("%", 100.0), "m": ("mm", 1000.0), "s": ("s", 1.0)}
 """Unit of a value in tables and reports, and the factor to it, by the SI unit; where a metric says nothing else."""
 
 
@@ -23,7 +23,8 @@ class Metric:
 
     Attributes:
         key: Name in `summary.json`.
-        unit: SI unit; "1" for the share of episodes in which something holds.
+        unit: SI unit; "1" for the share of episodes in which something holds, "share" for one of each episode, such as
+            of its frames.
         better: Which way is better.
         definition: What it is.
         value: Of a report or a result: a number, or for a share whether it holds; None where there is none.
@@ -36,7 +37,7 @@ class Metric:
     """
 
     key: str
-    unit: Literal["1", "m", "s"]
+    unit: Literal["1", "share", "m", "s"]
     better: Literal["higher", "lower"]
     definition: str
     value: Callable[[Any], Any]
@@ -148,6 +149,20 @@ METRICS = {
         Metric(key="deviation", title="deviation", label="largest deviation from plan", unit="m", better="lower",
                value=_first("deviation", "largest_deviation"),
                definition="Largest distance of a keypoint from its reference at the time; none where nothing moved."),
+        Metric(key="tracking_error", title="tracking", unit="m", better="lower", value=_first("tracking_error"),
+               definition="With cameras, the mean distance of the keypoints that were found in pictures from the true "
+               "ones, over the frames of an episode in which the cable was known."),
+        Metric(key="tracking_p99", title="tracking p99", unit="m", better="lower", value=_first("tracking_p99"),
+               definition="99th percentile of the same, over all keypoints of these frames."),
+        Metric(key="hidden", title="hidden", unit="share", better="lower", value=_first("hidden"),
+               definition="With cameras, the share of the cable that none of them shows, mean over an episode; of a "
+               "cable that was lost, of where it was taken to be."),
+        Metric(key="unknown", title="not known", unit="share", better="lower", value=_first("unknown"),
+               definition="With cameras, the share of an episode's frames in which the tracker said that it does not "
+               "know where the cable is; the grippers stand still then."),
+        Metric(key="lost", title="lost", unit="1", better="lower", value=_first("lost"),
+               definition="With cameras, the share of episodes in which a frame was taken for known whose keypoints "
+               "err by more than 2 cm in the mean, or in which the cable was not known at the end."),
         Metric(key="stopping", title="stopping", unit="s", better="lower", value=_first("stopping"),
                definition="Longest time from a stop (three control steps or more without a command) until both "
                "grippers were at rest; none where they were never stopped."),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import matplotlib.image
@@ -16,9 +16,10 @@ from cableway.benchmark.episode import Job, Result, jobs_of, run_job, warm_up
 from cableway.benchmark.gate import baseline, regressions
 from cableway.benchmark.methods import BUILT_IN, load_method, method_names
 from cableway.benchmark.runner import picture_path, read_result, result_path, run_jobs
-from cableway.benchmark.suites import Episode, frozen_episodes
-from cableway.benchmark.summary import commits_text, missed_steps
+from cableway.benchmark.suites import Episode, frozen_episodes, get_suite
+from cableway.benchmark.summary import commits_text, group_of, missed_steps
 from cableway.cli import main
+from cableway.cli.bench import Bench
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.core.provenance import commit
 from cableway.figures import style
@@ -96,6 +97,28 @@ def test_contact_is_no_success_however_near_the_goal():
     assert result.contact
     assert (result.clearance or 0.0) <= 0.0
     assert (result.outcome, result.success, result.strict) == ("contact", False, False)
+
+
+def test_an_episode_with_cameras_says_how_well_the_cable_was_seen():
+    """And the same with true keypoints says nothing of that; the noise of the plant's keypoints is in neither."""
+    seen = replace(EPISODE, suite="eyes", plant="noise-2", condition="above")
+    rows = [run_job(jobs_of(name, [seen])[0]).result for name in ("cableway", "true-keypoints")]
+    assert [row.success for row in rows] == [True, True]
+    assert rows[0].tracking_error is not None
+    assert rows[0].tracking_p99 is not None
+    assert 0 < rows[0].tracking_error < rows[0].tracking_p99 < 0.01
+    assert (rows[0].lost, rows[0].unknown) == (False, 0.0)
+    assert 0 <= (rows[0].hidden or 0) < 0.5
+    assert (rows[1].tracking_error, rows[1].lost, rows[1].condition) == (None, None, "above")
+    assert rows[1].shape_error is not None
+    assert rows[1].shape_error < 0.002
+    assert group_of(rows[0]) == "above"
+
+
+def test_a_suite_brings_the_methods_beside_which_others_are_seen():
+    bench, suite = Bench(suites="eyes", methods="open-loop"), get_suite("eyes")
+    jobs = bench._jobs([suite], {name: load_method(name) for name in ("true-keypoints", "open-loop")})
+    assert [job.method for job in jobs[:3]] == ["true-keypoints", "open-loop", "true-keypoints"]
 
 
 def test_a_cable_that_stays_where_it_is_has_missed_its_goal():

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cableway.benchmark.conditions import CONDITIONS, condition_of
 from cableway.benchmark.suites import SIZES, SUITES, episode_name, frozen_episodes, get_suite, make_task
 from cableway.core.errors import TaskError, UnknownNameError
 from cableway.simulation.perturbations.variants import VARIANTS, named_perturbation, variant
@@ -41,6 +42,20 @@ def test_unknown_names_list_what_there_is():
 @pytest.mark.parametrize("name", SUITES)
 def test_the_first_task_is_still_the_one_that_was_frozen(name: str):
     frozen_episodes(name)[0].load()
+
+
+def test_every_condition_is_known_and_can_be_photographed():
+    episodes = frozen_episodes("eyes")
+    assert {episode.condition for episode in episodes} == set(CONDITIONS)
+    assert all(condition.seen(3).seed == 3 for condition in CONDITIONS.values())
+    with pytest.raises(UnknownNameError, match="two-low"):
+        condition_of("two-high")
+
+
+def test_a_task_can_be_put_into_a_cell():
+    task = make_task("single-obstacle-2+dual-ur5e")
+    assert task.cell is not None
+    assert task.grippers.body is not None
 
 
 def test_a_task_that_comes_out_otherwise_is_noticed():

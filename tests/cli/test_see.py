@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import Command
 
+from cableway.core.errors import InputError
 from cableway.datasets.recordings import load_recording
 from cableway.perception.calibration_file import load_camera, save_camera
+from cableway.perception.capture import Frame
 from cableway.perception.placement import camera_at
+from cableway.perception.segmentation import CableColor
 from cableway.rendering.mesh import Mesh, prism, tube
 from cableway.rendering.picture import Light, render
 from cableway.rod.inverse import shape_between
 from cableway.scene.cable import Cable
+from cableway.workflow.seeing import Eye, GripperLog, see
 
 cv2 = pytest.importorskip("cv2")
 
@@ -29,16 +34,23 @@ def shape(k: int) -> np.ndarray:
     return CABLE.rod.shapes(shape_between(CABLE.rod, poses, "left")[None])[0][0]
 
 
+@cache
+def taken(k: int, place: str) -> np.ndarray:
+    """The picture of the cable in a step, by a camera somewhere."""
+    table = prism(np.array([[-0.2, -0.2], [0.9, -0.2], [0.9, 0.9], [-0.2, 0.9]]), (-0.01, 0.0)).painted((0.9,) * 3, 1)
+    line = np.column_stack([shape(k), np.full(len(shape(k)), CABLE.radius)])
+    mesh = Mesh.joined([table, tube(line, CABLE.radius).painted((0.85, 0.35, 0.05), 4)])
+    camera = camera_at(place, (0.7, 0.7))
+    return render(mesh, camera.pinhole, Light(position=(0.3, 0.3, 2.0), shadows=0)).color
+
+
 @pytest.fixture
 def film(tmp_path: Path) -> Path:
     """A folder of pictures of a cable that moves, and the file of their camera."""
     camera, folder = camera_at("above", (0.7, 0.7)), tmp_path / "film"
     folder.mkdir()
-    table = prism(np.array([[-0.2, -0.2], [0.9, -0.2], [0.9, 0.9], [-0.2, 0.9]]), (-0.01, 0.0)).painted((0.9,) * 3, 1)
     for k in range(STEPS):
-        line = np.column_stack([shape(k), np.full(len(shape(k)), CABLE.radius)])
-        mesh = Mesh.joined([table, tube(line, CABLE.radius).painted((0.85, 0.35, 0.05), 4)])
-        image = render(mesh, camera.pinhole, Light(position=(0.3, 0.3, 2.0), shadows=0)).color
+        image = taken(k, "above")
         cv2.imwrite(str(folder / f"{k:03d}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     save_camera(tmp_path / "camera.json", camera)
     return folder
@@ -75,6 +87,11 @@ def test_keypoints_of_a_film_are_a_recording(cableway: Command, tmp_path: Path, 
         (("film", "--color", "1,2,3", "--rate", "0"), "--rate must be above 0"),
         (("film", "--color", "1,2,3", "--seconds", "-1"), "--seconds must be above 0"),
         (("film", "--color", "1,2,3", "--calibration", "none.json"), "none.json"),
+        (("film,film", "--color", "1,2,3"), "--calibration must be one for each of 2 sources, got camera.json"),
+        (("film", "--color", "1,2,3", "--hides", "a.png,b.png"), "--hides must be one for each of 1 sources"),
+        (("film", "--color", "1,2,3", "--hides", "none.png"), "none.png: not a picture"),
+        (("film", "--color", "1,2,3", "--tracker", "markers"), "--tracker markers needs --grippers"),
+        (("film", "--color", "1,2,3", "--tracker", "eyes"), "unknown tracker 'eyes'; known: markers, rod"),
         (("film", "--color", "1,2,3", "--grippers", "camera.json"), "there is no column 'time'"),
     ],
 )
@@ -83,6 +100,45 @@ def test_what_cannot_be_seen_is_told(cableway: Command, tmp_path: Path, film: Pa
     done = cableway("see", "--calibration", "camera.json", *arguments)
     assert done.status == 2
     assert said in done.err
+
+
+def test_a_table_where_the_cable_should_be_counts_unless_something_is_known_to_hide_it():
+    """One half of the cable is covered in the picture of one camera; the other camera sees all of it."""
+    camera, image = camera_at("above", (0.7, 0.7)), taken(0, "above")
+    covered = np.zeros(image.shape[:2], bool)
+    covered[:, image.shape[1] // 2 :] = True
+    bare = np.where(covered[..., None], np.uint8(230), image)
+    log = GripperLog(np.zeros(1), POSES[None])
+
+    def known(*eyes: Eye) -> bool:
+        return next(see(eyes, CableColor(color=(217, 89, 13)), CABLE, log)).known
+
+    def half_covered(hides: list[np.ndarray] | None) -> Eye:
+        return Eye(camera, [Frame(0.0, bare)], hides)
+
+    front = Eye(camera_at("front", (0.7, 0.7)), [Frame(0.0, taken(0, "front"))], [np.zeros_like(covered)])
+    assert known(half_covered(None)), "it is not known whether something hides it"
+    assert known(half_covered([covered]))
+    assert not known(half_covered([np.zeros_like(covered)]))
+    assert known(half_covered([covered]), front)
+    with pytest.raises(InputError, match="a mask of what hides the cable is 2 x 2 pixels"):
+        known(half_covered([np.zeros((2, 2), bool)]))
+
+
+def test_two_cameras_and_a_mask_on_the_command_line(cableway: Command, tmp_path: Path, film: Path):
+    front, options = tmp_path / "front", ["--color", "217,89,13", "--rate", "10", "--out", "seen"]
+    front.mkdir()
+    for k in range(STEPS):
+        cv2.imwrite(str(front / f"{k:03d}.png"), cv2.cvtColor(taken(k, "front"), cv2.COLOR_RGB2BGR))
+    save_camera(tmp_path / "front.json", camera_at("front", (0.7, 0.7)))
+    cv2.imwrite(str(tmp_path / "nothing.png"), np.zeros((480, 640), np.uint8))
+    files = [",".join(str(tmp_path / name) for name in names) for names in
+             (("film", "front"), ("camera.json", "front.json"), ("nothing.png", "nothing.png"))]  # fmt: skip
+    options += ["--calibration", files[1], "--hides", files[2], "--grippers", grippers(tmp_path / "grippers.csv")]
+    done = cableway("see", files[0], *options)
+    assert done.status == 0, done.err
+    assert json.loads(Path("seen/report.json").read_text())["known"] == STEPS
+    assert cv2.VideoCapture("seen/overlay.mp4").get(cv2.CAP_PROP_FRAME_WIDTH) == 2 * 640
 
 
 def test_a_camera_in_a_file_is_the_same(tmp_path: Path, film: Path):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from seen_cables import ABOVE, CABLE, NOMINAL, POSES, true_cable
 
 from cableway.estimation import curve_filter
 from cableway.estimation.curve_filter import CurveConfig, CurveEstimator
@@ -17,23 +18,7 @@ from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import tube
 from cableway.rendering.picture import Light, render
 from cableway.rod.continuation import lead
-from cableway.rod.inverse import meet_poses, nearest_equilibrium, shape_between
-from cableway.rod.planar import PlanarRod
-from cableway.scene.cable import Cable
-
-CABLE = Cable()
-POSES = np.array([[0.2, 0.3, 0.5], [0.42, 0.3, -0.5]])
-NOMINAL = shape_between(CABLE.rod, POSES, "left")
-ABOVE = CalibratedCamera(
-    pinhole=Camera.looking(np.array([0.31, 0.35, 0.9]), np.array([0.0, 0.0, -1.0]), size=(640, 480), view=0.7)
-)
-
-
-def true_cable(modes: tuple[float, ...] = (0.4, -0.3, 0.0, 0.0, 0.5, -0.4, 0.0, 0.0)) -> tuple[PlanarRod, np.ndarray]:
-    """Another cable between the same grippers, and its stations [m]."""
-    rod = replace(CABLE.rod, length=1.01 * CABLE.length, modes=modes)
-    q = meet_poses(rod, POSES, NOMINAL[None])[0]
-    return rod, rod.shapes(q[None])[0][0]
+from cableway.rod.inverse import nearest_equilibrium, shape_between
 
 
 def view(line: np.ndarray, camera: CalibratedCamera = ABOVE) -> View:

@@ -9,10 +9,12 @@ from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.outcome import Outcome
+from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.scene.cable import Cable
 from cableway.tracking import track
 from cableway.tracking.eyes import EyesConfig, SeenPlant
 from cableway.tracking.loop import BLIND
+from cableway.tracking.photographer import Photographer, State
 from cableway.workflow.run import SolveOptions
 
 STEPS = 12
@@ -46,12 +48,16 @@ def test_what_is_seen_is_where_the_cable_was_when_the_picture_was_taken():
         assert seen.confidence.min() > 0.5
     assert plant.record()["known"] == 1.0
     assert plant.record()["mean_error"] < 0.001
+    assert plant.record()["mean_error"] < plant.record()["p99_error"] < 0.003
+    assert not plant.record()["lost"]
 
 
 @pytest.mark.parametrize("dark", [(0.5, 1.0), (0.5, 100.0)])
 def test_a_camera_that_goes_dark_stops_the_grippers(dark):
     """Within 0.3 s of the first picture that shows nothing; they go on when it sees again, and else the run ends."""
-    rollout = track(seen_plant(dark=dark), RodMPC(), PLAN)
+    plant = seen_plant(dark=dark)
+    rollout = track(plant, RodMPC(), PLAN)
+    assert plant.record()["lost"] == (dark[1] > 10)
     since = dark[0] + 0.1  # the latency
     steps = np.abs(np.diff(rollout.poses, axis=0)).max(axis=(1, 2))
     blind = (rollout.times[:-1] >= since + 0.3) & (rollout.times[1:] <= dark[1])
@@ -67,6 +73,45 @@ def test_a_camera_that_goes_dark_stops_the_grippers(dark):
         assert "has not seen the cable" in rollout.metadata["detail"]
 
 
+def shot(**config) -> tuple[np.ndarray, np.ndarray]:
+    """The picture of a camera above after 3 s, and what is known to hide the cable."""
+    given = {"cameras": ("above",), "noise": 0.0, "seed": 1} | config
+    state = State(3.0, PLAN.shapes[0], PLAN.poses[0], None)
+    return Photographer(TASK, None, EyesConfig(**given)).shot(state, np.random.default_rng(0))[0]
+
+
+def test_markers_are_painted_and_found_again():
+    plant = seen_plant(tracker="markers", noise=5.0, blur=0.7, latency=0.0)
+    for look in (plant.reset, lambda: plant.step(PLAN.poses[1] - PLAN.poses[0])):
+        seen = look()
+        assert np.isnan(seen.keypoints[[0, -1]]).all()
+        off = np.linalg.norm(seen.keypoints - plant.measure().keypoints, axis=1)[1:-1]
+        assert np.isfinite(off).sum() > 8
+        assert np.nanmax(off) < 0.001
+    assert plant.record()["known"] == 1.0
+    assert plant.record()["mean_error"] < 0.0006
+
+
+def test_strangers_are_in_the_picture_and_nobody_is_told():
+    plain, hiding = shot()
+    for stranger in ("cable", "arm"):
+        picture, told = shot(strangers=(stranger,))
+        assert np.array_equal(told, hiding)
+        assert (picture != plain).any(axis=2).sum() > 500
+    color = CableColor(color=(217, 89, 13))
+    masks = [cable_mask(each, color).sum() for each in (plain, shot(strangers=("cable",))[0])]
+    assert masks[1] > 1.5 * masks[0]
+
+
+def test_pictures_are_as_bright_and_of_the_colour_that_is_asked_for():
+    plain, hiding = (each.astype(float) for each in shot(blur=0.0))
+    assert np.abs(shot(blur=0.0, exposure=0.5)[0] - 0.5 * plain).max() <= 0.5
+    assert shot(blur=0.0, exposure=2.0)[0].max() == 255
+    changed = (shot(blur=0.0, tint=(0.2, 0.3, 0.9))[0] != plain).any(axis=2)
+    assert np.array_equal(changed, cable_mask(plain.astype(np.uint8), CableColor(color=(217, 89, 13))))
+    assert (shot(alike=True)[0] != plain).any(axis=2)[hiding.astype(bool)].any()
+
+
 def test_cameras_that_cannot_be_are_refused():
     with pytest.raises(UnknownNameError, match="below"):
         EyesConfig(cameras=("above", "below"))
@@ -74,5 +119,9 @@ def test_cameras_that_cannot_be_are_refused():
         EyesConfig(cameras=("above", "above"))
     with pytest.raises(InputError, match="dark"):
         EyesConfig(dark=(2.0, 1.0))
+    with pytest.raises(InputError, match="tint must be three numbers"):
+        EyesConfig(tint=(2.0, 1.0, 0.0))
+    with pytest.raises(UnknownNameError, match="cable"):
+        EyesConfig(strangers=("cat",))
     with pytest.raises(InputError, match="another one is given"):
         SolveOptions(plant=lambda task: None, eyes=EyesConfig())

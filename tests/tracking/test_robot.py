@@ -26,6 +26,7 @@ from cableway.tracking.watchdog import Watchdog
 ROD = PlanarRod(0.3)
 PLAN = straight_plan(ROD, steps=60)
 TASK = task_for(PLAN)
+GRIPPERS = Grippers()
 
 
 @pytest.fixture(scope="module")
@@ -235,17 +236,36 @@ def test_the_way_back_of_a_gripper_that_ran_into_something_ends_before_it(contro
     reached, pressed = loop.poses, len(plant.pressed)
     assert loop.give_in() is None
     assert loop.obstructed is None
-    assert loop.back_off(4) is None
+    for _ in range(4):
+        assert loop.back_off(1) is None
+        gaps = np.linalg.norm((PLAN.poses - loop.poses)[..., :2], axis=2)
+        assert gaps.max(axis=1).min() < 1e-3, "both are where the plan had them at once"
     assert len(plant.pressed) <= pressed + 1, "but in the step in which it still stands"
-    gaps = np.linalg.norm((PLAN.poses - loop.poses)[..., :2], axis=2)
-    assert gaps.max(axis=1).min() < 0.0065, "within a step both are where the plan had them at once"
     assert np.linalg.norm((loop.poses - reached)[1, :2]) > 0.01
+
+
+def test_a_trial_leads_the_grippers_no_farther_apart_than_they_have_been() -> None:
+    """The left one ran into something behind the right one: before it goes back, the right one does."""
+    robot, time = FollowingError(np.array([[0.2, 0.3, 0.0], [0.5, 0.3, 0.0]]), 0.1), 0.0
+    at, trials = robot.target.copy(), []
+    while robot.obstructed is None and time < 6.0:
+        assert not robot.failed
+        time += 0.1
+        motion = robot.stop(GRIPPERS) if robot.holding else robot.trial(GRIPPERS)
+        trials += [motion] if robot.on_trial else []
+        robot.commanded(motion if robot.holding or robot.on_trial else np.array([[0.01, 0.0, 0.0]] * 2))
+        at = np.minimum(robot.target, [[0.23, 0.3, 0.0], [np.inf] * 3])
+        robot.measured(Observation(time, np.zeros((13, 2)), at))
+        assert not robot.on_trial or np.ptp(robot.target[:, 0]) < 0.33 + 1e-9, "as far apart as where it was missed"
+    assert robot.obstructed == 0
+    assert trials[0][1, 0] < 0
+    assert not trials[0][0].any()
 
 
 @pytest.mark.parametrize("kept", [True, False], ids=["kept from going back", "goes back"])
 def test_a_gripper_that_was_not_let_back_is_not_taken_for_obstructed(kept: bool) -> None:
     """The last filter may keep it where it is; then nothing shows that it could have followed."""
-    still, grippers = np.array([[0.2, 0.3, 0.0], [0.5, 0.3, 0.0]]), Grippers()
+    still = np.array([[0.2, 0.3, 0.0], [0.5, 0.3, 0.0]])
     robot, time, at = FollowingError(still, 0.1), 0.0, still.copy()
 
     def sent(action: np.ndarray, most: float) -> None:
@@ -261,7 +281,7 @@ def test_a_gripper_that_was_not_let_back_is_not_taken_for_obstructed(kept: bool)
     for _ in range(40):
         if robot.obstructed is not None or robot.failed:
             break
-        motion = robot.stop(grippers) if robot.holding else robot.trial(grippers)
+        motion = robot.stop(GRIPPERS) if robot.holding else robot.trial(GRIPPERS)
         sent(np.maximum(motion, 0.0) if kept and not robot.holding else motion, 0.02)
     assert robot.obstructed == (None if kept else 1)
 

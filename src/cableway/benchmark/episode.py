@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
+from cableway.benchmark.conditions import condition_of
 from cableway.benchmark.contacts import is_unavoidable
 from cableway.benchmark.faulty import FAULTS, FaultyController
 from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
@@ -24,6 +25,7 @@ from cableway.records import Attempt, Plan
 from cableway.report import Report
 from cableway.scene.files.loading import load_task
 from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.perturbations.sensing import SensingConfig
 from cableway.simulation.perturbations.variants import FAULTS_SUITE, named_perturbation
 from cableway.tracking import Watchdog
 from cableway.workflow.compilation import EXAMPLE
@@ -85,6 +87,13 @@ class Result:
         control_p99: Of the same.
         control_max: Of the same.
         missed: Control steps that missed the deadline; None where there is none.
+        condition: As in `Episode`.
+        tracking_error: Mean distance of the keypoints found in pictures from the true ones, over the frames in which
+            the cable was known; None where there are no cameras.
+        tracking_p99: 99th percentile of the same, over all keypoints of all these frames.
+        hidden: Mean share of the cable that no camera shows.
+        unknown: Share of the frames in which the cable was not known.
+        lost: Whether it was taken to be where it was not, or was not known at the end, see `tracking.eyes.LOST`.
         reference_time: Wall time of a million additions in a plain Python loop, just before.
     """
 
@@ -119,6 +128,12 @@ class Result:
     control_p99: float | None = None
     control_max: float | None = None
     missed: int | None = None
+    condition: str = ""
+    tracking_error: float | None = None
+    tracking_p99: float | None = None
+    hidden: float | None = None
+    unknown: float | None = None
+    lost: bool | None = None
     reference_time: float | None = None
 
 
@@ -185,12 +200,18 @@ def run_job(job: Job) -> Scored:
 def _score(job: Job) -> Scored:
     episode, task = job.episode, job.episode.load()
     perturbation = named_perturbation(episode.plant, task, episode.seed)
+    eyes = None
+    if episode.condition:  # the noise and latency of the plant's keypoints are those of another way to know the cable
+        perturbation = replace(perturbation, sensing=SensingConfig())
+        tracker = _method(job.source).tracker
+        eyes = tracker and condition_of(episode.condition).seen(episode.seed, tracker)
     controller = _controller(job.source)
     if episode.plant in FAULTS:
         controller = FaultyController(controller, episode.plant, episode.seed)
     options = _method(job.source).options(
         controller=controller,
         perturbation=perturbation,
+        eyes=eyes,
         seed=episode.seed,
         track=episode.suite != BLOCKED,
         deadline=job.deadline,
@@ -285,9 +306,18 @@ def _measured(job: Job, run: Run, perturbation: Perturbation) -> Result:
             "within_limits": _within_limits(report),
             "gripper_travel": None if report.gripper_travel is None else sum(report.gripper_travel),
         }
+        figures |= _of_eyes(rollout.metadata.get("eyes"))
     if report.control_time is not None:
         figures |= {f"control_{name}": seconds for name, seconds in asdict(report.control_time).items()}
     return Result(**_known(job), **figures, detail=_detail(report))
+
+
+def _of_eyes(record: Mapping[str, Any] | None) -> dict[str, Any]:
+    """What `SeenPlant.record` says of how well the cable was seen."""
+    if record is None:
+        return {}
+    errors = {"tracking_error": record["mean_error"], "tracking_p99": record["p99_error"]}
+    return {**errors, "hidden": record["hidden"], "unknown": 1 - record["known"], "lost": record["lost"]}
 
 
 def _within_limits(report: Report) -> bool | None:

@@ -14,6 +14,7 @@ from cableway.core.deprecation import renamed_value
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.plugins import is_plugin, load_plugin, require_name
 from cableway.core.provenance import PACKAGE, versions
+from cableway.perception.markers import Tracker
 from cableway.planning.named import PLANNERS
 from cableway.records import Plan
 from cableway.scene.task import Task
@@ -50,6 +51,7 @@ class Method:
         rehearses: Whether plans are rehearsed where the cable asks for it; those of a function never are.
         recovers: Whether a cable that left its plan is stopped and replanned for.
         follows_unverified: Whether the closest attempt is followed where no plan verifies.
+        tracker: What finds the cable in pictures, in suites with cameras; None where true keypoints are given instead.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Method:
     rehearses: bool = True
     recovers: bool = True
     follows_unverified: bool = False
+    tracker: Tracker | None = "rod"
 
     def __post_init__(self) -> None:
         if not self.name or not all(letter.isalnum() or letter in "-_." for letter in self.name):
@@ -148,6 +151,10 @@ def _all() -> tuple[Method, ...]:
               "bdm-mpc": ("the bidirectional LSTM", "bilstm")}  # fmt: skip
     return (
         Method(name=DEFAULT, description=f"{ours}, adaptive rod MPC"),
+        Method(name="true-keypoints", description=f"{ours}, adaptive rod MPC; where there are cameras, true keypoints, "
+               "without noise or latency", tracker=None),
+        Method(name="markers", description=f"{ours}, adaptive rod MPC; where there are cameras, by markers",
+               tracker="markers"),
         Method(name="unrehearsed", description=f"{ours}, not rehearsed; adaptive rod MPC", rehearses=False),
         Method(name="rod-jacobian", description=f"{ours}, feedback by the rod's derivative", controller="rod-jacobian"),
         Method(name="broyden", description=f"{ours}, feedback by a learned derivative (the paper's Jacob-IK)",
@@ -155,8 +162,8 @@ def _all() -> tuple[Method, ...]:
         Method(name="open-loop", description=f"{ours}, in open loop", controller="open-loop", recovers=False),
         *(Method(name=name, description=f"{ours}, our neural MPC with {what}", controller="neural-mpc", model=model)
           for name, (what, model) in neural.items()),
-        Method(name="tang2025-tracking", description=f"{ours}, neural MPC as in the paper", controller="tang2025"),
-        Method(name="tang2025", description=f"{paper}; neural MPC as in the paper", controller="tang2025",
+        Method(name="tang2025-tracking", description=f"{ours}; the paper's MPC and network", controller="tang2025"),
+        Method(name="tang2025", description=f"{paper}; its MPC and network", controller="tang2025",
                planner="tang2025", rehearses=False, recovers=False, follows_unverified=True),
         *(Method(name=f"{name}-plan", description=f"{PLANNERS[name].description}; adaptive rod MPC", planner=name,
                  rehearses=False) for name in ("straight", "slide", "rrt-connect", "tang2025-refined")),

@@ -17,6 +17,7 @@ import numpy as np
 
 from cableway.core.deprecation import renamed_value
 from cableway.core.errors import TaskError, UnknownNameError
+from cableway.planning.moved_ends import set_up
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import cable_from_preset, catalogue_file, load_task, task_names
 from cableway.scene.files.saving import task_text
@@ -38,10 +39,12 @@ class Episode:
         name: Its own name, unique in the suite.
         task: A task of the catalogue, or the kind and seed of a random one, with the width of its passage after "@";
             after "^" the length [m] of its cable, to which all is scaled; after "~" the preset and the length of
-            another cable, which starts and ends in the same shapes, scaled.
+            another cable, which starts and ends in the same shapes, scaled; after "+" the cell that it is put into,
+            its ends moved where the arms could not hold them.
         plant: Name of the plant.
         seed: Of the planner and of the noise.
         digest: First half of the SHA-256 of the task's YAML, in hexadecimal digits.
+        condition: Of the cameras by which the cable is known, one of `conditions.CONDITIONS`; "" without cameras.
     """
 
     suite: str
@@ -50,6 +53,7 @@ class Episode:
     plant: str
     seed: int
     digest: str
+    condition: str = ""
 
     def load(self) -> Task:
         """The task.
@@ -71,9 +75,10 @@ class Suite:
         name: Its name.
         version: Goes up when a list changes.
         description: One sentence.
-        groups: What the episodes are grouped by in tables: "task", "kind", "plant" or "cable".
+        groups: What the episodes are grouped by in tables: "task", "kind", "plant", "cable" or "condition".
         sizes: Number of episodes of each size.
         own_sizes: The same for the default method, where that is held to more.
+        beside: Methods that are run beside those that are asked for, to compare with.
     """
 
     name: str
@@ -82,6 +87,7 @@ class Suite:
     groups: str
     sizes: tuple[int, int, int]
     own_sizes: tuple[int, int, int] | None = None
+    beside: tuple[str, ...] = ()
 
     def episodes(self, size: str, own: bool = False) -> tuple[Episode, ...]:
         """The episodes of a size; `own`: for the default method.
@@ -115,6 +121,8 @@ SUITES = {
               (20, 120, 520)),
         Suite("cell", 2, "obstacles of 5 and 10 cm, few to many, between two arms with 2F-85, usual and long fingers; "
               "milder cables in space on a table", "plant", (12, 120, 360)),
+        Suite("eyes", 1, "obstacles of 5 and 10 cm and the paper's tasks between two arms, the cable known by rendered "
+              "pictures alone; the cables of cell", "condition", (6, 56, 168), beside=("true-keypoints",)),
         Suite("lengths", 1, "clutter; cables of 0.15 to 2 m, everything on the table scaled", "cable", (12, 96, 480)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
         Suite("lab-constrained", 1, "the paper's three tasks with obstacles, cables of its seven kinds, placed and "
@@ -158,17 +166,20 @@ def frozen_episodes(suite: str) -> tuple[Episode, ...]:
     text = (resources.files("cableway.benchmark") / "frozen" / f"{suite}.csv").read_text()
     rows = csv.DictReader(text.splitlines())
     return tuple(
-        Episode(suite, row["episode"], row["task"], row["plant"], int(row["seed"]), row["digest"]) for row in rows
+        Episode(
+            suite, row["episode"], row["task"], row["plant"], int(row["seed"]), row["digest"], row.get("condition", "")
+        )
+        for row in rows
     )
 
 
 def kind_of(task: str) -> str:
     """What a task belongs to in tables: itself in the catalogue, or the kind of random task, with its width.
 
-    >>> kind_of("slot-20001@0.025"), kind_of("maze-1"), kind_of("real-maze~rubber-0.17")
+    >>> kind_of("slot-20001@0.025"), kind_of("maze-1+dual-ur5e"), kind_of("real-maze~rubber-0.17")
     ('slot 25 mm', 'maze-1', 'real-maze')
     """
-    task = task.partition("~")[0].partition("^")[0]
+    task = task.partition("+")[0].partition("~")[0].partition("^")[0]
     if task in task_names():
         return task
     name, _, width = task.partition("@")
@@ -191,6 +202,9 @@ def make_task(reference: str) -> Task:
     Raises:
         InputError: There is none.
     """
+    reference, _, cell = reference.partition("+")
+    if cell:
+        return set_up(make_task(reference), cell, move=True).task
     base, _, cable = reference.partition("~")
     base, _, length = base.partition("^")
     if base in task_names():

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
+from cableway.benchmark.conditions import condition_of
 from cableway.benchmark.episode import Result, reference_time
 from cableway.benchmark.methods import Method
 from cableway.benchmark.statistics import difference, estimate, quantiles
@@ -32,6 +33,8 @@ def each_of(results: Results) -> Iterator[Result]:
 def group_of(result: Result) -> str:
     """What a result is grouped by in its suite's tables."""
     by = SUITES[result.suite].groups
+    if by == "condition":
+        return result.condition
     return result.plant if by == "plant" else cable_of(result.task) if by == "cable" else kind_of(result.task)
 
 
@@ -71,11 +74,13 @@ def summary(results: Results, methods: Sequence[Method], size: str, configuratio
 
 
 def suite_figures(suite: str, rows: Mapping[str, Sequence[Result]]) -> dict[str, Any]:
-    """Figures of one suite by method, and what is different in each plant."""
+    """Figures of one suite by method, and what is different in each plant and condition."""
     first = next(iter(rows.values()))
+    conditions = [name for name in dict.fromkeys(result.condition for result in first) if name]
     return {
         "version": SUITES[suite].version,
         "plants": {name: variant(name).description for name in dict.fromkeys(result.plant for result in first)},
+        **({"conditions": {name: condition_of(name).description for name in conditions}} if conditions else {}),
         "methods": {name: _figures(found) | _against(found, first) for name, found in rows.items()},
     }
 

@@ -10,8 +10,8 @@ from cableway.benchmark.suites import PLANNER_SUITES, SUITES
 from cableway.metrics import METRICS, Metric
 
 COLUMNS = ("success", "strict", "strict_reachable", "survived", "contact", "avoidable_contact", "shape_error",
-           "above_least_achievable", "deviation", "clearance", "planning_time", "control_time", "control_p99",
-           "missed")  # fmt: skip
+           "above_least_achievable", "deviation", "clearance", "tracking_error", "tracking_p99", "hidden", "unknown",
+           "lost", "planning_time", "control_time", "control_p99", "missed")  # fmt: skip
 """Metrics of the tables."""
 
 COMPARED = ("success", "strict", "contact", "shape_error", "deviation", "clearance", "planning_time", "control_time")
@@ -66,8 +66,8 @@ def suite_tables(suite: str, figures: Mapping[str, Any]) -> list[Table]:
     """
     methods, by = figures["methods"], SUITES[suite].groups
     tables = [_figures("methods", "method", methods)]
-    if by == "plant":
-        tables.append(Table("plants", (("plant", "what differs"), *figures["plants"].items())))
+    if by in ("plant", "condition"):
+        tables.append(Table(f"{by}s", ((by, "what differs"), *figures[f"{by}s"].items())))
     if len(methods) > 1:
         tables.append(_differences(methods))
     return tables + [_figures(name, by, found["groups"]) for name, found in methods.items() if len(found["groups"]) > 1]

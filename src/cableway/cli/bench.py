@@ -21,6 +21,7 @@ from cableway.core.errors import InputError
 if TYPE_CHECKING:
     from cableway.benchmark.episode import Job, Result
     from cableway.benchmark.methods import Method
+    from cableway.benchmark.suites import Suite
     from cableway.benchmark.summary import Results
 
 CSV, SUMMARY, TABLES, PAGE, BASELINE = "results.csv", "summary.json", "tables.md", "report.html", "baseline.json"
@@ -37,15 +38,16 @@ class Bench(EpisodeOptions):
     suites: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SUITES")]
     """Names, separated by commas, or all. Suites that judge planners, as open loop succeeds in them too: paper,
     clutter, dense, corridors, mazes, sensing, unconstrained, blocked. Suites that judge controllers: plants,
-    plants-rough, table, limp, faults, cell, lengths, lab-constrained, lab-unconstrained, lab-drawn."""
+    plants-rough, table, limp, faults, cell, eyes, lengths, lab-constrained, lab-unconstrained, lab-drawn."""
 
     size: Annotated[str, tyro.conf.arg(metavar="{quick,standard,full}")] = "quick"
     """How many episodes of each suite."""
 
     methods: str = "cableway"
-    """Names, separated by commas: cableway, unrehearsed, rod-jacobian, broyden, open-loop, tdm-mpc, cdm-mpc, bdm-mpc,
-    tang2025, tang2025-tracking, tang2025-plan, tang2025-refined-plan, straight-plan, slide-plan, rrt-connect-plan;
-    FILE.py:NAME or package.module:NAME for your own, whose code is run."""
+    """Names, separated by commas: cableway, true-keypoints, markers, unrehearsed, rod-jacobian, broyden, open-loop,
+    tdm-mpc, cdm-mpc, bdm-mpc, tang2025, tang2025-tracking, tang2025-plan, tang2025-refined-plan, straight-plan,
+    slide-plan, rrt-connect-plan; FILE.py:NAME or package.module:NAME for your own, whose code is run. In eyes,
+    true-keypoints is always run, too."""
 
     episodes: Maybe[str] = None
     """Only these episodes, separated by commas; by default, all."""
@@ -61,13 +63,16 @@ class Bench(EpisodeOptions):
         """Carry the command out and return its exit status."""
         from cableway.benchmark.gate import read_baseline, regressions
         from cableway.benchmark.methods import load_method
+        from cableway.benchmark.suites import SUITES, get_suite
         from cableway.benchmark.summary import each_of
         from cableway.core.files import only_writer
 
         terminal, folder = Terminal(self), self.folder("bench")
         before = None if self.against is None else read_baseline(self.against)
-        methods = {source: load_method(source) for source in self.methods.split(",")}
-        jobs = self._jobs(methods)
+        suites = [get_suite(name) for name in (SUITES if self.suites == "all" else self.suites.split(","))]
+        beside = [source for suite in suites for source in suite.beside]
+        methods = {source: load_method(source) for source in dict.fromkeys([*beside, *self.methods.split(",")])}
+        jobs = self._jobs(suites, methods)
         with only_writer(folder), terminal.progress() as progress:
             results = self.results(jobs, folder, progress)
             about = self._write(results, jobs, list(methods.values()), folder)
@@ -80,27 +85,30 @@ class Bench(EpisodeOptions):
             terminal.note(f"worse than {self.against}: {sentence}")
         return 1 if worse else 0
 
-    def _jobs(self, methods: Mapping[str, Method]) -> list[Job]:
-        """All jobs of the run, suite by suite, the methods of an episode one after the other."""
+    def _jobs(self, suites: Sequence[Suite], methods: Mapping[str, Method]) -> list[Job]:
+        """All jobs of the run, suite by suite, the methods of an episode one after the other: those beside which others
+        are to be seen first."""
         from cableway.benchmark.episode import jobs_of
         from cableway.benchmark.methods import DEFAULT
-        from cableway.benchmark.suites import SUITES, episode_name, get_suite
+        from cableway.benchmark.suites import episode_name
 
         if len({method.name for method in methods.values()}) < len(methods):
             raise InputError(f"--methods: two methods of {self.methods!r} have the same name")
-        names = list(SUITES) if self.suites == "all" else self.suites.split(",")
         jobs: list[Job] = []
-        for suite in map(get_suite, names):
-            own = [(source, suite.episodes(self.size, own=source == DEFAULT)) for source in methods]
+        asked = self.methods.split(",")
+        for suite in suites:
+            chosen = dict.fromkeys([*suite.beside, *asked])
+            own = [(source, suite.episodes(self.size, own=source == DEFAULT)) for source in chosen]
             each = [jobs_of(source, episodes, self.deadline) for source, episodes in own]
             jobs += [job for row in zip_longest(*each) for job in row if job is not None]
         if self.episodes is None:
             return jobs
         wanted, known = [episode_name(name) for name in self.episodes.split(",")], {job.episode.name for job in jobs}
+        names = ", ".join(suite.name for suite in suites)
         for name in wanted:
             if name not in known:
-                raise InputError(f"--episodes: no {name!r} in {', '.join(names)} of size {self.size}, whose episodes "
-                                 f"are like {jobs[0].episode.name!r} and {jobs[-1].episode.name!r}")  # fmt: skip
+                raise InputError(f"--episodes: no {name!r} in {names} of size {self.size}, whose episodes are like "
+                                 f"{jobs[0].episode.name!r} and {jobs[-1].episode.name!r}")  # fmt: skip
         return [job for job in jobs if job.episode.name in wanted]
 
     def _write(self, results: Results, jobs: Sequence[Job], methods: Sequence[Method], folder: Path) -> dict[str, Any]:

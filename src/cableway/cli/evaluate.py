@@ -42,7 +42,8 @@ class Evaluate(PictureOptions):
     """Open-loop error of models on data sets against the horizon; models that differ in their seed are one."""
 
     models: Annotated[tyro.conf.Positional[tuple[str, ...]], option(metavar="[MODEL ...]")] = ()
-    """Shipped models (bilstm, conv, hybrid, linear, mlp, rod, transformer), or files; by default, all shipped ones."""
+    """Shipped models (bilstm, conv, hybrid, linear, mlp, rod, transformer, tang2025-bdm, tang2025-cdm, tang2025-tdm),
+    or files; by default, all shipped ones."""
 
     data: tuple[Path, ...] = (Path("runs/collect"),)
     """Data sets from `cableway collect`, or recordings (CSV, NPZ, YAML), that the models were not trained on."""

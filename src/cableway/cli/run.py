@@ -30,11 +30,11 @@ class Run(PlanOptions):
     """The controller, or a class of your own, whose code is run; by default rod-mpc, neural-mpc with a --model."""
 
     model: Maybe[str] = None
-    """Deformation model of neural-mpc: bilstm, conv, hybrid, linear, mlp, rod, transformer, or a .safetensors file;
-    by default, conv."""
+    """Deformation model of neural-mpc or tang2025: bilstm, conv, hybrid, linear, mlp, rod, transformer, tang2025-bdm,
+    tang2025-cdm, tang2025-tdm, or a .safetensors file; by default, conv and tang2025-tdm."""
 
     adapt: Flag = False
-    """Adapt the model of neural-mpc to the cable while it runs."""
+    """Adapt the model to the cable while it runs."""
 
     plant: Annotated[str | None, option(metavar="{FILE.yaml,package.module:Class}")] = None
     """Perturbations of the simulated plant (cable, grasp, noise, latency), or another plant, whose code is run.
@@ -44,8 +44,9 @@ class Run(PlanOptions):
     """Places of cameras, one or more: the controller knows the cable by their rendered pictures alone. By default, it
     gets the keypoints of the plant."""
 
-    tracker: Annotated[str | None, option(metavar="{rod}")] = None
-    """What finds the cable in the pictures of the cameras; by default, rod."""
+    tracker: Annotated[str | None, option(metavar="{rod,markers}")] = None
+    """What finds the cable in the pictures of the cameras: by its own colour, or by coloured markers on it; by default,
+    rod."""
 
     deadline: Maybe[float] = None
     """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""

@@ -17,6 +17,8 @@ from cableway.core.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
+    from cableway.workflow.seeing import Eye
+
 KEYPOINTS, OVERLAY = "keypoints.csv", "overlay.mp4"
 """What it leaves."""
 
@@ -26,13 +28,18 @@ class See(Options):
     """Find a cable in pictures: keypoints.csv, a recording, and overlay.mp4. Needs pip install 'cableway[vision]'."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    """A video file, a folder of pictures, or the number of a camera."""
+    """A video file, a folder of pictures, or the number of a camera; of several cameras, separated by commas."""
 
-    calibration: Annotated[Path, tyro.conf.arg(metavar="CAMERA.json")]
-    """The camera, as `calibrate` writes it."""
+    calibration: Annotated[str, tyro.conf.arg(metavar="CAMERA.json")]
+    """The camera, as `calibrate` writes it; of several cameras in the order of their sources, separated by commas."""
 
     color: Annotated[str, tyro.conf.arg(metavar="R,G,B")]
-    """Colour of the cable in the pictures, from 0 to 255."""
+    """Colour of the cable in the pictures, from 0 to 255; with --tracker markers, that of the markers."""
+
+    hides: Annotated[str | None, option(metavar="MASK.png")] = None
+    """What may hide the cable, such as arms: for each camera a picture that is black where nothing does, or a video
+    file or a folder with one for each of its pictures. By default, that is not known, and a table seen where the cable
+    should be does not count against what was found."""
 
     task: Maybe[str] = None
     """A task with this cable; by default, a cable of 0.3 m with 13 keypoints."""
@@ -40,6 +47,9 @@ class See(Options):
     grippers: Annotated[Path | None, option(metavar="FILE.csv")] = None
     """Gripper poses by time, with the columns of a recording, for what is hidden to be found, too; by default, only
     what is seen is found."""
+
+    tracker: Annotated[str, tyro.conf.arg(metavar="{rod,markers}")] = "rod"
+    """What finds the cable with --grippers: its own pixels, or markers at its keypoints but for the ends."""
 
     rate: float = 30.0
     """Pictures per second, where the source does not say."""
@@ -56,37 +66,40 @@ class See(Options):
             raise InputError(f"--rate must be above 0 and at most 1000, got {self.rate}")
         if self.seconds is not None and not self.seconds > 0:
             raise InputError(f"--seconds must be above 0, got {self.seconds}")
+        if self.tracker == "markers" and self.grippers is None:
+            raise InputError("--tracker markers needs --grippers: the rod between them says which marker is which")
+        count = len(self.source.split(","))
+        for name in ("calibration", "hides"):
+            given = getattr(self, name)
+            if given is not None and len(given.split(",")) != count:
+                raise InputError(f"--{name} must be one for each of {count} sources, got {given}")
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         import numpy as np
 
         from cableway.core.files import only_writer
-        from cableway.figures.film import write_film
-        from cableway.perception.calibration_file import load_camera
-        from cableway.perception.capture import frames, marked, rate_of
+        from cableway.figures.film import beside, write_film
+        from cableway.perception.capture import marked
         from cableway.perception.segmentation import CableColor
         from cableway.scene.cable import Cable
         from cableway.scene.files.loading import load_task
         from cableway.workflow.seeing import GripperLog, Seen, see, write_recording
 
-        camera, color = load_camera(self.calibration), CableColor(color=self._color())
+        color = CableColor(color=self._color())
         cable = Cable() if self.task is None else load_task(self.task).cable
         grippers = None if self.grippers is None else GripperLog.load(self.grippers)
         folder, terminal, found = self.folder("see"), Terminal(self), list[Seen]()
-        rate = rate_of(self.source, self.rate)
-        pictures = frames(self.source, rate)
-        if self.seconds is not None:
-            most = self.seconds
-            pictures = takewhile(lambda frame: frame.time <= most, pictures)
+        eyes, rate = self._eyes()
 
         def overlaid() -> Iterator[np.ndarray]:
             """Pictures with what was found in them, noted in `found`; until Ctrl-C."""
             try:
-                for seen in see(pictures, camera, color, cable, grippers, 1 / rate):
-                    height = np.full((len(seen.keypoints), 1), cable.radius)
+                for seen in see(eyes, color, cable, grippers, 1 / rate, self.tracker):
+                    at = np.hstack([seen.keypoints, np.full((len(seen.keypoints), 1), cable.radius)])
                     found.append(seen.without_picture())
-                    yield marked(seen.frame.image, camera.project(np.hstack([seen.keypoints, height]))[0])
+                    shown = zip(eyes, seen.images, strict=True)
+                    yield beside([marked(image, eye.camera.project(at)[0]) for eye, image in shown])
             except KeyboardInterrupt:
                 if not found:
                     raise
@@ -95,7 +108,7 @@ class See(Options):
             write_film(folder / OVERLAY, rate, overlaid())
             write_recording(folder / KEYPOINTS, found)
         known = sum(each.known for each in found)
-        report = {"pictures": len(found), "known": known, "seconds": found[-1].frame.time, "folder": str(folder)}
+        report = {"pictures": len(found), "known": known, "seconds": found[-1].time, "folder": str(folder)}
         self.keep("see", report)
         rows = [
             ("pictures", f"{len(found)}, the cable found in {known}"),
@@ -103,6 +116,26 @@ class See(Options):
         ]
         terminal.result(report, pairs(rows))
         return 0 if known else 1
+
+    def _eyes(self) -> tuple[list[Eye], float]:
+        """The cameras, and the pictures per second of the first one.
+
+        Raises:
+            CablewayError: A file or a source cannot be read.
+        """
+        from cableway.perception.calibration_file import load_camera
+        from cableway.perception.capture import frames, rate_of
+        from cableway.workflow.seeing import Eye, masks
+
+        sources, eyes = self.source.split(","), list[Eye]()
+        hides, most = [None] * len(sources) if self.hides is None else self.hides.split(","), self.seconds
+        for source, calibration, hiding in zip(sources, self.calibration.split(","), hides, strict=True):
+            camera, rate = load_camera(calibration), rate_of(source, self.rate)
+            pictures = frames(source, rate)
+            if most is not None:
+                pictures = takewhile(lambda frame: frame.time <= most, pictures)
+            eyes.append(Eye(camera, pictures, None if hiding is None else masks(hiding, rate)))
+        return eyes, rate_of(sources[0], self.rate)
 
     def _color(self) -> tuple[float, float, float]:
         """Red, green and blue.

@@ -29,7 +29,8 @@ class Train(PictureOptions):
     """YAML file whose sections `model` and `training` say what to train; by default, those of --model."""
 
     model: str = "transformer"
-    """Shipped model to train anew where there is no `--config`: bilstm, conv, hybrid, linear, mlp, rod, transformer."""
+    """Shipped model to train anew where there is no `--config`: bilstm, conv, hybrid, linear, mlp, rod, transformer,
+    tang2025-bdm, tang2025-cdm, tang2025-tdm."""
 
     start: Annotated[str | None, option(name="from")] = None
     """A shipped model or a model file to start from; the kind stays the same. By default, weights are random."""

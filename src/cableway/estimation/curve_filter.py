@@ -1,8 +1,9 @@
 """The rod filter for points of unknown arc length: what a picture shows of a cable without marks.
 
-A point says how far the cable is from its prediction across the cable, and nothing along it. The rest is that of
-`rod_filter`: the same parameters, prior and drift, and so the same estimate. As the place on the rod to which a point
-belongs depends on the parameters, each update looks for it anew a few times (an iterated extended Kalman filter).
+A point says how far the cable is from its prediction across the cable, and nothing along it. Marks at the keypoints
+say that, too; which keypoint a mark is at follows from where the rod is expected, anew in every frame. The rest is that
+of `rod_filter`: the same parameters, prior and drift, and so the same estimate. As the place on the rod to which a
+point belongs depends on the parameters, each update looks for it anew a few times (an iterated extended Kalman filter).
 
 It searches in coordinates and parameters (q, p) of the rod, of which the grasps are a function, instead of for the rod
 between given ends: a branch of equilibria that ends at a fold as the grippers move on is no end of the search, which
@@ -12,6 +13,7 @@ bends or holds the rod a little otherwise, and slides to another branch where th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,6 +22,7 @@ from jaxtyping import Float
 
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.estimation import curve_kernels
+from cableway.estimation.naming import named
 from cableway.estimation.rod_filter import EstimatorConfig, RodEstimate, RodEstimator
 from cableway.rod.least_squares import Rule
 from cableway.rod.material import GRASPS, ROD
@@ -52,7 +55,8 @@ class CurveConfig(Checked):
         gate: Distance, in standard deviations, from which on a point is of something else.
         least: Least such distance [m].
         most: Largest such distance [m].
-        outlier: Distance, in standard deviations of the noise, from which on a point counts less.
+        mark: Standard deviation [m] of a mark, the same.
+        outlier: Distance, in standard deviations of the noise, from which on a point or a mark counts less.
 
     Raises:
         InputError: A value is out of range.
@@ -63,6 +67,7 @@ class CurveConfig(Checked):
     gate: Positive[float] = 3.0
     least: Positive[float] = 0.006
     most: Positive[float] = 0.04
+    mark: Positive[float] = 0.001
     outlier: Positive[float] = 2.0
 
 
@@ -75,6 +80,8 @@ class CurveFit:
         deviations: (2N + 1, 2, m) of the stations [m] by m errors of the estimate, independent and of variance 1 each.
         at: (k,) places of the points on the rod, in hinges from 0 to N.
         residuals: (k,) distances of the points from it, to its left [m]; NaN for those of something else.
+        marks: (n, 2) where the marks at the keypoints are seen [m], mean of all that show one; NaN where none does.
+        off: (b,) distances of all marks from their keypoints [m]; NaN for those of something else.
         strain: How improbable the rod is by what was known before: the distance of theta from that, in standard
             deviations, over the root of how many numbers it has.
         askew: Largest number by which an end is off where its gripper would hold it, in standard deviations of the
@@ -85,6 +92,8 @@ class CurveFit:
     deviations: Float[np.ndarray, "s 2 m"]
     at: Float[np.ndarray, "k"]
     residuals: Float[np.ndarray, "k"]
+    marks: Float[np.ndarray, "n 2"]
+    off: Float[np.ndarray, "b"]
     strain: float
     askew: float
 
@@ -122,7 +131,12 @@ class CurveEstimator(RodEstimator):
         self._units = np.concatenate([rod.units, self._spread[ROD]])
 
     def update_points(
-        self, estimate: RodEstimate, points: Float[np.ndarray, "k 2"], poses: Float[np.ndarray, "2 3"], speed: float
+        self,
+        estimate: RodEstimate,
+        points: Float[np.ndarray, "k 2"],
+        poses: Float[np.ndarray, "2 3"],
+        speed: float,
+        blobs: Sequence[Float[np.ndarray, "b 2"]] = (),
     ) -> tuple[RodEstimate, CurveFit | None]:
         """The estimate after a picture, and how its points lie beside the rod.
 
@@ -133,16 +147,22 @@ class CurveEstimator(RodEstimator):
             points: (k, 2) of the centre line [m], in any order; some may be of something else.
             poses: (2, 3) grippers at the time of the picture [m, m, rad].
             speed: Of the faster gripper then [m per control step].
+            blobs: (b, 2) of each camera, what may be marks [m], in any order.
         """
         points, poses = np.ascontiguousarray(points, dtype=float), np.ascontiguousarray(poses, dtype=float)
-        updated, fit = self._updated(estimate, points, poses, speed)
+        updated, fit = self._updated(estimate, points, poses, speed, blobs)
         if fit is not None and fit.strain > SURPRISING and estimate.updates:
             forgotten = replace(estimate, theta=self._nominal, covariance=np.eye(len(self._nominal)))
-            updated, fit = self._updated(forgotten, points, poses, speed)
+            updated, fit = self._updated(forgotten, points, poses, speed, blobs)
         return updated, fit
 
     def _updated(
-        self, estimate: RodEstimate, points: Float[np.ndarray, "k 2"], poses: Float[np.ndarray, "2 3"], speed: float
+        self,
+        estimate: RodEstimate,
+        points: Float[np.ndarray, "k 2"],
+        poses: Float[np.ndarray, "2 3"],
+        speed: float,
+        blobs: Sequence[Float[np.ndarray, "b 2"]],
     ) -> tuple[RodEstimate, CurveFit | None]:
         """See `update_points`."""
         expected, before = self._drifted(estimate)
@@ -150,19 +170,24 @@ class CurveEstimator(RodEstimator):
         noise = math.hypot(self.curve.noise, self._delay * speed)
         x = np.concatenate([estimate.q, expected[ROD]])
 
-        def fitted(points: Float[np.ndarray, "k 2"], weights: Float[np.ndarray, "k"]) -> Float[np.ndarray, "m m"]:
+        def fitted(
+            points: Float[np.ndarray, "k 2"], weights: Float[np.ndarray, "k"], marks: Float[np.ndarray, "v n 2"]
+        ) -> Float[np.ndarray, "m m"]:
             """Moves x; see `curve_kernels.fit`."""
-            far = self.curve.outlier * noise
-            units, modes = self._units, self.modes
-            return curve_kernels.fit(x, modes, poses, units, expected, root, points, weights, far, FITTING)
+            far, units, modes = self.curve.outlier * noise, self._units, self.modes
+            of = np.nonzero(np.isfinite(marks[..., 0]))
+            known = (marks[of], of[1] * self.rod.stride, 1 / math.hypot(self.curve.mark, self._delay * speed) ** 2)
+            return curve_kernels.fit(x, modes, poses, units, expected, root, points, weights, *known, far, FITTING)
 
-        normal = fitted(np.empty((0, 2)), np.empty(0))
+        normal, marks = fitted(np.empty((0, 2)), np.empty(0), np.empty((0, 1, 2))), np.empty((0, 1, 2))
         for _ in range(PASSES):
             held = self._held_by(x, poses)
             at, residuals = self._beside(points, held, normal, noise)
             used = np.isfinite(residuals) & (at > 0) & (at < self.rod.hinges)
             over = at[used].astype(int)  # all points over one hinge together count as one
-            normal = fitted(points[used], 1 / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2))
+            weights = 1 / (np.bincount(over, minlength=self.rod.hinges)[over] * noise**2)
+            marks = self._named(blobs, held, normal, noise)
+            normal = fitted(points[used], weights, marks)
         held = self._held_by(x, poses)
         if not np.isfinite(held.stations).all():
             return estimate, None
@@ -175,7 +200,8 @@ class CurveEstimator(RodEstimator):
             estimate, theta=held.theta, covariance=deviations @ deviations.T, q=x[: self.rod.dof],
             updates=estimate.updates + 1,
         )  # fmt: skip
-        return estimate, CurveFit(held.stations, held.by_x @ spread, at, residuals, strain, askew)
+        seen, off = self._marked(marks, blobs, held)
+        return estimate, CurveFit(held.stations, held.by_x @ spread, at, residuals, seen, off, strain, askew)
 
     def _held_by(self, x: Float[np.ndarray, "m"], poses: Float[np.ndarray, "2 3"]) -> _Held:
         """See `curve_kernels.held`."""
@@ -185,6 +211,31 @@ class CurveEstimator(RodEstimator):
         )  # fmt: skip
         curve_kernels.held(x, self.modes, poses, self._units, *held)
         return held
+
+    def _named(
+        self, blobs: Sequence[Float[np.ndarray, "b 2"]], held: _Held, normal: Float[np.ndarray, "m m"], noise: float
+    ) -> Float[np.ndarray, "v n 2"]:
+        """Of each camera the marks at the keypoints [m], NaN where there is none, by where they are expected."""
+        curve, stride = self.curve, self.rod.stride
+        keypoints, rows = held.stations[::stride], held.by_x[::stride] @ _inverse_root(normal)
+        reach = curve.gate * np.sqrt(np.sum(rows**2, axis=(1, 2)) + noise**2)
+        half = self.rod.length / (len(keypoints) - 1) / 2
+        reach = np.clip(reach, min(curve.least, half), min(curve.most, half))
+        reach[[0, -1]] = 0.0  # the ends, in the grippers, have none
+        return np.array([named(each, keypoints, reach) for each in blobs]).reshape(len(blobs), *keypoints.shape)
+
+    def _marked(
+        self, marks: Float[np.ndarray, "v n 2"], blobs: Sequence[Float[np.ndarray, "b 2"]], held: _Held
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "b"]]:
+        """`CurveFit.marks` and `CurveFit.off`."""
+        keypoints = held.stations[:: self.rod.stride]
+        if not len(marks):
+            return np.full_like(keypoints, np.nan), np.empty(0)
+        count = np.isfinite(marks[..., :1]).sum(axis=0)
+        away = np.linalg.norm(marks - keypoints, axis=2)
+        off = np.full(sum(map(len, blobs)), np.nan)
+        off[: np.isfinite(away).sum()] = away[np.isfinite(away)]
+        return np.nansum(marks, axis=0) / np.where(count, count, np.nan), off
 
     def _beside(
         self, points: Float[np.ndarray, "k 2"], held: _Held, normal: Float[np.ndarray, "m m"], noise: float

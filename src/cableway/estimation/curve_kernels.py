@@ -145,11 +145,12 @@ def _slope(at, nx, ny, by_x, row):
 
 
 @kernel
-def fit(x, modes, poses, units, expected, root, points, weights, outlier, rule):
-    """Move x to the rod that points and what is expected of theta make most likely. Returns the normal matrix (m, m)
-    there, its lower triangle.
+def fit(x, modes, poses, units, expected, root, points, weights, marks, of, weight, outlier, rule):
+    """Move x to the rod that points, marks and what is expected of theta make most likely. Returns the normal matrix
+    (m, m) there, its lower triangle.
 
-    A point counts by its distance from the centre line across it, far ones less (Huber).
+    A point counts by its distance from the centre line across it, a mark by that from its station along both axes, far
+    ones less (Huber).
 
     Args:
         x: (m,), see `held`, as are `modes`, `poses` and `units`.
@@ -160,6 +161,9 @@ def fit(x, modes, poses, units, expected, root, points, weights, outlier, rule):
         root: (p, p) R of its information R'R.
         points: (k, 2) [m].
         weights: (k,) 1 / variance [1/m^2].
+        marks: (b, 2) points of known arc length [m].
+        of: (b,) the stations that they are.
+        weight: 1 / variance of a mark [1/m^2].
         outlier: Distance [m] from which on a point counts less.
         rule: When the search ends.
     """
@@ -185,6 +189,12 @@ def fit(x, modes, poses, units, expected, root, points, weights, outlier, rule):
             _slope(at[i], nx, ny, by_x, row)
             add_row(search.trial_normal, search.trial_gradient, row, residual, weights[i] / far, 0)
             cost += weights[i] * (residual * residual if far == 1.0 else outlier * (2.0 * abs(residual) - outlier))
+        for i in range(len(marks)):
+            for k in range(2):
+                residual = stations[of[i], k] - marks[i, k]
+                far = max(1.0, abs(residual) / outlier)
+                add_row(search.trial_normal, search.trial_gradient, by_x[of[i], k], residual, weight / far, 0)
+                cost += weight * (residual * residual if far == 1.0 else outlier * (2.0 * abs(residual) - outlier))
         if not advance(search, 0.5 * cost, units, rule):
             break
     x[:] = search.x

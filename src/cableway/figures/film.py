@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -44,6 +44,16 @@ def write_film(path: Path, rate: float, frames: Iterable[np.ndarray]) -> None:
             raise CablewayError(f"{path}: the video could not be encoded ({error})") from error
         with film.open("rb") as source:
             write_atomically(path, lambda file: shutil.copyfileobj(source, file))
+
+
+def beside(pictures: Sequence[np.ndarray]) -> np.ndarray:
+    """Pictures (h, w, 3) in a row, with black below lower ones.
+
+    >>> beside([np.zeros((2, 3, 3), np.uint8), np.zeros((4, 5, 3), np.uint8)]).shape
+    (4, 8, 3)
+    """
+    tallest = max(len(each) for each in pictures)
+    return np.hstack([np.pad(each, ((0, tallest - len(each)), (0, 0), (0, 0))) for each in pictures])
 
 
 def _encode(path: Path, rate: float, shape: tuple[int, ...], frames: Iterator[np.ndarray]) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -53,6 +54,7 @@ class TrackerConfig(Checked):
         beside: Standard deviation [m] of how far a cable lies beside its rod.
         reach: How far along the cable that is alike, in lengths.
         fading: Time [s] in which it fades.
+        mark: Standard deviation [m] of where a marker is seen.
         sure: Standard deviation of a keypoint [m] at which its confidence is one half.
         patience: Time [s] from one look for another shape to the next one, where the rod does not explain what is seen.
         most_unexplained: Share of the points that are something else's, from which on the rod explains too little.
@@ -70,6 +72,7 @@ class TrackerConfig(Checked):
     beside: Positive[float] = 0.0007
     reach: Positive[float] = 0.12
     fading: Positive[float] = 2.0
+    mark: Positive[float] = 0.0005
     sure: Positive[float] = 0.004
     patience: NotNegative[float] = 0.1
     most_unexplained: Share = 0.3
@@ -96,13 +99,30 @@ class Track:
     looked: float = -math.inf
 
 
+class Evidence(NamedTuple):
+    """What pictures show of a cable.
+
+    Attributes:
+        points: Of its axis [m], in no order.
+        blobs: Of each camera what may be its marks [m].
+    """
+
+    points: Float[np.ndarray, "k 2"]
+    blobs: Sequence[Float[np.ndarray, "b 2"]] = ()
+
+    def __bool__(self) -> bool:
+        """Whether it is anything."""
+        return len(self.points) > 0 or any(map(len, self.blobs))
+
+
 @dataclass(frozen=True, eq=False)
 class Sighting:
     """What the tracker makes of one frame.
 
     Attributes:
         observation: Keypoints, hidden ones included, with confidence; the grippers as measured.
-        covariance: (n, 2, 2) of the keypoints [m^2].
+        keypoints: (n, 2) of the rod [m], all of them: those of the observation, unless that is of markers.
+        covariance: (n, 2, 2) of these [m^2].
         unexplained: Share of the points seen that are not on the rod; 0 where none is seen.
         missing: Share of the rod in view, and hidden by nothing known, where no cable is seen.
         hidden: Share of the rod that no camera shows.
@@ -113,6 +133,7 @@ class Sighting:
     """
 
     observation: Observation
+    keypoints: Float[np.ndarray, "n 2"]
     covariance: Float[np.ndarray, "n 2 2"]
     unexplained: float
     missing: float
@@ -164,15 +185,13 @@ class RodTracker:
         shapes = equilibria_at(self._cable.rod, poses)
         if not len(shapes):
             raise InputError("the cable has no stable shape between these gripper poses")
-        return self._best([self.start(poses, q) for q in shapes], self._points(views), views)[0]
+        return self._best([self.start(poses, q) for q in shapes], self._seen_in(views), views)[0]
 
-    def _best(
-        self, tracks: Sequence[Track], points: Float[np.ndarray, "k 2"], views: Sequence[View]
-    ) -> tuple[Track, float]:
+    def _best(self, tracks: Sequence[Track], shown: Evidence, views: Sequence[View]) -> tuple[Track, float]:
         """Of tracks before a frame that one which explains it best, and how badly it does, as a distance [m]."""
         costs = []
         for track in tracks:
-            _, fit = self._estimator.update_points(track.estimate, points, track.poses, 0.0)
+            _, fit = self._estimator.update_points(track.estimate, shown.points, track.poses, 0.0, shown.blobs)
             costs.append(math.inf if fit is None else self._cost(fit, views))
         best = int(np.argmin(costs))
         return tracks[best], costs[best]
@@ -180,7 +199,7 @@ class RodTracker:
     def _cost(self, fit: CurveFit, views: Sequence[View]) -> float:
         """How badly a rod explains what is seen: a distance [m]."""
         curve = self._estimator.curve
-        off = np.nan_to_num(np.abs(fit.residuals), nan=curve.most)
+        off = np.nan_to_num(np.abs(np.concatenate([fit.residuals, fit.off])), nan=curve.most)
         return (
             float(off.sum()) / max(len(off), 1) + curve.most * self._claimed(views, fit)[1] + curve.noise * fit.strain
         )
@@ -203,22 +222,22 @@ class RodTracker:
             raise InputError(f"poses must be finite numbers, got {np.asarray(poses).tolist()}")
         poses = SE2.continued(poses, track.poses)
         speed = float(np.linalg.norm(SE2.position(poses) - SE2.position(track.poses), axis=1).max())
-        points = self._points(views)
-        estimate, fit = self._estimator.update_points(track.estimate, points, poses, speed)
+        shown = self._seen_in(views)
+        estimate, fit = self._estimator.update_points(track.estimate, shown.points, poses, speed, shown.blobs)
         if fit is None:
             return self._lost(track, poses, time)
         field = track.field.later(self._kept).updated(*self._means(fit), self._config.pixel)
         seen = self._sighting(field, fit, views, poses, time)
         waited = time - track.looked
         likely = seen.explained and fit.strain <= STRAINED
-        if likely or not len(points) or 0 <= waited < self._config.patience:
+        if likely or not shown or 0 <= waited < self._config.patience:
             return Track(estimate, field, poses, track.looked), seen
-        other, cost = self._anew(replace(track, poses=poses, looked=time), points, views)
+        other, cost = self._anew(replace(track, poses=poses, looked=time), shown, views)
         if cost >= LESS * self._cost(fit, views):
             return Track(estimate, field, poses, time), seen
         return self.update(other, views, poses, time)
 
-    def _anew(self, track: Track, points: Float[np.ndarray, "k 2"], views: Sequence[View]) -> tuple[Track, float]:
+    def _anew(self, track: Track, shown: Evidence, views: Sequence[View]) -> tuple[Track, float]:
         """The shape of the cable as it is known that explains a frame best, whatever it was before; and see `_best`."""
         known, rod = track.estimate, self._cable.rod
         rod = replace(rod, length=known.length, modes=tuple(known.theta[ROD][1:]))
@@ -232,11 +251,22 @@ class RodTracker:
         fresh = self.start(track.poses, shapes[0])
         estimates = [replace(known, q=rod.continued(q, ends), covariance=fresh.estimate.covariance) for q in shapes]
         tracks = [replace(track, estimate=estimate, field=fresh.field) for estimate in estimates]
-        return self._best(tracks, points, views)
+        return self._best(tracks, shown, views)
 
-    def _points(self, views: Sequence[View]) -> Float[np.ndarray, "k 2"]:
+    def _seen_in(self, views: Sequence[View]) -> Evidence:
+        """What views show of the cable."""
         radius = self._cable.radius
-        return np.concatenate([np.empty((0, 2)), *(axis_points(view, radius) for view in views)])
+        return Evidence(np.concatenate([np.empty((0, 2)), *(axis_points(view, radius) for view in views)]))
+
+    def _looked_for(self) -> Float[np.ndarray, "m"]:
+        """Places on the rod, in hinges, that should be seen in the mask of a view."""
+        return self._places
+
+    def _observed(
+        self, keypoints: Float[np.ndarray, "n 2"], variance: Float[np.ndarray, "n"], fit: CurveFit
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
+        """What is observed of the keypoints [m], and its variance [m^2], given those of the rod."""
+        return keypoints, variance
 
     def _means(self, fit: CurveFit) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
         """Shares of the length of the hinges that are seen, and mean distances [m] of their points."""
@@ -262,8 +292,9 @@ class RodTracker:
         covariance += np.einsum("n,ni,nj->nij", np.diag(field.covariance) + config.pixel**2, normals, normals)
         variance = np.linalg.eigvalsh(covariance)[:, -1]
         keypoints = at + field.mean[:, None] * normals
-        on = fit.residuals[np.isfinite(fit.residuals)]
-        unexplained = 1 - len(on) / len(fit.residuals) if len(fit.residuals) else 0.0
+        beside = np.concatenate([fit.residuals, fit.off])
+        on = beside[np.isfinite(beside)]
+        unexplained = 1 - len(on) / len(beside) if len(beside) else 0.0
         hidden, missing = self._claimed(views, fit)
         residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
         nothing_against = (
@@ -274,13 +305,14 @@ class RodTracker:
         )
         explained = len(on) > 0 and nothing_against
         known = nothing_against and math.sqrt(variance.max()) <= config.most_unsure
+        observed, variance = self._observed(keypoints, variance, fit)
         confidence = config.sure**2 / (config.sure**2 + variance)
-        observation = Observation(time, keypoints, poses, taken=time, confidence=confidence)
-        return Sighting(observation, covariance, unexplained, missing, hidden, residual, explained, known)
+        observation = Observation(time, observed, poses, taken=time, confidence=confidence)
+        return Sighting(observation, keypoints, covariance, unexplained, missing, hidden, residual, explained, known)
 
     def _claimed(self, views: Sequence[View], fit: CurveFit) -> tuple[float, float]:
         """Share of the rod that no camera shows, and of what is in view that is missing."""
-        places = fit.places(self._places)[0]
+        places = fit.places(self._looked_for())[0]
         codes = np.array([seen_of(view, places, self._cable.radius) for view in views]).reshape(-1, len(places))
         seen, missing = (codes == kernels.SEEN).any(axis=0), (codes == kernels.MISSING).any(axis=0)
         return 1 - float(np.mean(seen)), float(missing.sum() / max((seen | missing).sum(), 1))
@@ -289,6 +321,6 @@ class RodTracker:
         """Where no rod of this length can be held by these grippers."""
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
-        nothing = np.full((n, 2, 2), np.inf)
+        nothing = (observation.keypoints, np.full((n, 2, 2), np.inf))
         track = Track(track.estimate, track.field, poses, track.looked)
-        return track, Sighting(observation, nothing, 1.0, 1.0, 1.0, 0.0, explained=False, known=False)
+        return track, Sighting(observation, *nothing, 1.0, 1.0, 1.0, 0.0, explained=False, known=False)

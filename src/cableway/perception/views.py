@@ -78,7 +78,7 @@ def axis_points(view: View, radius: float) -> Float[np.ndarray, "k 2"]:
     """
     pixels, width = centreline(view)
     points = view.camera.on_plane(pixels, radius)
-    expected = _width(view, points, radius)
+    expected = widths(view, points, radius)
     fits = np.abs(width - expected) <= WIDTH_SHARE * expected + WIDTH_PIXELS
     return points[fits]
 
@@ -92,14 +92,14 @@ def seen_of(view: View, points: Float[np.ndarray, "m 2"], radius: float) -> Int[
         radius: Of the cable [m].
     """
     pixels, _ = view.camera.project(np.column_stack([points, np.full(len(points), radius)]))
-    reach = SMALL * _width(view, points, radius) + 1.0
+    reach = SMALL * widths(view, points, radius) + 1.0
     hiding = np.ones(view.mask.shape, bool) if view.hiding is None else np.ascontiguousarray(view.hiding)
     out = np.empty(len(points), np.int64)
     kernels.claims(pixels, reach, view.cable, hiding, out)
     return out
 
 
-def _width(view: View, points: Float[np.ndarray, "k 2"], radius: float) -> Float[np.ndarray, "k"]:
+def widths(view: View, points: Float[np.ndarray, "k 2"], radius: float) -> Float[np.ndarray, "k"]:
     """Width of the cable in the picture [pixels] at points [m] of its axis."""
     pinhole = view.camera.pinhole
     ahead = pinhole.seen(np.column_stack([points, np.full(len(points), radius)]))[:, 2]

@@ -35,6 +35,7 @@ class Label(IntEnum):
     RIGHT_GRIPPER = 6
     LEFT_ARM = 7
     RIGHT_ARM = 8
+    STRANGER = 9
 
 
 GRIPPERS, ARMS = (Label.LEFT_GRIPPER, Label.RIGHT_GRIPPER), (Label.LEFT_ARM, Label.RIGHT_ARM)
@@ -52,6 +53,7 @@ class Look(NamedTuple):
         grippers: That at the left end of the cable, and at its right one.
         joints: Of an arm, the same.
         links: Of both arms, the tubes between their joints.
+        marker: Of bands about the inner keypoints of the cable; None where it has none.
     """
 
     table: Color
@@ -61,6 +63,7 @@ class Look(NamedTuple):
     grippers: tuple[Color, Color]
     joints: tuple[Color, Color]
     links: Color
+    marker: Color | None = None
 
 
 TOP = 0.03
@@ -83,6 +86,9 @@ UNLIMITED = 0.1
 
 FLUSH = 0.004
 """The same of walls [m], which would hide what is within them."""
+
+BAND = 1.04
+"""Radius of a marker over that of the cable; it is as long as the cable is wide."""
 
 DISC = 0.03
 """Height of grippers and plugs that state none [m]."""
@@ -148,6 +154,9 @@ class CellScene:
             raise InputError("the cable has no length")
         line = np.column_stack([cable, np.full(len(cable), radius)])
         yield tube(line, radius).painted(self._look.cable, Label.CABLE)
+        if self._look.marker is not None:
+            for band in self._bands(cable):
+                yield band.painted(self._look.marker, Label.CABLE)
         if joints is not None and self._kinematics is not None:
             poses = self._kinematics.poses(joints)
             yield from self._arms(self._kinematics, joints)
@@ -155,6 +164,13 @@ class CellScene:
             return
         for body in self._bodies:
             yield _hand(body, poses[body.side]).painted(self._look.grippers[body.side], GRIPPERS[body.side])
+
+    def _bands(self, cable: Float[np.ndarray, "m 2"]) -> Iterator[Surface]:
+        """The markers on a cable, whose keypoints are at equal distances along it."""
+        count, radius = self._task.cable.keypoints, self._task.cable.radius
+        for at in np.linspace(0.0, float(polyline.length(cable)), count)[1:-1]:
+            line = polyline.point_at(cable, at + radius * np.array([-1.0, 0.0, 1.0]))
+            yield tube(np.column_stack([line, np.full(3, radius)]), BAND * radius)
 
     def _arms(self, kinematics: CellKinematics, joints: Float[np.ndarray, "2 6"]) -> Iterator[Mesh]:
         assert self._task.cell is not None

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 ROUND = 24
 """Sides of a circle unless stated."""
@@ -58,6 +58,10 @@ class Mesh:
         """Several as one."""
         fields = zip(*((part.corners, part.normals, part.colors, part.labels) for part in parts), strict=True)
         return cls(*map(np.concatenate, fields))
+
+    def where(self, kept: Bool[np.ndarray, "f"]) -> Mesh:
+        """Some of its triangles."""
+        return Mesh(self.corners[kept], self.normals[kept], self.colors[kept], self.labels[kept])
 
 
 def circle(center: tuple[float, float], radius: float, sides: int = ROUND) -> Float[np.ndarray, "k 2"]:

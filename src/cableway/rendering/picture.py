@@ -111,6 +111,11 @@ def render(
     return Picture(color, depth, np.append(mesh.labels, 0)[nearest[middle, middle]])
 
 
+def labels(mesh: Mesh, camera: Camera) -> Int[np.ndarray, "h w"]:
+    """What is seen at each pixel, as in `Picture.label`, without the time that colours take."""
+    return np.append(mesh.labels, 0)[_seen(mesh, camera)[1]]
+
+
 def _lens(camera: Camera) -> Float[np.ndarray, "4"]:
     return np.array([*camera.focal, *camera.center], float)
 

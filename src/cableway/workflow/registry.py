@@ -83,9 +83,9 @@ CONTROLLERS = {
         extra="tang2025",
     ),
     "tang2025": ControllerEntry(
-        "the paper's MPC on a learned model",
+        "the paper's MPC on the paper's network",
         "cableway.tang2025.control.named:tang2025",
-        "transformer",
+        "tang2025-tdm",
         compiled=_JAX,
         cable=_CABLE,
         extra="tang2025",

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, UInt8
 
-from cableway.core.errors import FileFormatError, InputError
+from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.core.files import write_text
 from cableway.core.reading import LARGEST_TEXT, read_bytes
 from cableway.datasets.rows import POSES, TIME
 from cableway.geometry.groups import SE2
 from cableway.perception.calibration import CalibratedCamera
-from cableway.perception.capture import Frame
+from cableway.perception.capture import IMAGES, Frame, frames, picture
 from cableway.perception.chain import chained
+from cableway.perception.markers import TRACKERS
 from cableway.perception.rod_tracker import RodTracker, Track
 from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.perception.views import View, axis_points
@@ -26,27 +28,59 @@ from cableway.scene.cable import Cable
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What was found in one picture.
+class Eye:
+    """A camera with its pictures.
 
     Attributes:
-        frame: The picture.
+        camera: The camera.
+        frames: Its pictures.
+        hides: With each picture, which pixels may show something that hides the cable; None where that is not known.
+            Where it is, a table seen where the rod claims to be counts against the rod.
+    """
+
+    camera: CalibratedCamera
+    frames: Iterable[Frame]
+    hides: Iterable[Bool[np.ndarray, "h w"]] | None = None
+
+    def shots(self) -> Iterator[tuple[Frame, Bool[np.ndarray, "h w"] | None]]:
+        """Pictures with what hides the cable in them, until either ends.
+
+        Raises:
+            InputError: A picture, or what hides the cable, is not as large as the camera's.
+        """
+        width, height = self.camera.pinhole.size
+        for frame, hides in zip(self.frames, repeat(None) if self.hides is None else self.hides, strict=False):
+            for what, array in (("a picture", frame.image), ("a mask of what hides the cable", hides)):
+                if array is not None and array.shape[:2] != (height, width):
+                    got = " x ".join(map(str, array.shape[1::-1]))
+                    raise InputError(f"{what} is {got} pixels, and those of the calibration are {width} x {height}")
+            yield frame, hides
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What was found in the pictures of one time.
+
+    Attributes:
+        time: Of the first camera's picture [s].
+        images: Of each camera.
         keypoints: (n, 2) [m], NaN where nothing is known.
         poses: (2, 3) of the grippers then [m, m, rad]; None where they are not known.
     """
 
-    frame: Frame
+    time: float
+    images: tuple[UInt8[np.ndarray, "h w 3"], ...]
     keypoints: Float[np.ndarray, "n 2"]
     poses: Float[np.ndarray, "2 3"] | None
 
     @property
     def known(self) -> bool:
         """Whether the cable was found."""
-        return bool(np.isfinite(self.keypoints).all())
+        return bool(np.isfinite(self.keypoints).any())
 
     def without_picture(self) -> Seen:
-        """The same with an empty picture, so that a long film needs no memory."""
-        return replace(self, frame=Frame(self.frame.time, np.empty((0, 0, 3), np.uint8)))
+        """The same without pictures, so that a long film needs no memory."""
+        return replace(self, images=())
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,52 +125,71 @@ class GripperLog:
 
 
 def see(
-    frames: Iterable[Frame],
-    camera: CalibratedCamera,
+    eyes: Sequence[Eye],
     color: CableColor,
     cable: Cable,
     grippers: GripperLog | None = None,
     frame_step: float = 1 / 30,
+    tracker: str = "rod",
 ) -> Iterator[Seen]:
     """Find a cable in pictures, one after the other.
 
-    With gripper poses by the rod tracker; without them by the pixels alone, so that only what is seen is found.
+    With gripper poses by a tracker; without them by the pixels alone, so that only what is seen is found.
 
     Args:
-        frames: The pictures.
-        camera: That took them.
-        color: Of the cable.
+        eyes: The cameras, whose first, second ... pictures were taken at the same time each.
+        color: Of the cable, or of its markers.
         cable: Its radius and number of keypoints, and with gripper poses its length.
         grippers: Their poses by time.
         frame_step: Time [s] between two pictures.
+        tracker: What finds the cable with gripper poses, one of `markers.TRACKERS`.
 
     Raises:
-        InputError: A picture is not as large as the camera's, or the cable is too short for the grippers.
+        UnknownNameError: There is no such tracker; the message lists them.
+        InputError: A picture is not as large as its camera's, markers are to be found without gripper poses, or the
+            cable is too short for the grippers.
     """
-    width, height = camera.pinhole.size
-    tracker, track = RodTracker(cable, frame_step), None
+    if tracker not in TRACKERS:
+        raise UnknownNameError("tracker", tracker, TRACKERS)
+    if tracker == "markers" and grippers is None:
+        raise InputError("markers are named by the rod between the grippers, and no gripper poses are given")
+    follower, track = TRACKERS[tracker](cable, frame_step), None
     before: np.ndarray | None = None
-    for frame in frames:
-        if frame.image.shape != (height, width, 3):
-            got = " x ".join(map(str, frame.image.shape[1::-1]))
-            raise InputError(f"a picture is {got} pixels, and those of the calibration are {width} x {height}")
-        view = View(camera, cable_mask(frame.image, color))
+    for shots in zip(*(eye.shots() for eye in eyes), strict=False):
+        views = [
+            View(eye.camera, cable_mask(frame.image, color), hides)
+            for eye, (frame, hides) in zip(eyes, shots, strict=True)
+        ]
+        time, images = shots[0][0].time, tuple(frame.image for frame, _ in shots)
         if grippers is None:
-            found = chained(axis_points(view, cable.radius), cable.keypoints, before)
+            points = np.concatenate([axis_points(view, cable.radius) for view in views])
+            found = chained(points, cable.keypoints, before)
             before = before if found is None else found
-            yield Seen(frame, np.full((cable.keypoints, 2), np.nan) if found is None else found, None)
+            yield Seen(time, images, np.full((cable.keypoints, 2), np.nan) if found is None else found, None)
             continue
-        poses = grippers.at(frame.time)
-        track, keypoints = _followed(tracker, track, view, poses, frame.time)
-        yield Seen(frame, keypoints, poses)
+        poses = grippers.at(time)
+        track, keypoints = _followed(follower, track, views, poses, time)
+        yield Seen(time, images, keypoints, poses)
+
+
+def masks(source: str, rate: float) -> Iterator[Bool[np.ndarray, "h w"]]:
+    """Which pixels are not black: of one picture again and again, or of each of a video file or a folder.
+
+    Raises:
+        InputError: There is no such source, or nothing in it can be read.
+        MissingExtraError: OpenCV is not installed.
+    """
+    if Path(source).suffix.lower() in IMAGES:
+        return repeat(picture(Path(source)).max(axis=2) > 0)
+    return (frame.image.max(axis=2) > 0 for frame in frames(source, rate))
 
 
 def _followed(
-    tracker: RodTracker, track: Track | None, view: View, poses: Float[np.ndarray, "2 3"], time: float
+    tracker: RodTracker, track: Track | None, views: Sequence[View], poses: Float[np.ndarray, "2 3"], time: float
 ) -> tuple[Track, Float[np.ndarray, "n 2"]]:
-    """The track after a picture, and the keypoints, NaN where they are not known."""
-    track = tracker.found([view], poses) if track is None else track
-    track, seen = tracker.update(track, [view], poses, time)
+    """The track after pictures, and the keypoints, NaN where they are not known."""
+    track = tracker.found(views, poses) if track is None else track
+    track, seen = tracker.update(track, views, poses, time)
     keypoints = seen.observation.keypoints
     return track, keypoints if seen.known else np.full_like(keypoints, np.nan)
 
@@ -151,5 +204,5 @@ def write_recording(path: Path, seen: list[Seen]) -> None:
     for each in seen:
         numbers = [*each.keypoints.ravel(), *(each.poses.ravel() if each.poses is not None else ())]
         shown = ["" if np.isnan(number) else f"{number:.6f}" for number in numbers]
-        writer.writerow([f"{each.frame.time:.6f}", *shown])
+        writer.writerow([f"{each.time:.6f}", *shown])
     write_text(path, text.getvalue())

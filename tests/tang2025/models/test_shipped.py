@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
 from cableway.core.configuration import from_mapping
 from cableway.datasets.reading import load_transitions
+from cableway.records import Transitions
 from cableway.scene.cable import Cable
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig
@@ -37,12 +39,25 @@ def test_it_beats_the_baselines_on_fresh_transitions(cable, better, tmp_path):
         assert row.p95 < blend.p95
 
 
+@pytest.fixture(scope="module")
+def others(tmp_path_factory):
+    """Other transitions of a kind, collected once."""
+
+    @cache
+    def collected(config: CollectionConfig) -> Transitions:
+        folder = tmp_path_factory.mktemp("others")
+        collect(config, folder)
+        return load_transitions(folder)
+
+    return collected
+
+
 @pytest.mark.parametrize("name", model_names())
-def test_it_predicts_as_its_card_says(name, tmp_path):
+def test_it_predicts_as_its_card_says(name, others):
     """The medians over other episodes of the kind it was trained on, within a third."""
     config = from_mapping(CollectionConfig, read_training_config(shipped_config(name)).collection, "collection")
-    collect(replace(config, transitions=3000, seed=OTHER_SEED), tmp_path)
-    table = evaluate({"model": load_model(name)}, load_transitions(tmp_path), horizons=(1, 10), stride=5)
+    data = others(replace(config, transitions=3000, seed=OTHER_SEED))
+    table = evaluate({"model": load_model(name)}, data, horizons=(1, 10), stride=5)
     said = {row["horizon"]: row["median"] for row in read_card(name)["errors"]["model"]}
     assert [row.median for row in table["model"]] == pytest.approx([said[1], said[10]], rel=1 / 3)
 

@@ -91,13 +91,14 @@ def model_file(name_or_path: str | Path) -> Path:
     return WEIGHTS / f"{text}{SUFFIX}"
 
 
-def save_model(path: Path | str, model: LearnedModel, card: dict[str, Any]) -> None:
+def save_model(path: Path | str, model: LearnedModel, card: dict[str, Any], *, half: bool = False) -> None:
     """Write a model and its card, atomically.
 
     Args:
         path: The file, by custom ending in `.safetensors`.
         model: The model, normalisation included.
         card: Plain data on how it was made, see `cableway.tang2025.models.recipe.make_model`.
+        half: Whether matrices of weights are rounded to half precision, for a file half as large.
     """
     metadata = {
         "format": FORMAT,
@@ -106,7 +107,8 @@ def save_model(path: Path | str, model: LearnedModel, card: dict[str, Any]) -> N
         "config": describe(model.config),
         "card": card,
     }
-    write_tree(Path(path), model, metadata)
+    rounded = jax.tree.map(lambda leaf: leaf.astype(jnp.float16) if half and _is_matrix(leaf) else leaf, model)
+    write_tree(Path(path), rounded, metadata)
 
 
 def load_model(name_or_path: str | Path) -> DeformationModel:
@@ -217,6 +219,8 @@ def read_tree(path: Path, like: Tree) -> Tree:
         raise FileFormatError(f"{path}: array {name!r} is {'missing' if name in wanted else 'not of this model'}")
     for name, leaf in wanted.items():
         found = arrays[name]
+        if found.dtype == np.float16 and leaf.dtype == np.float32:
+            found = arrays[name] = found.astype(np.float32)
         if found.shape != leaf.shape or found.dtype != leaf.dtype:
             raise FileFormatError(
                 f"{path}: array {name!r} is {found.dtype}{list(found.shape)}, not {leaf.dtype}{list(leaf.shape)}"
@@ -249,6 +253,10 @@ def _digest(arrays: dict[str, np.ndarray], metadata: dict[str, Any]) -> str:
 
 def _is_array(leaf: Any) -> bool:
     return eqx.is_array(leaf) or isinstance(leaf, jax.ShapeDtypeStruct)
+
+
+def _is_matrix(leaf: Any) -> bool:
+    return eqx.is_inexact_array(leaf) and leaf.ndim > 1
 
 
 def _named_arrays(tree: Any) -> list[tuple[str, Any]]:

@@ -42,7 +42,8 @@ def identified(kind: str, cable: str, folder: Path, transitions: int, progress: 
 def fine_tuned(kind: str, cable: str, folder: Path, transitions: int, progress: OnProgress) -> LearnedModel:
     """The shipped model of that kind, trained on with data of one cable."""
     recipe = _shipped(kind)
-    training = replace(recipe.training, epochs=TUNING_EPOCHS, rollout_epochs=1, learning_rate=TUNING_RATE)
+    rollouts = min(1, recipe.training.rollout_epochs)
+    training = replace(recipe.training, epochs=TUNING_EPOCHS, rollout_epochs=rollouts, learning_rate=TUNING_RATE)
     data = collected(cable, folder / "data" / f"{cable}-tuning-{transitions}", transitions, TUNING_SEED)
     path = folder / "models" / f"{kind}-{cable}-tuned-{transitions}.safetensors"
     return _trained(replace(recipe, training=training), data, kind, path, progress)

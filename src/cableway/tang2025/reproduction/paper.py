@@ -37,7 +37,7 @@ SUMMARY: dict[str, tuple[Spread, Spread, str]] = {
 """Error and clearance [cm] and successes on real cables, by the catalogue's task (table "Real-world Experiment
 Summary")."""
 
-PREDICTION = {"cdm-mpc": 0.547, "bdm-mpc": 0.704}
+PREDICTION = {"C-DM": 0.547, "B-DM": 0.704}
 """Share by which the T-DM's error at a long horizon is below that of C-DM and B-DM on the USB cable."""
 
 HYPERPARAMETERS = (

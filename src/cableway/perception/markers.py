@@ -1,0 +1,86 @@
+"""Markers: bands of one colour about the inner keypoints of a cable, found and named anew in every picture.
+
+The paper follows 13 markers. Here nothing is followed from picture to picture: each mark gets the name of the marker
+that the rod expects there (`estimation.naming`), and one that is hidden, in part or whole, is left out. The keypoints
+at the ends have no markers: hands hide them, and say where they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import label
+
+from cableway.estimation.curve_filter import CurveFit
+from cableway.perception.rod_tracker import Evidence, RodTracker
+from cableway.perception.views import View, widths
+
+SMALLEST, LARGEST = 0.3, 1.8
+"""Pixels of a mark over those of a square as wide as the cable is there: a band is as long as it is wide, looks shorter
+along the view of a low camera, and longer where it is blurred."""
+
+BESIDE = 2
+"""Pixels around a mark among which one of what hides the cable, or the edge of the picture, tells that it was cut."""
+
+
+def marks_of(view: View, radius: float) -> Float[np.ndarray, "b 2"]:
+    """Where the marks of a view are [m], on the axis of a cable that lies on the table, in no order.
+
+    Marks that are cut by what hides the cable are left out, and those of another size than a marker has there.
+
+    Args:
+        view: What is seen; its mask is that of the markers.
+        radius: Of the cable [m].
+    """
+    mask = view.cable
+    rows, columns = np.nonzero(mask)
+    if not len(rows):
+        return np.empty((0, 2))
+    numbers = np.empty(mask.shape, np.int32)
+    label(mask, output=numbers)
+    names = numbers[rows, columns] - 1
+    count = np.bincount(names)
+    pixels = np.column_stack([np.bincount(names, columns), np.bincount(names, rows)]) / count[:, None]
+    points = view.camera.on_plane(pixels, radius)
+    square = widths(view, points, radius) ** 2
+    fits = (count >= SMALLEST * square) & (count <= LARGEST * square)
+    return points[fits & (np.bincount(names, _cut(view, rows, columns)) == 0)]
+
+
+def _cut(view: View, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Whether something that hides the cable, or the edge of the picture, is beside pixels."""
+    height, width = view.mask.shape
+    cut = np.zeros(len(rows), bool)
+    for down, right in ((-BESIDE, 0), (BESIDE, 0), (0, -BESIDE), (0, BESIDE)):
+        row, column = rows + down, columns + right
+        outside = (row < 0) | (row >= height) | (column < 0) | (column >= width)
+        cut |= outside
+        if view.hiding is not None:
+            cut |= view.hiding[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+    return cut
+
+
+class MarkerTracker(RodTracker):
+    """Follows a cable by its markers: as `RodTracker`, but its views have the mask of the markers, and what it observes
+    are the markers that are seen, where they are seen."""
+
+    def _seen_in(self, views: Sequence[View]) -> Evidence:
+        return Evidence(np.empty((0, 2)), [marks_of(view, self._cable.radius) for view in views])
+
+    def _looked_for(self) -> Float[np.ndarray, "m"]:
+        return self._keypoints[1:-1]
+
+    def _observed(
+        self, keypoints: Float[np.ndarray, "n 2"], variance: Float[np.ndarray, "n"], fit: CurveFit
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
+        return fit.marks, np.where(np.isfinite(fit.marks[:, 0]), self._config.mark**2, np.inf)
+
+
+Tracker = Literal["rod", "markers"]
+"""What finds a cable in pictures: the rod by its own pixels, or by markers on it."""
+
+TRACKERS: dict[str, type[RodTracker]] = {"rod": RodTracker, "markers": MarkerTracker}
+"""By name."""

@@ -1,0 +1,175 @@
+"""Pictures of a simulated table by cameras about it: what they are like, and how they are made."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from scipy.ndimage import gaussian_filter
+
+from cableway.core.checks import Bounds, Checked, Choice, NotNegative, Positive, Share, shown
+from cableway.core.errors import InputError, UnknownNameError
+from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.markers import Tracker
+from cableway.perception.placement import camera_at
+from cableway.rendering.cell import CellScene, Color, Label, Look
+from cableway.rendering.mesh import Mesh
+from cableway.rendering.picture import Light, labels, render
+from cableway.rendering.strangers import lying_cable, reaching_arm
+from cableway.scene.cell import Way
+from cableway.scene.task import Task
+
+LOOK = Look(
+    table=(0.88, 0.88, 0.88),
+    wall=(0.25, 0.25, 0.25),
+    obstacle=(0.45, 0.48, 0.52),
+    cable=(0.85, 0.35, 0.05),
+    grippers=((0.35, 0.35, 0.35), (0.35, 0.35, 0.35)),
+    joints=((0.35, 0.55, 0.75), (0.75, 0.72, 0.45)),
+    links=(0.7, 0.72, 0.75),
+)
+"""An orange cable on a light table."""
+
+MARKER = (0.05, 0.55, 0.2)
+"""Of the markers, green: like nothing else there."""
+
+LAMP, AMBIENT = (0.0, -0.5, 3.2), 0.62
+"""Where the lamp is from the middle of the workspace [m], and the share of light from everywhere."""
+
+SHADOWS = 256
+"""Pixels of the lamp's picture each way."""
+
+PICTURE = (640, 480)
+"""Width and height [pixels]."""
+
+STRANGERS = ("cable", "arm")
+"""What may be in pictures beside what belongs to a task."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyesConfig(Checked):
+    """Cameras, and what is done with their pictures.
+
+    Attributes:
+        cameras: Where they stand, of `cableway.perception.placement.PLACES`.
+        tracker: What finds the cable in their pictures: the rod by the cable's own pixels, or by markers on it.
+        frame_rate: Pictures per second [Hz].
+        latency: Time [s] from when a picture is taken until the cable is found in it.
+        drop_rate: Share of the pictures that are lost.
+        blur: Standard deviation [pixels].
+        noise: Standard deviation of each number of a pixel, from 0 to 255.
+        dark: When all cameras see nothing: (begin, end) [s]; never where None.
+        shadows: Whether things throw shadows; pictures take twice as long to make.
+        ambient: Share of the light that comes from everywhere, not from the lamp.
+        exposure: Factor of all that is seen; what is brighter than white is cut off.
+        tint: Colour of the cable (sRGB from 0 to 1); None for the one that is looked for.
+        alike: Whether posts, boxes and grippers have the colour of the cable.
+        strangers: What else is in the pictures, of `STRANGERS`, and nobody told: a second cable on the table, a
+            person's arm over it.
+        seed: Of noise, lost pictures and strangers.
+
+    Raises:
+        InputError: There is no camera, no such place, or a value is out of range.
+    """
+
+    cameras: tuple[str, ...] = ("front", "back")
+    tracker: Annotated[Tracker, Choice("tracker")] = "rod"
+    frame_rate: Annotated[float, Bounds(1, 1000)] = 30.0
+    latency: Annotated[float, Bounds(0, 1)] = 0.05
+    drop_rate: Share = 0.0
+    blur: NotNegative[float] = 0.7
+    noise: NotNegative[float] = 5.0
+    dark: tuple[float, float] | None = None
+    shadows: bool = False
+    ambient: Share = AMBIENT
+    exposure: Positive[float] = 1.0
+    tint: Color | None = None
+    alike: bool = False
+    strangers: tuple[str, ...] = ()
+    seed: Annotated[int, Bounds(0)] = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.cameras or len(set(self.cameras)) < len(self.cameras):
+            raise InputError(f"cameras must be one or more places, each once, got {list(self.cameras)}")
+        for place in self.cameras:
+            camera_at(place, (1.0, 1.0))
+        if self.dark is not None and not 0 <= self.dark[0] <= self.dark[1] < math.inf:
+            raise InputError(f"dark must be a begin and an end in seconds, got {list(self.dark)}")
+        if self.tint is not None and (len(self.tint) != 3 or not all(0 <= part <= 1 for part in self.tint)):
+            raise InputError(f"tint must be three numbers from 0 to 1, got {shown(self.tint)}")
+        for stranger in self.strangers:
+            if stranger not in STRANGERS:
+                raise UnknownNameError("stranger", stranger, STRANGERS)
+
+
+class State(NamedTuple):
+    """What is to be seen at one time [s]."""
+
+    time: float
+    cable: Float[np.ndarray, "m 2"]
+    poses: Float[np.ndarray, "2 3"]
+    joints: Float[np.ndarray, "2 6"] | None
+
+
+class Photographer:
+    """Makes pictures of a task's table.
+
+    Args:
+        task: The task, with what stands on the table.
+        way: How the arms of its cell hold the cable; None where grippers float.
+        config: The cameras.
+    """
+
+    def __init__(self, task: Task, way: Way | None, config: EyesConfig) -> None:
+        self._size, self._config = task.scene.size, config
+        look = LOOK if config.tint is None else LOOK._replace(cable=config.tint)
+        if config.alike:
+            look = look._replace(obstacle=look.cable, grippers=(look.cable, look.cable))
+        if config.tracker == "markers":
+            look = look._replace(marker=MARKER)
+        self._scene = CellScene(task, way, look)
+        self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)]
+        self._lying = self._lying if "cable" in config.strangers else []
+        self.cameras = tuple(camera_at(place, self._size, PICTURE) for place in config.cameras)
+        place = (self._size[0] / 2 + LAMP[0], self._size[1] / 2 + LAMP[1], LAMP[2])
+        self._light = Light(position=place, ambient=config.ambient, shadows=SHADOWS if config.shadows else 0)
+
+    def shot(
+        self, state: State, rng: np.random.Generator
+    ) -> list[tuple[UInt8[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]]:
+        """Of each camera the picture, and what may hide the cable by what is known without seeing it: joints, or poses
+        of hands.
+        """
+        known, dark = self._mesh(state), self._config.dark
+        bare, seen = known.where(known.labels != Label.CABLE), Mesh.joined([known, *self._strangers(state.time)])
+        if dark is not None and dark[0] <= state.time < dark[1]:
+            pictures = [np.zeros((*PICTURE[::-1], 3), np.uint8) for _ in self.cameras]
+        else:
+            pictures = [self._exposed(seen, camera, rng) for camera in self.cameras]
+        return [
+            (picture, labels(bare, camera.pinhole) > Label.TABLE)
+            for picture, camera in zip(pictures, self.cameras, strict=True)
+        ]
+
+    def _mesh(self, state: State) -> Mesh:
+        if state.joints is None:
+            return self._scene.mesh(state.cable, poses=state.poses)
+        return self._scene.mesh(state.cable, joints=state.joints)
+
+    def _strangers(self, time: float) -> list[Mesh]:
+        arm = reaching_arm(self._size, time, self._config.seed) if "arm" in self._config.strangers else None
+        return self._lying + ([] if arm is None else [arm])
+
+    def _exposed(self, mesh: Mesh, camera: CalibratedCamera, rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
+        config = self._config
+        color = render(mesh, camera.pinhole, self._light).color.astype(np.float32)
+        if config.blur:
+            color = gaussian_filter(color, (config.blur, config.blur, 0))
+        color *= np.float32(config.exposure)
+        if config.noise:
+            color += np.float32(config.noise) * rng.standard_normal(color.shape, dtype=np.float32)
+        return np.clip(color, 0, 255).round().astype(np.uint8)

@@ -1,0 +1,92 @@
+"""Laws of markers: each is found where it is, named by the rod and nothing before, and left out where it is hidden."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from seen_cables import ABOVE, CABLE, NOMINAL, POSES, true_cable
+
+from cableway.estimation.naming import named
+from cableway.perception.markers import MarkerTracker, marks_of
+from cableway.perception.rod_tracker import Sighting
+from cableway.perception.views import View
+from cableway.rendering.cell import BAND
+from cableway.rendering.mesh import Mesh, tube
+from cableway.rendering.picture import labels
+
+ROD, LINE = true_cable()
+TRUTH = ROD.at_keypoints(LINE[None])[0]
+"""Of a cable that is longer than the nominal one and bent otherwise: up to 5 mm from where that is expected."""
+
+
+def marked(places: np.ndarray = TRUTH[1:-1]) -> View:
+    """Markers across the cable at places [m], as a camera sees them."""
+    radius, bands = CABLE.radius, []
+    along = np.gradient(TRUTH, axis=0)
+    for place in places:
+        way = along[np.argmin(np.linalg.norm(TRUTH - place, axis=1))]
+        line = place + radius * np.array([[-1.0], [0.0], [1.0]]) * way / np.linalg.norm(way)
+        bands.append(tube(np.column_stack([line, np.full(3, radius)]), BAND * radius).painted((0.0, 0.6, 0.2), 1))
+    mask = labels(Mesh.joined(bands), ABOVE.pinhole) == 1
+    return View(ABOVE, mask, np.zeros_like(mask))
+
+
+def followed(shown: View, frames: int = 3) -> Sighting:
+    tracker = MarkerTracker(CABLE, 0.1)
+    track = tracker.start(POSES, NOMINAL)
+    for k in range(frames):
+        track, seen = tracker.update(track, [shown], POSES, 0.1 * k)
+    return seen
+
+
+def test_markers_are_found_and_named_and_say_where_along_the_cable_a_keypoint_is():
+    seen = followed(marked())
+    found = seen.observation.keypoints
+    assert np.isnan(found[[0, -1]]).all(), "hands hold the ends"
+    assert np.linalg.norm(found - TRUTH, axis=1)[1:-1].max() < 0.0007
+    assert np.linalg.norm(seen.keypoints - TRUTH, axis=1).max() < 0.0015, "the rod, the ends included"
+    assert seen.known
+    assert seen.unexplained == seen.missing == 0.0
+    assert seen.observation.confidence is not None
+    assert seen.observation.confidence[[0, -1]].max() == 0.0
+    assert seen.observation.confidence[1:-1].min() > 0.9
+
+
+def test_a_hidden_marker_is_left_out_and_the_others_keep_their_names():
+    """Whether all of it is hidden, by something known or not, or a part by something known."""
+    shown = marked()
+    (u, v), _ = ABOVE.project(np.append(TRUTH[5], CABLE.radius))
+    hiding = np.zeros_like(shown.mask)
+    hiding[round(v) - 1 :, : round(u) + 60] = True
+    for each in (marked(np.delete(TRUTH[1:-1], 4, axis=0)), replace(shown, hiding=hiding)):
+        found = followed(each).observation.keypoints
+        there = np.isfinite(found[:, 0])
+        assert not there[5]
+        assert 3 < there.sum() < 11
+        assert np.linalg.norm(found - TRUTH, axis=1)[there].max() < 0.0007
+
+
+def test_marks_of_something_else_are_not_named_and_are_counted():
+    stray = np.array([[0.5, 0.5], [0.12, 0.2]])
+    seen = followed(marked(np.vstack([TRUTH[1:-1], stray])))
+    assert seen.unexplained == pytest.approx(2 / 13)
+    assert np.linalg.norm(seen.observation.keypoints - TRUTH, axis=1)[1:-1].max() < 0.0007
+
+
+def test_without_any_mark_nothing_is_observed_and_a_bare_table_is_not_explained():
+    shown = marked()
+    bare = followed(replace(shown, mask=np.zeros_like(shown.mask)))
+    assert np.isnan(bare.observation.keypoints).all()
+    assert bare.missing == 1.0
+    assert not bare.known
+    assert len(marks_of(replace(shown, mask=np.ones_like(shown.mask)), CABLE.radius)) == 0, "too large for a marker"
+
+
+def test_no_mark_has_two_names():
+    expected = np.array([[0.0, 0.0], [0.02, 0.0], [0.04, 0.0]])
+    found = named(np.array([[0.01, 0.001]]), expected, np.full(3, 0.015))
+    assert np.isfinite(found[:, 0]).sum() == 1
+    crossed = named(np.array([[0.022, 0.0], [0.003, 0.0]]), expected, np.full(3, 0.01))
+    np.testing.assert_array_equal(crossed[:2], [[0.003, 0.0], [0.022, 0.0]])
