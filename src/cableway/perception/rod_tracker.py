@@ -223,7 +223,7 @@ class RodTracker:
             raise InputError(f"poses must be finite numbers, got {np.asarray(poses).tolist()}")
         poses = SE2.continued(poses, track.poses)
         speed = float(np.linalg.norm(SE2.position(poses) - SE2.position(track.poses), axis=1).max())
-        shown = self._seen_in(views)
+        shown = self._seen_in(views, track)
         estimate, fit = self._estimator.update_points(track.estimate, shown.points, poses, speed, shown.blobs)
         if fit is None:
             return self._lost(track, poses, time)
@@ -254,8 +254,8 @@ class RodTracker:
         tracks = [replace(track, estimate=estimate, field=fresh.field) for estimate in estimates]
         return self._best(tracks, shown, views)
 
-    def _seen_in(self, views: Sequence[View]) -> Evidence:
-        """What views show of the cable."""
+    def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
+        """What views show of the cable, after a track if there is one."""
         radius = self._cable.radius
         return Evidence(np.concatenate([np.empty((0, 2)), *(axis_points(view, radius) for view in views)]))
 
