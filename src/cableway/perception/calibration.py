@@ -119,8 +119,10 @@ class CalibratedCamera:
             met = (np.abs(wanted - seen).max(axis=-1) <= MET) & (xx * yy > xy * yx)
         return np.where(met[..., None], found, np.nan)
 
-    def on_plane(self, pixels: Float[np.ndarray, "... 2"], height: float) -> Float[np.ndarray, "... 2"]:
-        """(x, y) [m] of what is seen at pixels (u, v) if it lies at a height above the table [m].
+    def on_plane(
+        self, pixels: Float[np.ndarray, "... 2"], height: float | Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "... 2"]:
+        """(x, y) [m] of what is seen at pixels (u, v) if it lies at a height above the table [m], or each at its own.
 
         NaN where the ray does not come down, or rise, to that height, or nearly runs along the table.
 

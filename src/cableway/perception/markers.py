@@ -7,16 +7,20 @@ at the ends have no markers: hands hide them, and say where they are.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import label
+from scipy.spatial.distance import cdist
 
 from cableway.estimation.curve_filter import CurveFit
-from cableway.perception.rod_tracker import Evidence, RodTracker
+from cableway.perception.rod_tracker import Evidence, RodTracker, Track
 from cableway.perception.views import View, widths
+from cableway.rod.material import ROD
 
 SMALLEST, LARGEST = 0.3, 1.8
 """Pixels of a mark over those of a square as wide as the cable is there: a band is as long as it is wide, looks shorter
@@ -26,7 +30,12 @@ BESIDE = 2
 """Pixels around a mark among which one of what hides the cable, or the edge of the picture, tells that it was cut."""
 
 
-def marks_of(view: View, radius: float) -> Float[np.ndarray, "b 2"]:
+VISIBLE = math.pi / 4
+"""Distance of the middle of the visible half of a band from the cable's axis, in radii: the mean of the cosine of the
+angle from its middle, by which its parts are seen foreshortened."""
+
+
+def marks_of(view: View, radius: float, line: Float[np.ndarray, "m 2"] | None = None) -> Float[np.ndarray, "b 2"]:
     """Where the marks of a view are [m], on the axis of a cable that lies on the table, in no order.
 
     Marks that are cut by what hides the cable are left out, and those of another size than a marker has there.
@@ -34,6 +43,8 @@ def marks_of(view: View, radius: float) -> Float[np.ndarray, "b 2"]:
     Args:
         view: What is seen; its mask is that of the markers.
         radius: Of the cable [m].
+        line: Where the cable about is [m]; None where that is not known. By its direction the middle of what is seen of
+            a band is brought to the axis: of one that runs towards a low camera it is nearly a radius above that.
     """
     mask = view.cable
     rows, columns = np.nonzero(mask)
@@ -47,7 +58,24 @@ def marks_of(view: View, radius: float) -> Float[np.ndarray, "b 2"]:
     points = view.camera.on_plane(pixels, radius)
     square = widths(view, points, radius) ** 2
     fits = (count >= SMALLEST * square) & (count <= LARGEST * square)
-    return points[fits & (np.bincount(names, _cut(view, rows, columns)) == 0)]
+    fits &= np.bincount(names, _cut(view, rows, columns)) == 0
+    return points[fits] if line is None else _to_axis(view, pixels[fits], points[fits], radius, line)
+
+
+def _to_axis(
+    view: View,
+    pixels: Float[np.ndarray, "b 2"],
+    points: Float[np.ndarray, "b 2"],
+    radius: float,
+    line: Float[np.ndarray, "m 2"],
+) -> Float[np.ndarray, "b 2"]:
+    """Points of the axis [m] of bands that are seen at pixels, about at `points`, along a line."""
+    along = np.gradient(line, axis=0)[cdist(points, line).argmin(axis=1)] if len(points) else np.empty((0, 2))
+    along = np.column_stack([along / np.linalg.norm(along, axis=1, keepdims=True), np.zeros(len(along))])
+    facing = view.camera.pinhole.pose[:3, 3] - np.column_stack([points, np.full(len(points), radius)])
+    facing -= np.sum(facing * along, axis=1, keepdims=True) * along
+    lift = VISIBLE * radius * facing / np.linalg.norm(facing, axis=1, keepdims=True)
+    return view.camera.on_plane(pixels, radius + lift[:, 2]) - lift[:, :2]
 
 
 def _cut(view: View, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -67,8 +95,15 @@ class MarkerTracker(RodTracker):
     """Follows a cable by its markers: as `RodTracker`, but its views have the mask of the markers, and what it observes
     are the markers that are seen, where they are seen."""
 
-    def _seen_in(self, views: Sequence[View]) -> Evidence:
-        return Evidence(np.empty((0, 2)), [marks_of(view, self._cable.radius) for view in views])
+    def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
+        line = None if track is None else self._line(track)
+        return Evidence(np.empty((0, 2)), [marks_of(view, self._cable.radius, line) for view in views])
+
+    def _line(self, track: Track) -> Float[np.ndarray, "m 2"]:
+        """The rod as it was last known [m]."""
+        length, *modes = track.estimate.theta[ROD].tolist()
+        rod = replace(self._cable.rod, length=length, modes=tuple(modes))
+        return rod.shapes(track.estimate.q[None])[0][0]
 
     def _looked_for(self) -> Float[np.ndarray, "m"]:
         return self._keypoints[1:-1]

@@ -57,7 +57,8 @@ class TrackerConfig(Checked):
         mark: Standard deviation [m] of where a marker is seen.
         sure: Standard deviation of a keypoint [m] at which its confidence is one half.
         patience: Time [s] from one look for another shape to the next one, where the rod does not explain what is seen.
-        most_unexplained: Share of the points that are something else's, from which on the rod explains too little.
+        most_unexplained: Share of the points that are something else's, from which on the rod explains too little; no
+            more of them count than of the rod is not seen, for the rest of the cable is where it should be.
         most_missing: Share of the rod that should be seen and is not, the same.
         most_residual: Root mean square distance [m] of the points from the rod, the same.
         most_askew: How far an end of the rod is from where its gripper would hold it, in standard deviations of the
@@ -222,7 +223,7 @@ class RodTracker:
             raise InputError(f"poses must be finite numbers, got {np.asarray(poses).tolist()}")
         poses = SE2.continued(poses, track.poses)
         speed = float(np.linalg.norm(SE2.position(poses) - SE2.position(track.poses), axis=1).max())
-        shown = self._seen_in(views)
+        shown = self._seen_in(views, track)
         estimate, fit = self._estimator.update_points(track.estimate, shown.points, poses, speed, shown.blobs)
         if fit is None:
             return self._lost(track, poses, time)
@@ -253,8 +254,8 @@ class RodTracker:
         tracks = [replace(track, estimate=estimate, field=fresh.field) for estimate in estimates]
         return self._best(tracks, shown, views)
 
-    def _seen_in(self, views: Sequence[View]) -> Evidence:
-        """What views show of the cable."""
+    def _seen_in(self, views: Sequence[View], track: Track | None = None) -> Evidence:
+        """What views show of the cable, after a track if there is one."""
         radius = self._cable.radius
         return Evidence(np.concatenate([np.empty((0, 2)), *(axis_points(view, radius) for view in views)]))
 
@@ -298,7 +299,7 @@ class RodTracker:
         hidden, missing = self._claimed(views, fit)
         residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
         nothing_against = (
-            unexplained <= config.most_unexplained
+            min(unexplained, hidden) <= config.most_unexplained  # what is seen here is nowhere else
             and missing <= config.most_missing
             and residual <= config.most_residual
             and fit.askew <= config.most_askew
