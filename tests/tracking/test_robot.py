@@ -175,6 +175,24 @@ def test_a_stop_takes_back_what_a_stalled_gripper_has_yet_to_do(controller: RodM
     np.testing.assert_allclose(loop.poses, stopped, atol=1e-9)
 
 
+def test_a_stop_after_the_way_back_takes_back_what_stalled_on_it(controller: RodMPC) -> None:
+    """Although the stop before the way back took something back, too."""
+    plant = Stalled(2.0, 2.8)
+    loop = Loop(plant, controller, PLAN, TrackConfig(), Watchdog())
+    while plant.now < 2.4:
+        assert loop.step() is None
+    while plant.now < 3.2:
+        assert loop.stand() is None
+    plant.begin, plant.end = plant.now + 0.1, plant.now + 2.0
+    assert loop.back_off(3) is None
+    while plant.now < plant.end:
+        assert loop.stand() is None
+    stopped = loop.poses.copy()
+    for _ in range(4):
+        assert loop.stand() is None
+    np.testing.assert_allclose(loop.poses, stopped, atol=1e-9)
+
+
 def test_a_stop_takes_back_once_where_poses_are_reported_late(controller: RodMPC) -> None:
     """The grippers do not go to and fro until the reports show that they stand."""
     plant = ReportedLate(2.0, 2.8)

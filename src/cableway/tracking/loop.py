@@ -212,6 +212,7 @@ class Loop:
             if self._robot.holding or not (known or self.guard.is_safe(back, self.observation, ROOM_BACK)):
                 return None
             self._way.pop()
+            self._taken_back = False
             self.state = self.state.overruled(back, BACKING_OFF)
             self.log.act(back, 0.0, BACKING_OFF, self.state.estimates())
             ending = self._send(back)
