@@ -264,8 +264,8 @@ CABLE_KEYS = (
         (at("workspace", "shape", 1), "task.yaml:5: workspace.shape is not a known key; known here: size, "
          "wall_height"),
         (at("grippers", "speed", 1), "task.yaml:8: grippers.speed is not a known key; did you mean 'max_speed'? "
-         "known here: radius, max_step, max_turn, separation, body, max_acceleration, max_turn_acceleration, max_jerk, "
-         "max_turn_jerk, max_speed, max_turn_speed"),
+         "known here: radius, max_step, max_turn, separation, body, tilt, max_acceleration, max_turn_acceleration, "
+         "max_jerk, max_turn_jerk, max_speed, max_turn_speed"),
         (at("obstacles", 0, "radius", 1), "task.yaml:14: obstacles[0].radius is not a known key; "
          "known here: type, center, size, angle, height"),
         (at("obstacles", 1, "vertexes", 1), "task.yaml:20: obstacles[1].vertexes is not a known key; "
