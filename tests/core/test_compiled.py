@@ -217,6 +217,7 @@ def test_kernels_are_counted_with_those_that_they_call(folder):
     assert quartered(8.0) == 2.0
     assert compiled_among(both) == 2
     assert len(list(folder.iterdir())) == 2
+    assert kernels_below(quartered, without=halved) == (quartered,)
 
 
 COVERED = """

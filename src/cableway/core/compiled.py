@@ -108,12 +108,12 @@ def watched(watcher: Callable[[], Any]) -> Iterator[None]:
         _BUSY.watchers.remove(watcher)
 
 
-def kernels_below(*roots: Any) -> tuple[Any, ...]:
-    """Kernels and all that they call, but for what becomes a part of those that call it."""
+def kernels_below(*roots: Any, without: Any = None) -> tuple[Any, ...]:
+    """Kernels and all that they call, but for what becomes a part of those that call it, and `without` one of them."""
     found, left = {}, [each for each in roots if isinstance(each, Dispatcher)]
     while left:
         each = left.pop()
-        if id(each) not in found:
+        if id(each) not in found and each is not without:
             found[id(each)] = each
             names, code = each.py_func.__globals__, each.py_func.__code__
             left += [names[name] for name in code.co_names if isinstance(names.get(name), Dispatcher)]

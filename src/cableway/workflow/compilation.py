@@ -63,6 +63,9 @@ KERNELS = {
 """The kernels that Python calls in every run; others, as for alternatives or a cable of another material, are compiled
 when they are needed."""
 
+CELL = "robot.free_arms.arms_room"
+"""The kernel that the search calls in a cell alone. It and those that only it calls are compiled when they are needed."""
+
 COMPILING = "Compiling kernels; this happens once, the next run finds them in your cache folder."
 
 AHEAD = "import sys; from cableway.workflow.compilation import compile_ahead; compile_ahead(*sys.argv[1:])"
@@ -175,8 +178,8 @@ def compile_all(progress: Callable[[str, float], Any], *, checking: bool = False
 
 
 def kernels_of(*stages: str) -> tuple[Any, ...]:
-    """The kernels of stages, with those that they call."""
-    return kernels_below(*(_kernel(name) for stage in stages for name in KERNELS[stage]))
+    """The kernels of stages, with those that they call outside a cell."""
+    return kernels_below(*(_kernel(name) for stage in stages for name in KERNELS[stage]), without=_kernel(CELL))
 
 
 def _kernel(name: str) -> Any:
