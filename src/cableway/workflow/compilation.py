@@ -64,7 +64,7 @@ KERNELS = {
 when they are needed."""
 
 CELL = "robot.free_arms.arms_room"
-"""The kernel that the search calls in a cell alone. It and those that only it calls are compiled when they are needed."""
+"""The kernel that the search calls in a cell alone; it and those that only it calls are compiled when needed."""
 
 COMPILING = "Compiling kernels; this happens once, the next run finds them in your cache folder."
 
