@@ -3,11 +3,12 @@
     .venv/bin/python studies/models.py                   # the first four, below runs/comparison; half an hour
     .venv/bin/python studies/models.py train --seeds 1   # one stage; what is already there is kept
     .venv/bin/python studies/models.py plateau           # networks trained longer; hours of one core
-    .venv/bin/python studies/models.py ship              # the shipped weights; half an hour of one core
+    .venv/bin/python studies/models.py ship              # weights; half an hour of one core
     .venv/bin/python studies/models.py speed             # one core: taskset -c 0
     .venv/bin/python studies/models.py yu2d --yu2d runs/yu2d  # cables of Yu et al., made by studies/convert_yu2d.py
 
-Interrupted and started again, it goes on where it stopped. `ship` makes all shipped weights from their configurations.
+Interrupted and started again, it goes on where it stopped. `ship` makes the
+shipped weights from their configurations but for the paper's networks, which `studies/tang2025_networks.py` makes.
 """
 
 from __future__ import annotations
@@ -282,8 +283,8 @@ def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
 
 
 def ship_models(folder: Path) -> None:
-    """The shipped weights and their cards, each from its configuration in `cableway.tang2025.models.recipe.CONFIGS`."""
-    for config in sorted(CONFIGS.glob("*.yaml")):
+    """Our shipped weights and their cards, each from its configuration in `cableway.tang2025.models.recipe.CONFIGS`."""
+    for config in sorted(set(CONFIGS.glob("*.yaml")) - set(CONFIGS.glob("tang2025-*.yaml"))):
         recipe = read_training_config(config)
         collection = from_mapping(CollectionConfig, recipe.collection, f"{config}: collection")
         data, made = folder / "sets" / f"{collection.transitions}", folder / "shipped" / f"{config.stem}.safetensors"

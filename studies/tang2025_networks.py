@@ -12,14 +12,18 @@ folder.
 from __future__ import annotations
 
 import argparse
-import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, replace
 from multiprocessing import get_context
 from pathlib import Path
 
+from models import TEST, model_path, print_curves
+
+from cableway.core.configuration import from_mapping
 from cableway.core.files import write_json
 from cableway.datasets.reading import load_transitions
+from cableway.simulation.collection import collect
+from cableway.simulation.episodes import CollectionConfig
 from cableway.tang2025.models.card import write_card
 from cableway.tang2025.models.checkpoint import WEIGHTS, load_model, read_card, save_model
 from cableway.tang2025.models.evaluation import compare
@@ -28,38 +32,22 @@ from cableway.tang2025.models.recipe import Recipe, make_model_file, read_traini
 
 NETWORKS = ("tang2025-tdm", "tang2025-cdm", "tang2025-bdm")
 SEEDS = 3
-SHOWN = (1, 10, 20, 30, 50)
-"""Horizons in the table."""
-TEST = {"transitions": 6_000, "seed": 101}
-"""As in `studies/models.py`: more than a hundred other episodes."""
 
 
 def collect_sets(folder: Path) -> None:
-    """The training set and the test set."""
-    from cableway.core.configuration import from_mapping
-    from cableway.simulation.collection import collect
-    from cableway.simulation.episodes import CollectionConfig
-
-    for name, config in {
-        "training": read_training_config(shipped_config(NETWORKS[0])).collection,
-        "test": TEST,
-    }.items():
-        collect(from_mapping(CollectionConfig, config, name), folder / name, workers=1)
-
-
-def model_path(folder: Path, name: str, seed: int) -> Path:
-    """Where a trained network goes."""
-    return folder / "models" / f"{name}-{seed}.safetensors"
+    """The training set, and the test set of `studies/models.py`."""
+    training = read_training_config(shipped_config(NETWORKS[0])).collection
+    collect(from_mapping(CollectionConfig, training, "collection"), folder / "training", workers=1)
+    collect(TEST, folder / "test", workers=1)
 
 
 def train_one(folder: Path, name: str, seed: int, recipe: Recipe) -> str:
     """Train one network; a line about it."""
-    path, begun = model_path(folder, name, seed), time.monotonic()
+    path = model_path(folder, name, seed)
     if not path.exists():
         make_model_file(path, recipe, load_transitions(folder / "training"))
-    epochs, card = recipe.training.epochs, read_card(path)
-    took = f"{time.monotonic() - begun:.0f} s" if begun else ""
-    return f"{path.stem}: {card['history'][-1]['validation_error']:.3f} mm held out after {epochs} epochs, {took}"
+    history = read_card(path)["history"]
+    return f"{path.stem}: {history[-1]['validation_error']:.3f} mm held out after {len(history)} epochs"
 
 
 def train_all(folder: Path, jobs: int, epochs: int | None, rate: float | None) -> None:
@@ -78,17 +66,11 @@ def train_all(folder: Path, jobs: int, epochs: int | None, rate: float | None) -
 
 
 def evaluate_all(folder: Path) -> None:
-    """Error against horizon on the test set: median / mean over windows, and the range of the seeds' means."""
+    """Error against horizon on the test set."""
     models = {name: [load_model(model_path(folder, name, seed)) for seed in range(SEEDS)] for name in NETWORKS}
     curves = compare(models, load_transitions(folder / "test"))
     write_json(folder / "errors.json", {name: asdict(curve) for name, curve in curves.items()})
-    print("| model | seeds | " + " | ".join(f"{h} steps" for h in SHOWN) + " |\n" + "|---" * (len(SHOWN) + 2) + "|")
-    for name, curve in curves.items():
-        cells = []
-        for h in SHOWN:
-            at, (low, high) = curve.at(h), (edge[curve.horizons.index(h)] for edge in curve.seeds)
-            cells.append(f"{at['median']:.2f} / {at['mean']:.2f} ({low:.2f} to {high:.2f})")
-        print(f"| {name} | {curve.trainings} | " + " | ".join(cells) + " |", flush=True)
+    print_curves("the paper's networks", curves)
 
 
 def ship(folder: Path) -> None:

@@ -12,6 +12,7 @@ from commands import Command
 
 from cableway.core.errors import InputError
 from cableway.datasets.recordings import load_recording
+from cableway.figures.film import write_film
 from cableway.perception.calibration_file import load_camera, save_camera
 from cableway.perception.capture import Frame
 from cableway.perception.placement import camera_at
@@ -139,6 +140,11 @@ def test_two_cameras_and_a_mask_on_the_command_line(cableway: Command, tmp_path:
     assert done.status == 0, done.err
     assert json.loads(Path("seen/report.json").read_text())["known"] == STEPS
     assert cv2.VideoCapture("seen/overlay.mp4").get(cv2.CAP_PROP_FRAME_WIDTH) == 2 * 640
+
+    slow = f"{tmp_path / 'film'},{tmp_path / 'slow.mp4'}"
+    write_film(tmp_path / "slow.mp4", 5.0, [taken(0, "front")] * 3)
+    done = cableway("see", slow, *options)
+    assert (done.status, "as many pictures per second, got 10 and 5" in done.err) == (2, True)
 
 
 def test_a_camera_in_a_file_is_the_same(tmp_path: Path, film: Path):

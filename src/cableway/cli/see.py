@@ -118,24 +118,28 @@ class See(Options):
         return 0 if known else 1
 
     def _eyes(self) -> tuple[list[Eye], float]:
-        """The cameras, and the pictures per second of the first one.
+        """The cameras, and their pictures per second.
 
         Raises:
             CablewayError: A file or a source cannot be read.
+            InputError: The sources have different numbers of pictures per second.
         """
         from cableway.perception.calibration_file import load_camera
         from cableway.perception.capture import frames, rate_of
         from cableway.workflow.seeing import Eye, masks
 
         sources, eyes = self.source.split(","), list[Eye]()
+        rates = [rate_of(source, self.rate) for source in sources]
+        if len(set(rates)) > 1:
+            shown = " and ".join(f"{rate:g}" for rate in rates)
+            raise InputError(f"SOURCE: all cameras must take as many pictures per second, got {shown} in {self.source}")
         hides, most = [None] * len(sources) if self.hides is None else self.hides.split(","), self.seconds
         for source, calibration, hiding in zip(sources, self.calibration.split(","), hides, strict=True):
-            camera, rate = load_camera(calibration), rate_of(source, self.rate)
-            pictures = frames(source, rate)
+            camera, pictures = load_camera(calibration), frames(source, rates[0])
             if most is not None:
                 pictures = takewhile(lambda frame: frame.time <= most, pictures)
-            eyes.append(Eye(camera, pictures, None if hiding is None else masks(hiding, rate)))
-        return eyes, rate_of(sources[0], self.rate)
+            eyes.append(Eye(camera, pictures, None if hiding is None else masks(hiding, rates[0])))
+        return eyes, rates[0]
 
     def _color(self) -> tuple[float, float, float]:
         """Red, green and blue.

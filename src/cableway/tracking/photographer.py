@@ -132,8 +132,8 @@ class Photographer:
         if config.tracker == "markers":
             look = look._replace(marker=MARKER)
         self._scene = CellScene(task, way, look)
-        self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)]
-        self._lying = self._lying if "cable" in config.strangers else []
+        second = "cable" in config.strangers
+        self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)] if second else []
         self.cameras = tuple(camera_at(place, self._size, PICTURE) for place in config.cameras)
         place = (self._size[0] / 2 + LAMP[0], self._size[1] / 2 + LAMP[1], LAMP[2])
         self._light = Light(position=place, ambient=config.ambient, shadows=SHADOWS if config.shadows else 0)

@@ -188,8 +188,8 @@ def train(
         start: A model of this configuration to go on from, with its normalisation; random weights where None.
         state_file: Where the state goes after every epoch, and what to resume from if it is there. It stays, for the
             caller to remove once the model is saved.
-        progress: Called after every step with the stage, in words with loss and validation error of the last epoch,
-            and the fraction done.
+        progress: Called after every step with the stage, in words with loss and validation error, and the fraction
+            done.
 
     Raises:
         InputError: The data are too few, `state_file` belongs to another training, there are fewer devices than
@@ -268,21 +268,20 @@ class _Trainer:
         key = jax.random.fold_in(jax.random.key(self.config.seed), epoch)
         order, size = rng.permutation(self.starts[epoch]), self._batch_size(epoch)
         model, optimizer_state = eqx.filter_shard((state.model, state.optimizer), self.everywhere)
-        done, losses = sum(self.steps[:epoch]), []
+        done, total = sum(self.steps[:epoch]), 0.0
         for step in range(self.steps[epoch]):
             batch = self._spread(dataset.windows(self.data, order[step * size : (step + 1) * size], horizon))
             rate = jnp.asarray(learning_rate(self.config, (done + step) / sum(self.steps)), jnp.float32)
             model, optimizer_state, loss = self.update(
                 model, optimizer_state, batch, rate, jax.random.fold_in(key, step)
             )
-            losses.append(loss)  # not read yet: a GPU goes on meanwhile
+            total += float(loss)
             if progress is not None:
-                progress(self._stage(state.history), (done + step + 1) / sum(self.steps))
-        mean = float(np.mean(jax.device_get(losses)))
-        if not np.isfinite(mean):
+                progress(self._stage(state.history, total / (step + 1)), (done + step + 1) / sum(self.steps))
+        if not np.isfinite(total):
             raise InputError(f"training diverged in epoch {epoch + 1}; a lower learning_rate is needed")
         error = 1e3 * float(np.mean(window_errors(model, validation, (1,), stride=1).stacked))
-        record = EpochRecord(epoch=epoch + 1, loss=mean, validation_error=error)
+        record = EpochRecord(epoch=epoch + 1, loss=total / self.steps[epoch], validation_error=error)
         better = all(error < row.validation_error for row in state.history)
         return TrainingState(model, model if better else state.best, optimizer_state, (*state.history, record))
 
@@ -291,9 +290,9 @@ class _Trainer:
         divided = not len(batch.keypoints) % self.config.devices
         return jax.device_put(batch, self.by_sample if divided else self.everywhere)
 
-    def _stage(self, history: tuple[EpochRecord, ...]) -> str:
-        last = f", loss {history[-1].loss:.3g}, validation {history[-1].validation_error:.2f} mm" if history else ""
-        return f"epoch {len(history) + 1}/{self.config.epochs}{last}"
+    def _stage(self, history: tuple[EpochRecord, ...], loss: float) -> str:
+        validation = f", validation {history[-1].validation_error:.2f} mm" if history else ""
+        return f"epoch {len(history) + 1}/{self.config.epochs}, loss {loss:.3g}{validation}"
 
 
 def _shardings(count: int) -> tuple[NamedSharding, NamedSharding]:
