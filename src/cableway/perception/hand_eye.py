@@ -1,9 +1,9 @@
 """A camera's place by a board in a gripper: hand-eye calibration of a camera that stands beside the table.
 
-The board moves with the gripper, whose pose G_k in the frame of the workspace the joints tell. How the board is held, X,
-and where the camera stands, C, follow from where the camera sees it, B_k = C^-1 G_k X: in closed form from the equation
-G_k X = C B_k (Li, Wang and Wu 2010, "Simultaneous robot-world and hand-eye calibration using dual-quaternions and
-Kronecker product"), and from there by least squares over the pixels of all corners.
+The board moves with the gripper, whose pose G_k in the frame of the workspace the joints tell. How the board is held,
+X, and where the camera stands, C, follow from where the camera sees it, B_k: in closed form from G_k X = C B_k (Li,
+Wang and Wu 2010, "Simultaneous robot-world and hand-eye calibration using dual-quaternions and Kronecker product"), and
+from there by least squares over the pixels of all corners.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.charuco import LEAST_PICTURES, Board, Corners, Lens, corners_of, fitted_lens
 
 LEAST_TURN = math.radians(10)
-"""How far the gripper must turn at least about a second axis: about one alone the height of the camera does not show."""
+"""How far the gripper must turn about a second axis: by turns about one alone the camera's height does not show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,7 @@ class HandEye:
     corners: int
 
 
-def hand_eye(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]], poses: Float[np.ndarray, "k 4 4"], board: Board
-) -> HandEye:
+def hand_eye(images: Sequence[UInt8[np.ndarray, "h w 3"]], poses: Float[np.ndarray, "k 4 4"], board: Board) -> HandEye:
     """The camera that took pictures of a board in a gripper, held the same way in all.
 
     Args:
