@@ -3,7 +3,8 @@
 The board moves with the gripper, whose pose G_k in the frame of the workspace the joints tell. How the board is held,
 X, and where the camera stands, C, follow from where the camera sees it, B_k: in closed form from G_k X = C B_k (Li,
 Wang and Wu 2010, "Simultaneous robot-world and hand-eye calibration using dual-quaternions and Kronecker product"), and
-from there by least squares over the pixels of all corners.
+from there by least squares over the pixels of all corners; by SciPy, for the lens is OpenCV's and compiles with no
+kernel of ours.
 """
 
 from __future__ import annotations
