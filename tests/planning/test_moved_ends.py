@@ -83,3 +83,12 @@ def test_the_option_of_the_command_moves_ends():
     options = PlanOptions(task="maze-1", cell="dual-ur5e", move_ends=True)
     assert options.load() is options.moved.task
     assert set(options.moved.moved) == {"goal"}
+
+
+def test_a_goal_before_a_port_is_moved_and_the_plug_stays_before_it():
+    moved = set_up("insertion", "dual-ur5e", move=True)
+    assert moved.reasons["goal"].startswith("it has its left gripper in obstacles[2]")
+    assert 0.004 < moved.moved["goal"] < 0.012
+    assert end_fault(moved.task, CELL) is None
+    with pytest.raises(TaskError, match="has its left gripper in"):
+        set_up("insertion", "dual-ur5e")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from cableway.core.quantities import quantity
 from cableway.motion.limits import Margins
@@ -78,8 +78,9 @@ def set_up(source: TaskSource, cell: Cell | str | None = None, *, move: bool = F
 def move_ends(draft: Draft) -> MovedEnds:
     """The task with the ends that bodies or arms cannot hold moved, if there are any and a shape is found near them.
 
-    A moved end keeps what plans keep (`Margins`). Of two ends that arms can hold, but not in the same way, the one
-    that has less far to go is moved. Where no shape is found, the task is as designed, and the planner says why not.
+    A moved end keeps what plans keep (`Margins`), and a plug stays before its port. Of two ends that arms can hold, but
+    not in the same way, the one that has less far to go is moved. Where no shape is found, the task is as designed, and
+    the planner says why not.
 
     Args:
         draft: The task, with its cell if it has one; bodies may be in collision at its ends.
@@ -150,6 +151,7 @@ class _Mover:
         def first(rows: Float[np.ndarray, "k dof"], below: float) -> _Held | None:
             away = self._displacement(rows, held.q)
             near = np.flatnonzero((away < below) & self.space.are_free(rows))
+            near = near[self._before_port(held.end, rows[near])]
             for k in near[np.argsort(away[near], kind="stable")][:LOOKED_AT]:
                 ways = self._ways(rows[k])[0]
                 if ways if wanted is None else ways & wanted:
@@ -164,6 +166,14 @@ class _Mover:
             found = first(back, found.distance) or found
             found = first(self._about(found.q, found.distance / 4), found.distance) or found
         return found
+
+    def _before_port(self, end: End, rows: Float[np.ndarray, "k dof"]) -> Bool[np.ndarray, "k"]:
+        """Which shapes bring a plug before its port, where that is asked of the end."""
+        plug, port = self.draft.plug, self.draft.port
+        if end != "goal" or plug is None or port is None:
+            return np.ones(len(rows), bool)
+        poses = self.rod.shapes(rows)[1][:, 1]
+        return np.array([not any(validity.port_faults(pose, plug, port)) for pose in poses], bool)
 
     def _ways(self, q: Float[np.ndarray, "dof"]) -> tuple[Set[Way | None], str]:
         if self.packed is None:
@@ -183,7 +193,7 @@ class _Mover:
 def _is_wrong(draft: Draft, end: End) -> bool:
     """Whether an end has another fault than that bodies are in something."""
     shape = getattr(draft, end)
-    if shape is None or (draft.plug is not None and draft.port is not None):
+    if shape is None:
         return True
     return any(validity.shape_faults(end, shape, draft.scene, draft.cable, draft.grippers))
 
