@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cableway.core.errors import InputError, PlanningError
+from cableway.geometry.groups import SE2
 from cableway.planning.insertion import STEP, plan_insertion
 from cableway.robot.branches import ArmMotion
 from cableway.robot.grasping import HELD, with_hands
@@ -80,14 +82,15 @@ def test_a_task_without_a_port_has_no_push(task: Task):
 
 
 def test_arms_go_on_as_they_hold_the_cable_and_do_not_let_go_of_a_plug_before_its_port():
-    task = load_task("insertion").in_cell(CELLS["dual-ur5e-hand-e"])
+    task = load_task("insertion").in_cell(CELLS["dual-ur5e-long-fingers"])
     plan = plan_insertion(task)
     way = Way.of_record(plan.metadata)
     assert plan.joints is not None
     assert way is not None
-    turned = replace(plan, joints=plan.joints[:1] + np.tau * np.eye(6)[[2, 5]])
+    turned = replace(plan, joints=plan.joints + math.tau * np.eye(6)[[2, 5]])
     on = plan_insertion(task, after=turned)
-    np.testing.assert_allclose(on.joints, plan.joints + np.tau * np.eye(6)[[2, 5]], atol=1e-9)
+    assert on.joints is not None
+    np.testing.assert_allclose(on.joints, plan.joints + math.tau * np.eye(6)[[2, 5]], atol=1e-9)
     assert Way.of_record(on.metadata) == way
     held = with_hands(plan, ArmMotion(plan.joints, way, 0.0), task)
     assert held.retreat is None
@@ -95,18 +98,19 @@ def test_arms_go_on_as_they_hold_the_cable_and_do_not_let_go_of_a_plug_before_it
 
 
 def test_arms_that_cannot_hold_the_plug_in_its_port_are_told():
-    cell = CELLS["dual-ur5e-hand-e"]
+    cell = CELLS["dual-ur5e-long-fingers"]
     far = tuple(replace(arm, position=(4 * arm.position[0], 0.0, 0.15)) for arm in cell.arms)
     with pytest.raises(PlanningError, match=r"if the left gripper goes along: no arm reaches the left gripper at \(0"):
         plan_insertion(load_task("insertion").in_cell(replace(cell, arms=far)))
 
 
 def test_the_hand_at_the_left_end_is_kept_off_the_plug(task: Task):
-    task = task.in_cell(CELLS["dual-ur5e-hand-e"])
+    task = task.in_cell(CELLS["dual-ur5e-long-fingers"])
     shape, poses = task.goal[None], task.gripper_poses("goal")[None]
     (check,) = (check for check in body_checks(shape, poses, task, 0.004) if check.name == "gripper body from the plug")
     assert check.passed
-    beside = poses[:, ::-1] + [[0.06, 0.0, 0.0], [0.0, 0.0, 0.0]] - [[[0.0, 0.0, 0.0]]]
+    beside = poses.copy()
+    beside[:, 0] = SE2.plus(poses[:, 1], np.array([0.03, 0.0, 0.0]))
     (check,) = (
         check for check in body_checks(shape, beside, task, 0.004) if check.name == "gripper body from the plug"
     )

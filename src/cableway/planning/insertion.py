@@ -10,6 +10,7 @@ Note:
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -83,8 +84,8 @@ def _with_arms(plan: Plan, task: Task, after: Plan | None) -> Plan | NoMotion:
     motion = arm_motion(plan.poses, task, replace(task.cell, way=way))
     if isinstance(motion, NoMotion):
         return motion
-    turns = 0.0 if after is None or after.joints is None else np.round((after.joints[-1] - motion.joints[0]) / np.tau)
-    joints = motion.joints + np.tau * turns
+    turns = 0.0 if after is None or after.joints is None else np.round((after.joints[-1] - motion.joints[0]) / math.tau)
+    joints = motion.joints + math.tau * turns
     return replace(plan, joints=joints, metadata={**plan.metadata, "arms": motion.way.described()})
 
 
