@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -188,6 +189,22 @@ def test_methods_by_name_by_file_and_by_mistake():
         load_method(f"{FILE}:NOTHING")
     with pytest.raises(InputError, match="must be a"):
         load_method(f"{FILE}:NO_METHOD")
+
+
+def test_a_method_file_may_define_data_classes(tmp_path: Path):
+    file = tmp_path / "tuned.py"
+    file.write_text(
+        "from __future__ import annotations\n\nfrom dataclasses import dataclass\n\n"
+        "from cableway.benchmark.methods import Method\n\n\n"
+        "@dataclass(frozen=True)\nclass Setting:\n    gain: float\n\n\n"
+        'METHOD = Method(name=f"tuned-{Setting(0.5).gain}", description="")\n'
+    )
+    assert load_method(f"{file}:METHOD").name == "tuned-0.5"
+    file.write_text("1 / 0")
+    loaded = set(sys.modules)
+    with pytest.raises(InputError, match="failed to run: ZeroDivisionError"):
+        load_method(f"{file}:METHOD")
+    assert f"plugin {file}" in loaded - set(sys.modules)
 
 
 def test_ray_gives_what_this_machine_gives(folder: Path, tmp_path: Path):

@@ -1,12 +1,18 @@
-"""Laws of calibration: a rendered board says where a camera is, with a lens that is not known."""
+"""Laws of calibration: a rendered board, on the table or in a gripper, says where a camera of an unknown lens is."""
 
 from __future__ import annotations
+
+import json
 
 import numpy as np
 import pytest
 
+from cableway.cli import main
 from cableway.core.errors import InputError, UnknownNameError
+from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.calibration_file import load_camera
 from cableway.perception.charuco import Board, calibrate
+from cableway.perception.hand_eye import hand_eye
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, render
@@ -55,10 +61,11 @@ def lying() -> np.ndarray:
     return pose
 
 
-def photographs() -> tuple[Camera, list[np.ndarray], np.ndarray]:
+def photographs() -> tuple[Camera, list[np.ndarray], np.ndarray, np.ndarray]:
+    """The camera, pictures of the board in the air, the one on the table, and where the board was in the air."""
     camera = Camera.looking(np.array([0.3, -0.35, 0.75]), np.array([0.0, 0.75, -0.75]), size=(640, 480), view=0.6)
     light, rng, images = Light(position=(0.3, -0.2, 3.0), ambient=0.7, shadows=0), np.random.default_rng(0), []
-    middle = np.array([BOARD.across, BOARD.down, 0]) * BOARD.square / 2
+    poses, middle = [], np.array([BOARD.across, BOARD.down, 0]) * BOARD.square / 2
     for k in range(9):
         pose = lying()
         if k < 8:  # shown to the camera, slanted to all sides, a part of the way to it
@@ -67,10 +74,11 @@ def photographs() -> tuple[Camera, list[np.ndarray], np.ndarray]:
             pose[:3, 3] = camera.pose[:3, 3] + camera.pose[:3, :3] @ np.array(
                 [0.06 * np.sin(2.1 * k), 0.05 * np.cos(1.7 * k), 0.42 + 0.03 * k]
             ) - pose[:3, :3] @ middle  # fmt: skip
+        poses.append(pose)
         image = render(board_mesh(pose), camera, light, samples=3, background=(0.6, 0.6, 0.6)).color.astype(float)
         image = cv2.GaussianBlur(image, (0, 0), 0.7) + 2.0 * rng.standard_normal(image.shape)
         images.append(np.clip(image, 0, 255).astype(np.uint8))
-    return camera, images[:8], images[8]
+    return camera, images[:8], images[8], np.array(poses[:8])
 
 
 @pytest.fixture(scope="module")
@@ -79,19 +87,97 @@ def taken():
 
 
 def test_a_camera_is_found_to_a_millimetre_and_a_fifth_of_a_degree(taken):
-    camera, images, on_table = taken
+    camera, images, on_table, _ = taken
     found = calibrate(images, on_table, BOARD, PLACE)
     assert found.pictures >= 7
     assert max(found.lens_residual, found.table_residual) < 0.3
-    turn = found.camera.pinhole.pose[:3, :3].T @ camera.pose[:3, :3]
-    assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 0.2
+    assert_found(found.camera, camera)
+
+
+def off_on_table(found: CalibratedCamera, camera: Camera) -> float:
+    """How far spots on the table seem to be from where they are [m], the worst."""
     spots = np.array([[x, y, 0.0] for x in (0.15, 0.3, 0.45) for y in (0.25, 0.4, 0.55)])
-    on_it = found.camera.on_plane(camera.project(spots)[0], 0.0)
-    assert np.linalg.norm(on_it - spots[:, :2], axis=1).max() < 0.001
+    return float(np.linalg.norm(found.on_plane(camera.project(spots)[0], 0.0) - spots[:, :2], axis=1).max())
+
+
+def assert_found(found: CalibratedCamera, camera: Camera) -> None:
+    """Within a fifth of a degree, and spots on the table within a millimetre."""
+    turn = found.pinhole.pose[:3, :3].T @ camera.pose[:3, :3]
+    assert np.degrees(np.linalg.norm(cv2.Rodrigues(turn)[0])) < 0.2
+    assert off_on_table(found, camera) < 0.001
+
+
+HELD = np.eye(4)
+"""The board in the gripper."""
+HELD[:3, :3], HELD[:3, 3] = cv2.Rodrigues(np.array([0.3, 2.8, 0.4]))[0], [-0.1, -0.07, 0.12]
+
+
+def test_a_board_in_a_gripper_tells_the_same(taken):
+    """Whatever the gripper's frame; one picture without the board is left out."""
+    camera, images, on_table, boards = taken
+    poses = boards @ np.linalg.inv(HELD)
+    found = hand_eye([*images, np.full_like(on_table, 128)], np.concatenate([poses, poses[:1]]), BOARD)
+    assert_found(found.camera, camera)
+    assert np.abs(found.held - HELD).max() < 0.001
+    assert (found.pictures, found.residual < 0.3, found.apart < 0.0005) == (8, True, True)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_gripper_that_is_not_where_it_says_shows_in_the_residuals(taken, seed: int):
+    """By half a millimetre and a thirtieth of a degree: what is far below the board is off by more than the board."""
+    camera, images, _, boards = taken
+    poses, rng = boards @ np.linalg.inv(HELD), np.random.default_rng(seed)
+    for pose in poses:
+        pose[:3, 3] += 0.0005 * rng.standard_normal(3)
+        pose[:3, :3] = cv2.Rodrigues(0.0005 * rng.standard_normal(3))[0] @ pose[:3, :3]
+    found = hand_eye(images, poses, BOARD)
+    assert found.lens_residual < 0.3
+    assert found.residual > 0.5
+    assert 0.001 < found.apart < 0.002
+    assert found.apart < off_on_table(found.camera, camera) < 0.008
+
+
+def test_poses_that_tell_too_little_are_refused(taken):
+    _, images, on_table, boards = taken
+    upright = np.tile(np.eye(4), (8, 1, 1))
+    for k in range(8):
+        upright[k, :3, :3] = cv2.Rodrigues(np.array([0.0, 0.0, 0.3 * k]))[0]
+    with pytest.raises(InputError, match="about two axes"):
+        hand_eye(images, upright, BOARD)
+    with pytest.raises(InputError, match="each of 8 pictures"):
+        hand_eye(images, boards[:7], BOARD)
+    with pytest.raises(InputError, match="must be rigid"):
+        hand_eye(images, 2 * boards, BOARD)
+    with pytest.raises(InputError, match="0 of 1 pictures"):
+        hand_eye([np.full_like(on_table, 128)], boards[:1], BOARD)
+
+
+def test_calibrate_reads_poses_and_the_base_they_are_from(taken, tmp_path, capsys):
+    """The arm's base stands askew; its controller shows rotation vectors."""
+    camera, images, _, boards = taken
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = cv2.Rodrigues(np.array([0.0, 0.0, 0.7]))[0], [-0.2, 0.1, 0.05]
+    lines = ["picture,x,y,z,rx,ry,rz"]
+    for k, (image, board) in enumerate(zip(images, boards, strict=True)):
+        pose = np.linalg.inv(base) @ board @ np.linalg.inv(HELD)
+        numbers = [*pose[:3, 3], *cv2.Rodrigues(pose[:3, :3])[0].ravel()]
+        lines.append(",".join([f"{k}.png", *map(str, numbers)]))
+        cv2.imwrite(str(tmp_path / f"{k}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    (tmp_path / "poses.csv").write_text("\n".join(lines))
+    given = [str(tmp_path), "--poses", str(tmp_path / "poses.csv"), "--out", str(tmp_path / "camera.json")]
+    assert main(["calibrate", *given, "--base", "-0.2,0.1,0.05,0.7"]) == 0
+    assert "apart" in capsys.readouterr().out
+    assert_found(load_camera(tmp_path / "camera.json"), camera)
+    assert json.loads((tmp_path / "camera.json").read_text())["residual"] < 0.3
+    (tmp_path / "poses.csv").write_text("\n".join([lines[0], "0.png,0,0,0,0,0"]))
+    assert main(["calibrate", *given]) == 2
+    assert "line 2 has no 'rz'" in capsys.readouterr().err
+    assert main(["calibrate", str(tmp_path)]) == 2
+    assert "one of --table and --poses" in capsys.readouterr().err
 
 
 def test_pictures_without_a_board_are_refused(taken):
-    _, images, on_table = taken
+    _, images, on_table, _ = taken
     empty = np.full_like(on_table, 128)
     with pytest.raises(InputError, match="on the table shows fewer"):
         calibrate(images, empty, BOARD, PLACE)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
 
+from cableway.control.base import ControllerState
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.outcome import Outcome
 from cableway.perception.segmentation import CableColor, cable_mask
+from cableway.records import Observation
 from cableway.scene.cable import Cable
 from cableway.tracking import track
 from cableway.tracking.eyes import EyesConfig, SeenPlant
 from cableway.tracking.loop import BLIND
 from cableway.tracking.photographer import Photographer, State
+from cableway.tracking.stopping import StopRule, TrackConfig
 from cableway.workflow.run import SolveOptions
 
 STEPS = 12
@@ -71,6 +76,20 @@ def test_a_camera_that_goes_dark_stops_the_grippers(dark):
     else:
         assert rollout.metadata["outcome"] == Outcome.PLANT_FAILED.value
         assert "has not seen the cable" in rollout.metadata["detail"]
+
+
+@pytest.mark.parametrize("blind", [False, True])
+def test_a_cable_that_is_not_known_has_not_settled(blind: bool):
+    """Its error has stopped falling where there is none: what counts is whether the cable is known."""
+    state = ControllerState(status="", reference=PLAN.shapes[-1], progress=1.0)
+    rule = StopRule(TrackConfig(), PLAN, 0.1)
+    off = np.linspace(0.01, 0.005, 5)
+    near = [Observation(0.1 * k, PLAN.shapes[-1] + far, PLAN.poses[-1]) for k, far in enumerate(off)]
+    assert [rule.outcome(state, each) for each in near] == [None] * len(near)
+    dark = replace(near[-1], keypoints=np.full_like(PLAN.shapes[-1], np.nan))
+    found = [rule.outcome(state, dark, blind=blind) for _ in range(60)]
+    settled = [each is not None and each.outcome is Outcome.SETTLED for each in found]
+    assert any(settled) is not blind
 
 
 def shot(**config) -> tuple[np.ndarray, np.ndarray]:

@@ -1,16 +1,20 @@
-"""`cableway calibrate`: a camera by pictures of a ChArUco board."""
+"""`cableway calibrate`: a camera by pictures of a ChArUco board, on the table or in a gripper."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from cableway.cli.options import Maybe, Options
+from cableway.cli.options import Maybe, Options, option
 from cableway.cli.terminal import Terminal, pairs
 from cableway.core.errors import InputError
+
+if TYPE_CHECKING:
+    from cableway.perception.charuco import Board, Calibration
+    from cableway.perception.hand_eye import HandEye
 
 CAMERA = "camera.json"
 """What it leaves."""
@@ -24,11 +28,19 @@ class Calibrate(Options):
     """Pictures of the board in some ten poses, near and slanted to all sides; the one on the table is not among
     them."""
 
-    table: Annotated[Path, tyro.conf.arg(metavar="PICTURE")]
-    """A picture of the board flat on the table."""
+    table: Annotated[Path | None, option(metavar="PICTURE")] = None
+    """A picture of the board flat on the table; this or --poses."""
+
+    poses: Annotated[Path | None, option(metavar="FILE.csv")] = None
+    """Where the gripper that held the board was: a row for each picture, with the columns picture, its name in the
+    folder, x, y, z [m], rx, ry, rz, the rotation vector [rad]. This or --table."""
 
     place: Annotated[str, tyro.conf.arg(metavar="X,Y,THETA")] = "0,0,0"
-    """Where the upper left corner of its drawing lies then [m], and the angle of its first row [rad]."""
+    """With --table: where the upper left corner of its drawing lies then [m], and the angle of its first row [rad]."""
+
+    base: Annotated[str, tyro.conf.arg(metavar="X,Y,Z,THETA")] = "0,0,0,0"
+    """With --poses: where the frame of these poses, that of the robot's base, is in the frame of the workspace [m],
+    and the angle of its x axis [rad]."""
 
     board: Annotated[str, tyro.conf.arg(metavar="ACROSSxDOWN")] = "7x5"
     """Squares in a row, and rows."""
@@ -48,36 +60,60 @@ class Calibrate(Options):
     seed: tyro.conf.Suppress[None] = None
     """Nothing is drawn."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.table is None) == (self.poses is None):
+            raise InputError("calibrate needs one of --table and --poses: the board lies on the table, or is held")
+
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.perception.calibration_file import save_camera
-        from cableway.perception.capture import frames, picture
-        from cableway.perception.charuco import Board, calibrate
+        from cableway.perception.charuco import Board
 
         across, down = self._numbers("board", self.board, "x", 2)
-        x, y, angle = self._numbers("place", self.place, ",", 3)
         board = Board(
             across=int(across), down=int(down), square=self.square, marker=self.marker, dictionary=self.dictionary
         )
-        images = [frame.image for frame in frames(str(self.pictures))]
-        found = calibrate(images, picture(self.table), board, (x, y, angle))
-        report = {
-            "lens_residual": found.lens_residual,
-            "table_residual": found.table_residual,
-            "pictures": found.pictures,
-            "corners": found.corners,
-        }
+        found, given = self._held(board) if self.table is None else self._lying(board, self.table)
+        report = {name: value for name, value in vars(found).items() if name not in ("camera", "held")}
         path = self.target("calibrate", CAMERA)
         path.parent.mkdir(parents=True, exist_ok=True)
         save_camera(path, found.camera, **report)
         rows = [
-            ("pictures that counted", f"{found.pictures} of {len(images) + 1}"),
+            ("pictures that counted", f"{found.pictures} of {given}"),
             ("residual of the lens", f"{found.lens_residual:.2f} pixels"),
-            ("residual on the table", f"{found.table_residual:.2f} pixels"),
-            ("file", str(path)),
         ]
-        Terminal(self).result({**report, "file": str(path)}, pairs(rows))
+        if "apart" in report:
+            rows.append(("residual with the gripper", f"{report['residual']:.2f} pixels"))
+            rows.append(("camera and gripper apart", f"{1000 * report['apart']:.2f} mm"))
+        else:
+            rows.append(("residual on the table", f"{report['table_residual']:.2f} pixels"))
+        Terminal(self).result({**report, "file": str(path)}, pairs([*rows, ("file", str(path))]))
         return 0
+
+    def _lying(self, board: Board, table: Path) -> tuple[Calibration, int]:
+        """What the pictures say with the one of the board on the table, and how many there are."""
+        from cableway.perception.capture import frames, picture
+        from cableway.perception.charuco import calibrate
+
+        x, y, angle = self._numbers("place", self.place, ",", 3)
+        images = [frame.image for frame in frames(str(self.pictures))]
+        return calibrate(images, picture(table), board, (x, y, angle)), len(images) + 1
+
+    def _held(self, board: Board) -> tuple[HandEye, int]:
+        """What the pictures say with the poses of the gripper, and how many there are."""
+        import numpy as np
+
+        from cableway.perception.calibration_file import load_poses
+        from cableway.perception.capture import picture
+        from cableway.perception.hand_eye import hand_eye
+
+        assert self.poses is not None
+        x, y, z, angle = self._numbers("base", self.base, ",", 4)
+        names, poses = load_poses(self.poses)
+        base, (c, s) = np.eye(4), (np.cos(angle), np.sin(angle))
+        base[:2, :2], base[:3, 3] = [[c, -s], [s, c]], [x, y, z]
+        return hand_eye([picture(self.pictures / name) for name in names], base @ poses, board), len(names)
 
     def _numbers(self, name: str, text: str, by: str, count: int) -> list[float]:
         try:

@@ -64,7 +64,7 @@ class JacobianConfig(Checked):
 
     @classmethod
     def broyden(cls) -> JacobianConfig:
-        """Settings for a learned derivative: the defaults, made for the rod's, unlearn it (`studies/jacobian.py`)."""
+        """Settings for a learned derivative: the defaults, made for the rod's, unlearn it (`studies/tuning.py`)."""
         return cls(source="broyden", gain=0.1, damping=1.0, least_motion=0.005)
 
 

@@ -61,13 +61,15 @@ def _is_meant(value: Any, kind: type | None, module: ModuleType) -> bool:
 def _from_file(file: Path) -> ModuleType:
     if not file.is_file():
         raise InputError(f"{file}: no such file")
-    spec = importlib.util.spec_from_file_location(file.stem, file)
+    spec = importlib.util.spec_from_file_location(f"plugin {file.resolve()}", file)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # a data class looks its annotations up there
     try:
         spec.loader.exec_module(module)
     except raised() as error:
+        del sys.modules[spec.name]
         raise InputError(f"{file}: failed to run: {said(error)}") from None
     return module
 

@@ -6,6 +6,7 @@ a key stands twice, a number is not finite or brackets are nested without end.
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import math
@@ -13,7 +14,7 @@ import os
 import stat
 import zipfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,24 @@ def read_json(path: Path | str) -> Any:
         FileFormatError: The file cannot be read, or is not such JSON.
     """
     return parse_json(read_bytes(path, LARGEST_TEXT), str(path))
+
+
+def read_table(path: Path | str, columns: Sequence[str]) -> list[tuple[str, ...]]:
+    """The values of some columns of a CSV file with their names in its first line; other columns are not read.
+
+    Raises:
+        FileFormatError: The file cannot be read, lacks a column, or has a row that is too short.
+    """
+    reader = csv.DictReader(io.StringIO(read_bytes(path, LARGEST_TEXT).decode(errors="replace")))
+    missing = [name for name in columns if name not in (reader.fieldnames or [])]
+    if missing:
+        raise FileFormatError(f"{path}: there is no column {missing[0]!r}")
+    rows = []
+    for row in reader:
+        if short := [name for name in columns if row[name] is None]:
+            raise FileFormatError(f"{path}: line {reader.line_num} has no {short[0]!r}")
+        rows.append(tuple(row[name] for name in columns))
+    return rows
 
 
 def parse_json(text: str | bytes, where: str) -> Any:

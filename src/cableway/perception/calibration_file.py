@@ -1,4 +1,4 @@
-"""Calibrations on disk: JSON with the numbers as OpenCV calls them."""
+"""Calibrations on disk: JSON with the numbers as OpenCV calls them; and poses of a gripper, from which one is made."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import write_json
-from cableway.core.reading import read_json
+from cableway.core.reading import read_json, read_table
 from cableway.perception.calibration import CalibratedCamera
 
 VERSION = 1
 KEYS = {"size": (2,), "matrix": (3, 3), "distortion": (5,), "rotation": (3, 3), "translation": (3,)}
 """Shapes of what `CalibratedCamera.from_opencv` takes."""
+
+POSE = ("x", "y", "z", "rx", "ry", "rz")
+"""Columns of a pose: place [m] and rotation vector [rad], as controllers of arms show it."""
 
 
 def save_camera(path: Path | str, camera: CalibratedCamera, **more: Any) -> None:
@@ -55,3 +60,21 @@ def load_camera(path: Path | str) -> CalibratedCamera:
         return CalibratedCamera.from_opencv(size=(width, height), **arrays)
     except InputError as error:
         raise FileFormatError(f"{path}: {error}") from None
+
+
+def load_poses(path: Path | str) -> tuple[list[str], Float[np.ndarray, "k 4 4"]]:
+    """Names of pictures and the pose of the gripper in each, from a CSV file with the columns `picture` and `POSE`.
+
+    Raises:
+        FileFormatError: The file cannot be read, lacks a column, or holds what is no number.
+    """
+    rows = read_table(path, ("picture", *POSE))
+    try:
+        numbers = np.array([row[1:] for row in rows], float).reshape(-1, len(POSE))
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {error}") from None
+    if not len(rows) or not np.isfinite(numbers).all():
+        raise FileFormatError(f"{path}: needs rows of finite numbers")
+    poses = np.tile(np.eye(4), (len(rows), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = Rotation.from_rotvec(numbers[:, 3:]).as_matrix(), numbers[:, :3]
+    return [row[0] for row in rows], poses

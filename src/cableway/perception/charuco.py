@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -107,42 +107,105 @@ def calibrate(
         InputError: The pictures differ in size, show too few corners, or too few of them show enough.
         MissingExtraError: OpenCV is not installed.
     """
-    drawn = board.in_opencv()
-    import cv2
-
-    sizes = {image.shape for image in (*images, on_table)}
-    if len(sizes) != 1:
-        raise InputError(f"pictures of one camera must be of one size, got {sorted(shape[:2] for shape in sizes)}")
-    height, width, _ = on_table.shape
-    found = [each for image in (*images, on_table) if (each := _corners(drawn, image)) is not None]
+    (lying, *found), size = corners_of(board, (on_table, *images))
+    found = [corners for corners in (*found, lying) if corners is not None]
     if len(found) < LEAST_PICTURES:
         raise InputError(
             f"{len(found)} of {len(images) + 1} pictures show {LEAST_CORNERS} corners of the board or more; "
             f"{LEAST_PICTURES} must"
         )
-    lying = _corners(drawn, on_table)
     if lying is None:
         raise InputError(f"the picture of the board on the table shows fewer than {LEAST_CORNERS} of its corners")
-    seen: Any = ([points for points, _ in found], [pixels for _, pixels in found])
-    fit: Any = cv2.calibrateCamera  # its types want arrays for what is to be found
-    fixed = cv2.CALIB_FIX_K3  # boards in hand do not reach where k3 tells
-    residual, matrix, distortion, _, _ = fit(*seen, (width, height), None, None, flags=fixed)
+    lens = fitted_lens(found, size)
+    import cv2
+
     points, pixels = lying
-    _, turn, at = cv2.solvePnP(points, pixels, matrix, distortion)
-    turn, at = cv2.solvePnPRefineLM(points, pixels, matrix, distortion, turn, at)
-    expected, _ = cv2.projectPoints(points, turn, at, matrix, distortion)
-    off = np.sum((expected.reshape(-1, 2) - pixels.reshape(-1, 2)) ** 2, axis=1)
-    rotation, translation = _of_table(cv2.Rodrigues(turn)[0], np.asarray(at).ravel(), place)
-    camera = CalibratedCamera.from_opencv(
-        size=(width, height), matrix=matrix, distortion=np.ravel(distortion)[:5], rotation=rotation,
-        translation=translation,
-    )  # fmt: skip
+    _, turn, at = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion)
+    turn, at = cv2.solvePnPRefineLM(points, pixels, lens.matrix, lens.distortion, turn, at)
+    seen = _pose(turn, at)
+    off = np.sum((lens.shown(points, seen) - pixels) ** 2, axis=1)
+    camera = lens.camera(size, *_of_table(seen[:3, :3], seen[:3, 3], place))
     corners = sum(len(points) for points, _ in found)
-    return Calibration(camera, float(residual), math.sqrt(float(off.mean())), len(found), corners)
+    return Calibration(camera, lens.residual, math.sqrt(float(off.mean())), len(found), corners)
 
 
-def _corners(drawn: Any, image: UInt8[np.ndarray, "h w 3"]) -> tuple[np.ndarray, np.ndarray] | None:
-    """Corners on the board [m] and in a picture [pixels]; None where they are too few."""
+class Corners(NamedTuple):
+    """Corners of a board in a picture: on the board [m] and in the picture (u, v) [pixels]."""
+
+    points: Float[np.ndarray, "m 3"]
+    pixels: Float[np.ndarray, "m 2"]
+
+
+class Lens(NamedTuple):
+    """A lens as OpenCV describes it, and where the boards were from which it is known.
+
+    Attributes:
+        matrix: (3, 3) focal lengths and center [pixels].
+        distortion: k1, k2, p1, p2, k3.
+        residual: Root mean square distance [pixels] of corners from where it would show them.
+        boards: (k, 4, 4) poses of the board in the frame of the camera, one for each picture.
+    """
+
+    matrix: Float[np.ndarray, "3 3"]
+    distortion: Float[np.ndarray, "5"]
+    residual: float
+    boards: Float[np.ndarray, "k 4 4"]
+
+    def shown(self, points: Float[np.ndarray, "m 3"], pose: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "m 2"]:
+        """Where points [m] of a board are in a picture [pixels], the board at a pose in the frame of the camera."""
+        import cv2
+
+        turn = cv2.Rodrigues(pose[:3, :3])[0]
+        return cv2.projectPoints(points, turn, pose[:3, 3], self.matrix, self.distortion)[0].reshape(-1, 2)
+
+    def camera(
+        self, size: tuple[int, int], rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]
+    ) -> CalibratedCamera:
+        """The camera with this lens; arguments as of `CalibratedCamera.from_opencv`."""
+        return CalibratedCamera.from_opencv(
+            size=size, matrix=self.matrix, distortion=self.distortion, rotation=rotation, translation=translation
+        )
+
+
+def corners_of(
+    board: Board, images: Sequence[UInt8[np.ndarray, "h w 3"]]
+) -> tuple[list[Corners | None], tuple[int, int]]:
+    """Corners of a board in each picture, None where they are fewer than `LEAST_CORNERS`; and the pictures' size.
+
+    Raises:
+        InputError: The pictures differ in size, or there are none.
+        MissingExtraError: OpenCV is not installed.
+    """
+    drawn, sizes = board.in_opencv(), {image.shape for image in images}
+    if len(sizes) != 1:
+        raise InputError(f"pictures of one camera must be of one size, got {sorted(shape[:2] for shape in sizes)}")
+    height, width, _ = sizes.pop()
+    return [_corners(drawn, image) for image in images], (width, height)
+
+
+def fitted_lens(found: Sequence[Corners], size: tuple[int, int]) -> Lens:
+    """The lens of a camera that shows corners of a board in several poses."""
+    import cv2
+
+    fit: Any = cv2.calibrateCamera  # its types want arrays for what is to be found
+    seen: Any = ([points for points, _ in found], [pixels for _, pixels in found])
+    fixed = cv2.CALIB_FIX_K3  # boards in hand do not reach where k3 tells
+    residual, matrix, distortion, turns, places = fit(*seen, size, None, None, flags=fixed)
+    boards = np.array([_pose(turn, at) for turn, at in zip(turns, places, strict=True)])
+    return Lens(matrix, np.ravel(distortion)[:5], float(residual), boards)
+
+
+def _pose(turn: Float[np.ndarray, "3 1"], at: Float[np.ndarray, "3 1"]) -> Float[np.ndarray, "4 4"]:
+    """A pose of OpenCV's rotation vector and translation."""
+    import cv2
+
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(at)
+    return pose
+
+
+def _corners(drawn: Any, image: UInt8[np.ndarray, "h w 3"]) -> Corners | None:
+    """Of one picture; None where they are too few."""
     import cv2
 
     gray = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
@@ -150,7 +213,7 @@ def _corners(drawn: Any, image: UInt8[np.ndarray, "h w 3"]) -> tuple[np.ndarray,
     if names is None or len(names) < LEAST_CORNERS:
         return None
     points, pixels = drawn.matchImagePoints(corners, names)
-    return np.asarray(points, np.float32), np.asarray(pixels, np.float32)
+    return Corners(np.asarray(points, np.float32).reshape(-1, 3), np.asarray(pixels, np.float32).reshape(-1, 2))
 
 
 def _of_table(

@@ -17,7 +17,8 @@ Note:
     These are solved elsewhere, each for the reason that its docstring gives: square systems in many rows at once
     (`cableway.rod.inverse.meet_poses`), boxes (`cableway.tang2025.control.gauss_newton`), what JAX traces
     (`cableway.tang2025.models`), the fits that the frozen random tasks are made of (`cableway.tasks.motion`), a start
-    beside an obstacle (`cableway.scene.task`; by SciPy), and the judge's own rod (`cableway.verification.follower`).
+    beside an obstacle (`cableway.scene.task`; by SciPy), where a camera stands (`cableway.perception.hand_eye`; by
+    SciPy, with OpenCV's lens), and the judge's own rod (`cableway.verification.follower`).
 """
 
 from __future__ import annotations

@@ -343,7 +343,7 @@ class Loop:
         ending, missing = self.stand(BLIND), self._silence.lasting(self.time)
         if ending is None and missing and self._is_blind:
             return Ending(Outcome.PLANT_FAILED, missing)
-        return ending or self._rule.outcome(self.state, self.observation, missing)
+        return ending or self._rule.outcome(self.state, self.observation, missing, blind=True)
 
     def _move(self, action: np.ndarray) -> Ending | None:
         if action.any():

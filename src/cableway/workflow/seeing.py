@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.core.files import write_text
-from cableway.core.reading import LARGEST_TEXT, read_bytes
+from cableway.core.reading import read_table
 from cableway.datasets.rows import POSES, TIME
 from cableway.geometry.groups import SE2
 from cableway.perception.calibration import CalibratedCamera
@@ -102,13 +102,9 @@ class GripperLog:
         Raises:
             FileFormatError: It cannot be read, lacks a column, or holds what is no number.
         """
-        reader = csv.DictReader(io.StringIO(read_bytes(path, LARGEST_TEXT).decode(errors="replace")))
-        missing = [name for name in (TIME, *POSES) if name not in (reader.fieldnames or [])]
-        if missing:
-            raise FileFormatError(f"{path}: there is no column {missing[0]!r}")
         try:
-            rows = np.array([[float(row[name]) for name in (TIME, *POSES)] for row in reader]).reshape(-1, 7)
-        except (TypeError, ValueError) as error:
+            rows = np.array(read_table(path, (TIME, *POSES)), float).reshape(-1, 7)
+        except ValueError as error:
             raise FileFormatError(f"{path}: {error}") from None
         if not len(rows) or not np.isfinite(rows).all() or (np.diff(rows[:, 0]) <= 0).any():
             raise FileFormatError(f"{path}: needs rows of finite numbers, their times increasing")
