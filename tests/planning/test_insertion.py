@@ -87,10 +87,10 @@ def test_arms_go_on_as_they_hold_the_cable_and_do_not_let_go_of_a_plug_before_it
     way = Way.of_record(plan.metadata)
     assert plan.joints is not None
     assert way is not None
-    turned = replace(plan, joints=plan.joints + math.tau * np.eye(6)[[2, 5]])
-    on = plan_insertion(task, after=turned)
+    turned = plan.joints - np.copysign(math.tau, plan.joints[:1]) * np.eye(6)[5]
+    on = plan_insertion(task, after=replace(plan, joints=turned))
     assert on.joints is not None
-    np.testing.assert_allclose(on.joints, plan.joints + math.tau * np.eye(6)[[2, 5]], atol=1e-9)
+    np.testing.assert_allclose(on.joints, turned, atol=1e-9)
     assert Way.of_record(on.metadata) == way
     held = with_hands(plan, ArmMotion(plan.joints, way, 0.0), task)
     assert held.retreat is None

@@ -258,7 +258,9 @@ def _tracks(
     if not np.isfinite(blocked[0]):
         return found, NoMotion(f"no joints within their limits follow the {name}", _point(poses[0]))
     at = _point(poses[blocked[1]])
-    links = f"links come within {quantity(blocked[0])} of table, obstacle or arm"
+    gap = blocked[0]
+    near = f"{limit_text(-gap)} into" if gap < 0 else f"within {quantity(gap)} of"
+    links = f"links come {near} table, obstacle or arm"
     return found, NoMotion(f"no arm follows the {name}: {links} {_place(at)}", at)
 
 

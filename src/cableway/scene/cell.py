@@ -318,15 +318,18 @@ CELLS: dict[str, Cell] = {
     )
     for ending, tool in (("", "2f-85"), ("-long-fingers", "2f-85-long-fingers"), ("-hand-e", "hand-e"))
 }
-CELLS["dual-ur5e-tilted"] = Cell(
-    name="dual-ur5e-tilted",
-    arms=(
-        MountedArm(position=(0.0, -0.55, 0.0), angle=math.pi / 2),
-        MountedArm(position=(0.0, 0.55, 0.0), angle=-math.pi / 2),
-    ),
-    tilt=0.17,
-    obstacle_height=0.05,
-    wall_height=0.001,
-)
+CELLS |= {
+    f"dual-ur5e-tilted{ending}": Cell(
+        name=f"dual-ur5e-tilted{ending}",
+        arms=(
+            MountedArm(position=(aside, -0.55, 0.0), angle=math.pi / 2),
+            MountedArm(position=(aside, 0.55, 0.0), angle=-math.pi / 2),
+        ),
+        tilt=0.17,
+        obstacle_height=0.05,
+        wall_height=0.001,
+    )
+    for ending, aside in (("", 0.0), ("-aside", 0.15))
+}
 """By name: two UR5e at either side of a table of up to 0.8 m, facing each other, on pedestals of 15 cm; and before and
-behind it, without pedestals, their tools tilted, see `studies/cell_layouts.py`."""
+behind it, without pedestals, their tools tilted, in front of its middle or aside, see `studies/cell_layouts.py`."""
