@@ -1,8 +1,8 @@
 """How long commands take to start, and the first run of all: `python studies/startup.py [TASK] [--runs 3]`.
 
 With an empty cache folder the task is run once, as `make demo` does it, which compiles every kernel; then each command
-starts several times, those that work for long with `--help`. Prints a table in Markdown for the page on the command
-line: wall time, median and slowest of the runs, the median of processor time, and the machine; and below it whether
+starts several times, those that work for long with `--help`. Prints a table in Markdown: wall time,
+median and slowest of the runs, the median of processor time, and the machine; and below it whether
 the slowest runs meet `FIRST_TARGET` and `START_TARGET`; status 1 where they do not, or a command fails. Processor time
 counts all processes of a command, so that on two processors it may exceed wall time.
 """

@@ -22,9 +22,11 @@ from cableway.datasets.recordings import Description
 from cableway.outcome import Outcome
 from cableway.scene.files.document import read_document
 from cableway.scene.files.loading import load_cell
-from cableway.scene.files.schema import validate
+from cableway.scene.files.schema import GrippersSection, TaskFile, WorkspaceSection, validate
+from cableway.scene.grippers import Plug, Port
 from cableway.simulation.episodes import CollectionConfig
 from cableway.simulation.perturbations.reading import read_perturbation
+from cableway.simulation.table_plant import TableConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -122,6 +124,44 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
             plants += read_perturbation(path, cableway.load_task("multi-obstacle-1")).cable != cableway.Cable()
     assert tasks + plants + collections + recordings + cells == len(whole_files())
     assert min(tasks, plants, collections, recordings, cells) > 0
+
+
+def blocks(page: str, first: str) -> list[str]:
+    """Blocks of YAML on a page that begin with a key and are no whole files."""
+    found = YAML.findall((ROOT / "docs" / page).read_text())
+    return [block for block in found if block.startswith(first)]
+
+
+def test_the_keys_of_a_task_are_shown_with_their_defaults(tmp_path: Path):
+    """But for `cableway`, `start` and `goal`, which have none, and `name` and `description`."""
+    (shown,) = blocks("tasks.md", "units: m ")
+    given = "cableway: 1\nstart: {grippers: [[0.1, 0.1, 0.5], [0.35, 0.1, -0.5]], bend: left}\n"
+    given += given.splitlines()[1].replace("start", "goal") + "\n"
+    path = tmp_path / "task.yaml"
+    path.write_text(given)
+    expected = cableway.load_task(path)
+    path.write_text(given + shown)
+    assert cableway.load_task(path) == expected
+    keys = set(re.findall(r"\b(\w+)\b", shown))
+    sections = (TaskFile, WorkspaceSection, cableway.Cable, GrippersSection, Plug, Port)
+    fields = {field.name for section in sections for field in dataclasses.fields(section)}
+    assert fields - keys == {"cableway", "start", "goal", "name", "description"}
+
+
+def test_the_keys_of_a_plant_are_shown_with_their_defaults(tmp_path: Path):
+    (general,), (table,), (faults,) = (blocks("plants.md", first) for first in ("cable: {}", "table:", "faults:"))
+    path, task = tmp_path / "plant.yaml", cableway.load_task("multi-obstacle-1")
+    path.write_text("cableway: 1\n" + general.replace("obstacles: []", "obstacles: [[0, 0], [0, 0], [0, 0], [0, 0]]"))
+    shown, default = read_perturbation(path, task), cableway.Perturbation()
+    for key in ("grasp", "sensing", "simulation", "pegs", "revealed", "faults", "table", "arms"):
+        assert getattr(shown, key) == getattr(default, key)
+    path.write_text(f"cableway: 1\n{table}{faults}")
+    assert read_perturbation(path, task).table == TableConfig()
+    assert read_perturbation(path, task).faults == default.faults
+    keys = set(re.findall(r"\b(\w+)\b", general + table + faults))
+    configs = (default, default.grasp, default.sensing, default.faults, default.simulation, TableConfig())
+    fields = {field.name for config in configs for field in dataclasses.fields(config)}
+    assert fields - keys == {"notes", "control_step"}
 
 
 def links() -> list[tuple[Path, str]]:

@@ -20,7 +20,7 @@ RESULTS = ROOT / "docs" / "results"
 PAGES = sorted(RESULTS.glob("*.md"))
 WITHOUT_DATA = {"reproduction"}
 """Pages whose episodes are gone: a page leaves this list when it is made again, and none is added."""
-PRINTED = {"models", "planning"}
+PRINTED = {"models", "perception", "planning"}
 """Pages of what scripts of `studies` print, without data so far."""
 
 

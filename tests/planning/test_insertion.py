@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cableway.core.errors import InputError, PlanningError
+from cableway.geometry.groups import SE2
 from cableway.planning.insertion import STEP, plan_insertion
+from cableway.robot.branches import ArmMotion
+from cableway.robot.grasping import HELD, with_hands
+from cableway.scene.cell import CELLS, Way
 from cableway.scene.files.loading import load_task
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.verification import VerificationLimits, verify_insertion_plan
+from cableway.verification.bodies import body_checks
 
 
 @pytest.fixture(scope="module")
@@ -73,3 +79,39 @@ def test_the_limits_are_those_given(task: Task):
 def test_a_task_without_a_port_has_no_push(task: Task):
     with pytest.raises(InputError, match="has no port"):
         plan_insertion(replace(task, port=None))
+
+
+def test_arms_go_on_as_they_hold_the_cable_and_do_not_let_go_of_a_plug_before_its_port():
+    task = load_task("insertion").in_cell(CELLS["dual-ur5e-long-fingers"])
+    plan = plan_insertion(task)
+    way = Way.of_record(plan.metadata)
+    assert plan.joints is not None
+    assert way is not None
+    turned = plan.joints - np.copysign(math.tau, plan.joints[:1]) * np.eye(6)[5]
+    on = plan_insertion(task, after=replace(plan, joints=turned))
+    assert on.joints is not None
+    np.testing.assert_allclose(on.joints, turned, atol=1e-9)
+    assert Way.of_record(on.metadata) == way
+    held = with_hands(plan, ArmMotion(plan.joints, way, 0.0), task)
+    assert held.retreat is None
+    assert held.metadata["arms"]["no_retreat"] == HELD
+
+
+def test_arms_that_cannot_hold_the_plug_in_its_port_are_told():
+    cell = CELLS["dual-ur5e-long-fingers"]
+    far = tuple(replace(arm, position=(4 * arm.position[0], 0.0, 0.15)) for arm in cell.arms)
+    with pytest.raises(PlanningError, match=r"if the left gripper goes along: no arm reaches the left gripper at \(0"):
+        plan_insertion(load_task("insertion").in_cell(replace(cell, arms=far)))
+
+
+def test_the_hand_at_the_left_end_is_kept_off_the_plug(task: Task):
+    task = task.in_cell(CELLS["dual-ur5e-long-fingers"])
+    shape, poses = task.goal[None], task.gripper_poses("goal")[None]
+    (check,) = (check for check in body_checks(shape, poses, task, 0.004) if check.name == "gripper body from the plug")
+    assert check.passed
+    beside = poses.copy()
+    beside[:, 0] = SE2.plus(poses[:, 1], np.array([0.03, 0.0, 0.0]))
+    (check,) = (
+        check for check in body_checks(shape, beside, task, 0.004) if check.name == "gripper body from the plug"
+    )
+    assert not check.passed

@@ -9,7 +9,7 @@ import cableway as cw
 from cableway.cli.planning import PlanOptions
 from cableway.core.errors import TaskError
 from cableway.planning.moved_ends import move_ends, set_up
-from cableway.robot.branches import end_fault
+from cableway.robot.branches import NoMotion, common_ways, end_fault
 from cableway.scene.cell import CELLS
 from cableway.scene.clearance import clearances
 from cableway.scene.obstacles import Disc
@@ -83,3 +83,22 @@ def test_the_option_of_the_command_moves_ends():
     options = PlanOptions(task="maze-1", cell="dual-ur5e", move_ends=True)
     assert options.load() is options.moved.task
     assert set(options.moved.moved) == {"goal"}
+
+
+def test_both_ends_are_moved_into_the_way_in_which_arms_follow_a_slid_cable():
+    moved = set_up("real-maze", "dual-ur5e-tilted-aside", move=True)
+    assert 0.008 < moved.moved["start"] < 0.016
+    assert 0.003 < moved.moved["goal"] < 0.01
+    assert moved.task.cell is not None
+    ways = common_ways(moved.task, moved.task.cell)
+    assert not isinstance(ways, NoMotion)
+    assert ((0, 1), (5, 2)) in {(way.holders, way.branches) for way in ways}
+
+
+def test_a_goal_before_a_port_is_moved_and_the_plug_stays_before_it():
+    moved = set_up("insertion", "dual-ur5e", move=True)
+    assert moved.reasons["goal"].startswith("it has its left gripper in obstacles[2]")
+    assert 0.004 < moved.moved["goal"] < 0.012
+    assert end_fault(moved.task, CELL) is None
+    with pytest.raises(TaskError, match="has its left gripper in"):
+        set_up("insertion", "dual-ur5e")

@@ -199,7 +199,7 @@ def test_a_cell_from_a_file(tmp_path: Path):
     with pytest.raises(TaskError, match=r"cell.yaml:\d+: arms\[1\].position"):
         load_cell(path)
     path.write_text("cableway: 1\nname: mine\ntool: pliers\narms: [{position: [0, 0, 0]}, {position: [1, 0, 0]}]\n")
-    with pytest.raises(TaskError, match="tool must be one of 2f-85, 2f-85-long-fingers, got 'pliers'"):
+    with pytest.raises(TaskError, match="tool must be one of 2f-85, 2f-85-long-fingers, hand-e, got 'pliers'"):
         load_cell(path)
     with pytest.raises(UnknownNameError, match="unknown cell 'tripod'; known: dual-ur5e"):
         load_cell("tripod")
@@ -218,8 +218,6 @@ def test_what_is_no_cell():
     task = cw.load_task("single-obstacle-1")
     with pytest.raises(TaskError, match="must be the cell's tool, 2f-85, got disc"):
         replace(task, cell=CELLS["dual-ur5e"], grippers=replace(task.grippers, body="disc"))
-    with pytest.raises(TaskError, match="plug is not modelled on arms"):
-        cw.load_task("insertion").in_cell(CELLS["dual-ur5e"])
 
 
 def test_a_post_that_appears_under_a_link_is_found_by_planner_and_judge_alike(planned: tuple[cw.Task, cw.Plan]):
@@ -296,7 +294,9 @@ def test_ends_that_are_held_in_different_branches_are_told_before_the_search():
     cell = next(cell for cell in CELLS.values() if cell.tool == task.grippers.body)
     fault = end_fault(task.in_cell(cell), cell)
     assert fault is not None
-    assert "at the goal as they can at the start, in the same branches" in fault.reason
+    said = "the arms cannot hold the cable at the goal, at ({:.3f}, {:.3f}) m and at ({:.3f}, {:.3f}) m, as they can"
+    assert fault.reason.startswith(said.format(*task.gripper_poses("goal")[:, :2].ravel()))
+    assert fault.reason.endswith((" m, in the same branches of their joints", ", and at the goal arm 1's"))
 
 
 def test_the_judge_takes_off_what_links_may_come_nearer_between_its_looks(planned: tuple[cw.Task, cw.Plan]):

@@ -6,7 +6,8 @@ import pytest
 
 from cableway.robot.kinematics import BRANCHES, branch_joints, branch_motion, flange_poses, gripper_poses, link_frames
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps
-from cableway.scene.cell import TOOLS, UR5E
+from cableway.scene.cell import TOOLS, UR5E, Capsule
+from cableway.scene.gripper_bodies import AXIS, OPENINGS, gripper_body, open_hand
 from cableway.verification.arms import _exponentials, _homes
 
 LENGTHS = np.array(UR5E.lengths)
@@ -143,3 +144,25 @@ def test_the_clearance_of_an_arm_from_itself_is_that_of_coal():
         touching += least < 0
         assert found[row] == pytest.approx(least, abs=1e-6) or max(found[row], least) < 0
     assert 0 < touching < 40
+
+
+@pytest.mark.parametrize("opening", [None, *OPENINGS])
+def test_the_capsules_of_the_hand_e_hold_its_outlines_but_for_the_tips(opening: float | None):
+    """But for 3 mm, by which corners of the open carriages stand out; nothing of them is there."""
+    tool, parts = TOOLS["hand-e"], gripper_body("hand-e") if opening is None else open_hand("hand-e", opening)
+    tool = tool if opening is None else tool.opened(opening)
+    for part in parts:
+        for height in part.heights:
+            down = tool.reach + AXIS - height  # from the flange
+            if down <= tool.reach - 0.02:
+                outside = [
+                    min(beyond(np.array([*corner, down]), each) for each in tool.capsules) for corner in part.outline
+                ]
+                assert max(outside) < 0.003
+
+
+def beyond(point: np.ndarray, capsule: Capsule) -> float:
+    """Distance of a point from a capsule, in its frame."""
+    start, along = np.array(capsule.start), np.subtract(capsule.end, capsule.start)
+    nearest = start + np.clip((point - start) @ along / (along @ along), 0, 1) * along
+    return float(np.linalg.norm(point - nearest)) - capsule.radius

@@ -17,7 +17,7 @@ from cableway.robot.cell_kinematics import CellKinematics
 from cableway.robot.free_arms import free_arms, rooms
 from cableway.robot.kinematics import flange_poses, gripper_poses
 from cableway.scene.bodies import Body
-from cableway.scene.cell import CELLS, Way
+from cableway.scene.cell import CELLS, TOOLS, Way
 from cableway.scene.gripper_bodies import AXIS, GRIPPER_BODIES, gripper_body
 from cableway.scene.grippers import Grippers
 from cableway.simulation.arms import ArmDrive
@@ -58,7 +58,7 @@ def holds(bodies: list[Body], point: np.ndarray) -> bool:
     )
 
 
-@pytest.mark.parametrize("tool", ["2f-85", "2f-85-long-fingers"])
+@pytest.mark.parametrize("tool", [*TOOLS])
 def test_planner_and_judge_have_all_of_a_tilted_hand_and_the_judge_no_more_than_the_planner(tool: str):
     task = TASK.in_cell(replace(CELL, tool=tool))
     judged = hand_pieces(gripper_body(tool), task)

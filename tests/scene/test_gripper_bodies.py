@@ -17,7 +17,7 @@ import cableway as cw
 from cableway.core.errors import TaskError
 from cableway.scene.bodies import LEFT, RIGHT, Body, body_pairs, outer_bodies
 from cableway.scene.clearance import bodies_gap, body_clearance, pieces_clearance
-from cableway.scene.gripper_bodies import GRIPPER_BODIES, BodyPart
+from cableway.scene.gripper_bodies import GRIPPER_BODIES, OPENINGS, TIP, BodyPart, gripper_body, open_hand
 from cableway.scene.grippers import Grippers
 from cableway.scene.obstacles import Box, Disc
 from cableway.scene.scene import Scene
@@ -105,11 +105,14 @@ def test_a_task_is_read_as_it_was_written(tmp_path: Path, body: str | tuple[Body
 @pytest.mark.parametrize(
     ("body", "said"),
     [
-        ("2f-58", "grippers.body must be one of disc, 2f-85, 2f-85-long-fingers, or a list of pieces, got '2f-58'"),
+        (
+            "2f-58",
+            "grippers.body must be one of disc, 2f-85, 2f-85-long-fingers, hand-e, or a list of pieces, got '2f-58'",
+        ),
         ([{"outline": SQUARE, "heights": [0.05, 0.0]}], "grippers.body[0].heights must be in order, got [0.05, 0]"),
         ([{"outline": SQUARE[:2], "heights": [0, 1]}], "grippers.body[0].outline must be at least 3 points, got 2"),
         ([{"outline": SQUARE}], "grippers.body[0].heights is missing; it must be [lowest, highest]"),
-        (3, "grippers.body must be disc, 2f-85, 2f-85-long-fingers, or a list of pieces, got 3"),
+        (3, "grippers.body must be disc, 2f-85, 2f-85-long-fingers, hand-e, or a list of pieces, got 3"),
     ],
 )
 def test_what_is_no_body_is_refused(tmp_path: Path, body: object, said: str):
@@ -141,3 +144,30 @@ def test_ends_at_which_a_hand_stands_on_something_are_refused():
 def test_a_disc_has_no_pieces():
     task = random_task(0, "clutter")
     assert np.isinf(pieces_clearance(task.start[None], task.gripper_poses("start")[None], task)).all()
+
+
+FINGER = (
+    (25.0, 9.49, 26.07), (25.0, -9.51, 26.07), (25.0, 9.37, 46.99), (30.5, 10.49, 44.0), (31.0, -0.01, 46.5),
+    (31.0, 9.99, 28.6), (30.53, -10.51, 45.12), (29.79, 9.49, 17.77), (34.53, 9.99, 21.56), (35.48, 10.48, 19.26),
+    (35.8, -10.01, 16.81), (35.8, 9.99, 1.0), (29.8, -9.51, 12.0), (35.82, -10.51, 5.3), (32.32, -18.74, 5.3),
+    (32.98, -16.27, 7.8), (24.45, -15.68, 8.2), (18.29, -15.24, 5.22), (20.09, -18.73, 5.3), (21.66, -10.1, 8.48),
+)  # fmt: skip
+"""Corners [mm] of a finger of the Hand-E, 50 mm open, from the middle of the hand's face: along the fingers' motion,
+across it and away from the face, which is 47 mm from the tips."""
+
+
+@pytest.mark.parametrize("opening", [0.008, *OPENINGS])
+def test_the_outlines_of_the_hand_e_hold_its_fingers_closed_and_open(opening: float):
+    parts = gripper_body("hand-e") if opening == 0.008 else open_hand("hand-e", opening)
+    assert len(parts) == (4 if opening == 0.008 else 7)
+    for aside, along, up in FINGER:
+        moved, height = aside - 25 + 500 * opening, TIP + (47 - up) / 1000
+        for side in (1, -1):
+            point = shapely.Point(side * along / 1000, side * moved / 1000)
+            near = (part for part in parts if part.heights[0] - 1e-4 <= height <= part.heights[1] + 1e-4)
+            assert any(shapely.Polygon(part.outline).buffer(1e-4).contains(point) for part in near)
+    fingers = [part for part in parts if part.heights[1] < 0.045]
+    if opening != 0.008:
+        assert 2 * min(np.abs(part.outline[:, 1]).min() for part in fingers) == pytest.approx(opening)
+    radius = np.linalg.norm(parts[-1].outline, axis=1).max()
+    assert radius * np.cos(np.pi / 12) == pytest.approx(0.0375)

@@ -2,13 +2,16 @@
 
 The right end first moves and turns onto the axis, as far as the goal is beside it, and then goes straight. The left
 gripper goes along, so that the cable keeps its shape, or stands still; the first that verifies is taken. In between the
-cable is led as the rod that it is, and must not snap.
+cable is led as the rod that it is, and must not snap. In a cell, arms go on as they hold the cable at the goal.
 
 Note:
     The paper (Tang et al.) inserts an HDMI plug as a case study and is silent on how it is aligned and inserted.
 """
 
 from __future__ import annotations
+
+import math
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +22,9 @@ from cableway.core.provenance import versions
 from cableway.geometry.groups import SE2
 from cableway.motion.time_parametrization import require_rows
 from cableway.records import INSERTION, Attempt, Plan
+from cableway.robot.branches import NoMotion, arm_motion
 from cableway.rod.continuation import lead
+from cableway.scene.cell import Way
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import Task
 from cableway.verification import VerificationLimits, verify_insertion_plan
@@ -35,12 +40,13 @@ SHARES = {1.0: "goes along", 0.0: "stands still"}
 """Shares of the right gripper's travel that the left one makes, in the order they are tried."""
 
 
-def plan_insertion(task: TaskSource, limits: VerificationLimits | None = None) -> Plan:
+def plan_insertion(task: TaskSource, limits: VerificationLimits | None = None, after: Plan | None = None) -> Plan:
     """The verified plan of an insertion; `metadata["part"]` is "insertion".
 
     Args:
         task: A task with a port.
         limits: What the plan must keep, the defaults where None.
+        after: In a cell, the plan at whose end arms hold the cable as it says; None where that is open.
 
     Raises:
         InputError: The task has no port.
@@ -57,13 +63,30 @@ def plan_insertion(task: TaskSource, limits: VerificationLimits | None = None) -
             reasons.append(f"the cable snaps after {steps} if the left gripper {name}")
             continue
         made_by = {"part": INSERTION, "left gripper": name, "versions": versions()}
-        plan = Plan.of(task.cable.rod, led.q, made_by)
+        plan = _with_arms(Plan.of(task.cable.rod, led.q, made_by), task, after)
+        if isinstance(plan, NoMotion):
+            reasons.append(f"if the left gripper {name}: {plan.reason}")
+            attempt = Attempt(reasons[-1], at=plan.at)
+            continue
         verdict = verify_insertion_plan(plan, task, limits)
         if verdict.passed:
             return plan.judged(verdict)
         reasons.append(f"if the left gripper {name}: {verdict}")
         attempt = Attempt(reasons[-1], plan.shapes, plan.poses, verdict)
     raise PlanningError(f"the plug cannot be inserted: {'; '.join(reasons)}", attempt)
+
+
+def _with_arms(plan: Plan, task: Task, after: Plan | None) -> Plan | NoMotion:
+    """A plan with the joints of a cell's arms, as another one that ends where it begins has them; or why not."""
+    if task.cell is None:
+        return plan
+    way = task.cell.way if after is None else Way.of_record(after.metadata)
+    motion = arm_motion(plan.poses, task, replace(task.cell, way=way))
+    if isinstance(motion, NoMotion):
+        return motion
+    turns = 0.0 if after is None or after.joints is None else np.round((after.joints[-1] - motion.joints[0]) / math.tau)
+    joints = motion.joints + math.tau * turns
+    return replace(plan, joints=joints, metadata={**plan.metadata, "arms": motion.way.described()})
 
 
 def _poses(task: Task, share: float) -> Float[np.ndarray, "t 2 3"]:

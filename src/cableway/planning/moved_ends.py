@@ -6,16 +6,21 @@ is tried, and shapes about what that leaves.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from cableway.core.errors import PlanningError
 from cableway.core.quantities import quantity
+from cableway.geometry import polyline
 from cableway.motion.limits import Margins
 from cableway.motion.validity import FreeSpace
+from cableway.planning.config import PlannerConfig
+from cableway.planning.initial_trajectories import InitialTrajectories
 from cableway.robot.branches import NoMotion, PackedCell, possible_ways
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene import validity
@@ -38,6 +43,13 @@ BACK, CLOSER = 24, 4
 SPREAD = (1.0, 1.0, 10.0, 160.0, 160.0, 40.0)
 """Standard deviations of rod coordinates [m, m, rad, -, -, -] for a move of 1 m: about as wide as a tube of
 RRT-Connect."""
+
+SLID_ROWS, FOLLOWED = 60, 0.9
+"""Of a cable slid from start to goal along one curve, rows that are looked at, and the share of them that a way in
+which arms can hold it must keep for both ends to be moved into it."""
+
+MOST_WAYS = 8
+"""Of them, how many are tried."""
 
 APART = "the arms cannot hold both ends in the same branches of their joints"
 
@@ -78,8 +90,9 @@ def set_up(source: TaskSource, cell: Cell | str | None = None, *, move: bool = F
 def move_ends(draft: Draft) -> MovedEnds:
     """The task with the ends that bodies or arms cannot hold moved, if there are any and a shape is found near them.
 
-    A moved end keeps what plans keep (`Margins`). Of two ends that arms can hold, but not in the same way, the one
-    that has less far to go is moved. Where no shape is found, the task is as designed, and the planner says why not.
+    A moved end keeps what plans keep (`Margins`), and a plug stays before its port. Of two ends that arms can hold, but
+    not in the same way, the one that has less far to go is moved; or both, into the way in which arms can nearly follow
+    a cable slid along one curve. Where no shape is found, the task is as designed, and the planner says why not.
 
     Args:
         draft: The task, with its cell if it has one; bodies may be in collision at its ends.
@@ -93,7 +106,9 @@ def move_ends(draft: Draft) -> MovedEnds:
     start, goal = (mover.designed(end) for end in ENDS)
     if start.ways & goal.ways:
         return MovedEnds(_task(draft))
-    if start.ways and goal.ways:
+    if start.ways and goal.ways and (both := mover.into_one_way(start, goal)):
+        changed: list[_Held | None] = [*both]
+    elif start.ways and goal.ways:
         found = [mover.moved(goal, start.ways, APART), mover.moved(start, goal.ways, APART)]
         changed = [min((each for each in found if each), key=lambda each: each.distance, default=None)]
     else:
@@ -150,6 +165,7 @@ class _Mover:
         def first(rows: Float[np.ndarray, "k dof"], below: float) -> _Held | None:
             away = self._displacement(rows, held.q)
             near = np.flatnonzero((away < below) & self.space.are_free(rows))
+            near = near[self._before_port(held.end, rows[near])]
             for k in near[np.argsort(away[near], kind="stable")][:LOOKED_AT]:
                 ways = self._ways(rows[k])[0]
                 if ways if wanted is None else ways & wanted:
@@ -164,6 +180,34 @@ class _Mover:
             found = first(back, found.distance) or found
             found = first(self._about(found.q, found.distance / 4), found.distance) or found
         return found
+
+    def into_one_way(self, start: _Held, goal: _Held) -> list[_Held]:
+        """The ends moved into the way that a slid cable keeps most; empty where it keeps none or none is found."""
+        for way in self._followed()[:MOST_WAYS]:
+            found = [self.moved(held, {way}, APART) for held in (start, goal) if way not in held.ways]
+            if all(found):
+                return [held for held in found if held]
+        return []
+
+    def _followed(self) -> list[Way]:
+        """Ways in which arms can hold the cable in most rows as it slides from start to goal, the best first."""
+        assert self.packed is not None
+        try:
+            slid = InitialTrajectories(self.draft.checked(), PlannerConfig()).make("slide-head")
+        except PlanningError:
+            return []
+        rows = polyline.end_poses(slid.shapes[np.linspace(0, len(slid.shapes) - 1, SLID_ROWS).astype(int)])
+        found = (possible_ways(row, self.packed) for row in rows)
+        kept = Counter(way for ways in found if not isinstance(ways, NoMotion) for way in ways)
+        return [way for way, count in kept.most_common() if count >= FOLLOWED * SLID_ROWS]
+
+    def _before_port(self, end: End, rows: Float[np.ndarray, "k dof"]) -> Bool[np.ndarray, "k"]:
+        """Which shapes bring a plug before its port, where that is asked of the end."""
+        plug, port = self.draft.plug, self.draft.port
+        if end != "goal" or plug is None or port is None:
+            return np.ones(len(rows), bool)
+        poses = self.rod.shapes(rows)[1][:, 1]
+        return np.array([not any(validity.port_faults(pose, plug, port)) for pose in poses], bool)
 
     def _ways(self, q: Float[np.ndarray, "dof"]) -> tuple[Set[Way | None], str]:
         if self.packed is None:
@@ -183,7 +227,7 @@ class _Mover:
 def _is_wrong(draft: Draft, end: End) -> bool:
     """Whether an end has another fault than that bodies are in something."""
     shape = getattr(draft, end)
-    if shape is None or (draft.plug is not None and draft.port is not None):
+    if shape is None:
         return True
     return any(validity.shape_faults(end, shape, draft.scene, draft.cable, draft.grippers))
 

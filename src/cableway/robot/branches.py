@@ -7,6 +7,7 @@ whole motion and each gripper: of all pairs, the one that keeps most room.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
@@ -128,8 +129,17 @@ def common_ways(task: Task, cell: Cell) -> tuple[Way, ...] | NoMotion:
     both = sorted((way for way in start if way in goal), key=lambda way: -min(start[way], goal[way], ENOUGH))
     if both:
         return tuple(both)
-    reason = "the arms cannot hold the cable at the goal as they can at the start, in the same branches of their joints"
-    return NoMotion(reason, _point(poses[1, :, :2].mean(axis=0)))
+    return NoMotion(_apart(poses, start, goal), _point(poses[1, :, :2].mean(axis=0)))
+
+
+def _apart(poses: Float[np.ndarray, "2 2 3"], start: Collection[Way], goal: Collection[Way]) -> str:
+    """Why arms cannot hold the cable at both ends of a task alike, which they can at each."""
+    places = [" and ".join(_place(_point(pose)) for pose in held) for held in poses]
+    lefts = [{way.holders[0] for way in ways} for ways in (start, goal)]
+    how = "in the same branches of their joints"
+    if not lefts[0] & lefts[1]:
+        how = f"since the left end is then arm {min(lefts[0])}'s, and at the goal arm {min(lefts[1])}'s"
+    return f"the arms cannot hold the cable at the goal, {places[1]}, as they can at the start, {places[0]}, {how}"
 
 
 def possible_ways(poses: Float[np.ndarray, "2 3"], packed: PackedCell) -> dict[Way, float] | NoMotion:
@@ -248,7 +258,9 @@ def _tracks(
     if not np.isfinite(blocked[0]):
         return found, NoMotion(f"no joints within their limits follow the {name}", _point(poses[0]))
     at = _point(poses[blocked[1]])
-    links = f"links come within {quantity(blocked[0])} of table, obstacle or arm"
+    gap = blocked[0]
+    near = f"{limit_text(-gap)} into" if gap < 0 else f"within {quantity(gap)} of"
+    links = f"links come {near} table, obstacle or arm"
     return found, NoMotion(f"no arm follows the {name}: {links} {_place(at)}", at)
 
 

@@ -49,6 +49,10 @@ MOST_STEPS = 200
 """Control steps after which that ends."""
 
 
+HELD = "the hands hold the plug on its way into the port"
+"""Why they do not open at the goal of a task with a port."""
+
+
 class HandMotion(NamedTuple):
     """Arms that lower their open hands to the cable.
 
@@ -71,6 +75,9 @@ def with_hands(plan: Plan, motion: ArmMotion, task: Task) -> Plan:
     found: dict[str, Float[np.ndarray, "t 2 6"]] = {}
     for index, (name, end) in enumerate(zip(("approach", "retreat"), ENDS, strict=True)):
         row = -index
+        if index and task.port is not None:
+            described["no_retreat"] = HELD
+            continue
         hands = lowered(plan.poses[row], plan.shapes[row], motion.joints[row], task, motion.way)
         if isinstance(hands, NoMotion):
             x, y = hands.at

@@ -90,18 +90,19 @@ class Tool:
         reach: From the flange to the axis of the cable between the fingers [m].
         mass: Of all of it, in the frame of the flange.
         capsules: That hold it but for its fingertips, which `cableway.scene.gripper_bodies` describes.
+        spread: That hold what open fingers spread besides.
     """
 
     reach: float
     mass: Mass
     capsules: tuple[Capsule, ...]
+    spread: tuple[Capsule, ...] = ()
 
     def opened(self, opening: float) -> Tool:
-        """The same with capsules about its fingers, `opening` [m] apart, and the knuckles that they spread."""
+        """The same with capsules about its fingers, `opening` [m] apart, and what they spread."""
         aside, low, high = opening / 2 + FINGER / 2, 0.12, self.reach - FINGER
         fingers = (Capsule(6, (0, y, low), (0, y, high), FINGER) for y in (-aside, aside))
-        knuckles = Capsule(6, (0, -0.042, low), (0, 0.042, low), 0.019)
-        return replace(self, capsules=(*self.capsules, *fingers, knuckles))
+        return replace(self, capsules=(*self.capsules, *fingers, *self.spread))
 
 
 FINGER = 0.014
@@ -163,9 +164,23 @@ _HAND = (
 _HAND_MASS = Mass(0.903, (0, 0, 0.044), (0.00087627, 0.0007357, 0.00027307, 0, 0, 0))
 """Of the 2F-85 closed on a cable of 8 mm in MuJoCo Menagerie's model (BSD-2-Clause), by `studies/arm_capsules.py`."""
 
+_KNUCKLES = Capsule(6, (0, -0.042, 0.12), (0, 0.042, 0.12), 0.019)
+"""Of the open 2F-85."""
+
+_HAND_E = (Capsule(6, (0, 0, 0), (0, 0, 0.11), 0.039), Capsule(6, (0, 0, 0.11), (0, 0, 0.14), 0.019))
+"""The Hand-E: a cylinder with a radius of 37.5 mm, its coupling 1 mm more, and fingers of 30 x 22 mm."""
+
+_HAND_E_MASS = Mass(1.059, (0, 0, 0.0556), (0.00169601, 0.00168528, 0.00059302, 0, 0, 0))
+"""Of the Hand-E closed on a cable of 8 mm: hand and fingers as `robotiq_hande_gripper.urdf.xacro` of `cambel/robotiq`
+has them (GitHub, commit 3c46b213, after Robotiq's drawings), and a coupling of 119 g as in
+`AGH-CEAI/robotiq_hande_description`."""
+
 TOOLS: dict[str, Tool] = {
-    "2f-85": Tool(0.161, _HAND_MASS, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.14), 0.025))),
-    "2f-85-long-fingers": Tool(0.241, _HAND_MASS, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.23), 0.014))),
+    "2f-85": Tool(0.161, _HAND_MASS, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.14), 0.025)), (_KNUCKLES,)),
+    "2f-85-long-fingers": Tool(
+        0.241, _HAND_MASS, (*_HAND, Capsule(6, (0, 0, 0.12), (0, 0, 0.23), 0.014)), (_KNUCKLES,)
+    ),
+    "hand-e": Tool(0.155, _HAND_E_MASS, _HAND_E),
 }
 """By the name of their bodies in `GRIPPER_BODIES`; longer fingers weigh nothing more here."""
 
@@ -297,21 +312,24 @@ CELLS: dict[str, Cell] = {
             MountedArm(position=(-0.55, 0.0, 0.15), angle=0.0),
             MountedArm(position=(0.55, 0.0, 0.15), angle=math.pi),
         ),
-        tool=f"2f-85{ending}",
+        tool=tool,
         obstacle_height=0.05,
         wall_height=0.001,
     )
-    for ending in ("", "-long-fingers")
+    for ending, tool in (("", "2f-85"), ("-long-fingers", "2f-85-long-fingers"), ("-hand-e", "hand-e"))
 }
-CELLS["dual-ur5e-tilted"] = Cell(
-    name="dual-ur5e-tilted",
-    arms=(
-        MountedArm(position=(0.0, -0.55, 0.0), angle=math.pi / 2),
-        MountedArm(position=(0.0, 0.55, 0.0), angle=-math.pi / 2),
-    ),
-    tilt=0.17,
-    obstacle_height=0.05,
-    wall_height=0.001,
-)
+CELLS |= {
+    f"dual-ur5e-tilted{ending}": Cell(
+        name=f"dual-ur5e-tilted{ending}",
+        arms=(
+            MountedArm(position=(aside, -0.55, 0.0), angle=math.pi / 2),
+            MountedArm(position=(aside, 0.55, 0.0), angle=-math.pi / 2),
+        ),
+        tilt=0.17,
+        obstacle_height=0.05,
+        wall_height=0.001,
+    )
+    for ending, aside in (("", 0.0), ("-aside", 0.15))
+}
 """By name: two UR5e at either side of a table of up to 0.8 m, facing each other, on pedestals of 15 cm; and before and
-behind it, without pedestals, their tools tilted, see `studies/cell_layouts.py`."""
+behind it, without pedestals, their tools tilted, in front of its middle or aside, see `studies/cell_layouts.py`."""

@@ -3,8 +3,9 @@
 The named ones are made for a tool that points straight down with its tips 2 mm above the table, closed on a cable of
 8 mm, the fingers to either side of it. The 2F-85's extents are those of its meshes in MuJoCo Menagerie (BSD-2-Clause),
 by `studies/gripper_outlines.py`, rounded up to millimetres; those of the layer above the knuckles, 103 x 74, hold its
-flange of 75 x 75 as well. The same study has those of the open hand. A *tilted* hand leans outward, away from the
-cable along its tangent, turned about the axis of that cable.
+flange of 75 x 75 as well. The same study has those of the open hand. The Hand-E's are those of meshes that were made
+of Robotiq's drawings, see `_HAND_E`. A *tilted* hand leans outward, away from the cable along its tangent, turned about
+the axis of that cable.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import shapely
@@ -130,12 +131,62 @@ def _hand(low: float, across: tuple[float, ...] = tuple(layer[0] for layer in _H
     )
 
 
+class _Finger(NamedTuple):
+    """A layer of a finger that moves aside as it is: figures in millimetres.
+
+    Attributes:
+        inner: Its inner side, outward from the face of the pad.
+        outer: Its outer side.
+        along: Extent along the cable.
+        low: Above the tips.
+        high: Above the tips.
+    """
+
+    inner: float
+    outer: float
+    along: float
+    low: float
+    high: float
+
+    def pair(self, gap: float) -> tuple[BodyPart, ...]:
+        """The layers of both fingers with their pads `gap` [mm] apart, as one where they meet."""
+        inner, outer = gap / 2 + self.inner, gap / 2 + self.outer
+        if inner <= gap / 2 <= CLOSED / 2:
+            return (_layer(2 * outer, self.along, self.low, self.high),)
+        width, aside = outer - inner, (outer + inner) / 2
+        return tuple(_layer(width, self.along, self.low, self.high, side * aside) for side in (1, -1))
+
+
+CLOSED = 8
+"""Distance of the pads of a closed hand [mm]."""
+
+_HAND_E = (_Finger(0, 6, 22, 0, 21), _Finger(0, 11, 22, 21, 38), _Finger(-7, 11, 38, 38, 47))
+"""Robotiq's basic fingers of the Hand-E: tips, shanks, and the carriages with their screws. Extents of
+`meshes/hande/finger_1-collision.dae` of `cambel/robotiq` (GitHub, commit 754a8130), rounded up; its gripper is 50 mm
+open, its z axis begins at the hand's face."""
+
+_HAND_E_RADIUS, _HAND_E_HEIGHT = 0.0375, 0.110
+"""Of the Hand-E above its fingers, a cylinder [m]: 99 mm, and 11 mm of its coupling, as `robotiq_hande_gripper.xacro`
+of `AGH-CEAI/robotiq_hande_description` has them (GitHub, commit 13ed8636, after Robotiq's drawings)."""
+
+
+def _hand_e(gap: float) -> tuple[BodyPart, ...]:
+    """The Hand-E with its pads `gap` [mm] apart; its body is a prism of 12 sides about the cylinder."""
+    angles = np.arange(12) * math.pi / 6
+    outline = _HAND_E_RADIUS / math.cos(math.pi / 12) * np.column_stack([np.cos(angles), np.sin(angles)])
+    low = TIP + _HAND_E[-1].high / 1000
+    body = BodyPart(outline=outline, heights=(low, low + _HAND_E_HEIGHT))
+    return (*(part for finger in _HAND_E for part in finger.pair(gap)), body)
+
+
 GRIPPER_BODIES: dict[str, tuple[BodyPart, ...]] = {
     "disc": (),
     "2f-85": (_layer(37, 22, 0, 20), _layer(42, 24, 20, 40), *_hand(40)),
     "2f-85-long-fingers": (_layer(24, 12, 0, 120), *_hand(120)),
+    "hand-e": _hand_e(CLOSED),
 }
-"""By name: nothing beyond the disc; Robotiq's 2F-85; the same with fingers lengthened to bars of 24 x 12 mm."""
+"""By name: nothing beyond the disc; Robotiq's 2F-85; the same with fingers lengthened to bars of 24 x 12 mm; Robotiq's
+Hand-E with its basic fingers."""
 
 
 def gripper_body(body: str | tuple[BodyPart, ...] | None) -> tuple[BodyPart, ...]:
@@ -177,6 +228,8 @@ def open_hand(tool: str, opening: float) -> tuple[BodyPart, ...]:
     [0.01, -0.0245]
     """
     gap = round(1000 * opening)
+    if tool == "hand-e":
+        return _hand_e(gap)
     low, high, *hand = _OPEN[gap]
     if tool == "2f-85-long-fingers":
         fingers = [(gap + 2 * _THICKNESS, 12, 0, 120)]

@@ -74,7 +74,7 @@ class Draft(Brief):
         cell: The arms that hold the grippers, whose body is the cell's tool; None where grippers move by themselves.
 
     Raises:
-        TaskError: A value is of the wrong form, the port is without a plug, or in a cell there is a plug, or the
+        TaskError: A value is of the wrong form, the port is without a plug, or in a cell the
             grippers have another body than its tool, or another tilt.
     """
 
@@ -98,8 +98,6 @@ class Draft(Brief):
             )
         if self.port is not None and self.plug is None:
             raise TaskError("needs a plug", ("port",))
-        if self.cell is not None and self.plug is not None:
-            raise TaskError("is not modelled on arms, and the task has a cell", ("plug",))
         if self.cell is not None and self.grippers.body != self.cell.tool:
             raise TaskError(
                 f"must be the cell's tool, {self.cell.tool}, got {self.grippers.body}", ("grippers", "body")
@@ -155,7 +153,7 @@ class Draft(Brief):
         """The same task with arms: grippers with the body of their tool, and heights where the scene states none.
 
         Raises:
-            TaskError: A plug is held, or the bodies leave start or goal of a `Task` no room.
+            TaskError: The bodies leave start or goal of a `Task` no room.
         """
         grippers = replace(self.grippers, body=cell.tool, tilt=cell.tilt)
         return replace(self, scene=cell.furnished(self.scene), grippers=grippers, cell=cell)

@@ -2,7 +2,7 @@
 
 `planning` has the planning chain, `models` the deformation models with their training and online adaptation, `control`
 neural MPC, `reproduction` the paper's tables and figures beside ours. `docs/paper.md` maps each equation, table, figure
-and experiment of the paper to its place here and says what departs from it; `docs/derivations.md` has the symbols.
+and experiment of the paper to its place here, says what departs from it and has the symbols.
 
 Raises:
     MissingExtraError: On import, if the extra is not installed.

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from cableway.core.errors import SimulationError
 from cableway.records import Measurement, Observation, Plan
 from cableway.robot.branches import NoMotion
-from cableway.robot.grasping import lowered
+from cableway.robot.grasping import HELD, lowered
 from cableway.robot.held_arms import HeldArms
 from cableway.scene.task import Task
 from cableway.tracking.answers import AnsweringPlant
@@ -52,6 +52,8 @@ def let_go(
         Whether it was let go, how far it moved [m] by then, and if not why, for the record; and what was measured.
     """
     assert isinstance(plant, AnsweringPlant)
+    if task.port is not None:
+        return {"let_go": False, "why": HELD}, None
     hands = lowered(poses, keypoints, arms.joints, task, arms.kinematics.way)
     if isinstance(hands, NoMotion):
         x, y = hands.at

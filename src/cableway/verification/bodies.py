@@ -18,7 +18,7 @@ from cableway.scene.gripper_bodies import AXIS, BodyPart, gripper_body
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import Task
 from cableway.verification.ends import Ends
-from cableway.verification.geometry import outline_at
+from cableway.verification.geometry import outline_at, plug_outline
 from cableway.verification.swept import Measure, closest_approach, depths, to_scene
 
 OUTLINE_SPACING = 0.004
@@ -94,9 +94,10 @@ class Meeting(NamedTuple):
 def _meetings(
     lines: Float[np.ndarray, "t m 2"], poses: Float[np.ndarray, "t 2 3"], task: Task, limit: float
 ) -> Iterator[Meeting]:
-    """All that pieces of the grippers may meet: what stands on the table, the cable, each other."""
+    """All that pieces of the grippers may meet: what stands on the table, the cable, each other, the plug."""
     pieces = hand_pieces(gripper_body(task.grippers.body), task)
     outlines = [outline_at(piece.outline, poses[:, piece.side], OUTLINE_SPACING) for piece in pieces]
+    plug = [] if task.plug is None else [plug_outline(task.plug, poses[:, 1], OUTLINE_SPACING)]
     for i, (piece, outline) in enumerate(zip(pieces, outlines, strict=True)):
         scene = to_scene(task.scene, piece.heights[0], solid=True)
         yield Meeting("gripper body clearance", f"the {piece.name} and {{}}", outline, scene)
@@ -105,6 +106,9 @@ def _meetings(
             moving = np.concatenate([outline, _free(lines, piece, task, limit)], axis=1)
             who, measure = f"the {piece.name} and the cable", partial(to_line, split=split)
             yield Meeting("gripper body from the cable", who, moving, measure, task.cable.radius)
+        for beside in plug if piece.side == 0 else ():
+            moving, measure = np.concatenate([outline, beside], axis=1), partial(to_outline, split=split)
+            yield Meeting("gripper body from the plug", f"the {piece.name} and the plug", moving, measure)
         for other, beside in zip(pieces[i + 1 :], outlines[i + 1 :], strict=True):
             if piece.side != other.side and level(piece, other):
                 moving, measure = np.concatenate([outline, beside], axis=1), partial(to_outline, split=split)

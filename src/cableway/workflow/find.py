@@ -61,11 +61,11 @@ def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str
     try:
         with time_limit(options.expired(clock)):
             timer("set up", 0.0)
-            if task.port is not None:
-                timer("insertion plan", 0.0)
-                insertion_plan = plan_insertion(task, planner.limits)
-                timer("insertion plan", 1.0)
+            if task.cell is None:
+                insertion_plan = _insertion(task, planner, timer)
             plans = _plans(task, options, planner, timer)
+            if task.cell is not None:
+                insertion_plan = _insertion(task, planner, timer, plans[0])
     except OutOfTime:
         timer.stop()
         late = PlanningError("the time limit ran out before there was a plan", outcome=Outcome.TIMED_OUT)
@@ -92,6 +92,16 @@ def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str
         task=task, report=report, plan=plans[0], alternatives=tuple(plans[1:]), insertion_plan=insertion_plan,
         timings=timer.seconds,
     )  # fmt: skip
+
+
+def _insertion(task: Task, planner: Planner, timer: StageTimer, after: Plan | None = None) -> Plan | None:
+    """The plan of the insertion, in a cell after the plan that leads to it; None where there is no port."""
+    if task.port is None:
+        return None
+    timer("insertion plan", 0.0)
+    found = plan_insertion(task, planner.limits, after)
+    timer("insertion plan", 1.0)
+    return found
 
 
 def search(

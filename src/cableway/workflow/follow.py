@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.commands import Commands
 from cableway.control.base import Controller
@@ -102,7 +103,10 @@ def follow(
         problem = (Outcome.INTERRUPTED, "the run was interrupted")
     elif listener.cancelled:
         problem = (Outcome.INTERRUPTED, "the run was cancelled")
-    rollout, insertion = _with_arms(_with(rollout, made_by), run, plant, perturbation), _with(insertion, made_by)
+    joints = None if plant is None else plant.joints
+    rest = None if joints is None or rollout is None else joints[len(rollout.times) :]
+    rollout = _with_arms(_with(rollout, made_by), run, joints, perturbation)
+    insertion = _with_arms(_with(insertion, made_by), run, rest, perturbation)
     if rollout is not None and eyes is not None:
         rollout = replace(rollout, metadata={**rollout.metadata, "eyes": eyes.record()})
     run = replace(run, rollout=rollout, insertion=insertion)
@@ -172,7 +176,7 @@ def _made_by(task: Task, options: SolveOptions, own: OwnPlant | None) -> dict[st
 
 
 def _with_arms(
-    rollout: Rollout | None, run: Run, plant: AnsweringPlant | None, perturbation: Perturbation
+    rollout: Rollout | None, run: Run, joints: Float[np.ndarray, "k 2 6"] | None, perturbation: Perturbation
 ) -> Rollout | None:
     """A rollout with the joints of the arms that held the grippers as they did in the plan: as the plant measured them,
     or else where the grippers were; without where that cannot be, and it says why.
@@ -180,7 +184,6 @@ def _with_arms(
     way = None if run.plan is None else Way.of_record(run.plan.metadata)
     if rollout is None or run.task.cell is None or run.plan is None or way is None:
         return rollout
-    joints = None if plant is None else plant.joints
     if joints is None:
         offsets = np.array([perturbation.grasp.offsets(time - CONTROL_STEP / 2) for time in rollout.times])
         grippers = SE2.compose(rollout.poses, SE2.inverse(offsets))
