@@ -10,7 +10,7 @@ import pytest
 import strict
 
 os.environ |= strict.JAX
-jaxtyping.install_import_hook(strict.PACKAGES, "strict.typechecker")
+strict.install()
 
 
 @pytest.fixture(autouse=True)

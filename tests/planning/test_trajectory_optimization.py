@@ -34,6 +34,12 @@ def crossing():
     return task, q
 
 
+@pytest.fixture(scope="module")
+def moved(crossing):
+    task, q = crossing
+    return optimize_trajectory(q, task, TrajectoryOptimizationConfig())
+
+
 def test_gradient_is_that_of_the_cost(crossing, monkeypatch: pytest.MonkeyPatch):
     """The gradient from the Jacobians equals finite differences of the cost, for every term at once."""
     task, q = crossing
@@ -67,22 +73,20 @@ def test_gradient_with_all_limits_of_the_task(crossing):
     assert np.sum(normal.gradient * direction) == pytest.approx(numeric, rel=2e-4)
 
 
-def test_moves_the_cable_out_of_the_way_and_keeps_the_ends(crossing):
+def test_moves_the_cable_out_of_the_way_and_keeps_the_ends(crossing, moved):
     """What went through the disc keeps the margin afterwards; start and goal stay as they were."""
     task, q = crossing
     rod, radius = task.cable.rod, task.cable.radius
     assert task.scene.clearance(rod.shapes(q)[0], radius).min() < -0.05
-    moved = optimize_trajectory(q, task, TrajectoryOptimizationConfig())
     assert task.scene.clearance(rod.shapes(moved)[0], radius).min() > 0.008
     assert np.array_equal(moved[[0, -1]], q[[0, -1]])
 
 
-def test_cost_never_rises(crossing):
+def test_cost_never_rises(crossing, moved):
     """At the last clearance weight the optimised sequence costs less than the one given."""
     task, q = crossing
-    config = TrajectoryOptimizationConfig()
-    problem = _Problem(task, config, CLEARANCE_WEIGHTS[-1], q)
-    assert problem.cost(optimize_trajectory(q, task, config)) < problem.cost(q)
+    problem = _Problem(task, TrajectoryOptimizationConfig(), CLEARANCE_WEIGHTS[-1], q)
+    assert problem.cost(moved) < problem.cost(q)
 
 
 def test_raises_the_stability_margin():
@@ -99,10 +103,9 @@ def test_raises_the_stability_margin():
 def test_same_input_same_output(crossing):
     """Two calls give the same numbers, bit for bit."""
     task, q = crossing
-    assert np.array_equal(
-        optimize_trajectory(q, task, TrajectoryOptimizationConfig()),
-        optimize_trajectory(q, task, TrajectoryOptimizationConfig()),
-    )
+    first, second = (optimize_trajectory(q, task, TrajectoryOptimizationConfig(iterations=5)) for _ in range(2))
+    assert not np.array_equal(first, q)
+    assert np.array_equal(first, second)
 
 
 def test_progress_rises_and_can_end_the_refinement(crossing):

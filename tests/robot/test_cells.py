@@ -23,6 +23,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.task import CONTROL_STEP
 from cableway.simulation.perturbations.grasp import GraspConfig
 from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.table_plant import TableConfig
 from cableway.tasks.generation import random_task_with_witness
 from cableway.verdict import FINDINGS
 from cableway.verification.arms import arm_checks
@@ -148,7 +149,8 @@ ASKEW = GraspConfig(
 def test_a_run_in_a_cell_has_the_joints_of_the_plant_or_of_what_the_grippers_did(arms: Any):
     """Also where the cable is held askew: a rollout has the poses of its ends, and the tools are at the grippers."""
     task = cw.random_task(2, "cell")
-    perturbation = Perturbation(arms=arms, grasp=ASKEW)
+    coarse = TableConfig(segments=12, time_step=0.005) if arms == "simulated" else None
+    perturbation = Perturbation(arms=arms, grasp=ASKEW, table=coarse)
     run = cw.solve(task, cw.SolveOptions(time_limit=60.0, perturbation=perturbation))
     assert run.success, run.report.failure
     assert run.rollout is not None

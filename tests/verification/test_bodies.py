@@ -25,6 +25,13 @@ def planned(request: pytest.FixtureRequest) -> tuple[Task, Plan]:
     return task, cw.plan(task, seed=0)
 
 
+@pytest.fixture(scope="module")
+def run(planned: tuple[Task, Plan]) -> cw.Run:
+    """The plan, followed with feedback."""
+    task, plan = planned
+    return cw.solve(task, cw.SolveOptions(plan=plan))
+
+
 def test_plans_pass(planned: tuple[Task, Plan]):
     task, plan = planned
     verdict = cw.verify_plan(plan, task)
@@ -63,9 +70,8 @@ def test_hands_in_each_other_and_on_the_cable_fail():
     assert names >= {"gripper body from the cable", "gripper bodies apart"}
 
 
-def test_a_run_records_the_clearance_of_the_hands(planned: tuple[Task, Plan]):
-    task, plan = planned
-    run = cw.solve(task, cw.SolveOptions(plan=plan))
+def test_a_run_records_the_clearance_of_the_hands(planned: tuple[Task, Plan], run: cw.Run):
+    task = planned[0]
     assert run.report.success
     assert run.rollout is not None
     found = piece_clearances(run.rollout.poses, run.rollout.centreline, task)
@@ -73,10 +79,9 @@ def test_a_run_records_the_clearance_of_the_hands(planned: tuple[Task, Plan]):
     assert run.rollout.gripper_clearance.min() < 0.05
 
 
-def test_a_record_that_leaves_the_hands_out_is_found(planned: tuple[Task, Plan]):
+def test_a_record_that_leaves_the_hands_out_is_found(planned: tuple[Task, Plan], run: cw.Run):
     """Clearances that the discs do have."""
-    task, plan = planned
-    rollout = cw.solve(task, cw.SolveOptions(plan=plan)).rollout
+    task, rollout = planned[0], run.rollout
     assert rollout is not None
     forged = replace(rollout, gripper_clearance=rollout.gripper_clearance + 0.022)
     discs = [task.scene.signed_distance(poses[:, :2]).min() - task.grippers.radius for poses in rollout.poses]

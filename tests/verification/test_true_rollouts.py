@@ -26,7 +26,7 @@ PLANTS = {
 } | {
     "obstacles-moved": Perturbation(obstacles=((0.004, 0.003),)),
     "late": Perturbation(sensing=SensingConfig(action_delay=0.3)),
-    "table": Perturbation(table=TableConfig(friction=0.3)),
+    "table": Perturbation(table=TableConfig(friction=0.3, segments=20, time_step=0.005)),
 }
 HALF = "gripper step", "gripper turn", "shape error at the end", "distance to start", "time between rows"
 """Checks of limits that true rollouts may use up."""

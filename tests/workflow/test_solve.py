@@ -84,8 +84,14 @@ def events_of(options: SolveOptions, stop: type | None = None) -> tuple[list[Eve
     return events, solve(TASK, options, on_event)
 
 
-def test_events_come_in_order_and_hold_what_there_is():
-    events, run = events_of(BLIND)
+@pytest.fixture(scope="module")
+def followed() -> tuple[list[Event], Run]:
+    """A run without feedback."""
+    return events_of(BLIND)
+
+
+def test_events_come_in_order_and_hold_what_there_is(followed: tuple[list[Event], Run]):
+    events, run = followed
     halves = [event for event in events if isinstance(event, Planned | Finished)]
     assert [type(event) for event in halves] == [Planned, Finished]
     assert events[-1] == Finished(run)
@@ -107,8 +113,8 @@ def test_a_cancelled_run_ends_with_what_is_there(stop: type, has_plan: bool):
     assert events[-1] == Finished(run)
 
 
-def test_a_run_cancelled_on_the_way_keeps_its_rollout():
-    plan = solve(TASK, replace(BLIND, track=False)).plan
+def test_a_run_cancelled_on_the_way_keeps_its_rollout(followed: tuple[list[Event], Run]):
+    plan = followed[1].plan
 
     def after_a_while(event: Event) -> None:
         if isinstance(event, Progress) and event.stage == "track" and event.share > 0.4:
@@ -123,9 +129,9 @@ def test_a_run_cancelled_on_the_way_keeps_its_rollout():
     assert run.rollout.outcome is run.report.outcome is Outcome.INTERRUPTED
 
 
-def test_a_plan_is_verified_once(monkeypatch: pytest.MonkeyPatch):
+def test_a_plan_is_verified_once(followed: tuple[list[Event], Run], monkeypatch: pytest.MonkeyPatch):
     """The search's verdict is the report's, before and after tracking; that of a plan that is given likewise."""
-    plan = cw.plan(TASK)
+    plan = followed[1].plan
     judged: list[Plan] = []
     for module in (candidates, report, record):
         verify = module.verify_plan
@@ -181,8 +187,8 @@ def test_at_a_share_of_the_speed_nothing_is_faster():
     assert again.shapes is run.plan.shapes, "slow enough already"
 
 
-def test_a_dry_run_moves_nothing_and_says_what_would_be_sent():
-    run, dry = solve(TASK, BLIND), solve(TASK, replace(BLIND, dry_run=True))
+def test_a_dry_run_moves_nothing_and_says_what_would_be_sent(followed: tuple[list[Event], Run]):
+    run, dry = followed[1], solve(TASK, replace(BLIND, dry_run=True))
     assert run.rollout is not None
     assert (dry.success, dry.rollout, run.report.commands) == (True, None, None)
     sent = dry.report.commands
@@ -201,9 +207,13 @@ def test_a_dry_run_moves_nothing_and_says_what_would_be_sent():
     assert dry.report.notes[0].startswith("Dry run: nothing was moved.")
 
 
-def test_what_would_be_sent_includes_the_insertion():
-    task = load_task("insertion")
-    run, dry = (solve(task, SolveOptions(dry_run=dry)) for dry in (False, True))
+@pytest.fixture(scope="module")
+def inserted() -> Run:
+    return solve(load_task("insertion"), SolveOptions())
+
+
+def test_what_would_be_sent_includes_the_insertion(inserted: Run):
+    run, dry = inserted, solve(load_task("insertion"), SolveOptions(dry_run=True))
     assert run.rollout is not None
     assert run.insertion is not None
     assert dry.report.commands is not None
@@ -214,9 +224,9 @@ def test_what_would_be_sent_includes_the_insertion():
     )
 
 
-def test_an_insertion_begins_with_what_the_run_to_the_port_estimated():
+def test_an_insertion_begins_with_what_the_run_to_the_port_estimated(inserted: Run):
     """What is known to half its prior deviation by then is known before the port from the first step on."""
-    run = solve(load_task("insertion"), SolveOptions())
+    run = inserted
     assert run.rollout is not None
     assert run.insertion is not None
     assert run.insertion.deviations is not None

@@ -76,7 +76,7 @@ def two_islands():
 
 def test_routes_differ():
     task = two_islands()
-    routes = list(different_routes(task, PivotConfig(), 0, 12))
+    routes = list(different_routes(task, PivotConfig(), 0, 5))  # the next ones close every way, and take seconds
     words = [signature(task.scene, route) for route in routes]
     assert len(set(words)) == len(words) >= 3
 
