@@ -124,9 +124,8 @@ def followed(task: Task, rollout: Rollout, seed: int, every: int) -> dict[str, n
             tracks[name], seen = tracker.update(tracks[name], views, poses[row], float(rollout.times[row]))
             spent = time.process_time() - begun
             found = seen.observation.keypoints
-            deviation = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
-            note(f"{name} rod", **off(found, *true), covered=np.abs(found - true[0]) <= NINETY * deviation,
-                 hidden=seen.hidden, explained=seen.explained, spent=spent)  # fmt: skip
+            note(f"{name} rod", **off(found, *true), **in_deviations(found, true[0], seen.covariance),
+                 hidden=seen.hidden, explained=seen.explained, known=seen.known, spent=spent)  # fmt: skip
             begun = time.process_time()
             views = [View(eyes[k], cable_mask(bands[k][0], green), bands[k][1]) for k in chosen]
             marked[name], marks = by_markers.update(marked[name], views, poses[row], float(rollout.times[row]))
@@ -152,6 +151,19 @@ def off(found: np.ndarray, truth: np.ndarray, curve: np.ndarray) -> dict[str, np
     across = np.abs(along[:, 0] * error[:, 1] - along[:, 1] * error[:, 0]) / np.linalg.norm(along, axis=1)
     away = np.linalg.norm(found[:, None] - resampled(curve, FINE), axis=2).min(axis=1)
     return {"error": np.linalg.norm(error, axis=1), "across": across, "curve": away}
+
+
+def in_deviations(found: np.ndarray, truth: np.ndarray, covariance: np.ndarray) -> dict[str, np.ndarray]:
+    """How far keypoints are off in standard deviations of what is said of them: in x and y, along the cable, across."""
+    error, along = found - truth, np.gradient(truth, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+
+    def over(way: np.ndarray) -> np.ndarray:
+        return np.sum(error * way, axis=1) / np.sqrt(np.einsum("ni,nij,nj->n", way, covariance, way))
+
+    either = error / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return {"deviations": either, "deviations-along": over(along), "deviations-across": over(across)}
 
 
 def between(curve: np.ndarray, poses: np.ndarray, count: int) -> np.ndarray:
@@ -205,17 +217,23 @@ def show(found: list[dict[str, np.ndarray]]) -> None:
         spreads = (spread(rows(f"{name} {what}")) for what in ("error", "across", "curve"))
         table(setup, kind, *spreads, times, head=False)
     print()
-    table("cameras", "hidden, mean, p90 [%]", "90% intervals cover [%]", "explained [%]", "lost [frames]",
+    table("cameras", "hidden, mean, p90 [%]", "90% intervals cover, all, along, across [%]",
+          "error over deviation, along, across", "explained [%]", "known [%]", "lost [frames]",
           "inner markers seen [%]", "explained by markers [%]")  # fmt: skip
     for setup in SETUPS:
-        error, covered, hidden, explained = (
-            rows(f"{setup} rod {what}") for what in ("error", "covered", "hidden", "explained")
+        error, hidden, explained, known = (
+            rows(f"{setup} rod {what}") for what in ("error", "hidden", "explained", "known")
         )
+        either, along, across = (rows(f"{setup} rod deviations{what}") for what in ("", "-along", "-across"))
         table(
             setup,
             f"{100 * hidden.mean():.0f}, {100 * np.percentile(hidden, 90):.0f}",
-            f"{100 * covered[np.isfinite(error)].mean():.0f}",
+            ", ".join(
+                f"{100 * np.mean(abs(each[np.isfinite(each)]) <= NINETY):.0f}" for each in (either, along, across)
+            ),
+            ", ".join(f"{np.sqrt(np.nanmean(each**2)):.2f}" for each in (along, across)),
             f"{100 * explained.mean():.0f}",
+            f"{100 * known.mean():.1f}",
             f"{np.isnan(error).any(axis=1).sum()}",
             f"{100 * np.isfinite(rows(f'{setup} markers error'))[:, 1:-1].mean():.0f}",
             f"{100 * rows(f'{setup} markers explained').mean():.0f}",

@@ -301,6 +301,15 @@ def test_ends_that_are_held_in_different_branches_are_told_before_the_search():
     assert fault.reason.endswith((" m, in the same branches of their joints", ", and at the goal arm 1's"))
 
 
+def test_arms_that_come_too_near_to_each_other_are_told_with_the_place():
+    """Bases 0.55 m apart."""
+    cell = CELLS["dual-ur5e"]
+    near = replace(cell, arms=tuple(replace(arm, position=(arm.position[0] / 2, 0.0, 0.15)) for arm in cell.arms))
+    fault = end_fault(cw.load_task("real-maze").in_cell(near), near)
+    assert fault is not None
+    assert fault.reason == "at the goal, the arms come within 4.7 mm of each other at (0.127, 0.595) m"
+
+
 def test_the_judge_takes_off_what_links_may_come_nearer_between_its_looks(planned: tuple[cw.Task, cw.Plan]):
     task, plan = planned
     way = Way.of_record(plan.metadata)

@@ -41,8 +41,9 @@ seen: it hooks at a gripper to do so. That of cables in the first picture is bel
 LESS = 0.7
 """Share of how badly the rod explains a frame that another shape of it must stay below to take its place."""
 
-PARAMETERS = EstimatorConfig(memory=10.0, grasp=0.003)
-"""The prior of the rod, and how soon what was seen is forgotten: friction and lag change the shape as it moves."""
+PARAMETERS = EstimatorConfig(grasp=0.003)
+"""The prior of the rod. What was seen of it is remembered as long as by controllers: where the memory was a third of
+that, what arms hide for a few seconds was less sure, and off by more, though friction and lag change the shape."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +130,10 @@ class Sighting:
         hidden: Share of the rod that no camera shows.
         residual: Root mean square distance [m] of the points on the rod from it; 0 where none is seen.
         explained: Whether some of the cable is seen, and the rod explains it.
-        known: Whether the keypoints can be relied on: nothing speaks against the rod, though all of it may be hidden by
-            what is known to stand before it, and they are sure. Where not, a controller had better stop.
+        possible: Whether nothing speaks against the rod, though all of it may be hidden by what is known to stand
+            before it.
+        known: Whether the keypoints can be relied on: the rod is possible, and they are sure. Where not, a controller
+            had better stop, unless it knows that the cable has room for that.
     """
 
     observation: Observation
@@ -141,6 +144,7 @@ class Sighting:
     hidden: float
     residual: float
     explained: bool
+    possible: bool
     known: bool
 
 
@@ -298,18 +302,21 @@ class RodTracker:
         unexplained = 1 - len(on) / len(beside) if len(beside) else 0.0
         hidden, missing = self._claimed(views, fit)
         residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
-        nothing_against = (
+        possible = (
             min(unexplained, hidden) <= config.most_unexplained  # what is seen here is nowhere else
             and missing <= config.most_missing
             and residual <= config.most_residual
             and fit.askew <= config.most_askew
         )
-        explained = len(on) > 0 and nothing_against
-        known = nothing_against and math.sqrt(variance.max()) <= config.most_unsure
+        explained = len(on) > 0 and possible
+        known = possible and math.sqrt(variance.max()) <= config.most_unsure
         observed, variance = self._observed(keypoints, variance, fit)
         confidence = config.sure**2 / (config.sure**2 + variance)
         observation = Observation(time, observed, poses, taken=time, confidence=confidence)
-        return Sighting(observation, keypoints, covariance, unexplained, missing, hidden, residual, explained, known)
+        shares = (unexplained, missing, hidden, residual)
+        return Sighting(
+            observation, keypoints, covariance, *shares, explained=explained, possible=possible, known=known
+        )
 
     def _claimed(self, views: Sequence[View], fit: CurveFit) -> tuple[float, float]:
         """Share of the rod that no camera shows, and of what is in view that is missing."""
@@ -324,4 +331,4 @@ class RodTracker:
         observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
         nothing = (observation.keypoints, np.full((n, 2, 2), np.inf))
         track = Track(track.estimate, track.field, poses, track.looked)
-        return track, Sighting(observation, *nothing, 1.0, 1.0, 1.0, 0.0, explained=False, known=False)
+        return track, Sighting(observation, *nothing, 1.0, 1.0, 1.0, 0.0, explained=False, possible=False, known=False)

@@ -92,7 +92,8 @@ def move_ends(draft: Draft) -> MovedEnds:
 
     A moved end keeps what plans keep (`Margins`), and a plug stays before its port. Of two ends that arms can hold, but
     not in the same way, the one that has less far to go is moved; or both, into the way in which arms can nearly follow
-    a cable slid along one curve. Where no shape is found, the task is as designed, and the planner says why not.
+    a cable slid along one curve, to which the arms are then held. Where no shape is found, the task is as designed, and
+    the planner says why not.
 
     Args:
         draft: The task, with its cell if it has one; bodies may be in collision at its ends.
@@ -106,12 +107,11 @@ def move_ends(draft: Draft) -> MovedEnds:
     start, goal = (mover.designed(end) for end in ENDS)
     if start.ways & goal.ways:
         return MovedEnds(_task(draft))
-    if start.ways and goal.ways and (both := mover.into_one_way(start, goal)):
-        changed: list[_Held | None] = [*both]
-    elif start.ways and goal.ways:
+    way, changed = mover.into_one_way(start, goal) if start.ways and goal.ways else (None, [])
+    if way is None and start.ways and goal.ways:
         found = [mover.moved(goal, start.ways, APART), mover.moved(start, goal.ways, APART)]
         changed = [min((each for each in found if each), key=lambda each: each.distance, default=None)]
-    else:
+    elif way is None:
         bad, other = (goal, start) if start.ways else (start, goal)
         changed = [mover.moved(bad, other.ways or None)]
         if not other.ways and changed[0]:
@@ -119,8 +119,11 @@ def move_ends(draft: Draft) -> MovedEnds:
     ends = [each for each in changed if each]
     if len(ends) < len(changed):
         return MovedEnds(_task(draft))
+    task = _task(draft, ends)
     return MovedEnds(
-        _task(draft, ends), {each.end: each.distance for each in ends}, {each.end: each.fault for each in ends}
+        task if way is None else task.held(way),
+        {each.end: each.distance for each in ends},
+        {each.end: each.fault for each in ends},
     )
 
 
@@ -181,13 +184,13 @@ class _Mover:
             found = first(self._about(found.q, found.distance / 4), found.distance) or found
         return found
 
-    def into_one_way(self, start: _Held, goal: _Held) -> list[_Held]:
-        """The ends moved into the way that a slid cable keeps most; empty where it keeps none or none is found."""
+    def into_one_way(self, start: _Held, goal: _Held) -> tuple[Way | None, list[_Held | None]]:
+        """The way that a slid cable keeps most, and the ends moved into it; None where there is no such way."""
         for way in self._followed()[:MOST_WAYS]:
             found = [self.moved(held, {way}, APART) for held in (start, goal) if way not in held.ways]
             if all(found):
-                return [held for held in found if held]
-        return []
+                return way, found
+        return None, []
 
     def _followed(self) -> list[Way]:
         """Ways in which arms can hold the cable in most rows as it slides from start to goal, the best first."""

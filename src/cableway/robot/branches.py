@@ -187,9 +187,10 @@ def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: PackedCell) -> list[_Pair]
     gap, row = closest
     at = _point(poses[row, :, :2].mean(axis=0))
     if not np.isfinite(gap):
-        return NoMotion("one arm would have to hold both ends", at)
+        both = " and ".join(_place(_point(pose)) for pose in poses[row])
+        return NoMotion(f"one arm would have to hold both ends, {both}", at)
     near = f"come {limit_text(-gap)} into each other" if gap < 0 else f"come within {quantity(gap)} of each other"
-    return NoMotion(f"the arms {near}", at)
+    return NoMotion(f"the arms {near} {_place(at)}", at)
 
 
 class PackedCell:
@@ -256,7 +257,8 @@ def _tracks(
         at = _point(poses[reached])
         return found, NoMotion(f"no arm reaches the {name} {_place(at)}", at)
     if not np.isfinite(blocked[0]):
-        return found, NoMotion(f"no joints within their limits follow the {name}", _point(poses[0]))
+        at = _point(poses[0])
+        return found, NoMotion(f"no joints within their limits follow the {name} {_place(at)}", at)
     at = _point(poses[blocked[1]])
     gap = blocked[0]
     near = f"{limit_text(-gap)} into" if gap < 0 else f"within {quantity(gap)} of"

@@ -18,7 +18,7 @@ from cableway.core.provenance import describe
 from cableway.geometry import polyline
 from cableway.geometry.groups import SE2
 from cableway.perception.markers import TRACKERS
-from cableway.perception.rod_tracker import Sighting, Track
+from cableway.perception.rod_tracker import Sighting, Track, TrackerConfig
 from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.perception.views import View
 from cableway.records import Measurement, Observation
@@ -34,12 +34,26 @@ LOST = 0.02
 """Mean error of the keypoints of a frame [m] from which on a cable that is taken for known is lost. Trackers that have
 the shape err by 1 to 7 mm, in that measure; those that do not, by centimetres."""
 
+SURE = TrackerConfig().most_unsure
+"""Standard deviation of a keypoint [m] up to which no room is asked for."""
+
+FREE = 3.0
+"""Standard deviations of a keypoint that is less sure within which nothing may stand: a cable that is off by as much
+touches nothing."""
+
+LEAST_SURE = 0.02
+"""Standard deviation of a keypoint [m] from which on the cable may have another shape, so that room does not help."""
+
+HAND = 0.02
+"""How far [m] a hand reaches at the height of the cable: half of the diagonal of the usual one's fingers."""
+
 
 class SeenPlant:
     """A plant like the one behind it, whose cable is known by pictures alone.
 
     Pictures are taken at a rate of their own, also between control steps, where the state is interpolated. Where the
     tracker does not know where the cable is, keypoints are NaN and all confidence is 0: the loop then stands still.
+    Keypoints that arms hide for a while may be less sure than the tracker asks for as long as there is room about them.
 
     Args:
         plant: The one behind it, which measures the truth.
@@ -97,8 +111,8 @@ class SeenPlant:
     def record(self) -> dict[str, Any]:
         """Plain data on the cameras and on how well they saw, against the truth, for the record of a run.
 
-        Errors [m] are of the frames in which the cable was known: the mean of a frame's keypoints in `mean_error` and
-        `largest_error`, that of single ones in `p99_error`.
+        Errors [m] are of the frames in which the cable was known, for certain or with room for what it was not: the
+        mean of a frame's keypoints in `mean_error` and `largest_error`, that of single ones in `p99_error`.
         """
         frames, errors = max(len(self._hidden), 1), np.array(self._errors)
         return {
@@ -145,11 +159,11 @@ class SeenPlant:
             lost = self._rng.random() < config.drop_rate
             if not lost or self._track is None:
                 newest = self._look(self._at(taken))
-        if newest is None:
-            return replace(reported, keypoints=np.full_like(reported.keypoints, np.nan))
-        if not newest.known:
+        if not self._known[-1]:  # by the newest picture, be it of now or before
             n = len(reported.keypoints)
             return replace(reported, keypoints=np.full((n, 2), np.nan), confidence=np.zeros(n))
+        if newest is None:
+            return replace(reported, keypoints=np.full_like(reported.keypoints, np.nan))
         seen, offset = newest.observation, reported.time - now
         # where all markers are hidden, and the rod is sure of itself, the loop goes on by what it knows
         confidence = seen.confidence if np.isfinite(seen.keypoints).any() else None
@@ -167,8 +181,18 @@ class SeenPlant:
         self._track, seen = self._tracker.update(self._track, views, state.poses, state.time)
         self._spent += clock.process_time() - begun
         self._hidden.append(seen.hidden)
-        self._known.append(seen.known)
-        if seen.known and np.isfinite(seen.observation.keypoints).any():
+        self._known.append(seen.known or self._has_room(seen, state.poses))
+        if self._known[-1] and np.isfinite(seen.observation.keypoints).any():
             truth = polyline.resample(state.cable, self.task.cable.keypoints)
             self._errors.append(np.linalg.norm(seen.observation.keypoints - truth, axis=1))
         return seen
+
+    def _has_room(self, seen: Sighting, poses: Float[np.ndarray, "2 3"]) -> bool:
+        """Whether nothing speaks against what was seen, and nothing stands near the keypoints that are not sure."""
+        keypoints = seen.observation.keypoints
+        if not (seen.possible and np.isfinite(keypoints).all()):
+            return False
+        deviation = np.sqrt(np.linalg.eigvalsh(seen.covariance)[:, -1])
+        apart = np.linalg.norm(keypoints[:, None] - SE2.position(poses), axis=2).min(axis=1) - HAND
+        room = np.minimum(self.task.scene.signed_distance(keypoints), apart) - self.task.cable.radius
+        return bool(deviation.max() < LEAST_SURE and (room >= FREE * deviation)[deviation > SURE].all())

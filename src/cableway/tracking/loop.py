@@ -58,6 +58,10 @@ TRIAL = "a gripper did not follow: trying it alone"
 BLIND = "where the cable lies is not known: stopped"
 """The same because whoever looks at the cable says so."""
 
+DOUBTED = 0.13
+"""Confidence of an observed keypoint below which the cable is not said to have settled: of those that are found in
+pictures, one with a standard deviation of 10 mm has it."""
+
 
 def _still() -> np.ndarray:
     """No motion of either gripper."""
@@ -100,6 +104,7 @@ class Loop:
         self._silence, self._attachment = Silence(), Attachment(plant.control_step)
         self._slack = Slack(plant.task.cable)
         self._lies: np.ndarray | None = None
+        self._unsure = False
         self._arms: HeldArms | None = None
         self.hands: dict[str, Any] = {}
         self._begin(plant.reset())
@@ -266,7 +271,7 @@ class Loop:
             return self._send(_still())
         self.log.act(answer.action, answer.seconds, answer.status, self.state.estimates())
         ending, missing = self._move(answer.action), self._silence.lasting(self.time)
-        return ending or self._rule.outcome(self.state, self.observation, missing) or self.guard.outcome
+        return ending or self._over(missing) or self.guard.outcome
 
     def stand(self, status: str = LOST) -> Ending | None:
         """One control step without motion; what a gripper that is short of its command has yet to do is taken back.
@@ -313,6 +318,9 @@ class Loop:
         self._most_span = self._slack.most_span(self.observation)
         keypoints = connected(self.observation.keypoints, self.guard.task.cable)
         self._lies = keypoints if np.isfinite(keypoints).all() else self._lies
+        confidence, seen = self.observation.confidence, np.isfinite(self.observation.keypoints[:, 0])
+        if seen.any() or self._is_blind:  # where nothing came, what is doubted stays so
+            self._unsure = confidence is not None and (self._is_blind or bool((confidence[seen] < DOUBTED).any()))
 
     def _hold(self) -> Ending | None:
         """One control step in which the measured gripper poses become the target."""
@@ -330,7 +338,11 @@ class Loop:
             motion, status = self._robot.trial(self.plant.task.grippers), TRIAL
         action = self._filtered(motion)
         self._act_in_place(action, status)
-        return self._move(action) or self._rule.outcome(self.state, self.observation)
+        return self._move(action) or self._over()
+
+    def _over(self, missing: str = "") -> Ending | None:
+        """See `StopRule.outcome`."""
+        return self._rule.outcome(self.state, self.observation, missing, unsure=self._unsure)
 
     @property
     def _is_blind(self) -> bool:
@@ -343,7 +355,7 @@ class Loop:
         ending, missing = self.stand(BLIND), self._silence.lasting(self.time)
         if ending is None and missing and self._is_blind:
             return Ending(Outcome.PLANT_FAILED, missing)
-        return ending or self._rule.outcome(self.state, self.observation, missing, blind=True)
+        return ending or self._over(missing)
 
     def _move(self, action: np.ndarray) -> Ending | None:
         if action.any():

@@ -62,14 +62,14 @@ class StopRule:
         self._errors: list[float] = []
 
     def outcome(
-        self, state: ControllerState, observation: Observation, missing: str = "", blind: bool = False
+        self, state: ControllerState, observation: Observation, missing: str = "", unsure: bool = False
     ) -> Ending | None:
         """How the run ended, if it did; `missing` says what it has been waiting for.
 
-        A cable of which nothing is known (`blind`) has not settled.
+        A cable of which it is not known well enough where it lies (`unsure`) has not settled.
         """
         self._steps += 1
-        if state.progress >= 1.0 and not blind:
+        if state.progress >= 1.0 and not unsure:
             self._errors.append(_stacked_error(observation.keypoints, self._goal))
             if self._settled():
                 return Ending(Outcome.SETTLED)
