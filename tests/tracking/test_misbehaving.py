@@ -252,6 +252,12 @@ def test_lists_and_other_types_of_real_numbers_are_taken() -> None:
     assert rollout.observed.dtype == float
 
 
+@pytest.mark.parametrize(("least", "outcome"), [(0.2, Outcome.SETTLED), (0.1, Outcome.TIMED_OUT)])
+def test_a_cable_with_a_keypoint_in_doubt_has_not_settled(least: float, outcome: Outcome) -> None:
+    plant = Misbehaving("step", lambda it: replace(it, confidence=np.array([*12 * [1.0], least])))
+    assert track(plant, OpenLoop(), PLAN).outcome is outcome
+
+
 def test_neither_side_changes_what_the_other_keeps() -> None:
     class Reusing(QuasiStaticPlant):
         def step(self, action: np.ndarray) -> Observation:
