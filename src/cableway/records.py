@@ -225,9 +225,8 @@ class Observation(Brief):
         keypoints: (n, 2) measured keypoints [m], NaN where nothing was observed.
         poses: (2, 3) measured gripper poses [m, m, rad].
         taken: [s] when the frame was taken, on the same clock as `time`; None where unknown, it is then estimated.
-        confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same. The
-            grippers stand still where all are 0: nobody knows where the cable is then. A cable does not count as
-            settled while one that was observed is below 0.13, as it has a standard deviation of 10 mm.
+        confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same. Where
+            all are 0 the grippers stand still, and while an observed one is below 0.13 the cable has not settled.
     """
 
     time: float
