@@ -172,7 +172,7 @@ def by_samples(count: int) -> None:
         for seed in range(84500, 84500 + count):
             start = time.process_time()
             try:
-                plan(make_task(f"maze-{seed}@0.085"), config, seed=0)
+                plan(make_task(f"maze-{seed}@0.085"), config=config)
                 solved += 1
             except PlanningError:
                 pass
