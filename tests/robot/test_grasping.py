@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 import cableway as cw
+from cableway.core.errors import InputError
 from cableway.robot.branches import ArmMotion
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.robot.grasping import CLOSING, RISE, hand_bodies, hands_clearance, with_hands
@@ -210,3 +211,14 @@ def test_programs_and_messages_have_commands_for_the_hands(tmp_path: Path):
     times = [point["time_from_start"]["sec"] + point["time_from_start"]["nanosec"] / 1e9 for point in message["points"]]
     assert times == sorted(times)
     assert times[2] - times[1] == pytest.approx(CLOSING)
+
+
+@pytest.mark.parametrize("ending", ["script", "yaml"])
+def test_commands_of_a_2f_85_are_not_sent_to_other_hands(ending: str, tmp_path: Path):
+    trajectory = Trajectory.of(PLAN, TASK, rate=125, unverified=True)
+    hands = {**trajectory.header["hands"], "tool": "hand-e"}
+    other = replace(trajectory, header={**trajectory.header, "hands": hands})
+    with pytest.raises(InputError, match=r"of a 2F-85 only, and the cell's tool is hand-e; CSV and JSON"):
+        other.write(tmp_path / f"a.{ending}")
+    assert not list(tmp_path.iterdir())
+    assert len(other.write(tmp_path / "a.json")) == 1

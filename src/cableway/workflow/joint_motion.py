@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.errors import InputError
 from cableway.motion.resampling import smoothed
 from cableway.records import Plan
 from cableway.robot.cell_kinematics import CellKinematics
@@ -99,6 +100,7 @@ def with_hands(trajectory: Trajectory, plan: Plan, task: Task, rate: float | Non
     way, joints = Way.of_record(plan.metadata), trajectory.joints
     if joints is None or way is None or (plan.approach is None and plan.retreat is None):
         return trajectory
+    assert task.cell is not None
     step = CONTROL_STEP if rate is None else 1 / rate
     parts, wide = [joints], [np.zeros(len(trajectory.times))]
     before, after = plan.metadata["arms"]["opening"]
@@ -124,12 +126,27 @@ def with_hands(trajectory: Trajectory, plan: Plan, task: Task, rate: float | Non
         "duration": float(times[-1]),
         "joints": {**trajectory.header["joints"], **joint_header(motion, times)},
         "hands": {
+            "tool": task.cell.tool,
             "plan": [float(times[wait]), float(times[-1 - pad[1]])],
             "commands": [{"time": float(times[k]), "opening": float(asked[k])} for k in changes],
         },
     }
     hands = HandColumns(CellKinematics(task, way).heights(motion.positions), np.column_stack([asked, asked]))
     return replace(trajectory, times=times, poses=poses, shapes=shapes, joints=motion, hands=hands, header=header)
+
+
+def require_2f_85(trajectory: Trajectory, what: str) -> None:
+    """Refuse to put the openings of another hand than a 2F-85 into positions of one.
+
+    Raises:
+        InputError: The hands are others; the message says `what` has no commands for them.
+    """
+    tool = trajectory.header["hands"]["tool"]
+    if not tool.startswith("2f-85"):
+        raise InputError(
+            f"{what} has commands for the hands of a 2F-85 only, and the cell's tool is {tool}; CSV and JSON have how "
+            "wide they are to open [m]"
+        )
 
 
 def _rows(motion: JointMotion) -> int:

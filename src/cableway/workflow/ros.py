@@ -16,6 +16,7 @@ from jaxtyping import Float
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE2
 from cableway.robot.grasping import CLOSING
+from cableway.workflow.joint_motion import require_2f_85
 
 if TYPE_CHECKING:
     from cableway.workflow.trajectory import Trajectory
@@ -46,7 +47,12 @@ def message(trajectory: Trajectory, arm: int) -> str:
 
 
 def gripper_message(trajectory: Trajectory, arm: int) -> str:
-    """A JointTrajectory of the hand of an arm: where it begins to open or to close, and where it has."""
+    """A JointTrajectory of the hand of an arm: where it begins to open or to close, and where it has.
+
+    Raises:
+        InputError: It is no 2F-85.
+    """
+    require_2f_85(trajectory, "a message of ROS 2")
     hands, side = trajectory.hands, ("left", "right")[arm]
     assert hands is not None
     asked = hands.opening[:, arm]

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from cableway.core.errors import InputError
 from cableway.core.quantities import quantity
 from cableway.robot.ur_arm import GAIN, JOINT_SPEED, JOINTS, LOOKAHEAD, beyond_range
+from cableway.workflow.joint_motion import require_2f_85
 
 if TYPE_CHECKING:
     from cableway.workflow.trajectory import Trajectory
@@ -46,7 +47,8 @@ def program(trajectory: Trajectory, arm: int) -> str:
     """The program of an arm, 0 for the left one: it checks the start, waits for the signal, follows the rows, stops.
 
     Raises:
-        InputError: There are no joints, or not six; the rate is none of `RATES`; or a row is beyond what a UR5e can do.
+        InputError: There are no joints, or not six; the rate is none of `RATES`; a row is beyond what a UR5e can do; or
+            there are commands for other hands than a 2F-85's.
     """
     side = ("left", "right")[arm]
     rows, rate = _rows(trajectory, arm, side), trajectory.header["rate"]
@@ -99,6 +101,7 @@ def _gripper_ready(trajectory: Trajectory, arm: int) -> list[str]:
     """The hand is made ready and opens, before the arm is where it starts; nothing without commands for it."""
     if trajectory.hands is None:
         return []
+    require_2f_85(trajectory, "URScript")
     address, port, name = GRIPPER
     settings = {"ACT": 1, "GTO": 1, "SPE": SPEED, "FOR": FORCE}
     return [
