@@ -12,6 +12,7 @@ from cableway.control.base import ControllerState
 from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.outcome import Outcome
+from cableway.perception.rod_tracker import Sighting
 from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.records import Observation
 from cableway.scene.cable import Cable
@@ -114,6 +115,23 @@ def test_a_hidden_cable_that_is_not_sure_goes_on_where_it_has_room(beside: float
         return
     assert BLIND not in rollout.status
     assert np.linalg.norm(rollout.keypoints[-1] - TASK.goal, axis=1).max() < 0.005
+
+
+@pytest.mark.parametrize(
+    ("unsure", "body", "room"), [(6, None, True), (2, None, True), (2, "2f-85", False), (1, None, False)]
+)
+def test_room_is_asked_for_between_what_is_not_sure_and_the_hands(unsure: int, body: str | None, room: bool):
+    """Keypoints are 25 mm apart, and 12 mm of deviation ask for 36 mm; the fingers of a 2F-85 reach 24 mm."""
+    open_air = replace(TASK.in_scene(replace(TASK.scene, obstacles=())), grippers=replace(TASK.grippers, body=body))
+    plant = SeenPlant(QuasiStaticPlant(open_air, START, Cable().rod), EyesConfig(cameras=("above",)))
+    covariance = np.tile(1e-6 * np.eye(2), (13, 1, 1))
+    covariance[unsure] = 0.012**2 * np.eye(2)
+    observation = Observation(0.0, PLAN.shapes[0], PLAN.poses[0])
+    seen = Sighting(
+        observation, PLAN.shapes[0], covariance, 0.0, 0.0, 1.0, 0.0, explained=True, possible=True, known=False
+    )
+    assert plant._has_room(seen, PLAN.poses[0]) is room
+    assert not plant._has_room(replace(seen, possible=False), PLAN.poses[0])
 
 
 def shot(**config) -> tuple[np.ndarray, np.ndarray]:

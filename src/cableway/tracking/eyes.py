@@ -44,9 +44,6 @@ touches nothing."""
 LEAST_SURE = 0.02
 """Standard deviation of a keypoint [m] from which on the cable may have another shape, so that room does not help."""
 
-HAND = 0.02
-"""How far [m] a hand reaches at the height of the cable: half of the diagonal of the usual one's fingers."""
-
 
 class SeenPlant:
     """A plant like the one behind it, whose cable is known by pictures alone.
@@ -193,6 +190,8 @@ class SeenPlant:
         if not (seen.possible and np.isfinite(keypoints).all()):
             return False
         deviation = np.sqrt(np.linalg.eigvalsh(seen.covariance)[:, -1])
-        apart = np.linalg.norm(keypoints[:, None] - SE2.position(poses), axis=2).min(axis=1) - HAND
+        low = [body for body in self.task.grippers.bodies if body.heights[0] < 2 * self.task.cable.radius]
+        reach = max(float(np.linalg.norm(body.outline, axis=1).max()) + body.rounding for body in low)
+        apart = np.linalg.norm(keypoints[:, None] - SE2.position(poses), axis=2).min(axis=1) - reach
         room = np.minimum(self.task.scene.signed_distance(keypoints), apart) - self.task.cable.radius
         return bool(deviation.max() < LEAST_SURE and (room >= FREE * deviation)[deviation > SURE].all())
