@@ -174,6 +174,8 @@ def test_calibrate_reads_poses_and_the_base_they_are_from(taken, tmp_path, capsy
     assert "line 2 has no 'rz'" in capsys.readouterr().err
     assert main(["calibrate", str(tmp_path)]) == 2
     assert "one of --table and --poses" in capsys.readouterr().err
+    assert main(["calibrate", *given, "--place", "0.1,0,0"]) == 2
+    assert "--place: only goes with --table, got '0.1,0,0'" in capsys.readouterr().err
 
 
 def test_pictures_without_a_board_are_refused(taken):

@@ -64,6 +64,10 @@ class Calibrate(Options):
         super().__post_init__()
         if (self.table is None) == (self.poses is None):
             raise InputError("calibrate needs one of --table and --poses: the board lies on the table, or is held")
+        other = "place" if self.table is None else "base"
+        if getattr(self, other) != getattr(type(self), other):
+            needed = "--table" if other == "place" else "--poses"
+            raise InputError(f"--{other}: only goes with {needed}, got {getattr(self, other)!r}")
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
