@@ -1,4 +1,4 @@
-"""Controllers tuned with one budget each: the shipped settings and eleven drawn ones, all on the same episodes.
+"""Controllers tuned with one budget each: the shipped settings and drawn ones, all on the same episodes.
 
     .venv/bin/python studies/tuning.py tune [--controllers A,B] [--settings N] [--cases N] [--out runs/tuning]
     .venv/bin/python studies/tuning.py validate [--controllers A,B] [--cases N] [--out runs/tuning]
@@ -71,16 +71,18 @@ class Tunable:
         ranges: Least and largest value of each setting that is drawn, uniformly in its logarithm; integers where both
             are.
         make: The controller of some settings.
+        others: Settings that are tried before those that are drawn.
     """
 
     shipped: Any
     ranges: dict[str, tuple[float, float]]
     make: Callable[[Any], Controller[Any]]
+    others: tuple[Any, ...] = ()
 
     def setting(self, number: int) -> Any:
-        """The shipped settings for 0, else drawn ones."""
-        if number == 0:
-            return self.shipped
+        """The shipped settings for 0, then the others, then drawn ones."""
+        if number <= len(self.others):
+            return (self.shipped, *self.others)[number]
         rng = np.random.default_rng([2025, number])
         drawn = {name: float(np.exp(rng.uniform(*np.log(ends)))) for name, ends in self.ranges.items()}
         whole = {name: round(drawn[name]) for name, ends in self.ranges.items() if isinstance(ends[0], int)}
@@ -105,7 +107,7 @@ CONTROLLERS = {
     "rod_jacobian": Tunable(JacobianConfig(), FEEDBACK, JacobianFeedback),
     "broyden": Tunable(
         JacobianConfig.broyden(), FEEDBACK | {"learning_rate": (0.03, 0.5), "least_motion": (0.0005, 0.02)},
-        JacobianFeedback,
+        JacobianFeedback, (JacobianConfig(source="broyden"),),
     ),
 }  # fmt: skip
 

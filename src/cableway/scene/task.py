@@ -74,8 +74,8 @@ class Draft(Brief):
         cell: The arms that hold the grippers, whose body is the cell's tool; None where grippers move by themselves.
 
     Raises:
-        TaskError: A value is of the wrong form, the port is without a plug, or in a cell the
-            grippers have another body than its tool, or another tilt.
+        TaskError: A value is of the wrong form, the port is without a plug, or in a cell the grippers have another
+            body than its tool, or another tilt.
     """
 
     name: str
