@@ -107,11 +107,13 @@ def move_ends(draft: Draft) -> MovedEnds:
     start, goal = (mover.designed(end) for end in ENDS)
     if start.ways & goal.ways:
         return MovedEnds(_task(draft))
-    way, changed = mover.into_one_way(start, goal) if start.ways and goal.ways else (None, [])
-    if way is None and start.ways and goal.ways:
-        found = [mover.moved(goal, start.ways, APART), mover.moved(start, goal.ways, APART)]
-        changed = [min((each for each in found if each), key=lambda each: each.distance, default=None)]
-    elif way is None:
+    way: Way | None = None
+    if start.ways and goal.ways:
+        way, changed = mover.into_one_way(start, goal)
+        if way is None:
+            found = [mover.moved(goal, start.ways, APART), mover.moved(start, goal.ways, APART)]
+            changed = [min((each for each in found if each), key=lambda each: each.distance, default=None)]
+    else:
         bad, other = (goal, start) if start.ways else (start, goal)
         changed = [mover.moved(bad, other.ways or None)]
         if not other.ways and changed[0]:
