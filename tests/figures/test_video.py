@@ -80,6 +80,13 @@ def test_the_insertion_is_shown_to_its_end(tmp_path: Path):
     whole = video.joined(ROLLOUT, insertion)
     assert whole.times[-1] == pytest.approx(ROLLOUT.times[-1] + insertion.times[-1])
     assert (np.diff(whole.times) > 0).all()
+    joints = np.arange(12.0 * len(ROLLOUT.times)).reshape(-1, 2, 6)
+    before, after = replace(ROLLOUT, joints=joints), replace(insertion, joints=joints[::-1].copy())
+    both = video.joined(before, after).joints
+    assert both is not None
+    assert np.array_equal(both[ROLLOUT.steps :], after.joints)
+    assert video.joined(before, insertion).joints is None
+    assert video.joined(ROLLOUT, after).joints is None
 
 
 def _cable_pixels(frame: np.ndarray) -> np.ndarray:

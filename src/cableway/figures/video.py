@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -102,16 +102,18 @@ def joined(rollout: Rollout, insertion: Rollout | None) -> Rollout:
     """A rollout and the insertion after it, which begins where the rollout ends, as one without estimates."""
     if insertion is None:
         return rollout
-    parts = {
+    rows = ("keypoints", "observed", "poses", "centreline", "reference", "clearance", "gripper_clearance")
+    with_arms = rollout.joints is not None and insertion.joints is not None
+    parts: dict[str, Any] = {
         name: np.concatenate([getattr(rollout, name), getattr(insertion, name)[1:]])
-        for name in ("keypoints", "observed", "poses", "centreline", "reference", "clearance", "gripper_clearance")
+        for name in (*rows, *(("joints",) if with_arms else ()))
     }
     steps = {
         name: np.concatenate([getattr(rollout, name), getattr(insertion, name)])
         for name in ("actions", "solve_time", "status")
     }
     times = np.concatenate([rollout.times, rollout.times[-1] + insertion.times[1:] - insertion.times[0]])
-    return replace(rollout, times=times, estimates=None, deviations=None, **parts, **steps)
+    return replace(rollout, times=times, estimates=None, deviations=None, **({"joints": None} | parts | steps))
 
 
 def _frames(
