@@ -269,6 +269,7 @@ def test_a_driver_that_answers_something_else_ends_the_run(answer: Any, said: st
 def test_a_robot_that_cannot_be_stopped_loses_no_record(lost: float) -> None:
     class Gone(Hand):
         def stop(self) -> None:
+            time.sleep(2 * STEP)  # the run learns of the failure before it is known that this fails, too
             raise ConnectionResetError(104, "gone")
 
     def fail(now: float) -> None:

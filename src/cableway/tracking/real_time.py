@@ -250,8 +250,10 @@ def track_in_real_time(
         except TrackingInterrupted as stop:
             raise TrackingInterrupted(_timed(stop.rollout, plant)) from None
         unstopped = plant.close()
-    if unstopped and rollout.outcome is not Outcome.PLANT_FAILED:
+    if unstopped:
         detail = f"{unstopped}; until then: {rollout.outcome}"
+        if rollout.outcome is Outcome.PLANT_FAILED:
+            detail = f"{rollout.detail}; {unstopped}"
         rollout = replace(
             rollout, metadata={**rollout.metadata, "outcome": Outcome.PLANT_FAILED.value, "detail": detail}
         )
