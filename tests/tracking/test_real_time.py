@@ -130,6 +130,12 @@ def run(robot: Hand, controller: Follower | None = None, **options: Any):
     return track_in_real_time(robot, controller or Follower(), PLAN, **options)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """What the first run of a process compiles takes longer than some of these runs."""
+    run(Hand())
+
+
 @thrice
 def test_commands_come_at_the_robots_rate_and_never_jump() -> None:
     robot = Hand()
