@@ -34,6 +34,8 @@ def sections(folder: Path) -> list[Section]:
         reproduction.planning(folder, save),
         case_studies.over_time(folder, save, progress),
         reproduction.prediction(folder, TRANSITIONS, TUNING, progress, save),
+        case_studies.without_obstacles(folder, save, progress),
+        case_studies.mazes(folder, 1, progress, save),
         case_studies.one_plan(folder, save),
         case_studies.tracking(folder, save),
         case_studies.insertion(folder, 1, progress, save),

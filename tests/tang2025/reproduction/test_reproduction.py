@@ -149,6 +149,7 @@ def test_error_and_clearance_over_time_count_what_succeeded(tmp_path: Path, monk
     drawn: list[Figure] = []
     section = case_studies.over_time(tmp_path, lambda figure, path: drawn.append(figure), lambda words, share: None)
     assert f"{len(done) - 1} of {len(done)} succeed" in section.text
-    (figure,) = drawn
-    assert len(figure.axes) == 2 * len(done)
-    assert section.pictures[0].file == "over-time.png"
+    curves, snapshots = drawn
+    assert len(curves.axes) == 2 * len(done)
+    assert [ax.get_title(loc="left") for ax in snapshots.axes] == [task.name] * len(done)
+    assert [picture.file for picture in section.pictures] == ["over-time.png", "snapshots.png"]
