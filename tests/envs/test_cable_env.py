@@ -94,7 +94,7 @@ def test_contact_ends_an_episode_and_is_no_success():
 def test_clearance_is_that_of_the_scene():
     env = CableEnv(TASK)
     seen, _ = env.reset(seed=0)
-    (obstacle,) = env._task.scene.solids  # noqa: SLF001
+    (obstacle,) = env._task.scene.solids
     size = seen["workspace"]
     row, column = (np.array(obstacle.centroid.coords[0])[::-1] / size[::-1] * len(seen["clearance"])).astype(int)
     assert seen["clearance"][row, column] < 0
