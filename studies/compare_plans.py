@@ -16,6 +16,7 @@ import argparse
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ def save_plans(folder: Path, seeds: range, repeat: int) -> None:
         print(f"{task.name}: {found.get('error', f'{seconds:.2f} s')}", flush=True)
 
 
-def planned(task: cw.Task) -> tuple[dict[str, np.ndarray], float]:
+def planned(task: cw.Task) -> tuple[dict[str, Any], float]:
     """What is kept of a task's plan, or why there is none, and the processor time [s]."""
     begun = time.process_time()
     try:
