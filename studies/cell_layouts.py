@@ -36,7 +36,7 @@ from cableway.scene.files.loading import as_draft
 ROWS = 20
 """Of a plan that are looked at."""
 
-LAYOUTS = {
+LAYOUTS: dict[str, tuple[tuple[int, float, float], ...]] = {
     "ur5e": ((0, 1.0, 0.15), (0, 1.1, 0.15), (0, 1.2, 0.15), (0, 1.0, 0.45), (90, 1.1, 0.0), (90, 1.0, 0.45)),
     "ur10e": (
         (0, 1.2, 0.0),
