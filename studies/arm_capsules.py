@@ -100,7 +100,8 @@ def vertices(path: Path) -> np.ndarray:
 
 def described(path: Path, model: ArmModel) -> None:
     """Print that of each link of an arm in URDF; its meshes are beside it, in folders `visual` and `collision`."""
-    tree: Any = ElementTree.fromstring(path.read_text().replace("drake:", ""))  # a prefix that one of them does not declare
+    text = path.read_text().replace("drake:", "")  # a prefix that one of them does not declare
+    tree: Any = ElementTree.fromstring(text)
     joints = {joint.find("child").get("link"): joint for joint in tree.iter("joint") if joint.find("child") is not None}
 
     def pose(link: str) -> np.ndarray:
