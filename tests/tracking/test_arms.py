@@ -19,7 +19,8 @@ from cableway.records import Observation
 from cableway.robot.branches import SINGULAR, ArmMotion, arm_motion
 from cableway.robot.cell_kinematics import LEAST
 from cableway.robot.held_arms import HANDS, ROOM, HeldArms
-from cableway.scene.cell import ARM_MODELS, Way
+from cableway.scene.arm_models import ARM_MODELS
+from cableway.scene.cell import Way
 from cableway.scene.clearance import body_clearance
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import CONTROL_STEP
