@@ -102,8 +102,8 @@ def compared(task: Task, found: Survey) -> list[dict[str, float | int]]:
 
 def _out_of(inner: shapely.Geometry, outer: shapely.Geometry) -> float:
     """How far [m] an area stands out of another one."""
-    if outer.is_empty:
-        return float(np.sqrt(inner.area))
+    if shapely.is_empty(outer):
+        return float(np.sqrt(shapely.area(inner)))
     points = shapely.points(shapely.get_coordinates(shapely.segmentize(shapely.boundary(inner), SPACING)))
     return float(shapely.distance(points, outer).max())
 

@@ -36,8 +36,8 @@ def paired(found: tuple[Polygon, ...], *true: Obstacle) -> list[tuple[Obstacle, 
 
 def apart(found: Polygon, true: Obstacle) -> float:
     """Hausdorff distance [m]."""
-    outlines = (shapely.segmentize(to_shapely(each).exterior, 0.001) for each in (found, true))
-    return shapely.hausdorff_distance(*outlines)
+    mine, other = (shapely.segmentize(to_shapely(each).exterior, 0.001) for each in (found, true))
+    return float(shapely.hausdorff_distance(mine, other))
 
 
 @pytest.mark.parametrize("places", [("above",), ("front", "back")])

@@ -185,7 +185,8 @@ def raised(relief: Relief, low: float, high: float) -> Bool[np.ndarray, "h w"]:
 
 
 def _inside(points: Float[np.ndarray, "... 3"], workspace: tuple[float, float]) -> Bool[np.ndarray, "..."]:
-    return ((points[..., :2] >= 0) & (points[..., :2] <= workspace)).all(axis=-1)
+    x, y = points[..., 0], points[..., 1]
+    return (x >= 0) & (y >= 0) & (x <= workspace[0]) & (y <= workspace[1])
 
 
 def _mixed(inverse: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:

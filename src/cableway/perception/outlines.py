@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 from scipy.ndimage import distance_transform_edt, find_objects, label
+from shapely.geometry.base import BaseGeometry
 
 CUTS = 24
 """Directions among which that of a cut is chosen: the one that leaves the least area in the two hulls."""
@@ -26,7 +27,8 @@ DIAGONALS = np.ones((3, 3), int)
 
 def things(there: Bool[np.ndarray, "k l"], least: int) -> list[Bool[np.ndarray, "k l"]]:
     """The groups of cells that touch, those of fewer than `least` cells left out."""
-    numbers, _ = label(there, DIAGONALS)
+    numbers = np.empty(there.shape, np.int64)
+    label(there, DIAGONALS, output=numbers)
     counts = np.bincount(numbers.ravel())
     return [numbers == number for number in range(1, len(counts)) if counts[number] >= least]
 
@@ -52,9 +54,9 @@ def convex_parts(
             waiting += halves
 
 
-def hull(points: Float[np.ndarray, "k 2"]) -> shapely.Geometry:
+def hull(points: Float[np.ndarray, "k 2"]) -> BaseGeometry:
     """The convex hull."""
-    return shapely.convex_hull(shapely.multipoints(points))
+    return shapely.MultiPoint(points).convex_hull
 
 
 def _halves(
@@ -66,7 +68,7 @@ def _halves(
     inside = free[rows, columns] & _within(hull(cells), part[rows, columns].shape)
     if not inside.any():
         return None
-    away = np.where(inside, distance_transform_edt(~part[rows, columns]), 0.0)
+    away = np.where(inside, np.asarray(distance_transform_edt(~part[rows, columns])), 0.0)
     at = np.array(np.unravel_index(int(np.argmax(away)), away.shape), float)
     if away.max() <= depth:
         return None

@@ -17,7 +17,7 @@ from cableway.core.errors import InputError
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.depth import DepthView, Relief, relief
 from cableway.perception.outlines import convex_parts, hull, things
-from cableway.scene.obstacles import Polygon
+from cableway.scene.obstacles import Polygon, to_shapely
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 
@@ -100,6 +100,23 @@ class Survey:
             hidden: Whether what no camera saw stands there as well.
         """
         return Scene(like.size, (*self.obstacles, *(self.hidden if hidden else ())), like.wall_height)
+
+    def beyond(self, scene: Scene, near: float) -> tuple[Polygon, ...]:
+        """What of the obstacles is not of those of a scene, or within a distance of them [m].
+
+        Args:
+            scene: What is known to stand there.
+            near: The distance; what is left and less wide than half of it is none.
+        """
+        known = shapely.union_all([to_shapely(each) for each in scene.obstacles]).buffer(near)
+        found = []
+        for each in self.obstacles:
+            rest = to_shapely(each).difference(known)
+            for part in shapely.get_parts(rest):
+                outline = _outline(shapely.get_coordinates(part), 0.0, scene.size)
+                if outline is not None and not part.buffer(-near / 4).is_empty:
+                    found.append(Polygon(vertices=outline, height=each.height))
+        return tuple(found)
 
 
 def survey(
