@@ -55,6 +55,14 @@ IN_CELL = tuple(
 )  # fmt: skip
 """The tasks of the catalogue whose ends the arms can hold, and between which there is a plan for them."""
 
+PAPER_CELLS = (
+    "single-obstacle-2+dual-ur5e", "multi-obstacle-2+dual-ur5e", "single-obstacle-1+dual-ur5e",
+    "multi-obstacle-1+dual-ur5e", "multi-obstacle-3+dual-ur5e", "maze-1+dual-ur5e", "maze-2+dual-ur5e-tilted",
+    "real-single+dual-ur5e", "real-multi+dual-ur5e", "real-maze+dual-ur5e-tilted-aside", "insertion+dual-ur5e",
+)  # fmt: skip
+"""The whole catalogue, each task in a cell between whose arms there is a plan, obstacles 5 cm high in all of them; two
+of the quickest come first."""
+
 LONG = ("paracord-0.34", "rubber-0.34", "ethernet-0.34", "usb-0.34")
 OTHERS = ("cotton-0.22", "hdmi-0.25", "silicone-0.27")
 SHORT = ("rubber-0.17", "paracord-0.17")
@@ -117,6 +125,9 @@ def line(suite: str, number: int, before: list[list[str]]) -> list[str]:
     if suite in ("lab-constrained", "lab-drawn"):
         task, cable = LAB[number % len(LAB)]
         return described(f"{task}~{cable}", "laid" if suite == "lab-constrained" else "drawn", number)
+    if suite == "paper-cell":
+        again, place = divmod(number, len(PAPER_CELLS))
+        return described(PAPER_CELLS[place], CELL_SUITE[number % len(CELL_SUITE)], again)
     if suite == "eyes":
         return seen_by_cameras(number)
     patterns, plants = PATTERNS.get(suite, (suite + "-{}",)), IN_TURN.get(suite, ("nominal",))

@@ -17,6 +17,7 @@ from cableway.outcome import Outcome
 from cableway.records import Observation, Plan
 from cableway.rod.planar import PlanarRod
 from cableway.scene.clearance import body_clearance
+from cableway.scene.files.loading import load_cell, load_task
 from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
@@ -142,6 +143,15 @@ def test_a_peg_felt_beside_a_wide_hand_is_planned_round() -> None:
     assert disc.height >= 2 * task.cable.radius
     assert now.scene.obstacles[-1] == disc
     assert min(body_clearance(body, loop.poses[None], now.scene) for body in task.grippers.pieces) > 0
+
+
+def test_what_is_suspected_between_arms_is_no_higher_than_their_cells_obstacles() -> None:
+    """Links may be above it, and where they are nothing stands."""
+    task = load_task("single-obstacle-2")
+    contact = Contact(task.start[6] + 0.006 * outward(task.start), -outward(task.start))
+    for placed, height in ((task, None), (task.in_cell(load_cell("dual-ur5e")), 0.05)):
+        (disc,) = suspected([contact], task.start, task.gripper_poses("start"), placed)
+        assert disc.height == height
 
 
 class HeldByFriction(HalfHidden):

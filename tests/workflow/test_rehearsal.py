@@ -14,6 +14,7 @@ from cableway.core.time_limit import OutOfTime, time_limit
 from cableway.planning.planner import plan
 from cableway.records import Plan
 from cableway.scene.files.loading import load_task
+from cableway.workflow import rehearsal
 from cableway.workflow.rehearsal import RehearsalConfig, Rehearsed, needs_rehearsal, rehearsed_plan
 
 HELD = replace(problems.moved(), cable=replace(problems.moved().cable, friction=0.35))
@@ -60,6 +61,15 @@ def test_where_none_goes_well_the_one_that_strays_least_is_taken():
     assert len(set(asked)) == 2
     assert np.array_equal(chosen.poses, good.poses)
     assert (chosen.metadata["rehearsal"]["plans"], chosen.metadata["rehearsal"]["passed"]) == (2, False)
+
+
+def test_a_plan_found_again_is_not_rehearsed_again(monkeypatch: pytest.MonkeyPatch):
+    done: list[Plan] = []
+    how = Rehearsed(deviation=0.1, clearance=0.01, shape_error=0.1)
+    monkeypatch.setattr(rehearsal, "rehearse", lambda task, plan, *others: done.append(plan) or how)
+    chosen = rehearsed_plan(HELD, lambda seed: found(0))
+    assert len(done) == 1
+    assert chosen.metadata["rehearsal"]["plans"] == RehearsalConfig().plans
 
 
 def test_contact_is_worse_than_straying():

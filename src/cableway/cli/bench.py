@@ -38,7 +38,8 @@ class Bench(EpisodeOptions):
     suites: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SUITES")]
     """Names, separated by commas, or all. Suites that judge planners, as open loop succeeds in them too: paper,
     clutter, dense, corridors, mazes, sensing, unconstrained, blocked. Suites that judge controllers: plants,
-    plants-rough, table, limp, faults, cell, eyes, lengths, lab-constrained, lab-unconstrained, lab-drawn."""
+    plants-rough, table, limp, faults, cell, eyes, paper-cell, lengths, lab-constrained, lab-unconstrained,
+    lab-drawn."""
 
     size: Annotated[str, tyro.conf.arg(metavar="{quick,standard,full}")] = "quick"
     """How many episodes of each suite."""

@@ -98,7 +98,7 @@ class Reproduce(EpisodeOptions):
         ]
 
     def _sections(self, results: Results, folder: Path, progress: OnProgress) -> list[Section]:
-        from cableway.tang2025.reproduction import case_studies, reproduction
+        from cableway.tang2025.reproduction import between_arms, case_studies, reproduction
 
         _, transitions, tuning, repeats, trials = SIZES[self.size]
         progress("figures", 0.0)
@@ -106,11 +106,13 @@ class Reproduce(EpisodeOptions):
             reproduction.hyperparameters(),
             reproduction.planning(folder, self.draw),
             reproduction.simulated(results),
+            between_arms.between_arms(results),
             case_studies.over_time(folder, self.draw, progress),
             reproduction.prediction(folder, transitions, tuning, progress, self.draw),
             reproduction.unconstrained(results),
+            case_studies.without_obstacles(folder, self.draw, progress),
             reproduction.summary(results),
-            case_studies.mazes(trials, progress),
+            case_studies.mazes(folder, trials, progress, self.draw),
             case_studies.one_plan(folder, self.draw),
             case_studies.tracking(folder, self.draw),
             case_studies.silicone(folder, transitions, trials, progress),

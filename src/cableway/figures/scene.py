@@ -283,19 +283,30 @@ def _view(task: Draft) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
 def tasks_figure(tasks: Sequence[Task]) -> Figure:
     """Many tasks in one picture, up to `TASKS_SHOWN` of them, in rows."""
     shown = tasks[:TASKS_SHOWN]
-    across = min(len(shown), 6)
-    down = -(-len(shown) // across)
-    side, gap, above = 1.06, 0.1, 0.2
-    figure = style.new_figure(across * (side + gap) + gap, down * (side + above) + gap)
-    for k, task in enumerate(shown):
-        row, column = divmod(k, across)
-        place = (gap + column * (side + gap), gap + (down - 1 - row) * (side + above))
-        ax = style.add_axes(figure, *place, side, side)
+    figure, panels = small_panels([task.name for task in shown], 6, 1.06)
+    for ax, task in zip(panels, shown, strict=True):
         draw_scene(ax, task)
         draw_end_shapes(ax, task, letters=False)
-        ax.set_xticks([])
-        ax.set_yticks([])
-        ax.set_xlabel("")
-        ax.set_ylabel("")
-        ax.set_title(task.name, loc="left", fontsize=style.NOTE, color=style.INK, pad=3)
+        leave_bare(ax)
     return figure
+
+
+def small_panels(titles: Sequence[str], across: int, side: float) -> tuple[Figure, list[Axes]]:
+    """A figure with square panels for scenes, in rows of up to `across`; `side` is in inches."""
+    across, gap, above = min(len(titles), across), 0.1, 0.2
+    down = -(-len(titles) // across)
+    figure, panels = style.new_figure(across * (side + gap) + gap, down * (side + above) + gap), []
+    for k, name in enumerate(titles):
+        row, column = divmod(k, across)
+        ax = style.add_axes(figure, gap + column * (side + gap), gap + (down - 1 - row) * (side + above), side, side)
+        ax.set_title(name, loc="left", fontsize=style.NOTE, color=style.INK, pad=3)
+        panels.append(ax)
+    return figure, panels
+
+
+def leave_bare(ax: Axes) -> None:
+    """No ticks and no names of axes on a scene that was drawn."""
+    ax.set_xticks([])
+    ax.set_yticks([])
+    ax.set_xlabel("")
+    ax.set_ylabel("")

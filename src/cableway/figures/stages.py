@@ -1,4 +1,4 @@
-"""The stages of the paper's planner side by side, cables that follow one plan, and tasks beside each other."""
+"""The stages of the paper's planner side by side, cables that follow one plan, and runs beside each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from cableway.figures import scene, style
-from cableway.figures.plan import AXIS, draw_routes, draw_shapes
+from cableway.figures.plan import AXIS, draw_routes, draw_shapes, spread_rows
 from cableway.figures.rollout import stacked_errors
 from cableway.outcome import SUCCESS_ERROR
 from cableway.records import PaperStages, Rollout
@@ -126,4 +126,26 @@ def tasks_over_time_figure(rollouts: Sequence[tuple[Task, Rollout]]) -> Figure:
         above.set_xticklabels([])
         headed.append(above)
     style.letter_panels(*headed)
+    return figure
+
+
+SNAPSHOTS_SHOWN = 10
+"""Most moments of a run in a small panel."""
+
+
+def snapshots_figure(runs: Sequence[tuple[str, Task, Rollout]]) -> Figure:
+    """The cable on its way, coloured by time, in a panel for each run; its name is above it.
+
+    Cables are as thick in the picture whatever they are, as thin ones would not be seen.
+    """
+    figure, panels = scene.small_panels([name for name, _, _ in runs], 4, 1.67)
+    for ax, (_, task, rollout) in zip(panels, runs, strict=True):
+        scene.draw_scene(ax, task)
+        rows = spread_rows(rollout.keypoints, SNAPSHOTS_SHOWN)
+        for row, color in zip(rows, style.TIME(rows / max(rollout.steps, 1)), strict=True):
+            ax.plot(*rollout.centreline[row].T, color=color, linewidth=1.5, solid_capstyle="round", zorder=4)
+        for side in (0, 1):
+            ax.plot(*rollout.poses[:, side, :2].T, color=style.INK, linewidth=0.4, alpha=0.5, zorder=3)
+        ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=0.8, linestyle=":", zorder=7)
+        scene.leave_bare(ax)
     return figure

@@ -136,7 +136,7 @@ def with_ramps(
         PlanningError: The motion takes more control steps than a plan may have.
 
     Note:
-        The result is not the fastest: docs/planning.md says how far from it.
+        The result is not the fastest: docs/results/planning.md says how far from it.
     """
     total = np.concatenate([[0.0], np.cumsum(np.maximum(effort, 1e-9))]) / share
     require_rows(total[-1], keypoints)

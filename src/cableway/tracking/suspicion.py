@@ -71,8 +71,9 @@ def suspected(
 ) -> list[Disc]:
     """Where something may stand that held the cable: the largest of some discs in which neither cable nor goal lies.
 
-    It is as high as the cable at least, and no higher than what of a gripper is above it now or will be at the goal:
-    for all that is known, anything in between. None where something known is near.
+    It is as high as the cable at least, and no higher than what of a gripper is above it now or will be at the goal,
+    nor in a cell than its obstacles are, as arms may be above it: for all that is known, anything in between. None
+    where something known is near.
 
     Args:
         contacts: Where it may have been held; one disc each.
@@ -130,6 +131,8 @@ def _largest(
         beside = min(line.distance(there) for line in lines) - task.cable.radius
         if min(beside, ends.distance(there) - task.grippers.radius) > radius + LEAST_ROOM:
             least = lowest_above(there.buffer(radius + LEAST_ROOM), [poses, task.gripper_poses("goal")], task.bodies)
+            if task.cell is not None and task.cell.obstacle_height is not None:
+                least = min(least, task.cell.obstacle_height)
             if least >= 2 * task.cable.radius:
                 at, height = (float(center[0]), float(center[1])), None if math.isinf(least) else least
                 return Disc(center=at, radius=radius, height=height)

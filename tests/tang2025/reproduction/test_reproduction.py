@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from recorded import moved_aside, moved_plan, perfect_rollout
 
 from cableway.benchmark.episode import Result
+from cableway.benchmark.suites import get_suite, kind_of
 from cableway.benchmark.summary import machine
 from cableway.figures.stages import followers_figure
 from cableway.figures.style import save_figure
 from cableway.planning.config import PlannerConfig
-from cableway.scene.files.loading import task_names
+from cableway.scene.files.loading import load_cell, task_names
 from cableway.tang2025.control.mpc_config import MPCConfig
-from cableway.tang2025.reproduction import case_studies, paper, reproduction
+from cableway.tang2025.reproduction import between_arms, case_studies, paper, reproduction
 from cableway.tang2025.reproduction.page import (
     Picture,
     Section,
@@ -66,6 +67,28 @@ def test_simulated_tasks_count_failures_of_both():
     assert found["ours: success"] == "1/2"
     assert found["least clearance [cm]"] == "0.80"
     assert found["the paper's configuration: success"] == "0/1"
+
+
+def test_tasks_between_arms_say_in_which_cell_and_what_was_moved():
+    suite = between_arms.SUITE
+    fallen = replace(result(suite, "real-single+dual-ur5e", 0.0, clearance=None), outcome="no plan", shape_error=None)
+    missed = [result(suite, "maze-1+dual-ur5e", 0.05), result(suite, "maze-1+dual-ur5e", 0.001, clearance=0.004)]
+    found = rows(between_arms.between_arms({suite: {"cableway": [*missed, replace(fallen, success=False)]}}))
+    maze, single = found["maze-1"], found["real-single"]
+    assert maze["cell"] == "dual-ur5e"
+    assert maze["start, goal moved by [mm]"] == "-, 5.76"
+    assert (maze["paper, error [cm]"], single["paper, error [cm]"]) == ("< 2", spread(paper.SUMMARY["real-single"][0]))
+    assert (maze["planned and verified"], maze["success"], maze["least clearance [cm]"]) == ("2/2", "1/2", "0.40")
+    assert list(single.values())[1:] == ["-, -", "1.86 ± 0.75", "0/1", "0/1", "-", "-"]
+
+
+def test_every_task_of_the_catalogue_stands_between_arms_among_obstacles_of_5_cm():
+    episodes = get_suite(between_arms.SUITE).episodes("standard")
+    assert {kind_of(episode.task) for episode in episodes} == set(task_names())
+    assert all(sum(other.task == episode.task for other in episodes) == 3 for episode in episodes)
+    for reference in {episode.task for episode in episodes}:
+        cell = load_cell(reference.partition("+")[2])
+        assert (cell.obstacle_height, cell.tool) == (0.05, "2f-85")
 
 
 def test_unconstrained_control_is_told_by_cable_and_by_method():
@@ -149,6 +172,7 @@ def test_error_and_clearance_over_time_count_what_succeeded(tmp_path: Path, monk
     drawn: list[Figure] = []
     section = case_studies.over_time(tmp_path, lambda figure, path: drawn.append(figure), lambda words, share: None)
     assert f"{len(done) - 1} of {len(done)} succeed" in section.text
-    (figure,) = drawn
-    assert len(figure.axes) == 2 * len(done)
-    assert section.pictures[0].file == "over-time.png"
+    curves, snapshots = drawn
+    assert len(curves.axes) == 2 * len(done)
+    assert [ax.get_title(loc="left") for ax in snapshots.axes] == [task.name] * len(done)
+    assert [picture.file for picture in section.pictures] == ["over-time.png", "snapshots.png"]

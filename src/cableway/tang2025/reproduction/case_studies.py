@@ -16,7 +16,7 @@ from cableway.control.rod_mpc import RodMPC
 from cableway.core.errors import PlanningError
 from cableway.figures.insertion import insertion_figure
 from cableway.figures.rollout import rollout_figure
-from cableway.figures.stages import followers_figure, tasks_over_time_figure
+from cableway.figures.stages import followers_figure, snapshots_figure, tasks_over_time_figure
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import load_task, task_names
 from cableway.scene.task import Task
@@ -44,7 +44,9 @@ def over_time(folder: Path, draw: Draw, progress: OnProgress) -> Section:
     for place, name in enumerate(names := task_names()):
         progress(f"over time: {name}", place / len(names))
         runs.append(solve(load_task(name)))
-    draw(tasks_over_time_figure([(run.task, run.rollout) for run in runs if run.rollout]), folder / "over-time.png")
+    tracked = [(run.task, run.rollout) for run in runs if run.rollout]
+    draw(tasks_over_time_figure(tracked), folder / "over-time.png")
+    draw(snapshots_figure([(task.name, task, rollout) for task, rollout in tracked]), folder / "snapshots.png")
     text = (
         "The paper plots both for three simulated tasks; here every task of the catalogue, a run each with our default "
         f"planner and controller on the nominal cable, seed 0, of which {sum(run.success for run in runs)} of "
@@ -54,7 +56,35 @@ def over_time(folder: Path, draw: Draw, progress: OnProgress) -> Section:
         "Above, stacked error to the goal, dashed the 30 mm of success; below, least clearance of cable and grippers, "
         "dashed contact. insertion is shown to the standoff."
     )
-    return Section("Error and clearance over time", text, pictures=(Picture("over-time.png", caption),))
+    pictures = (Picture("over-time.png", caption), Picture("snapshots.png", f"The same runs. {SNAPSHOTS}"))
+    return Section("Error and clearance over time", text, pictures=pictures)
+
+
+SNAPSHOTS = "The cable, coloured by time from start (blue) to end, thin the grippers' ways, dotted the goal."
+"""Caption of pictures of runs."""
+
+OPEN = ("open-near-20000~paracord-0.34", "open-near-20001~rubber-0.34", "open-far-20006~ethernet-0.34",
+        "open-far-20007~usb-0.34")  # fmt: skip
+"""Tasks of `lab-unconstrained`, a cable each."""
+
+
+def without_obstacles(folder: Path, draw: Draw, progress: OnProgress) -> Section:
+    """Runs of the table on unconstrained control, drawn."""
+    runs = []
+    for place, name in enumerate(OPEN):
+        progress(f"without obstacles: {name}", place / len(OPEN))
+        task = make_task(name)
+        run = _followed(task, _planned(task), RodMPC(), "laid", place)
+        if run.rollout is not None:
+            runs.append((f"{name.partition('~')[2]}: {_centimetres(run)}", task, run.rollout))
+    draw(snapshots_figure(runs), folder / "without-obstacles.png")
+    text = f"A run of each cable, of near goals and far ones, with its final error; {LABORATORY}."
+    return Section("Unconstrained control, drawn", text, pictures=(Picture("without-obstacles.png", SNAPSHOTS),))
+
+
+def _centimetres(run: Run) -> str:
+    error = run.report.shape_error
+    return "-" if error is None else f"{number(100 * error)} cm"
 
 
 TRACKED = "real-multi~usb-0.34"
@@ -123,16 +153,18 @@ SECOND_START = (0.2, 0.14)
 """From the maze's first start, reflected in the x-axis, to the second one [m]: further right, bent the other way."""
 
 
-def mazes(trials: int, progress: OnProgress) -> Section:
+def mazes(folder: Path, trials: int, progress: OnProgress, draw: Draw) -> Section:
     """The maze from two starts, as in the paper's snapshots, a plan each.
 
     Args:
+        folder: Where the picture goes.
         trials: From each start.
         progress: Called with the stage and the share done.
+        draw: Writes the picture.
     """
     rows: list[Row] = [("cable", "start", "n", "success", "error, mean ± SD [cm]", "largest error [cm]",
                         "least clearance [cm]")]  # fmt: skip
-    cases = [("rubber", "first"), ("rubber", "second"), ("paracord", "first")]
+    cases, drawn = [("rubber", "first"), ("rubber", "second"), ("paracord", "first")], []
     for place, (cable, start) in enumerate(cases):
         task = make_task(f"real-maze~{cable}-0.17")
         if start == "second":
@@ -144,12 +176,15 @@ def mazes(trials: int, progress: OnProgress) -> Section:
             runs.append(_followed(task, plan, RodMPC(), "laid", trial))
         cells = _cells(runs)
         rows.append((cable, start, str(len(runs)), *cells[:3], cells[-2]))
+        drawn += [(f"{cable}, {start} start", task, run.rollout) for run in runs[:1] if run.rollout is not None]
+    draw(snapshots_figure(drawn), folder / "mazes.png")
     text = (
         "The paper starts the rubber cable in its maze in two ways and Paracord in one, in one run each on hardware, "
         "without numbers. Here one plan for each, under our default controller, on the simulated cables with friction "
         f"on the table; {LABORATORY}; the start is off by 5 mm and 3 degrees."
     )
-    return Section("Maze from two starts", text, (Table("maze from two starts", tuple(rows)),))
+    tables, caption = (Table("maze from two starts", tuple(rows)),), f"The first trial of each row. {SNAPSHOTS}"
+    return Section("Maze from two starts", text, tables, (Picture("mazes.png", caption),))
 
 
 @dataclass(frozen=True)

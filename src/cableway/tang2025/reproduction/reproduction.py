@@ -50,6 +50,7 @@ RUNS = {
     "lab-unconstrained": ("cableway", "tdm-mpc", "cdm-mpc", "bdm-mpc", "broyden"),
     "lab-constrained": ("cableway",),
     "lab-drawn": ("cableway",),
+    "paper-cell": ("cableway",),
 }
 """Suites that are run, and the methods of each."""
 

@@ -1,0 +1,135 @@
+"""The environment keeps Gymnasium's rules, tells the truth, and its expert knows what to do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import SyncVectorEnv
+
+import cableway.envs  # noqa: F401
+from cableway.core.errors import InputError, UnknownNameError
+from cableway.envs.cable import FIRST_SEED, SETTLED, CableEnv
+from cableway.outcome import SUCCESS_ERROR
+
+ID = "cableway/Cable-v0"
+TASK = "single-obstacle-2"
+ASIDE = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], np.float32)
+
+
+@pytest.fixture(scope="module")
+def led() -> tuple[list[tuple[dict[str, Any], float, bool, bool, dict[str, Any]]], CableEnv]:
+    """An episode that the expert leads."""
+    env = CableEnv(TASK, expert="rod-mpc", perturbations="hard", render_mode="rgb_array")
+    _, info = env.reset(seed=3)
+    steps = []
+    while not steps or not steps[-1][2]:
+        steps.append(env.step(info["expert_action"]))
+        info = steps[-1][-1]
+        assert len(steps) < 300
+    return steps, env
+
+
+def test_gymnasium_finds_nothing_wrong():
+    check_env(gymnasium.make(ID, task=TASK, render_mode="rgb_array").unwrapped)
+
+
+def test_the_expert_leads_the_cable_to_its_goal(led: tuple[list[Any], CableEnv]):
+    steps, env = led
+    infos = [step[-1] for step in steps]
+    assert [info["success"] for info in infos] == [False] * (len(steps) - 1) + [True]
+    assert all(info["error"] < SUCCESS_ERROR for info in infos[-SETTLED:])
+    assert not infos[-SETTLED - 1]["error"] < SUCCESS_ERROR
+    assert min(info["clearance"] for info in infos) > 0
+    assert sum(step[1] for step in steps) == pytest.approx(2.0, abs=0.05), "all of the way, and 1 for success"
+    seen = steps[-1][0]
+    assert np.linalg.norm(seen["keypoints"] - seen["goal"]) < 2 * SUCCESS_ERROR
+    np.testing.assert_allclose(seen["grippers"][:, :2], seen["goal_grippers"][:, :2], atol=0.02)
+    picture = env.render()
+    assert picture is not None
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 10
+
+
+def test_an_expert_that_is_not_followed_waits_for_the_cable():
+    """What it wants is the same after the grippers stood still, and it is not asked to catch up."""
+    env = CableEnv(TASK, expert="open-loop")
+    _, info = env.reset(seed=0)
+    for _ in range(20):  # past the hold at the start
+        _, _, _, _, info = env.step(info["expert_action"])
+    wanted = info["expert_action"]
+    assert np.abs(wanted).max() > 0.05
+    for _ in range(10):
+        _, _, _, _, info = env.step(np.zeros((2, 3)))
+    np.testing.assert_allclose(info["expert_action"], wanted, atol=0.15)
+
+
+def test_a_seed_makes_an_episode():
+    env = CableEnv(kind="open-near", perturbations=("nominal", "hard", "noise-2"))
+    first, info = env.reset(seed=7)
+    moved = env.step(ASIDE)
+    again, same = env.reset(seed=7)
+    assert same == info
+    np.testing.assert_equal(again, first)
+    np.testing.assert_equal(env.step(ASIDE)[0], moved[0])
+    assert int(info["task"].rpartition("-")[2]) >= FIRST_SEED
+    assert env.reset()[1]["task"] != info["task"]
+
+
+def test_contact_ends_an_episode_and_is_no_success():
+    env = CableEnv(TASK)
+    env.reset(seed=0)
+    steps = [env.step(ASIDE)]
+    while not steps[-1][2]:
+        steps.append(env.step(ASIDE))
+        assert len(steps) < 200
+    _, reward, _, _, info = steps[-1]
+    assert info["failure"]
+    assert not info["success"]
+    assert reward < -0.9
+
+
+def test_clearance_is_that_of_the_scene():
+    env = CableEnv(TASK)
+    seen, _ = env.reset(seed=0)
+    (obstacle,) = env._task.scene.solids  # noqa: SLF001
+    size = seen["workspace"]
+    row, column = (np.array(obstacle.centroid.coords[0])[::-1] / size[::-1] * len(seen["clearance"])).astype(int)
+    assert seen["clearance"][row, column] < 0
+    assert seen["clearance"][0, 0] > 0
+
+
+def test_episodes_go_on_side_by_side():
+    envs = SyncVectorEnv([lambda: CableEnv(kind="open-near")] * 2)
+    seen, _ = envs.reset(seed=[1, 2])
+    assert seen["keypoints"].shape == (2, 13, 2)
+    _, rewards, _, _, info = envs.step(np.stack([ASIDE, -ASIDE]))
+    assert rewards.shape == (2,)
+    assert info["error"].shape == (2,)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "said"),
+    [
+        ({"kind": "heap"}, UnknownNameError, "kind of random task"),
+        ({"perturbations": "soft"}, UnknownNameError, "plant"),
+        ({"perturbations": ()}, InputError, "one plant at least"),
+        ({"expert": "me"}, UnknownNameError, "controller"),
+        ({"render_mode": "human"}, UnknownNameError, "render_mode"),
+    ],
+)
+def test_what_is_not_known_is_refused(given: dict[str, Any], error: type[Exception], said: str):
+    with pytest.raises(error, match=said):
+        CableEnv(**given)
+
+
+def test_bad_options_and_actions_are_refused():
+    env = CableEnv(TASK)
+    with pytest.raises(InputError, match="no option 'cable'"):
+        env.reset(options={"cable": 1})
+    env.reset(options={"task": "maze-1"})
+    for action in (np.zeros(6), np.full((2, 3), np.nan)):
+        with pytest.raises(InputError, match=r"\(2, 3\) finite numbers"):
+            env.step(action)
