@@ -52,13 +52,13 @@ def options(*more: str) -> list[str]:
 def test_a_task_has_what_stands_on_the_table(cableway: Command, taken: Path):
     done = cableway("see", "post.png", *options("--depth", "post-depth.png", "--task", "task.yaml", "--out", "seen"))
     assert done.status == 0, done.err
-    report, found = json.loads(Path("seen/report.json").read_text()), load_task(Path("seen/scene.yaml"))
+    report, found = json.loads(Path("seen/report.json").read_text()), load_task(Path("seen/seen.yaml"))
     assert report["obstacles"] == 1
     mine = found.scene.obstacles[0]
     assert mine.height == pytest.approx(0.054, abs=0.001)
     assert to_shapely(POST).difference(to_shapely(mine)).area < 0.01 * to_shapely(POST).area
     assert to_shapely(mine).area < 1.5 * to_shapely(POST).area
-    assert cv2.imread("seen/scene.png") is not None
+    assert cv2.imread("seen/seen.png") is not None
     assert "found from  12.0 mm on" in done.out
 
 
@@ -70,11 +70,11 @@ def test_what_is_hidden_stands_there_unless_asked_otherwise(cableway: Command, t
     assert report["hidden"] > 0
     assert (done.status, bool(report["faults"])) == (1, True)
     assert "not possible" in done.out
-    assert Path("seen/scene.yaml").exists()
+    assert Path("seen/seen.yaml").exists()
     done = cableway("see", "wall.png", *given, "--hidden", "free")
     assert done.status == 0, done.out
     assert "FREE" in done.out
-    assert len(load_task(Path("seen/scene.yaml")).scene.obstacles) == 2
+    assert len(load_task(Path("seen/seen.yaml")).scene.obstacles) == 2
 
 
 def test_depths_of_a_folder_are_their_medians(taken: Path):

@@ -29,7 +29,7 @@ HIDDEN = ("stands", "free")
 @dataclass(frozen=True, kw_only=True)
 class See(Options):
     """Find a cable in pictures: keypoints.csv, a recording, and overlay.mp4. With --depth, what stands on the table:
-    scene.yaml, a task, and scene.png. Needs pip install 'cableway[vision]'."""
+    seen.yaml, a task, and seen.png. Needs pip install 'cableway[vision]'."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
     """A video file, a folder of pictures, or the number of a camera; with --depth, a picture; of several cameras,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cableway.perception.survey import Survey
     from cableway.scene.task import Draft, Task
 
-SCENE, PICTURE = "scene.yaml", "scene.png"
+SCENE, PICTURE = "seen.yaml", "seen.png"
 """What it leaves."""
 
 
