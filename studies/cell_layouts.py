@@ -1,6 +1,7 @@
 """Where arms should stand and how much their tools should lean: which plans of the named tasks arms could follow.
 
     .venv/bin/python studies/cell_layouts.py
+    .venv/bin/python studies/cell_layouts.py --model ur10e        # two of these, where they might stand
     .venv/bin/python studies/cell_layouts.py --slid real-maze     # one task, its cable slid along one curve
 
 Each named task with obstacles of 5 cm is planned for the hands alone, without arms. In 20 rows of its plan, evenly
@@ -35,8 +36,19 @@ from cableway.scene.files.loading import as_draft
 ROWS = 20
 """Of a plan that are looked at."""
 
-LAYOUTS = ((0, 1.0, 0.15), (0, 1.1, 0.15), (0, 1.2, 0.15), (0, 1.0, 0.45), (90, 1.1, 0.0), (90, 1.0, 0.45))
-"""Direction from arm to arm [degrees], distance of their bases and height of those above the table [m]."""
+LAYOUTS: dict[str, tuple[tuple[int, float, float], ...]] = {
+    "ur5e": ((0, 1.0, 0.15), (0, 1.1, 0.15), (0, 1.2, 0.15), (0, 1.0, 0.45), (90, 1.1, 0.0), (90, 1.0, 0.45)),
+    "ur10e": (
+        (0, 1.2, 0.0),
+        (0, 1.4, 0.0),
+        (0, 1.6, 0.0),
+        (0, 1.4, 0.3),
+        (0, 1.6, 0.3),
+        (90, 1.4, 0.0),
+        (90, 1.6, 0.0),
+    ),
+}
+"""By model: direction from arm to arm [degrees], distance of their bases and height of those above the table [m]."""
 
 SLID_ROWS = 80
 """Of a cable that is slid."""
@@ -50,14 +62,16 @@ TILTS = (0.0, 0.17)
 """Of tools [rad]; a little more brings the fingers of a 2F-85 into the table."""
 
 
-def laid_out(degrees: float, distance: float, height: float, tilt: float, aside: float = 0.0) -> Cell:
+def laid_out(
+    degrees: float, distance: float, height: float, tilt: float, aside: float = 0.0, model: str = "ur5e"
+) -> Cell:
     """A cell like `dual-ur5e` with its arms elsewhere, `aside` [m] across the direction from arm to arm."""
     angle = math.radians(degrees)
     x, y = distance / 2 * math.cos(angle), distance / 2 * math.sin(angle)
     dx, dy = aside * math.sin(angle), -aside * math.cos(angle)
     arms = (
-        MountedArm(position=(dx - x, dy - y, height), angle=angle),
-        MountedArm(position=(dx + x, dy + y, height), angle=angle - math.pi),
+        MountedArm(position=(dx - x, dy - y, height), angle=angle, model=model),
+        MountedArm(position=(dx + x, dy + y, height), angle=angle - math.pi, model=model),
     )
     return replace(CELLS["dual-ur5e"], arms=arms, tilt=tilt)
 
@@ -105,13 +119,15 @@ def main() -> None:
     """Print a line for each layout and tilt."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("--slid", metavar="TASK", help="of the cable of this task, slid along one curve")
-    if name := parser.parse_args().slid:
-        print_slid(name)
+    parser.add_argument("--model", choices=list(LAYOUTS), default="ur5e", help="of both arms")
+    given = parser.parse_args()
+    if given.slid:
+        print_slid(given.slid)
         return
     for tilt in TILTS:
         tasks = list(planned(replace(CELLS["dual-ur5e"], tilt=tilt)))
-        for layout in LAYOUTS:
-            found = [shares(*each, laid_out(*layout, tilt)) for each in tasks]
+        for layout in LAYOUTS[given.model]:
+            found = [shares(*each, laid_out(*layout, tilt, model=given.model)) for each in tasks]
             best = [max(ways.values(), default=0.0) for ways in found]
             where = (
                 f"direction {layout[0]:2d} deg, distance {layout[1]:.1f} m, height {layout[2]:.2f} m, tilt {tilt:.2f}"

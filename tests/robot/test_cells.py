@@ -17,7 +17,8 @@ from cableway.planning.projection import LIMIT_SHARE
 from cableway.robot.branches import ArmMotion, NoMotion, arm_motion, end_fault
 from cableway.robot.cell_kinematics import LEAST, CellKinematics
 from cableway.robot.ur import URRobot
-from cableway.scene.cell import ARM_MODELS, CELLS, Cell, MountedArm, Way
+from cableway.scene.arm_models import ARM_MODELS
+from cableway.scene.cell import CELLS, Cell, MountedArm, Way
 from cableway.scene.files.loading import load_cell
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import CONTROL_STEP
@@ -203,7 +204,7 @@ def test_a_cell_from_a_file(tmp_path: Path):
     path.write_text("cableway: 1\nname: mine\ntool: pliers\narms: [{position: [0, 0, 0]}, {position: [1, 0, 0]}]\n")
     with pytest.raises(TaskError, match="tool must be one of 2f-85, 2f-85-long-fingers, hand-e, got 'pliers'"):
         load_cell(path)
-    with pytest.raises(UnknownNameError, match="unknown cell 'tripod'; known: dual-ur5e"):
+    with pytest.raises(UnknownNameError, match="unknown cell 'tripod'; known: dual-ur10e, dual-ur5e, "):
         load_cell("tripod")
 
 
@@ -215,7 +216,7 @@ def test_what_is_no_cell():
     arm = MountedArm(position=(0.0, 0.0, 0.0))
     with pytest.raises(TaskError, match="must be 2 arms, got 1"):
         Cell(name="one", arms=(arm,))
-    with pytest.raises(TaskError, match="model must be one of ur5e, got 'ur3'"):
+    with pytest.raises(TaskError, match="model must be one of ur5e, ur10e, ur3e, got 'ur3'"):
         MountedArm(position=(0.0, 0.0, 0.0), model="ur3")
     task = cw.load_task("single-obstacle-1")
     with pytest.raises(TaskError, match="must be the cell's tool, 2f-85, got disc"):

@@ -18,7 +18,8 @@ from cableway.core.errors import InputError
 from cableway.robot.branches import ArmMotion
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.robot.grasping import CLOSING, RISE, hand_bodies, hands_clearance, with_hands
-from cableway.scene.cell import UR5E, Way
+from cableway.scene.arm_models import UR5E
+from cableway.scene.cell import Way
 from cableway.scene.gripper_bodies import OPENINGS
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import CONTROL_STEP

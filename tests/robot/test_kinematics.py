@@ -6,7 +6,8 @@ import pytest
 
 from cableway.robot.kinematics import BRANCHES, branch_joints, branch_motion, flange_poses, gripper_poses, link_frames
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps
-from cableway.scene.cell import TOOLS, UR5E, Capsule
+from cableway.scene.arm_models import UR5E, Capsule
+from cableway.scene.cell import TOOLS
 from cableway.scene.gripper_bodies import AXIS, OPENINGS, gripper_body, open_hand
 from cableway.verification.arms import _exponentials, _homes
 

@@ -11,7 +11,8 @@ import pytest
 import cableway as cw
 from cableway.core.errors import InputError, SimulationError
 from cableway.robot.cell_kinematics import CellKinematics
-from cableway.scene.cell import ARM_MODELS, TOOLS, UR5E, Way
+from cableway.scene.arm_models import ARM_MODELS, UR5E
+from cableway.scene.cell import TOOLS, Way
 from cableway.scene.obstacles import Disc
 from cableway.simulation.arms import LAG
 from cableway.simulation.perturbations.grasp import GraspConfig

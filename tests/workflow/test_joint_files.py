@@ -224,7 +224,12 @@ def test_what_no_arm_can_do_is_refused(tmp_path: Path):
         (PLAN, 100.0, "a.script", "must be 125, 250 or 500 Hz, got 100"),
         (four, 125.0, "a.script", "needs 6 joints an arm, and the record has 4"),
         (beyond, 125.0, "a.script", "left arm would have to turn its elbow_joint to 395 degrees, limit 180 degrees"),
-        (fast, 125.0, "a.script", "turns at .* degrees/s, and those of a UR5e reach 180 degrees/s"),
+        (
+            fast,
+            125.0,
+            "a.script",
+            "_joint of the left arm turns at .* degrees/s, and that of a UR5e reaches 180 degrees/s",
+        ),
         (PLAN, None, "a.yaml", "only a curve has these: give a rate"),
     ]
     for record, rate, name, said in cases:

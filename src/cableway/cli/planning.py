@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
 CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + ",package.module:Class}"
 PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
-CELL_NAMES = "{dual-ur5e,dual-ur5e-long-fingers,dual-ur5e-hand-e,dual-ur5e-tilted,dual-ur5e-tilted-aside,FILE.yaml}"
+CELL_NAMES = (
+    "{dual-ur5e,dual-ur5e-long-fingers,dual-ur5e-hand-e,dual-ur5e-tilted,dual-ur5e-tilted-aside,dual-ur10e,FILE.yaml}"
+)
 LEAST_TIME = 1e-3
 """Time limit [s] of a search for which reading the task left none."""
 

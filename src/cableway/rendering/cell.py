@@ -14,6 +14,7 @@ from cableway.core.errors import InputError
 from cableway.geometry import polyline
 from cableway.rendering.mesh import Mesh, Surface, capsules, circle, prism, tube
 from cableway.robot.cell_kinematics import CellKinematics
+from cableway.scene.arm_models import ArmModel
 from cableway.scene.bodies import Body
 from cableway.scene.cell import Way
 from cableway.scene.obstacles import Disc, Obstacle
@@ -72,8 +73,8 @@ TOP = 0.03
 AROUND = 0.08
 """Of the table beyond workspace and pedestals [m]."""
 
-PEDESTAL = 0.085
-"""Radius of what an arm stands on [m]: a little more than that of its base."""
+PEDESTAL = 0.009
+"""By how much the radius of what an arm stands on is more than that of its base [m]."""
 
 WALL = 0.006
 """Width of the walls [m], outside the workspace."""
@@ -190,22 +191,30 @@ class CellScene:
         for obstacle in scene.obstacles:
             height = UNLIMITED if obstacle.height is None else obstacle.height
             yield _upright(obstacle, height).painted(look.obstacle, Label.OBSTACLE)
-        for x, y, z in self._feet():
+        for (x, y, z), radius in self._feet():
             if z > 0:
-                foot = prism(circle((x, y), PEDESTAL, 64), (0.0, z), rounded=True)
+                foot = prism(circle((x, y), radius, 64), (0.0, z), rounded=True)
                 yield foot.painted(look.table, Label.TABLE)
 
-    def _feet(self) -> list[tuple[float, float, float]]:
-        """Where the arms stand [m]."""
+    def _feet(self) -> list[tuple[Float[np.ndarray, "3"], float]]:
+        """Where the arms stand, and the radius of what they stand on [m]."""
         cell = None if self._kinematics is None else self._task.cell
-        return [] if cell is None else [tuple(arm.base(self._task.scene)[:3, 3].tolist()) for arm in cell.arms]
+        if cell is None:
+            return []
+        bases = (arm.base(self._task.scene)[:3, 3] for arm in cell.arms)
+        return [(at, _base_radius(model) + PEDESTAL) for at, model in zip(bases, cell.models, strict=True)]
 
     def _table(self) -> Float[np.ndarray, "4 2"]:
         """Corners of the table [m]."""
-        feet = np.array([[x, y] for x, y, _ in self._feet()]).reshape(-1, 2)
-        points = np.vstack([np.zeros(2), self._task.scene.size, feet - PEDESTAL, feet + PEDESTAL])
+        feet = [at[:2] + side * radius for at, radius in self._feet() for side in (-1.0, 1.0)]
+        points = np.vstack([np.zeros(2), self._task.scene.size, *feet])
         (left, low), (right, high) = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
         return _box(left, low, right, high)
+
+
+def _base_radius(model: ArmModel) -> float:
+    """Of what holds the base of an arm [m]."""
+    return max(capsule.radius for capsule in model.capsules if capsule.frame == 0)
 
 
 def _box(left: float, low: float, right: float, high: float) -> Float[np.ndarray, "4 2"]:

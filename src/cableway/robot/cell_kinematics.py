@@ -30,6 +30,7 @@ class CellKinematics:
 
     Attributes:
         way: The same.
+        models: Of the arms at the left and the right gripper.
         position_limit: (2, 6) of the joints of the arms at the left and the right gripper, to either side [rad].
         speed_limit: (2, 6) [rad/s].
         acceleration_limit: (2, 6) [rad/s²].
@@ -42,7 +43,7 @@ class CellKinematics:
         if task.cell is None:
             raise InputError(f"the task {task.name!r} has no cell, whose arms could be driven")
         self._packed, self.way = PackedCell(task, task.cell), way
-        models = [task.cell.models[arm] for arm in way.holders]
+        models = self.models = task.cell.models_of(way)
         self.position_limit = np.array([model.position_limit for model in models])
         self.speed_limit = np.array([model.speed_limit for model in models])
         self.acceleration_limit = np.array([model.acceleration_limit for model in models])

@@ -186,7 +186,7 @@ def _down(
 
 def _keeps_limits(joints: Float[np.ndarray, "t 2 6"], packed: PackedCell, way: Way) -> bool:
     """Whether joints keep their limits, from rest to rest."""
-    models = [packed.cell.models[arm] for arm in way.holders]
+    models = packed.cell.models_of(way)
     speeds = np.diff(np.pad(joints, ((1, 1), (0, 0), (0, 0)), mode="edge"), axis=0) / CONTROL_STEP
     changes = np.diff(speeds, axis=0) / CONTROL_STEP
     return all(

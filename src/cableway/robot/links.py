@@ -11,7 +11,8 @@ from jaxtyping import Float, Int
 from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import segment_clearance
 from cableway.robot.kinematics import link_frames
-from cableway.scene.cell import ArmModel, Tool
+from cableway.scene.arm_models import ArmModel
+from cableway.scene.cell import Tool
 from cableway.scene.scene import Scene
 
 APART = 3

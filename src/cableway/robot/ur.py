@@ -21,12 +21,13 @@ from typing import Protocol, Self
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.errors import InputError, SimulationError, raised
+from cableway.core.errors import InputError, SimulationError, UnknownNameError, raised
 from cableway.core.extras import require
 from cableway.core.quantities import quantity
 from cableway.records import Observation
 from cableway.robot.cell_kinematics import CellKinematics
-from cableway.robot.ur_arm import GAIN, JOINT_SPEED, JOINTS, LOOKAHEAD, Arm, ArmControl, ArmState, beyond_range
+from cableway.robot.ur_arm import GAIN, JOINTS, LOOKAHEAD, Arm, ArmControl, ArmState, beyond_range
+from cableway.scene.arm_models import ARM_MODELS, ArmModel
 from cableway.scene.task import Task
 
 RATES = (125.0, 500.0)
@@ -80,11 +81,13 @@ class URRobot:
         kinematics: Of the two arms on this table.
         camera: Sees the cable.
         rate: Commands a second [Hz]; `track_in_real_time` must be given the same.
-        joint_speed: Greatest speed of a joint [rad/s] that is sent; a faster command ends the run.
+        joint_speed: Greatest speed of a joint [rad/s] that is sent, as far as its arm reaches that; a faster command
+            ends the run.
+        models: What the arms are, by names of `ARM_MODELS`; those of the cell, with its kinematics.
         clock: [s].
 
     Raises:
-        InputError: The rate or the speed is out of range, or there are not two arms.
+        InputError: The rate or the speed is out of range, there are not two arms, or a model is unknown.
     """
 
     def __init__(
@@ -96,16 +99,20 @@ class URRobot:
         *,
         rate: float = 125.0,
         joint_speed: float = 1.0,
+        models: Sequence[str] = ("ur5e", "ur5e"),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if not RATES[0] <= rate <= RATES[1]:
             raise InputError(f"the rate of the arms must be from {RATES[0]:g} to {RATES[1]:g} Hz, got {rate!r}")
-        if not 0 < joint_speed <= JOINT_SPEED:
-            raise InputError(f"joint_speed must be above 0 and at most {JOINT_SPEED:.4g} rad/s, got {joint_speed!r}")
         if len(arms) != len(SIDES):
             raise InputError(f"two arms are needed, the left and the right one, got {len(arms)}")
+        self._models = kinematics.models if isinstance(kinematics, CellKinematics) else _models(models)
+        limits = np.array([model.speed_limit for model in self._models])
+        if not 0 < joint_speed <= limits.max():
+            raise InputError(f"joint_speed must be above 0 and at most {limits.max():.4g} rad/s, got {joint_speed!r}")
         self.task, self.rate, self.arms = task, rate, tuple(arms)
-        self._kinematics, self._camera, self._speed, self._clock = kinematics, camera, joint_speed, clock
+        self._kinematics, self._camera, self._clock = kinematics, camera, clock
+        self._speeds = np.minimum(joint_speed, limits)
         self._sent: np.ndarray | None = None
         self._sent_at = self._begun = clock()
         self._stamps = [-math.inf] * len(SIDES)
@@ -122,17 +129,19 @@ class URRobot:
         *,
         rate: float = 125.0,
         joint_speed: float = 1.0,
+        models: Sequence[str] = ("ur5e", "ur5e"),
         control: Callable[[str, float], ArmControl] | None = None,
     ) -> Self:
         """Connect to the controllers of both arms, and start the program of ur-rtde on them. Nothing moves.
 
         Args:
             hosts: Address of the left and of the right arm's controller.
-            task: As for the class, like `kinematics`, `camera`, `rate` and `joint_speed`.
+            task: As for the class, like `kinematics`, `camera`, `rate`, `joint_speed` and `models`.
             kinematics: See there.
             camera: See there.
             rate: See there.
             joint_speed: See there.
+            models: See there.
             control: Makes what takes the commands, from address and rate; by default, ur-rtde's.
 
         Raises:
@@ -145,7 +154,7 @@ class URRobot:
         try:
             for side, host in zip(SIDES, hosts, strict=True):
                 arms.append(_connected(f"{side} arm at {host}", host, rate, control or _control_interface))
-            robot = cls(task, arms, kinematics, camera, rate=rate, joint_speed=joint_speed)
+            robot = cls(task, arms, kinematics, camera, rate=rate, joint_speed=joint_speed, models=models)
             for arm in arms:
                 arm.require_ready()
         except BaseException:
@@ -230,12 +239,12 @@ class URRobot:
         """Raise a SimulationError where joints are not numbers, out of range, or too fast from those sent before."""
         if target.shape != before.shape or not np.isfinite(target).all():
             raise SimulationError(f"the kinematics found no {before.shape} joint positions for the poses to be sent")
-        for arm, to, since in zip(self.arms, target, before, strict=True):
-            if beyond := beyond_range(to[None]):
+        for side, (arm, to, since) in enumerate(zip(self.arms, target, before, strict=True)):
+            if beyond := beyond_range(to[None], self._models[side]):
                 raise SimulationError(f"the {arm.name} {beyond}")
-            way = np.abs(to - since)
-            worst = int(way.argmax())
-            if way[worst] <= self._speed * elapsed:
+            way, most = np.abs(to - since), self._speeds[side]
+            worst = int((way / most).argmax())
+            if way[worst] <= most[worst] * elapsed:
                 continue
             if first:
                 raise SimulationError(
@@ -244,8 +253,22 @@ class URRobot:
                 )
             raise SimulationError(
                 f"the {JOINTS[worst]} of the {arm.name} would have to turn at "
-                f"{quantity(float(way[worst]) / elapsed, 'rad/s')}, limit {quantity(self._speed, 'rad/s')}"
+                f"{quantity(float(way[worst]) / elapsed, 'rad/s')}, limit {quantity(float(most[worst]), 'rad/s')}"
             )
+
+
+def _models(names: Sequence[str]) -> tuple[ArmModel, ArmModel]:
+    """The models of both arms.
+
+    Raises:
+        InputError: There are not two of them, or one is unknown.
+    """
+    if len(names) != len(SIDES):
+        raise InputError(f"two models are needed, of the left and the right arm, got {len(names)}")
+    for name in names:
+        if name not in ARM_MODELS:
+            raise UnknownNameError("model", name, tuple(ARM_MODELS))
+    return ARM_MODELS[names[0]], ARM_MODELS[names[1]]
 
 
 def _connected(name: str, host: str, rate: float, control: Callable[[str, float], ArmControl]) -> Arm:

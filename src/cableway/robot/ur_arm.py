@@ -11,13 +11,8 @@ from jaxtyping import Float
 
 from cableway.core.errors import SimulationError, raised, said
 from cableway.core.quantities import limit_text, quantity
-from cableway.scene.cell import UR5E
-
-JOINTS = UR5E.joint_names
-"""Of an arm, in the maker's order."""
-
-JOINT_RANGE, JOINT_SPEED = np.array(UR5E.position_limit), max(UR5E.speed_limit)
-"""How far each joint of a UR5e turns to either side [rad], and how fast one may [rad/s]."""
+from cableway.scene.arm_models import JOINT_NAMES as JOINTS
+from cableway.scene.arm_models import ArmModel
 
 LOOKAHEAD, GAIN = 0.1, 300.0
 """Of servoJ, the maker's defaults [s, 1]: the arm is led smoothly, and lags by the first."""
@@ -54,13 +49,13 @@ def joint_names(count: int) -> tuple[str, ...]:
     return JOINTS if count == len(JOINTS) else tuple(f"joint_{k + 1}" for k in range(count))
 
 
-def beyond_range(joints: Float[np.ndarray, "k 6"]) -> str:
+def beyond_range(joints: Float[np.ndarray, "k 6"], model: ArmModel) -> str:
     """Which joint of an arm would be beyond its range at one of these positions [rad], said of the arm; "" for none."""
-    turned = np.abs(joints).max(axis=0)
-    worst = int((turned - JOINT_RANGE).argmax())
-    if turned[worst] <= JOINT_RANGE[worst]:
+    turned, most = np.abs(joints).max(axis=0), np.array(model.position_limit)
+    worst = int((turned - most).argmax())
+    if turned[worst] <= most[worst]:
         return ""
-    to, limit = quantity(float(turned[worst]), "rad"), limit_text(JOINT_RANGE[worst], "rad")
+    to, limit = quantity(float(turned[worst]), "rad"), limit_text(float(most[worst]), "rad")
     return f"would have to turn its {JOINTS[worst]} to {to}, limit {limit}"
 
 

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import TaskError
 from cableway.scene import checks
+from cableway.scene.arm_models import ARM_MODELS, ArmModel, Capsule, Mass
 from cableway.scene.checks import Quantity
 from cableway.scene.gripper_bodies import Tilt
 from cableway.scene.obstacles import Height
@@ -23,63 +24,6 @@ from cableway.scene.scene import Scene
 
 ARMS = 2
 """Arms of a cell; arm 0 holds the left end of the cable, or the right one."""
-
-
-class Capsule(NamedTuple):
-    """A segment with a radius, on a link of an arm.
-
-    Attributes:
-        frame: Of the link: 0 the base, which stands still, to 6 the flange.
-        start: Of the segment in that frame [m].
-        end: The other end.
-        radius: [m].
-    """
-
-    frame: int
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    radius: float
-
-
-class Mass(NamedTuple):
-    """What a rigid part weighs, in the frame that it moves with.
-
-    Attributes:
-        mass: [kg].
-        center: Of mass [m].
-        inertia: About that: xx, yy, zz, xy, xz, yz [kg m²].
-    """
-
-    mass: float
-    center: tuple[float, float, float]
-    inertia: tuple[float, float, float, float, float, float]
-
-
-@dataclass(frozen=True)
-class ArmModel:
-    """A kind of arm.
-
-    Attributes:
-        lengths: d1, a2, a3, d4, d5, d6 of its Denavit-Hartenberg parameters [m].
-        position_limit: Greatest angle of each joint to either side [rad].
-        speed_limit: Of each joint [rad/s].
-        torque_limit: Of each joint [N m].
-        stiffness: With which the servo of each joint holds its position [N m/rad].
-        links: Masses of the links that joints move, from shoulder to flange.
-        acceleration_limit: Of each joint [rad/s²].
-        capsules: That hold its links.
-        joint_names: From base to flange, as the maker's ROS driver calls them.
-    """
-
-    lengths: tuple[float, ...]
-    position_limit: tuple[float, ...]
-    speed_limit: tuple[float, ...]
-    torque_limit: tuple[float, ...]
-    stiffness: tuple[float, ...]
-    links: tuple[Mass, ...]
-    acceleration_limit: tuple[float, ...]
-    capsules: tuple[Capsule, ...]
-    joint_names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -107,51 +51,6 @@ class Tool:
 
 FINGER = 0.014
 """Radius [m] of a capsule about a finger, of 14 x 24 mm at most."""
-
-WRISTS = ("wrist_1", "wrist_2", "wrist_3")
-
-UR5E = ArmModel(
-    lengths=(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
-    position_limit=(2 * math.pi, 2 * math.pi, math.pi, 2 * math.pi, 2 * math.pi, 2 * math.pi),
-    speed_limit=(math.pi,) * 6,
-    torque_limit=(150.0, 150.0, 150.0, 28.0, 28.0, 28.0),
-    stiffness=(2000.0, 2000.0, 2000.0, 500.0, 500.0, 500.0),
-    links=(
-        Mass(3.761, (0, -0.02561, 0.00193), (0.00700210, 0.00648091, 0.00657286, 7.3e-7, -1.053e-5, 0.00049994)),
-        Mass(8.058, (0.2125, 0, 0.11336), (0.01505885, 0.33388086, 0.33247207, -5.4e-5, 5.63e-6, -1.81e-6)),
-        Mass(2.846, (0.15, 0, 0.0265), (0.00399632, 0.07879254, 0.07848510, -1.365e-5, 0.00137272, -6.6e-6)),
-        Mass(1.37, (0, -0.0018, 0.01634), (0.00165491, 0.00135962, 0.00126279, -2.82e-6, -4.38e-6, 0.00010157)),
-        Mass(1.3, (0, 0.0018, 0.01634), (0.00135617, 0.00127827, 0.00096614, -2.74e-6, 4.44e-6, -5.048e-5)),
-        Mass(0.365, (0, 0, -0.001159), (0.00018694, 0.00018908, 0.00025756, 6e-8, -1.7e-7, -9.2e-7)),
-    ),
-    acceleration_limit=(5.0,) * 6,
-    capsules=(
-        Capsule(0, (0, 0, 0), (0, 0, 0.06), 0.076),
-        Capsule(1, (0, -0.02, 0), (0, 0.03, 0), 0.073),
-        Capsule(1, (0, 0, 0), (0, 0, 0.03), 0.074),
-        Capsule(2, (0.425, 0, 0.138), (0, 0, 0.138), 0.059),
-        Capsule(2, (0.425, 0, 0.105), (0.425, 0, 0.165), 0.079),
-        Capsule(2, (0, 0, 0.105), (0, 0, 0.165), 0.074),
-        Capsule(3, (0.392, 0, 0.007), (0, 0, 0.007), 0.049),
-        Capsule(3, (0.392, 0, -0.015), (0.392, 0, 0.015), 0.074),
-        Capsule(3, (0, 0, -0.015), (0, 0, 0.015), 0.059),
-        Capsule(4, (0, -0.055, 0), (0, 0.01, 0), 0.043),
-        Capsule(4, (0, 0, -0.04), (0, 0, 0.04), 0.041),
-        Capsule(5, (0, 0.005, 0), (0, 0.02, 0), 0.047),
-        Capsule(5, (0, 0, -0.02), (0, 0, 0.015), 0.054),
-        Capsule(6, (0, 0, -0.035), (0, 0, -0.01), 0.044),
-    ),
-    joint_names=tuple(f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", *WRISTS)),
-)
-"""Lengths, limits and masses are Universal Robots', the latter as their ROS 2 description has them
-(`config/ur5e/physical_parameters.yaml` and `joint_limits.yaml`); the elbow's limit is where the arm is folded. A UR5e
-has limits of torque, none of acceleration that are public: that is what the maker's configuration of MoveIt takes, in
-`joint_limits.yaml` of `ur_moveit_config`. Plans do not know torques. The stiffness is that of MuJoCo Menagerie's model
-(BSD-3-Clause), whose meshes the capsules hold, by
-`studies/arm_capsules.py`."""
-
-ARM_MODELS: dict[str, ArmModel] = {"ur5e": UR5E}
-"""By name."""
 
 _HAND = (
     Capsule(6, (0, 0, 0), (0, 0, 0.06), 0.053),
@@ -295,6 +194,11 @@ class Cell:
         """What the arms are."""
         return tuple(ARM_MODELS[arm.model] for arm in self.arms)
 
+    def models_of(self, way: Way) -> tuple[ArmModel, ArmModel]:
+        """What the arms at the left and the right gripper are."""
+        left, right = way.holders
+        return self.models[left], self.models[right]
+
     def furnished(self, scene: Scene) -> Scene:
         """A scene with the heights of the cell where it states none."""
         tall = tuple(
@@ -331,5 +235,15 @@ CELLS |= {
     )
     for ending, aside in (("", 0.0), ("-aside", 0.15))
 }
+CELLS["dual-ur10e"] = Cell(
+    name="dual-ur10e",
+    arms=(
+        MountedArm(position=(-0.8, 0.0, 0.0), angle=0.0, model="ur10e"),
+        MountedArm(position=(0.8, 0.0, 0.0), angle=math.pi, model="ur10e"),
+    ),
+    obstacle_height=0.05,
+    wall_height=0.001,
+)
 """By name: two UR5e at either side of a table of up to 0.8 m, facing each other, on pedestals of 15 cm; and before and
-behind it, without pedestals, their tools tilted, in front of its middle or aside, see `studies/cell_layouts.py`."""
+behind it, without pedestals, their tools tilted, in front of its middle or aside; and two UR10e at either side. See
+`studies/cell_layouts.py`."""

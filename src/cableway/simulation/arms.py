@@ -29,7 +29,8 @@ from cableway.geometry.groups import SE2
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.robot.kinematics import link_frames
 from cableway.robot.ur_arm import LOOKAHEAD
-from cableway.scene.cell import TOOLS, ArmModel, Mass, Way
+from cableway.scene.arm_models import ArmModel, Mass
+from cableway.scene.cell import TOOLS, Way
 from cableway.scene.gripper_bodies import outward
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import Task
@@ -43,7 +44,7 @@ PULL_TIME = 0.1
 """Time [s] over which the pull of the cable is averaged: what lasts shorter is a jerk of the simulated weld."""
 
 ROTOR_INERTIA = 0.1
-"""Of a joint's motor behind its gear [kg m²]; MuJoCo Menagerie's `armature` of all joints of the UR5e."""
+"""Of a joint's motor behind its gear [kg m²]; MuJoCo Menagerie's `armature` of all joints of the UR5e and UR10e."""
 
 UPRIGHT = ((0.0, 0.0, 1.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 """Quaternion of a gripper's frame, x along the cable and z upwards, in that of the flange of a tool that points
@@ -69,7 +70,7 @@ class ArmDrive:
     ) -> None:
         self._kinematics, self._task, self._way = CellKinematics(task, way), task, way
         assert task.cell is not None
-        self._cell, self._models = task.cell, [task.cell.models[arm] for arm in way.holders]
+        self._cell, self._models = task.cell, task.cell.models_of(way)
         self._commanded, self._time_step = np.array(start, float), time_step
         self._measured = self._commanded.copy()
         self._hold, self._pulled = hold, np.zeros((2, 1))

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from cableway.core.extras import require
 from cableway.records import Check, Plan, Rollout
-from cableway.scene.cell import TOOLS, ArmModel, Capsule, Cell, Tool
+from cableway.scene.arm_models import ArmModel, Capsule
+from cableway.scene.cell import TOOLS, Cell, Tool
 from cableway.scene.obstacles import to_shapely
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.geometry import pose_distance

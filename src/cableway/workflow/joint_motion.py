@@ -17,6 +17,7 @@ from cableway.records import Plan
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.robot.grasping import CLOSING
 from cableway.robot.ur_arm import joint_names
+from cableway.scene.arm_models import ArmModel
 from cableway.scene.cell import Way
 from cableway.scene.task import CONTROL_STEP, Task
 
@@ -36,12 +37,14 @@ class JointMotion:
         positions: (k, 2, j) [rad], without jumps.
         velocities: (k, 2, j) [rad/s]; None of rows that are no curve.
         accelerations: (k, 2, j) [rad/s²]; None of rows that are no curve.
+        models: Of the two arms; None where it is not said which they are.
     """
 
     names: tuple[str, ...]
     positions: Float[np.ndarray, "k 2 j"]
     velocities: Float[np.ndarray, "k 2 j"] | None = None
     accelerations: Float[np.ndarray, "k 2 j"] | None = None
+    models: tuple[ArmModel, ArmModel] | None = None
 
 
 class HandColumns(NamedTuple):
@@ -56,13 +59,18 @@ class HandColumns(NamedTuple):
     opening: Float[np.ndarray, "k 2"]
 
 
-def joint_motion(rows: Float[np.ndarray, "t 2 j"], at: Float[np.ndarray, "k"] | None, step: float) -> JointMotion:
+def joint_motion(
+    rows: Float[np.ndarray, "t 2 j"], at: Float[np.ndarray, "k"] | None, step: float,
+    models: tuple[ArmModel, ArmModel] | None,
+) -> JointMotion:  # fmt: skip
     """Joints at fractional indices of rows that are a time [s] apart; the rows themselves where there are none."""
     names = joint_names(rows.shape[2])
     if at is None:
-        return JointMotion(names=names, positions=rows)
-    curve = (smoothed(rows, at, order) / step**order for order in range(3))
-    return JointMotion(names=names, positions=next(curve), velocities=next(curve), accelerations=next(curve))
+        return JointMotion(names=names, positions=rows, models=models)
+    positions, velocities, accelerations = (smoothed(rows, at, order) / step**order for order in range(3))
+    return JointMotion(
+        names=names, positions=positions, velocities=velocities, accelerations=accelerations, models=models
+    )
 
 
 def curve_of(rows: Float[np.ndarray, "t 2 j"] | None) -> Float[np.ndarray, "t+2 2 j"] | None:
@@ -85,6 +93,8 @@ def joint_header(motion: JointMotion, times: Float[np.ndarray, "k"]) -> dict[str
             "acceleration": float(np.abs(changes / between).max(initial=0.0)),
         },
     }
+    if motion.models is not None:
+        header["models"] = [model.name for model in motion.models]
     return header if motion.velocities is None else {**header, "curve": CURVE_OF_JOINTS}
 
 
@@ -105,12 +115,12 @@ def with_hands(trajectory: Trajectory, plan: Plan, task: Task, rate: float | Non
     parts, wide = [joints], [np.zeros(len(trajectory.times))]
     before, after = plan.metadata["arms"]["opening"]
     if plan.approach is not None:
-        down = _sampled(plan.approach, rate)
+        down = _sampled(plan.approach, rate, joints.models)
         closing = _standing(down, -1, round(CLOSING / step) - 1)
         parts, wide = [down, closing, *parts], [np.full(_rows(down), before), np.zeros(_rows(closing)), *wide]
     wait = sum(map(_rows, parts[:-1]))
     if plan.retreat is not None:
-        up = _sampled(plan.retreat, rate)
+        up = _sampled(plan.retreat, rate, joints.models)
         opening = _standing(up, 0, round(CLOSING / step) - 1)
         parts, wide = [*parts, opening, up], [*wide, np.full(_rows(opening) + _rows(up), after)]
     motion, asked = _joined(parts), np.concatenate(wide)
@@ -153,13 +163,15 @@ def _rows(motion: JointMotion) -> int:
     return len(motion.positions)
 
 
-def _sampled(rows: Float[np.ndarray, "t 2 j"], rate: float | None) -> JointMotion:
+def _sampled(
+    rows: Float[np.ndarray, "t 2 j"], rate: float | None, models: tuple[ArmModel, ArmModel] | None
+) -> JointMotion:
     """Rows as they are, or a curve at a rate [Hz] from rest to rest."""
     if rate is None:
-        return joint_motion(rows, None, CONTROL_STEP)
+        return joint_motion(rows, None, CONTROL_STEP, models)
     count = int(np.ceil((len(rows) + 1) * CONTROL_STEP * rate - 1e-9)) + 1
     at = np.minimum(np.arange(count) / rate / CONTROL_STEP - 1, len(rows))
-    return joint_motion(rows, at, CONTROL_STEP)
+    return joint_motion(rows, at, CONTROL_STEP, models)
 
 
 def _standing(motion: JointMotion, row: int, count: int) -> JointMotion:

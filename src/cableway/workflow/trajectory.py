@@ -19,6 +19,8 @@ from cableway.core.provenance import PACKAGE, describe, versions
 from cableway.geometry.groups import SE2
 from cableway.motion.resampling import smoothed
 from cableway.records import Plan, Rollout, Verdict
+from cableway.scene.arm_models import ArmModel
+from cableway.scene.cell import Way
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP, Task
@@ -135,7 +137,7 @@ class Trajectory:
             "limits": limits_of(task.grippers),
             "reached": greatest_rates(times, poses),
         }
-        motion = None if joints is None else joint_motion(joints, at, _step(record))
+        motion = None if joints is None else joint_motion(joints, at, _step(record), _models(record, task))
         if motion is not None:
             header["joints"] = {"arms": describe(record.metadata.get("arms", {})), **joint_header(motion, times)}
         found = cls(times=times, poses=poses, shapes=shapes if cable else None, joints=motion, header=header)
@@ -271,6 +273,12 @@ def _times(record: Plan | Rollout, source: str) -> Float[np.ndarray, "t"]:
     if record.steps < 1 or (np.diff(record.times) <= 0).any():
         raise InputError(f"{source}: needs two rows or more, each later than the one before")
     return record.times - record.times[0]
+
+
+def _models(record: Plan | Rollout, task: Task) -> tuple[ArmModel, ArmModel] | None:
+    """Of the arms at the left and the right end; None where it is not said which arms hold them."""
+    way = Way.of_record(record.metadata)
+    return None if way is None or task.cell is None else task.cell.models_of(way)
 
 
 def _step(record: Plan | Rollout) -> float:

@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError
 from cableway.core.quantities import quantity
-from cableway.robot.ur_arm import GAIN, JOINT_SPEED, JOINTS, LOOKAHEAD, beyond_range
+from cableway.robot.ur_arm import GAIN, JOINTS, LOOKAHEAD, beyond_range
+from cableway.scene.arm_models import UR5E
 from cableway.workflow.joint_motion import require_2f_85
 
 if TYPE_CHECKING:
@@ -47,8 +48,8 @@ def program(trajectory: Trajectory, arm: int) -> str:
     """The program of an arm, 0 for the left one: it checks the start, waits for the signal, follows the rows, stops.
 
     Raises:
-        InputError: There are no joints, or not six; the rate is none of `RATES`; a row is beyond what a UR5e can do; or
-            there are commands for other hands than a 2F-85's.
+        InputError: There are no joints, or not six; the rate is none of `RATES`; a row is beyond what the arm can do,
+            a UR5e where it is not said which it is; or there are commands for other hands than a 2F-85's.
     """
     side = ("left", "right")[arm]
     rows, rate = _rows(trajectory, arm, side), trajectory.header["rate"]
@@ -128,13 +129,16 @@ def _rows(trajectory: Trajectory, arm: int, side: str) -> Float[np.ndarray, "k 6
     if rate not in RATES:
         shown = "none" if rate is None else f"{rate:g}"
         raise InputError(f"the rate of a program in URScript must be 125, 250 or 500 Hz, got {shown}")
-    if beyond := beyond_range(rows):
+    model = UR5E if trajectory.joints.models is None else trajectory.joints.models[arm]
+    if beyond := beyond_range(rows, model):
         raise InputError(f"the {side} arm {beyond}")
-    fastest = float(np.abs(np.diff(rows, axis=0)).max()) * rate
-    if fastest > JOINT_SPEED:
+    speeds = np.abs(np.diff(rows, axis=0)).max(axis=0) * rate
+    worst = int((speeds / model.speed_limit).argmax())
+    if speeds[worst] > model.speed_limit[worst]:
         raise InputError(
-            f"a joint of the {side} arm turns at {quantity(fastest, 'rad/s')}, and those of a UR5e reach "
-            f"{quantity(JOINT_SPEED, 'rad/s')}; make the plan again with a lower --speed"
+            f"the {JOINTS[worst]} of the {side} arm turns at {quantity(float(speeds[worst]), 'rad/s')}, and that of a "
+            f"{model.name} reaches {quantity(model.speed_limit[worst], 'rad/s')}; make the plan again with a lower "
+            "--speed"
         )
     return rows
 
