@@ -9,6 +9,7 @@ import pytest
 from quasi_static import GOAL, START, QuasiStaticPlant, straight_plan, task_for
 
 from cableway.perception.survey import Survey
+from cableway.rendering.depth_sensor import DepthSensor
 from cableway.scene.cable import Cable
 from cableway.scene.obstacles import Disc, Polygon
 from cableway.scene.scene import Scene
@@ -94,8 +95,10 @@ def test_less_than_half_of_what_counts_as_near_is_nothing(half: float):
     assert len(after(small, small)) == (half > NEAR / 4)
 
 
-def test_depth_cameras_tell_a_loop_what_appears():
+def test_depth_cameras_tell_a_loop_what_appears(monkeypatch: pytest.MonkeyPatch):
     """A post that nobody told of, in the pictures of a camera above, is in the task that the loop looks at."""
+    monkeypatch.setattr("cableway.tracking.photographer.PICTURE", (320, 240))
+    monkeypatch.setattr("cableway.tracking.photographer.DepthSensor", lambda: DepthSensor(subpixel=0.03))
     post = Disc(center=(0.2, 0.55), radius=0.02, height=0.06)
     actual = replace(TASK.scene, obstacles=(*TASK.scene.obstacles, post))
     config = EyesConfig(cameras=("above",), frame_rate=1.0, noise=0.0, blur=0.0, depth=True)
