@@ -12,6 +12,7 @@ from gymnasium import spaces
 from jaxtyping import Float
 
 from cableway.control.base import Controller, ControllerState
+from cableway.control.following import LEAST_RATE
 from cableway.control.limits import within_limits
 from cableway.core.errors import InputError, PlanningError, SimulationError, TaskError, UnknownNameError
 from cableway.estimation.gating import poses_usable
@@ -65,10 +66,15 @@ class _Expert:
         self.action, self.after = self.controller.step(self.state, observation)
 
     def told(self, action: Float[np.ndarray, "2 3"]) -> None:
-        """What was done instead: its reference goes on by the share of its own motion in that."""
+        """What was done instead. Its reference goes on by the share of its own motion in that, or waits."""
         wanted = float(np.sum(self.action**2))
         share = float(np.clip(np.sum(action * self.action) / wanted, 0.0, 1.0)) if wanted else 1.0
-        self.state = self.after if np.array_equal(action, self.action) else self.after.cut(action, share)
+        if np.array_equal(action, self.action):
+            self.state = self.after
+        elif share < LEAST_RATE:
+            self.state = self.state.overruled(action, "not followed", waits=True)
+        else:
+            self.state = self.after.cut(action, share)
 
 
 class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
@@ -93,7 +99,8 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         task: The task of every episode, or its name or file; None for a random one of `kind` in each.
         kind: Of random tasks, one of those of `cableway tasks --random`.
         perturbations: Names of plants, as of the benchmark's episodes, of which each episode has one.
-        expert: Name of a controller that is asked what it would do, along a plan made for each episode.
+        expert: Name of a controller that is asked what it would do, along a plan made for each episode. It follows
+            that plan by time: where it is not followed it waits, and leads back to where it waits.
         render_mode: "rgb_array" or None.
 
     Raises:
