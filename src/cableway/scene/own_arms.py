@@ -62,20 +62,23 @@ class OwnArm:
 
     name: Annotated[str, "a short text"]
     like: Annotated[str, ", ".join(ARM_MODELS)]
-    dh: Annotated[list[Annotated[tuple[Metres, Metres, Radians], "three numbers [a, d, alpha]"]], "a list of six rows"]
-    capsules: Annotated[list[Capsule], "a list of capsules"]
-    position_limit: Annotated[list[Annotated[float, "a number", RANGE]] | None, SIX] = None
-    speed_limit: Annotated[list[Annotated[float, "a number", SPEED]] | None, SIX] = None
-    acceleration_limit: Annotated[list[Annotated[float, "a number", ACCELERATION]] | None, SIX] = None
-    torque_limit: Annotated[list[Annotated[float, "a number", TORQUE]] | None, SIX] = None
-    stiffness: Annotated[list[Annotated[float, "a number", STIFFNESS]] | None, SIX] = None
+    dh: Annotated[
+        tuple[Annotated[tuple[Metres, Metres, Radians], "three numbers [a, d, alpha]"], ...], "a list of six rows"
+    ]
+    capsules: Annotated[tuple[Capsule, ...], "a list of capsules"]
+    position_limit: Annotated[tuple[Annotated[float, "a number", RANGE], ...] | None, SIX] = None
+    speed_limit: Annotated[tuple[Annotated[float, "a number", SPEED], ...] | None, SIX] = None
+    acceleration_limit: Annotated[tuple[Annotated[float, "a number", ACCELERATION], ...] | None, SIX] = None
+    torque_limit: Annotated[tuple[Annotated[float, "a number", TORQUE], ...] | None, SIX] = None
+    stiffness: Annotated[tuple[Annotated[float, "a number", STIFFNESS], ...] | None, SIX] = None
 
     def __post_init__(self) -> None:
         if self.like not in ARM_MODELS:
             raise TaskError(f"must be one of {', '.join(ARM_MODELS)}, got {self.like!r}", ("like",))
         rows = checks.rows(self.dh, ("dh",), (PLACE, PLACE, ANGLE))
         _check_structure(rows.tolist())
-        object.__setattr__(self, "dh", [tuple(row) for row in rows.tolist()])
+        object.__setattr__(self, "dh", tuple(tuple(row) for row in rows.tolist()))
+        object.__setattr__(self, "capsules", tuple(self.capsules))
         without = set(range(len(JOINT_NAMES) + 1)) - {each.frame for each in self.capsules}
         if without:
             raise TaskError(f"must hold every link, there is none of frame {min(without)}", ("capsules",))
@@ -84,14 +87,14 @@ class OwnArm:
                 found = checks.profile(values, (name,), len(JOINT_NAMES), quantity)
                 if len(found) != len(JOINT_NAMES):
                     raise TaskError(f"must be {SIX}, got {len(found)}", (name,))
-                object.__setattr__(self, name, list(found))
+                object.__setattr__(self, name, found)
 
     @property
     def model(self) -> ArmModel:
         """What the arm is."""
-        stated = {name: tuple(value) for name in LIMITS if (value := getattr(self, name)) is not None}
+        stated = {name: value for name in LIMITS if (value := getattr(self, name)) is not None}
         lengths = tuple(self.dh[row][column] for column, row in LENGTHS)
-        return replace(ARM_MODELS[self.like], name=self.name, lengths=lengths, capsules=tuple(self.capsules), **stated)
+        return replace(ARM_MODELS[self.like], name=self.name, lengths=lengths, capsules=self.capsules, **stated)
 
 
 def _check_structure(rows: list[list[float]]) -> None:

@@ -74,8 +74,9 @@ def _tilt(holder: Grippers | Cell) -> dict[str, float | None]:
 def _arm_model(arm: MountedArm) -> Any:
     if isinstance(arm.model, str):
         return arm.model
+    own = {name: list(value) if isinstance(value, tuple) else value for name, value in vars(arm.model).items()}
     capsules = [{**vars(each), "start": list(each.start), "end": list(each.end)} for each in arm.model.capsules]
-    return _stated({**vars(arm.model), "dh": [list(row) for row in arm.model.dh], "capsules": capsules})
+    return _stated({**own, "dh": [list(row) for row in arm.model.dh], "capsules": capsules})
 
 
 def _gripper_body(body: str | tuple[BodyPart, ...] | None) -> Any:
