@@ -18,9 +18,10 @@ from cableway.outcome import Outcome
 from cableway.records import Observation
 from cableway.robot.branches import SINGULAR, ArmMotion, arm_motion
 from cableway.robot.cell_kinematics import LEAST
-from cableway.robot.held_arms import ROOM, HeldArms
+from cableway.robot.held_arms import HANDS, ROOM, HeldArms
 from cableway.scene.arm_models import ARM_MODELS
 from cableway.scene.cell import Way
+from cableway.scene.clearance import body_clearance
 from cableway.scene.obstacles import Disc
 from cableway.scene.task import CONTROL_STEP
 from cableway.tracking import track
@@ -115,6 +116,25 @@ def test_links_that_are_near_already_may_go_away_only(planned: tuple[cw.Task, cw
     nearer, away = plan.poses[len(rows)] - at, 0.2 * (rows[-4] - at)
     assert np.abs(last_filter(nearer, at, task, FAR_APART, arms=still)).max() == 0.0
     np.testing.assert_array_equal(last_filter(away, at, task, FAR_APART, arms=still), away)
+
+
+def test_hands_that_arms_carry_keep_off_an_obstacle(planned: tuple[cw.Task, cw.Plan]):
+    """By as much as they may be off where they are sent; what moves by itself comes as near as can be."""
+    task, plan = planned
+    start, far = plan.poses[0], plan.poses[len(plan.poses) // 2]
+    ahead = (far - start)[0, :2] / np.linalg.norm((far - start)[0, :2])
+    center = start[0, :2] + 0.2 * ahead
+    post = Disc(center=(float(center[0]), float(center[1])), radius=0.02, height=0.05)
+    task = task.in_scene(replace(task.scene, obstacles=(post,)))
+    for arms, least in ((None, 0.0), (held(plan, task), HANDS)):
+        at = start
+        for _ in range(400):
+            sent = last_filter(np.tile([*(0.001 * ahead), 0.0], (2, 1)), at, task, FAR_APART, arms=arms)
+            if not sent.any():
+                break
+            at, arms = at + sent, arms and arms.led(at + sent)
+        room = min(float(body_clearance(body, at[None], task.scene)[0]) for body in task.outer_bodies)
+        assert least - 1e-9 <= room < least + 0.0003
 
 
 @pytest.mark.parametrize("limit", ["speed_limit", "acceleration_limit"])

@@ -12,7 +12,7 @@ import tyro
 
 from cableway.cli.options import Maybe, Options, option
 from cableway.cli.terminal import Terminal, pairs
-from cableway.core.errors import InputError
+from cableway.core.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,13 +22,18 @@ if TYPE_CHECKING:
 KEYPOINTS, OVERLAY = "keypoints.csv", "overlay.mp4"
 """What it leaves."""
 
+HIDDEN = ("stands", "free")
+"""What may be made of parts of the table that no camera saw."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class See(Options):
-    """Find a cable in pictures: keypoints.csv, a recording, and overlay.mp4. Needs pip install 'cableway[vision]'."""
+    """Find a cable in pictures: keypoints.csv, a recording, and overlay.mp4. With --depth, what stands on the table:
+    seen.yaml, a task, and seen.png. Needs pip install 'cableway[vision]'."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    """A video file, a folder of pictures, or the number of a camera; of several cameras, separated by commas."""
+    """A video file, a folder of pictures, or the number of a camera; with --depth, a picture; of several cameras,
+    separated by commas."""
 
     calibration: Annotated[str, tyro.conf.arg(metavar="CAMERA.json")]
     """The camera, as `calibrate` writes it; of several cameras in the order of their sources, separated by commas."""
@@ -42,7 +47,15 @@ class See(Options):
     should be does not count against what was found."""
 
     task: Maybe[str] = None
-    """A task with this cable; by default, a cable of 0.3 m with 13 keypoints."""
+    """A task with this cable; by default, a cable of 0.3 m with 13 keypoints. With --depth, a task on this table: what
+    is found takes the place of its obstacles."""
+
+    depth: Annotated[str | None, option(metavar="DEPTH.png")] = None
+    """Find what stands on the table, by depths in the pixels of SOURCE: for each camera a picture of 16 bits in
+    millimetres, or a folder of such pictures of a table on which nothing moves; by default, the cable is found."""
+
+    hidden: Annotated[str, tyro.conf.arg(metavar="{stands,free}")] = "stands"
+    """With --depth: whether parts of the table that no camera saw are obstacles, or free."""
 
     grippers: Annotated[Path | None, option(metavar="FILE.csv")] = None
     """Gripper poses by time, with the columns of a recording, for what is hidden to be found, too; by default, only
@@ -68,14 +81,37 @@ class See(Options):
             raise InputError(f"--seconds must be above 0, got {self.seconds}")
         if self.tracker == "markers" and self.grippers is None:
             raise InputError("--tracker markers needs --grippers: the rod between them says which marker is which")
+        self._check_depth()
         count = len(self.source.split(","))
-        for name in ("calibration", "hides"):
+        for name in ("calibration", "hides", "depth"):
             given = getattr(self, name)
             if given is not None and len(given.split(",")) != count:
                 raise InputError(f"--{name} must be one for each of {count} sources, got {given}")
 
+    def _check_depth(self) -> None:
+        """Whether the options are of one kind.
+
+        Raises:
+            InputError: They are not.
+        """
+        if self.hidden not in HIDDEN:
+            raise UnknownNameError("value of --hidden", self.hidden, HIDDEN)
+        if self.depth is None:
+            if self.hidden != "stands":
+                raise InputError("--hidden: only goes with --depth")
+            return
+        if self.task is None:
+            raise InputError("--depth needs --task: the task whose obstacles are to be those on the table")
+        for name in ("grippers", "tracker", "rate", "seconds"):
+            if getattr(self, name) != getattr(type(self), name):
+                raise InputError(f"--{name}: does not go with --depth, by which no cable is followed")
+
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        if self.depth is not None:
+            from cableway.cli.see_scene import see_scene
+
+            return see_scene(self, self.rgb())
         import numpy as np
 
         from cableway.core.files import only_writer
@@ -86,7 +122,7 @@ class See(Options):
         from cableway.scene.files.loading import load_task
         from cableway.workflow.seeing import GripperLog, Seen, see, write_recording
 
-        color = CableColor(color=self._color())
+        color = CableColor(color=self.rgb())
         cable = Cable() if self.task is None else load_task(self.task).cable
         grippers = None if self.grippers is None else GripperLog.load(self.grippers)
         folder, terminal, found = self.folder("see"), Terminal(self), list[Seen]()
@@ -141,8 +177,8 @@ class See(Options):
             eyes.append(Eye(camera, pictures, None if hiding is None else masks(hiding, rates[0])))
         return eyes, rates[0]
 
-    def _color(self) -> tuple[float, float, float]:
-        """Red, green and blue.
+    def rgb(self) -> tuple[float, float, float]:
+        """Red, green and blue of the cable.
 
         Raises:
             InputError: They are not three numbers.

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from cableway.estimation.rod_filter import MET
 from cableway.geometry.groups import SE2
 from cableway.motion.validity import gripper_spans
-from cableway.robot.held_arms import HeldArms
+from cableway.robot.held_arms import HANDS, HeldArms
 from cableway.rod.fitting import meet_ends
 from cableway.rod.inverse import fit_keypoints
 from cableway.scene.bodies import RIGHT, Body
@@ -68,11 +68,12 @@ def last_filter(
 ) -> Float[np.ndarray, "2 3"]:
     """What of an action may leave for the plant, whoever made it.
 
-    No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at all
-    where it is not: the grippers farther apart than `max_span`, or nearer to each other than `Grippers.least_span`;
-    a body of theirs in an obstacle, a wall, a body of the other or the cable, but for a plug before its port; an arm
-    that cannot follow, see `HeldArms.room`. An action that breaks one of the latter is made in part, in steps of a
-    quarter. Where the cable will be is what its nominal rod says, led on from where it was seen.
+    No step or turn is beyond the grippers' limits, and neither of these becomes worse than it is, or is there at
+    all where it is not: the grippers farther apart than `max_span`, or nearer to each other than
+    `Grippers.least_span`; a body of theirs in an obstacle, a wall, a body of the other or the cable, but for a plug
+    before its port, or nearer to one of the first three than `HANDS` where arms carry it; an arm that cannot
+    follow, see `HeldArms.room`. An action that breaks one of the latter is made in part, in steps of a quarter.
+    Where the cable will be is what its nominal rod says, led on from where it was seen.
 
     Where the task or an arm limits acceleration, the change from one action to the next is limited, too; but the
     grippers stop faster than that where they would otherwise come too far apart, too near to each other, or into an
@@ -97,9 +98,11 @@ def last_filter(
         action = within_limits(action, poses, task.grippers, max_span)
     reached = SE2.plus(poses, SHARES[:, None, None] * action)
     kept = np.column_stack([_body_room(body, reached, task) for body in task.outer_bodies])
-    kept = np.column_stack([kept, gripper_spans(reached) - task.grippers.least_span])
     if task.body_pairs:
         kept = np.column_stack([kept, bodies_gap(task.body_pairs, reached)])
+    if arms is not None:
+        kept -= HANDS
+    kept = np.column_stack([kept, gripper_spans(reached) - task.grippers.least_span])
     if lies is not None and any(body.meets_cable(task.cable.radius) for body in task.bodies):
         kept = np.column_stack([kept, _cable_room(lies, reached, task)])
     if arms is not None:

@@ -13,9 +13,13 @@ from jaxtyping import Float, UInt8
 
 from cableway.core.errors import InputError
 from cableway.core.extras import require
+from cableway.perception.depth import middle
 
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 """Endings of the pictures of a folder, which are taken in the order of their names."""
+
+MILLIMETRE = 0.001
+"""[m] of a number in a depth picture."""
 
 DOT, MARK = 4, (0, 120, 255)
 """Radius [pixels] and colour of a keypoint in a picture."""
@@ -81,11 +85,15 @@ def frames(source: str, rate: float = 30.0) -> Iterator[Frame]:
 
 
 def _of_folder(folder: Path, rate: float) -> Iterator[Frame]:
+    for count, file in enumerate(_files(folder)):
+        yield Frame(count / rate, picture(file))
+
+
+def _files(folder: Path) -> list[Path]:
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGES)
     if not files:
         raise InputError(f"{folder}: there is no picture in it that ends in {', '.join(IMAGES)}")
-    for count, file in enumerate(files):
-        yield Frame(count / rate, picture(file))
+    return files
 
 
 def picture(file: Path) -> UInt8[np.ndarray, "h w 3"]:
@@ -102,6 +110,30 @@ def picture(file: Path) -> UInt8[np.ndarray, "h w 3"]:
     if image is None:
         raise InputError(f"{file}: not a picture that OpenCV can read")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def depth_picture(source: Path) -> Float[np.ndarray, "h w"]:
+    """Depths [m], 0 where they are not known: whole millimetres in a picture of 16 bits.
+
+    Args:
+        source: A picture; or a folder of pictures of what stands still, of each pixel's depths the median.
+
+    Raises:
+        InputError: There is no picture, or one cannot be read, has not 16 bits or is not as large as the others.
+        MissingExtraError: OpenCV is not installed.
+    """
+    require("vision", "reading pictures")
+    import cv2
+
+    taken: list[np.ndarray] = []
+    for file in _files(source) if source.is_dir() else [source]:
+        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
+        if image is None or image.dtype != np.uint16 or image.ndim != 2:
+            raise InputError(f"{file}: not a depth picture: one channel of 16 bits, in millimetres")
+        if taken and image.shape != taken[0].shape:
+            raise InputError(f"{file}: depth pictures of one camera must be of one size")
+        taken.append(image)
+    return middle(np.stack(taken) * MILLIMETRE)
 
 
 def marked(image: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "n 2"]) -> UInt8[np.ndarray, "h w 3"]:

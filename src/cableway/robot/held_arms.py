@@ -18,6 +18,10 @@ from cableway.scene.task import CONTROL_STEP, Task
 ROOM = 0.005
 """Clearance [m] of links that corrections leave: 1 mm more than `cell_kinematics.LEAST`, of 10 mm that plans keep."""
 
+HANDS = 0.001
+"""Clearance [m] of hands from obstacles and each other that corrections leave: a hand may be that far off where it is
+sent, as the judge has it of a plan."""
+
 EASED = 0.999
 """Share of a limit of acceleration that is aimed at, since joints do not follow grippers along straight lines."""
 

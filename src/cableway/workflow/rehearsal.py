@@ -137,7 +137,7 @@ def rehearsed_plan(
     if not needs_rehearsal(task):
         return plan
     try:
-        plant = Perturbation().build(task, seed=0)
+        plant = Perturbation(arms="exact").build(task, seed=0)
     except SimulationError:
         return plan
     config, controller = config or RehearsalConfig(), RodMPC()

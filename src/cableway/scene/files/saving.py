@@ -18,11 +18,12 @@ from cableway.scene.files.schema import FORMAT_VERSION
 from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.grippers import Grippers
 from cableway.scene.obstacles import Box, Disc, Obstacle
-from cableway.scene.task import Task
+from cableway.scene.task import Draft
 
 
-def save_task(task: Task, path: str | os.PathLike[str]) -> None:
-    """Write a task to a YAML file, atomically; `load_task` gives an equal task, to the last digit.
+def save_task(task: Draft, path: str | os.PathLike[str]) -> None:
+    """Write a task to a YAML file, atomically; `load_task` gives an equal task, to the last digit, or says why no cable
+    can do what a draft says.
 
     Shapes are written as keypoints, with the gripper poses where the task states them. The cable's preset is left
     out where it is none of `preset_names()`; its values stand there in any case.
@@ -30,14 +31,14 @@ def save_task(task: Task, path: str | os.PathLike[str]) -> None:
     write_text(Path(path), task_text(task))
 
 
-def task_text(task: Task) -> str:
+def task_text(task: Draft) -> str:
     """What `save_task` writes."""
     return yaml.dump(
         _content(task), Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
     )
 
 
-def _content(task: Task) -> dict[str, Any]:
+def _content(task: Draft) -> dict[str, Any]:
     cable = task.cable.as_dict()
     if cable["preset"] not in preset_names():
         del cable["preset"]
@@ -95,7 +96,9 @@ def _obstacle(obstacle: Obstacle) -> dict[str, Any]:
     return _stated({"type": kind, **shape, "height": obstacle.height})
 
 
-def _shape(keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"] | None) -> Any:
+def _shape(keypoints: Float[np.ndarray, "n 2"] | None, poses: Float[np.ndarray, "2 3"] | None) -> Any:
+    if keypoints is None:
+        return None if poses is None else {"grippers": poses.tolist()}
     if poses is None:
         return keypoints.tolist()
     return {"grippers": poses.tolist(), "keypoints": keypoints.tolist()}
