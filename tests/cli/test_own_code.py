@@ -136,6 +136,7 @@ def test_a_plan_from_a_file_is_followed(cableway: Command, moved_file: Path, run
         (("--out", "{folder}"), "{folder}: the plans in it would be replaced, {plan} among them"),
         (("--from", "none.npz"), "none.npz: no such file"),
         (("--tracker", "rod"), "--tracker rod finds a cable in pictures, and no --camera takes any"),
+        (("--depth",), "--depth is of cameras, and no --camera takes pictures"),
         (("--camera", "above,below"), "unknown place of a camera 'below'"),
         (("--from", "circle.npz"), "'circle.npz': cannot be read: Too many levels of symbolic links"),
         (("--from", "{folder}/rollout.npz"), "rollout.npz: not a plan file: there is no array 'shapes'"),

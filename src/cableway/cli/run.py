@@ -48,6 +48,10 @@ class Run(PlanOptions):
     """What finds the cable in the pictures of the cameras: by its own colour, or by coloured markers on it; by default,
     rod."""
 
+    depth: Flag = False
+    """The cameras give depths, too: what stands on the table besides the task's obstacles is found by them, and the
+    controller knows of nothing else. By default, it knows when the plant says so."""
+
     deadline: Maybe[float] = None
     """Wall time [s] after which a control step counts as missed, as on a robot; by default, none."""
 
@@ -67,6 +71,8 @@ class Run(PlanOptions):
         super().__post_init__()
         if self.tracker is not None and self.camera is None:
             raise InputError(f"--tracker {self.tracker} finds a cable in pictures, and no --camera takes any")
+        if self.depth and self.camera is None:
+            raise InputError("--depth is of cameras, and no --camera takes pictures")
         if self.plan_file is None:
             return
         for name in ("planner", "pivot", "time_limit", "no_rehearsal"):
@@ -118,4 +124,4 @@ class Run(PlanOptions):
         if self.camera is None:
             return None
         given: dict[str, Any] = {} if self.tracker is None else {"tracker": self.tracker}
-        return EyesConfig(cameras=tuple(self.camera.split(",")), seed=self.seed or 0, **given)
+        return EyesConfig(cameras=tuple(self.camera.split(",")), depth=self.depth, seed=self.seed or 0, **given)

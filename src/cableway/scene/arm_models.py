@@ -12,7 +12,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from cableway.core.errors import TaskError
+from cableway.scene import checks
+from cableway.scene.checks import Quantity
 
 JOINT_NAMES = tuple(
     f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -23,7 +27,14 @@ ACCELERATION_LIMIT = (5.0,) * len(JOINT_NAMES)
 """The same [rad/s²]."""
 
 
-class Capsule(NamedTuple):
+PLACE = Quantity("m", -10.0, 10.0)
+Metres = Annotated[float, "a number", PLACE]
+Place = Annotated[tuple[Metres, Metres, Metres], "three numbers [x, y, z]"]
+"""Three coordinates [m]."""
+
+
+@dataclass(frozen=True)
+class Capsule:
     """A segment with a radius, on a link of an arm.
 
     Attributes:
@@ -31,12 +42,24 @@ class Capsule(NamedTuple):
         start: Of the segment in that frame [m].
         end: The other end.
         radius: [m].
+
+    Raises:
+        TaskError: There is no such frame, or a number is out of range.
     """
 
-    frame: int
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    radius: float
+    frame: Annotated[int, "a whole number"]
+    start: Place
+    end: Place
+    radius: Annotated[float, "a length", Quantity("m", 1e-3, 1.0)]
+
+    def __post_init__(self) -> None:
+        checks.check_quantities(self)
+        checks.integer(self.frame, ("frame",), 0, len(JOINT_NAMES))
+        for name in ("start", "end"):
+            at = checks.rows([getattr(self, name)], (name,), (PLACE,) * 3)[0]
+            object.__setattr__(self, name, tuple(at.tolist()))
+        if self.start == self.end:
+            raise TaskError("must be another point than start", ("end",))
 
 
 class Mass(NamedTuple):

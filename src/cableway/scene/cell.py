@@ -16,10 +16,10 @@ from jaxtyping import Float
 
 from cableway.core.errors import TaskError
 from cableway.scene import checks
-from cableway.scene.arm_models import ARM_MODELS, ArmModel, Capsule, Mass
-from cableway.scene.checks import Quantity
+from cableway.scene.arm_models import ARM_MODELS, PLACE, ArmModel, Capsule, Mass, Place
 from cableway.scene.gripper_bodies import Tilt
 from cableway.scene.obstacles import Height
+from cableway.scene.own_arms import OwnArm
 from cableway.scene.scene import Scene
 
 ARMS = 2
@@ -83,9 +83,6 @@ TOOLS: dict[str, Tool] = {
 }
 """By the name of their bodies in `GRIPPER_BODIES`; longer fingers weigh nothing more here."""
 
-PLACE = Quantity("m", -10.0, 10.0)
-Metres = Annotated[float, "a number", PLACE]
-
 
 @dataclass(frozen=True, kw_only=True)
 class MountedArm:
@@ -94,22 +91,27 @@ class MountedArm:
     Attributes:
         position: Of its base (x, y, z) [m] from the middle of the workspace, at the height of the table.
         angle: Of the base's x axis from that of the workspace [rad].
-        model: A name of `ARM_MODELS`.
+        model: A name of `ARM_MODELS`, or an arm of one's own.
 
     Raises:
         TaskError: There is no such model, or a number is out of range.
     """
 
-    position: Annotated[tuple[Metres, Metres, Metres], "three numbers [x, y, z]"]
+    position: Place
     angle: checks.Radians = 0.0
-    model: str = "ur5e"
+    model: Annotated[str | OwnArm, f"{', '.join(ARM_MODELS)}, or a mapping"] = "ur5e"
 
     def __post_init__(self) -> None:
         checks.check_quantities(self)
-        if self.model not in ARM_MODELS:
+        if isinstance(self.model, str) and self.model not in ARM_MODELS:
             raise TaskError(f"must be one of {', '.join(ARM_MODELS)}, got {self.model!r}", ("model",))
         position = checks.rows([self.position], (), (PLACE,) * 3)[0]
         object.__setattr__(self, "position", tuple(position.tolist()))
+
+    @property
+    def kind(self) -> ArmModel:
+        """What the arm is."""
+        return ARM_MODELS[self.model] if isinstance(self.model, str) else self.model.model
 
     def base(self, scene: Scene) -> Float[np.ndarray, "4 4"]:
         """Pose of the base in the frame of the workspace, x to the right, y up in the plane of the table, z upwards."""
@@ -192,7 +194,7 @@ class Cell:
     @property
     def models(self) -> tuple[ArmModel, ...]:
         """What the arms are."""
-        return tuple(ARM_MODELS[arm.model] for arm in self.arms)
+        return tuple(arm.kind for arm in self.arms)
 
     def models_of(self, way: Way) -> tuple[ArmModel, ArmModel]:
         """What the arms at the left and the right gripper are."""

@@ -23,7 +23,9 @@ from cableway.perception.segmentation import CableColor, cable_mask
 from cableway.perception.views import View
 from cableway.records import Measurement, Observation
 from cableway.scene.cell import Way
+from cableway.scene.scene import Scene
 from cableway.scene.task import Task
+from cableway.tracking.lookout import Lookout
 from cableway.tracking.photographer import LOOK, MARKER, EyesConfig, Photographer, State
 from cableway.tracking.plant import Plant
 
@@ -56,11 +58,21 @@ class SeenPlant:
         plant: The one behind it, which measures the truth.
         config: The cameras.
         way: How the arms of a cell hold the cable, where it measures joints.
+        planned: With depths, the task as the planner knew it; by default, the plant's.
+        actual: With depths, what stands on the table; by default, what the plant's task has.
     """
 
-    def __init__(self, plant: Plant, config: EyesConfig, way: Way | None = None) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        config: EyesConfig,
+        way: Way | None = None,
+        planned: Task | None = None,
+        actual: Scene | None = None,
+    ) -> None:
         self._plant, self._config = plant, config
-        self._photographer = Photographer(plant.task, way, config)
+        self._planned = planned if config.depth and planned is not None else plant.task
+        self._photographer = Photographer(self._planned, way, config, actual if config.depth else None)
         marked = config.tracker == "markers"
         r, g, b = (255 * part for part in (MARKER if marked else LOOK.cable))
         self._color = CableColor(color=(r, g, b))
@@ -76,11 +88,14 @@ class SeenPlant:
         self._hidden: list[float] = []
         self._known: list[bool] = []
         self._spent = 0.0
+        self._lookout = Lookout(self._planned.scene) if self._config.depth else None
+        self._seen_task = self._planned
+        self._of_depths = np.random.default_rng(self._config.seed)
 
     @property
     def task(self) -> Task:
-        """See `Plant`."""
-        return self._plant.task
+        """See `Plant`; with depths, the scene is what was planned with and what was seen to appear."""
+        return self._plant.task if self._lookout is None else self._seen_task
 
     @property
     def control_step(self) -> float:
@@ -122,7 +137,16 @@ class SeenPlant:
             "largest_error": float(np.nanmean(errors, axis=1).max()) if len(errors) else None,
             "lost": self._is_lost(errors),
             "seconds_per_frame": self._spent / frames,
+            **self._appeared(),
         }
+
+    def _appeared(self) -> dict[str, Any]:
+        """What the depths showed at last."""
+        lookout = self._lookout
+        if lookout is None:
+            return {}
+        appeared = [{"vertices": each.vertices.tolist(), "height": each.height} for each in lookout.appeared]
+        return {"surveys": lookout.surveys, "surveys_failed": lookout.failures, "appeared": appeared}
 
     def _is_lost(self, errors: Float[np.ndarray, "m n"]) -> bool:
         """Whether the cable was taken to be where it was not, or was not known at the end."""
@@ -150,6 +174,8 @@ class SeenPlant:
 
     def _seen(self, now: float, reported: Observation) -> Observation:
         """What is known at a time of the newest picture that has been looked at."""
+        if self._lookout is not None:
+            self._look_out(self._lookout, now)
         config, newest = self._config, None
         while (taken := self._frame / config.frame_rate) <= now - (config.latency if now else 0.0) + ROUNDING:
             self._frame += 1
@@ -165,6 +191,14 @@ class SeenPlant:
         # where all markers are hidden, and the rod is sure of itself, the loop goes on by what it knows
         confidence = seen.confidence if np.isfinite(seen.keypoints).any() else None
         return replace(reported, keypoints=seen.keypoints, confidence=confidence, taken=seen.time + offset)
+
+    def _look_out(self, lookout: Lookout, now: float) -> None:
+        """See what appeared on the table."""
+        if lookout.is_due(now):
+            lookout.look(now, self._photographer.depths(self._at(now), self._of_depths))
+        if lookout.learn(now):
+            self._seen_task = self._planned.in_scene(lookout.scene)
+            self._photographer.know(lookout.scene)
 
     def _look(self, state: State) -> Sighting:
         shot = self._photographer.shot(state, self._rng)

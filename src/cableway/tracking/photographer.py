@@ -13,13 +13,18 @@ from scipy.ndimage import gaussian_filter
 from cableway.core.checks import Bounds, Checked, Choice, NotNegative, Positive, Share, shown
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.perception.calibration import CalibratedCamera
+from cableway.perception.depth import DepthView
 from cableway.perception.markers import Tracker
 from cableway.perception.placement import camera_at
-from cableway.rendering.cell import CellScene, Color, Label, Look
+from cableway.perception.segmentation import CableColor, cable_mask
+from cableway.perception.survey import depth_view
+from cableway.rendering.cell import ARMS, GRIPPERS, CellScene, Color, Label, Look
+from cableway.rendering.depth_sensor import DepthSensor, measured
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, labels, render
 from cableway.rendering.strangers import lying_cable, reaching_arm
 from cableway.scene.cell import Way
+from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 
 LOOK = Look(
@@ -32,6 +37,9 @@ LOOK = Look(
     links=(0.7, 0.72, 0.75),
 )
 """An orange cable on a light table."""
+
+ORANGE = CableColor(color=(255 * LOOK.cable[0], 255 * LOOK.cable[1], 255 * LOOK.cable[2]))
+"""That cable in pictures."""
 
 MARKER = (0.05, 0.55, 0.2)
 """Of the markers, green: like nothing else there."""
@@ -69,6 +77,8 @@ class EyesConfig(Checked):
         alike: Whether posts, boxes and grippers have the colour of the cable.
         strangers: What else is in the pictures, of `STRANGERS`, and nobody told: a second cable on the table, a
             person's arm over it.
+        depth: Whether they give depths, too, by which the controller knows what stands on the table: what the task has,
+            and what appears there, and nothing else of the scene.
         seed: Of noise, lost pictures and strangers.
 
     Raises:
@@ -89,6 +99,7 @@ class EyesConfig(Checked):
     tint: Color | None = None
     alike: bool = False
     strangers: tuple[str, ...] = ()
+    depth: bool = False
     seed: Annotated[int, Bounds(0)] = 0
 
     def __post_init__(self) -> None:
@@ -115,23 +126,32 @@ class State(NamedTuple):
     joints: Float[np.ndarray, "2 6"] | None
 
 
+DepthViews = list[DepthView]
+"""Of each camera."""
+
+
 class Photographer:
     """Makes pictures of a task's table.
 
     Args:
-        task: The task, with what stands on the table.
+        task: The task, with what is known to stand on the table.
         way: How the arms of its cell hold the cable; None where grippers float.
         config: The cameras.
+        actual: What stands on the table; None where that is what is known.
     """
 
-    def __init__(self, task: Task, way: Way | None, config: EyesConfig) -> None:
+    def __init__(self, task: Task, way: Way | None, config: EyesConfig, actual: Scene | None = None) -> None:
         self._size, self._config = task.scene.size, config
         look = LOOK if config.tint is None else LOOK._replace(cable=config.tint)
         if config.alike:
             look = look._replace(obstacle=look.cable, grippers=(look.cable, look.cable))
         if config.tracker == "markers":
             look = look._replace(marker=MARKER)
-        self._scene = CellScene(task, way, look)
+        self._task, self._way, self._look = task, way, look
+        self._known = CellScene(task, way, look)
+        self._scene = self._known if actual is None else CellScene(task.in_scene(actual), way, look)
+        sensors = np.random.default_rng(config.seed)
+        self._sensors = [DepthSensor().drawn(sensors) for _ in config.cameras]
         second = "cable" in config.strangers
         self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)] if second else []
         self.cameras = tuple(camera_at(place, self._size, PICTURE) for place in config.cameras)
@@ -144,9 +164,10 @@ class Photographer:
         """Of each camera the picture, and what may hide the cable by what is known without seeing it: joints, or poses
         of hands.
         """
-        known, dark = self._mesh(state), self._config.dark
-        bare, seen = known.where(known.labels != Label.CABLE), Mesh.joined([known, *self._strangers(state.time)])
-        if dark is not None and dark[0] <= state.time < dark[1]:
+        there = self._mesh(state, self._scene)
+        known = there if self._known is self._scene else self._mesh(state, self._known)
+        bare, seen = known.where(known.labels != Label.CABLE), Mesh.joined([there, *self._strangers(state.time)])
+        if self._is_dark(state.time):
             pictures = [np.zeros((*PICTURE[::-1], 3), np.uint8) for _ in self.cameras]
         else:
             pictures = [self._exposed(seen, camera, rng) for camera in self.cameras]
@@ -155,10 +176,32 @@ class Photographer:
             for picture, camera in zip(pictures, self.cameras, strict=True)
         ]
 
-    def _mesh(self, state: State) -> Mesh:
+    def depths(self, state: State, rng: np.random.Generator) -> DepthViews:
+        """What the cameras show of depths, with the errors of `DepthSensor`, where cable, hands and arms are known."""
+        there = self._mesh(state, self._scene)
+        seen, views = Mesh.joined([there, *self._strangers(state.time)]), DepthViews()
+        for camera, sensor in zip(self.cameras, self._sensors, strict=True):
+            shown = render(seen, camera.pinhole, self._light)
+            depth = np.zeros(shown.depth.shape)
+            if not self._is_dark(state.time):
+                depth = measured(shown.depth, camera.pinhole.focal[0], sensor, rng)
+            hands = np.isin(labels(there, camera.pinhole), (*GRIPPERS, *ARMS))
+            views.append(depth_view(camera, depth, cable_mask(shown.color, ORANGE), hands))
+        return views
+
+    def know(self, scene: Scene) -> None:
+        """What is known to stand on the table from now on."""
+        self._known = CellScene(self._task.in_scene(scene), self._way, self._look)
+
+    def _is_dark(self, time: float) -> bool:
+        dark = self._config.dark
+        return dark is not None and dark[0] <= time < dark[1]
+
+    @staticmethod
+    def _mesh(state: State, scene: CellScene) -> Mesh:
         if state.joints is None:
-            return self._scene.mesh(state.cable, poses=state.poses)
-        return self._scene.mesh(state.cable, joints=state.joints)
+            return scene.mesh(state.cable, poses=state.poses)
+        return scene.mesh(state.cable, joints=state.joints)
 
     def _strangers(self, time: float) -> list[Mesh]:
         arm = reaching_arm(self._size, time, self._config.seed) if "arm" in self._config.strangers else None

@@ -79,7 +79,8 @@ def follow(
         simulated = own or perturbation.build(task, options.seed, run.plan)
         plant, notes = own or AnsweringPlant(simulated), simulated.unmodelled
         if options.eyes is not None:
-            eyes = SeenPlant(plant, options.eyes, Way.of_record(run.plan.metadata))
+            way = Way.of_record(run.plan.metadata)
+            eyes = SeenPlant(plant, options.eyes, way, task, actual.scene)
             plant = AnsweringPlant(eyes)
         rollout = track(
             plant, controller, run.plan, recovery=_recovery(options, run.plan), watchdog=watchdog,

@@ -17,6 +17,7 @@ from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.rod.inverse import shape_between
 from cableway.scene import checks
+from cableway.scene.arm_models import Capsule
 from cableway.scene.cable import Cable
 from cableway.scene.cell import CELLS, Cell, MountedArm
 from cableway.scene.files.document import read_document
@@ -25,6 +26,7 @@ from cableway.scene.files.schema import CellFile, validate
 from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
+from cableway.scene.own_arms import OwnArm
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, ENDS, Draft, Task
 
@@ -198,9 +200,29 @@ def _cell(section: Mapping[str, Any]) -> Cell:
 
 def _arm(index: int, section: Mapping[str, Any]) -> MountedArm:
     try:
+        if isinstance(model := section.get("model"), Mapping):
+            section = {**section, "model": _own_arm(model)}
         return MountedArm(**section)
     except TaskError as error:
         raise error.within("cell", "arms", index) from None
+
+
+def _own_arm(section: Mapping[str, Any]) -> OwnArm:
+    """An arm that is given in the file.
+
+    Raises:
+        TaskError: It is none that is known.
+    """
+    capsules = []
+    try:
+        for index, capsule in enumerate(section["capsules"]):
+            try:
+                capsules.append(Capsule(**capsule))
+            except TaskError as error:
+                raise error.within("capsules", index) from None
+        return OwnArm(**{**section, "capsules": capsules})
+    except TaskError as error:
+        raise error.within("model") from None
 
 
 def _in_cell(cell: Cell, values: Mapping[str, Any]) -> dict[str, Any]:

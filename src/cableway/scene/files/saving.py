@@ -11,7 +11,7 @@ import yaml
 from jaxtyping import Float
 
 from cableway.core.files import write_text
-from cableway.scene.cell import Cell
+from cableway.scene.cell import Cell, MountedArm
 from cableway.scene.files.document import Dumper
 from cableway.scene.files.presets import preset_names
 from cableway.scene.files.schema import FORMAT_VERSION
@@ -58,7 +58,7 @@ def _content(task: Draft) -> dict[str, Any]:
     if task.port is not None:
         content["port"] = {**vars(task.port), "position": list(task.port.position)}
     if task.cell is not None:
-        arms = [{**vars(arm), "position": list(arm.position)} for arm in task.cell.arms]
+        arms = [{**vars(arm), "position": list(arm.position), "model": _arm_model(arm)} for arm in task.cell.arms]
         content["cell"] = _stated({**vars(task.cell), "arms": arms, "way": None, **_tilt(task.cell)})
     return content
 
@@ -70,6 +70,14 @@ def _stated(section: dict[str, Any]) -> dict[str, Any]:
 
 def _tilt(holder: Grippers | Cell) -> dict[str, float | None]:
     return {"tilt": holder.tilt or None}
+
+
+def _arm_model(arm: MountedArm) -> Any:
+    if isinstance(arm.model, str):
+        return arm.model
+    own = {name: list(value) if isinstance(value, tuple) else value for name, value in vars(arm.model).items()}
+    capsules = [{**vars(each), "start": list(each.start), "end": list(each.end)} for each in arm.model.capsules]
+    return _stated({**own, "dh": [list(row) for row in arm.model.dh], "capsules": capsules})
 
 
 def _gripper_body(body: str | tuple[BodyPart, ...] | None) -> Any:
