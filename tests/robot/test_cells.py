@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from folding_arms import FOLDING
 from recording_arms import RecordingArm
 
 import cableway as cw
@@ -375,7 +376,7 @@ def test_the_driver_sends_no_links_together(planned: tuple[cw.Task, cw.Plan]):
     column = Disc(center=(0.15, task.scene.size[1] / 2), radius=0.02, height=0.6)
     first, second = task.cell.arms
     x, y, z = second.position
-    near = replace(task.cell, arms=(first, replace(second, position=(x - 0.4, y, z))))
+    near = replace(task.cell, arms=(first, replace(second, position=(x - 0.4, y, z), model=FOLDING)))
     cases = {
         r"^links of the arm at the right gripper would come within [34]\.\d mm of table": task.in_scene(
             replace(task.scene, obstacles=(*task.scene.obstacles, column))
@@ -389,5 +390,6 @@ def test_the_driver_sends_no_links_together(planned: tuple[cw.Task, cw.Plan]):
         joints = np.stack([[row for _, row in each.sent] for each in both], axis=1)
         assert 20 < len(joints) < 20 * plan.steps
         assert kinematics.room(joints)[0].min() >= LEAST - 1e-9
-        assert sent_along(plan, other, Blind(kinematics))[1] == ""
+        blindly = sent_along(plan, other, Blind(kinematics))[1]
+        assert blindly == "" or "its elbow_joint" in blindly, "it takes the arms for UR5e, and knows of no links"
         assert kinematics.fault(joints[-1], joints[-2]) == "", "back they may"

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from folding_arms import FOLDING
 
 import cableway as cw
 from cableway.core.errors import PlanningError
@@ -23,7 +24,7 @@ ALL = np.full(5, 10.0)
 @pytest.fixture(scope="module")
 def narrow() -> cw.Task:
     """A task whose first plan for grippers alone has its arms in each other: bases 0.99 m apart."""
-    arms = tuple(replace(arm, position=(0.9 * arm.position[0], 0.0, 0.15)) for arm in CELL.arms)
+    arms = tuple(replace(arm, position=(0.9 * arm.position[0], 0.0, 0.15), model=FOLDING) for arm in CELL.arms)
     return cw.load_task("single-obstacle-2").in_cell(replace(CELL, arms=arms))
 
 

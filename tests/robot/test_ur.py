@@ -112,8 +112,8 @@ def test_arms_that_are_not_where_the_run_begins_are_not_moved():
     [
         (np.full((2, 6), np.nan), "the kinematics found no"),
         (HOME[:, :5], "the kinematics found no"),
-        (HOME + [0.0, 0.0, 6.0, 0.0, 0.0, 0.0], "would have to turn its elbow_joint to 453 degrees, limit 180 degrees"),
-        (HOME + [0.0, 0.0, 1.3, 0.0, 0.0, 0.0], "would have to turn its elbow_joint to 183 degrees, limit 180 degrees"),
+        (HOME + [0.0, 0.0, 6.0, 0.0, 0.0, 0.0], "would have to turn its elbow_joint to 453 degrees, limit 157 degrees"),
+        (HOME + [0.0, 0.0, 1.3, 0.0, 0.0, 0.0], "would have to turn its elbow_joint to 183 degrees, limit 157 degrees"),
         (HOME + [0.0, 0.0, 0.0, 9.0, 0.0, 0.0], "turn its wrist_1_joint to 447 degrees, limit 360 degrees"),
     ],
 )

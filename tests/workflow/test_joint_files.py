@@ -223,7 +223,7 @@ def test_what_no_arm_can_do_is_refused(tmp_path: Path):
         (PLAN, None, "a.script", "must be 125, 250 or 500 Hz, got none"),
         (PLAN, 100.0, "a.script", "must be 125, 250 or 500 Hz, got 100"),
         (four, 125.0, "a.script", "needs 6 joints an arm, and the record has 4"),
-        (beyond, 125.0, "a.script", "left arm would have to turn its elbow_joint to 395 degrees, limit 180 degrees"),
+        (beyond, 125.0, "a.script", "left arm would have to turn its elbow_joint to 395 degrees, limit 157 degrees"),
         (
             fast,
             125.0,
