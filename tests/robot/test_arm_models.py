@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from folding_arms import FOLDING
 from recording_arms import LinearArms, RecordingArm
 
 import cableway as cw
@@ -65,10 +66,23 @@ def test_inverse_and_forward_kinematics_and_the_judges_agree(model: ArmModel):
 
 @pytest.mark.parametrize("model", ARM_MODELS.values(), ids=list(ARM_MODELS))
 def test_links_on_either_side_of_a_folded_elbow_do_not_meet(model: ArmModel):
-    """Those of shoulder and forearm, and of upper arm and first wrist, between which no clearance is measured."""
+    """Those of shoulder and forearm, and of upper arm and first wrist, between which the judge alone measures a clearance."""
     limit = model.position_limit[2]
     assert folded(model, limit) >= LEAST
     assert folded(model, limit + 0.06) < 0.004, "it bends no less than it must"
+
+
+def test_the_judge_sees_links_meet_where_an_elbow_folds(planned: tuple[cw.Task, cw.Plan]):
+    """Also of an arm whose limits let it."""
+    task, plan = planned
+    assert task.cell is not None
+    assert plan.joints is not None
+    cell = replace(task.cell, arms=tuple(replace(arm, model=FOLDING) for arm in task.cell.arms))
+    for elbow, apart in ((2.6, True), (2.8, False)):
+        joints = np.tile([np.pi / 2, -1.5, elbow, -2.25, 1.5, 0.0], (2, 2, 1))
+        bent = replace(plan, shapes=plan.shapes[:2], poses=plan.poses[:2], joints=joints, q=None)
+        (check,) = (each for each in arm_checks(bent, replace(task, cell=cell)) if each.name == "arm clearance")
+        assert check.passed is apart, check
 
 
 def folded(model: ArmModel, elbow: float) -> float:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from folding_arms import FOLDING
 
 import cableway as cw
 from cableway.core.errors import PlanningError
@@ -23,9 +22,10 @@ ALL = np.full(5, 10.0)
 
 @pytest.fixture(scope="module")
 def narrow() -> cw.Task:
-    """A task whose first plan for grippers alone has its arms in each other: bases 0.99 m apart."""
-    arms = tuple(replace(arm, position=(0.9 * arm.position[0], 0.0, 0.15), model=FOLDING) for arm in CELL.arms)
-    return cw.load_task("single-obstacle-2").in_cell(replace(CELL, arms=arms))
+    """A task whose first plan for grippers alone has its arms in each other: bases 1 m apart and beside each other."""
+    places = ((-0.5, -0.08, 0.15), (0.5, 0.08, 0.15))
+    arms = tuple(replace(arm, position=place) for arm, place in zip(CELL.arms, places, strict=True))
+    return cw.load_task("multi-obstacle-2").in_cell(replace(CELL, arms=arms))
 
 
 def ends_of(task: cw.Task) -> np.ndarray:

@@ -16,7 +16,7 @@ from cableway.scene.cell import Tool
 from cableway.scene.scene import Scene
 
 APART = 3
-"""Joints between two links of an arm that can touch each other; nearer ones are kept apart by their limits."""
+"""Joints between two links of an arm that can touch each other; nearer ones are kept apart by limits of position."""
 
 
 class Capsules(NamedTuple):

@@ -2,10 +2,10 @@
 
 Lengths are the maker's (article "DH parameters for calculations of kinematics and dynamics"), limits and masses as in
 its ROS 2 description (`config/*/joint_limits.yaml` and `physical_parameters.yaml`). The elbow's limit of position is
-where links on either side of it, between which no clearance is measured, would come within 1 cm of each other, those of
-a UR5e within 4 mm, as near as the judge lets any. The arms have limits of torque, none of acceleration that are public:
-5 rad/s² is what the maker's configuration of MoveIt takes for all of them (`joint_limits.yaml` of `ur_moveit_config`).
-Plans do not know torques. `studies/arm_capsules.py` shows that capsules hold the links.
+where links on either side of it, between which the judge alone measures a clearance, would come within 1 cm of each
+other, those of a UR5e within 4 mm, as near as the judge lets any. The arms have limits of torque, none of acceleration
+that are public: 5 rad/s² is what the maker's configuration of MoveIt takes for all of them (`joint_limits.yaml` of
+`ur_moveit_config`). Plans do not know torques. `studies/arm_capsules.py` shows that capsules hold the links.
 """
 
 from __future__ import annotations

@@ -34,7 +34,10 @@ TIP, TIP_ANGLE = 0.001, 0.01
 """Distance [m] and angle [rad] of a tool from its gripper's pose."""
 
 NEIGHBOURS = 2
-"""Joints between two links of an arm that cannot touch each other."""
+"""Joints between two links of an arm that cannot touch each other, but for those of `FOLDED`."""
+
+FOLDED = ((1, 3), (2, 4))
+"""Links on either side of the elbow, which meet where it folds: shoulder and forearm, upper arm and first wrist."""
 
 FINEST = 64
 """Looks from row to row."""
@@ -240,7 +243,12 @@ def meeting_pairs(solids: list[list[Solid]]) -> list[tuple[Solid, Solid]]:
     left, right = solids
     both = [(a, b) for a, b in product(left, right) if a.link != TOOL or b.link != TOOL]
     own = [pair for arm in solids for pair in combinations(arm, 2)]
-    return [*both, *((a, b) for a, b in own if abs(min(a.link, 6) - min(b.link, 6)) > NEIGHBOURS)]
+    return [*both, *((a, b) for a, b in own if _could_touch(*sorted((min(a.link, 6), min(b.link, 6)))))]
+
+
+def _could_touch(inner: int, outer: int) -> bool:
+    """Whether two links of an arm could."""
+    return outer - inner > NEIGHBOURS or (inner, outer) in FOLDED
 
 
 def closest_pair(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:
