@@ -129,6 +129,8 @@ def test_bad_options_and_actions_are_refused():
     env = CableEnv(TASK)
     with pytest.raises(InputError, match="no option 'cable'"):
         env.reset(options={"cable": 1})
+    with pytest.raises(InputError, match="insertion has a port"):
+        env.reset(options={"task": "insertion"})
     env.reset(options={"task": "maze-1"})
     for action in (np.zeros(6), np.full((2, 3), np.nan)):
         with pytest.raises(InputError, match=r"\(2, 3\) finite numbers"):

@@ -66,7 +66,7 @@ def test_inverse_and_forward_kinematics_and_the_judges_agree(model: ArmModel):
 
 @pytest.mark.parametrize("model", ARM_MODELS.values(), ids=list(ARM_MODELS))
 def test_links_on_either_side_of_a_folded_elbow_do_not_meet(model: ArmModel):
-    """Those of shoulder and forearm, and of upper arm and first wrist, between which the judge alone measures a clearance."""
+    """Those of shoulder and forearm, and of upper arm and first wrist, which planner and filter do not compare."""
     limit = model.position_limit[2]
     assert folded(model, limit) >= LEAST
     assert folded(model, limit + 0.06) < 0.004, "it bends no less than it must"

@@ -160,7 +160,7 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             options: `task` and `perturbation` of this episode in place of drawn ones.
 
         Raises:
-            InputError: An option is not known, or the task has another number of keypoints than those before.
+            InputError: An option is not known, or the task has a port, or another number of keypoints than those before.
             PlanningError: There is an expert, and no plan for the task given, or for any of those drawn.
             SimulationError: The plant cannot take the start of the task given.
         """
@@ -172,6 +172,8 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         name = options.get("perturbation") or str(self.np_random.choice(self._perturbations))
         for attempt in range(TRIES):
             task = given or random_task(FIRST_SEED + int(self.np_random.integers(2**31)), self._kind)
+            if task.port is not None:
+                raise InputError(f"the task {task.name} has a port, and the environment puts no plug into one")
             if task.cable.keypoints != self._keypoints:
                 there = f"{task.cable.keypoints} keypoints, and the environment is for {self._keypoints}"
                 raise InputError(f"the task {task.name} has {there}")
