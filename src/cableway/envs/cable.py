@@ -160,7 +160,7 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             options: `task` and `perturbation` of this episode in place of drawn ones.
 
         Raises:
-            InputError: An option is not known, or the task has a port, or another number of keypoints than those before.
+            InputError: An option is not known, or the task has a port or another number of keypoints than those before.
             PlanningError: There is an expert, and no plan for the task given, or for any of those drawn.
             SimulationError: The plant cannot take the start of the task given.
         """
