@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import gymnasium
@@ -11,12 +12,14 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import SyncVectorEnv
 
 import cableway.envs  # noqa: F401
+from cableway.benchmark.suites import frozen_episodes
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.envs.cable import FIRST_SEED, SETTLED, CableEnv
 from cableway.outcome import SUCCESS_ERROR
 
 ID = "cableway/Cable-v0"
 TASK = "single-obstacle-2"
+SEED = re.compile(r"-(\d+)")
 ASIDE = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], np.float32)
 
 
@@ -74,7 +77,6 @@ def test_a_seed_makes_an_episode():
     assert same == info
     np.testing.assert_equal(again, first)
     np.testing.assert_equal(env.step(ASIDE)[0], moved[0])
-    assert int(info["task"].rpartition("-")[2]) >= FIRST_SEED
     assert env.reset()[1]["task"] != info["task"]
 
 
@@ -86,9 +88,38 @@ def test_contact_ends_an_episode_and_is_no_success():
         steps.append(env.step(ASIDE))
         assert len(steps) < 200
     _, reward, _, _, info = steps[-1]
-    assert info["failure"]
+    assert info["failure"] == "the cable or a gripper touched something"
+    assert info["clearance"] <= 0
     assert not info["success"]
     assert reward < -0.9
+
+
+def test_an_obstacle_that_appears_is_on_the_map_once_it_is_known():
+    env = CableEnv(TASK, perturbations="fault-appears")
+    before, _ = env.reset(seed=1)
+    maps = [env.step(np.zeros((2, 3)))[0]["clearance"] for _ in range(40)]
+    np.testing.assert_array_equal(maps[0], before["clearance"])
+    assert (maps[-1] < maps[0] - 0.01).any()
+    assert (maps[-1] <= maps[0]).all()
+
+
+def test_random_tasks_are_none_of_the_benchmark():
+    class Least:
+        """Draws the least of all."""
+
+        def integers(self, most: int) -> int:
+            return 0
+
+        def choice(self, among: Any) -> Any:
+            return among[0]
+
+    env = CableEnv(kind="open-near")
+    env.np_random = Least()  # pyright: ignore[reportAttributeAccessIssue]
+    _, info = env.reset()
+    assert info["task"] == f"open-near-{FIRST_SEED}"
+    assert all(
+        int(number) < FIRST_SEED for each in frozen_episodes("unconstrained") for number in SEED.findall(each.task)
+    )
 
 
 def test_clearance_is_that_of_the_scene():
