@@ -11,6 +11,7 @@ EXTRAS = {
     "cell": {"coal": "Coal"},
     "gym": {"gymnasium": "Gymnasium"},
     "ray": {"ray": "Ray"},
+    "studio": {"viser": "viser"},
     "tang2025": {"casadi": "CasADi", "equinox": "Equinox", "jax": "JAX", "optax": "Optax"},
     "ur": {"rtde_control": "ur-rtde"},
     "vision": {"cv2": "OpenCV"},

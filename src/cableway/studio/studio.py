@@ -1,0 +1,92 @@
+"""The studio: a server of pages, and a session for each of them, kept while its page is away."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from cableway.core.extras import require
+from cableway.studio.session import Session
+
+KEPT = 20
+"""Sessions kept of pages that are away; of more, those that were left first are dropped."""
+
+
+class Studio:
+    """Serves pages until it is stopped.
+
+    Args:
+        task: What a new page opens: a task, its name or its file, also one that no cable can do.
+        host: Address to listen on.
+        port: Port, 0 for any free one.
+        out: Folder in which tasks are saved, each in one of its own.
+
+    Raises:
+        InputError: There is no such task, or the port cannot be had.
+        MissingExtraError: viser is not installed.
+    """
+
+    def __init__(self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs")) -> None:
+        require("studio", "cableway studio")
+        from cableway.studio.view.page import Page
+        from cableway.studio.view.server import Server
+
+        self._task, self._lock = task, threading.Lock()
+        self._sessions: dict[str, Session] = {}
+        self._pages: dict[int, tuple[str, Page]] = {}
+        self._spare: Session | None = Session(task)
+
+        def opened(client: Any, key: str) -> None:
+            page = Page(client, self._session(key), out)
+            with self._lock:
+                self._pages[client.client_id] = key, page
+
+        def gone(client: Any, key: str) -> None:
+            with self._lock:
+                known = self._pages.pop(client.client_id, None)
+            if known is not None:
+                known[1].close()
+            self._drop()
+
+        self._server = Server(host, port, opened, gone)
+        self.address = self._server.address
+
+    @property
+    def server(self) -> Any:
+        """What serves the pages."""
+        return self._server
+
+    @property
+    def sessions(self) -> tuple[Session, ...]:
+        """Those that there are."""
+        return tuple(self._sessions.values())
+
+    def wait(self) -> None:
+        """Serve until the process is interrupted."""
+        while True:
+            time.sleep(3600.0)
+
+    def stop(self) -> None:
+        """Close all pages and sessions."""
+        self._server.stop()
+        spare = [] if self._spare is None else [self._spare]
+        for session in (*self._sessions.values(), *spare):
+            session.close()
+
+    def _session(self, key: str) -> Session:
+        """That of a key; the first page takes the one that was begun with the server."""
+        with self._lock:
+            if key not in self._sessions:
+                spare, self._spare = self._spare, None
+                self._sessions[key] = spare or Session(self._task)
+            return self._sessions[key]
+
+    def _drop(self) -> None:
+        with self._lock:
+            open_keys = {key for key, _ in self._pages.values()}
+            left = [key for key in self._sessions if key not in open_keys]
+            dropped = [self._sessions.pop(key) for key in left[:-KEPT]]
+        for session in dropped:
+            session.close()
