@@ -34,7 +34,7 @@ class Studio(Options):
         """Carry the command out and return its exit status."""
         from cableway.studio.studio import Studio as Pages
 
-        pages = Pages(self.task, self.host, self.port, self.out or Path("runs"))
+        pages = Pages(self.task, self.host, self.port, self.out or Path("runs"), self.seed or 0)
         try:
             Terminal(self).note(f"{pages.address} (ctrl-c to end)")
             if not self.no_browser:

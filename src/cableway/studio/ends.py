@@ -16,7 +16,7 @@ from cableway.rod.inverse import equilibria_at, fit_keypoints, meet_poses, neare
 from cableway.rod.planar import PlanarRod
 from cableway.scene.task import Draft, End
 
-MOST_SPAN = 0.999
+MOST_SPAN = 0.99
 """Distance of the grippers, in lengths of the cable, beyond which one of them is not led: the cable is taut."""
 
 STEP = (0.02, 0.1)

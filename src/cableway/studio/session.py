@@ -8,20 +8,19 @@ from __future__ import annotations
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.errors import InputError, Point, UnknownNameError
+from cableway.core.errors import InputError, Point
 from cableway.core.files import only_writer, write_json
-from cableway.core.quantities import limit_text, quantity
+from cableway.core.quantities import quantity
 from cableway.records import Plan
 from cableway.scene.files.loading import as_draft, task_names
 from cableway.scene.files.saving import save_task
-from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, ENDS, Draft, End
 from cableway.studio import ends
 from cableway.studio.inspection import Inspection, inspect
@@ -32,6 +31,9 @@ from cableway.workflow.run import Run, SolveOptions
 
 REMEMBERED = 200
 """Edits that can be undone."""
+
+PLANNING = "Planning ..."
+"""Said while it is not known yet at what stage."""
 
 WAYS = 4
 """Plans sought that go round the obstacles in different ways."""
@@ -66,28 +68,38 @@ class Planning:
     at: Point | None = None
 
 
-@dataclass
 class Session:
     """A task that is edited; every change is told to all who listen.
+
+    Args:
+        source: The task, its name or its file, also one that no cable can do.
+        options: How it is planned.
+        planner: Makes what plans, of what is to be told the answers; see `Replanner`.
 
     Attributes:
         moment: The draft as it is now, also in the midst of a drag.
         inspection: What is known of it.
         planning: How far its plan is.
         options: How it is planned.
+
+    Raises:
+        InputError: There is no such task, or its values make none.
     """
 
-    source: Any
-    options: SolveOptions = field(default_factory=lambda: SolveOptions(track=False))
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self, source: Any, options: SolveOptions | None = None, planner: Callable[..., Any] = Replanner
+    ) -> None:
+        self.options = SolveOptions(track=False) if options is None else options
         self._lock = threading.RLock()
+        self.planning = Planning("planning", PLANNING)
         self._listeners: list[Callable[[], Any]] = []
         self._past: list[Moment] = []
         self._future: list[Moment] = []
-        self._replanner = Replanner(self._hear)
+        draft = as_draft(source).unchecked()
+        self._replanner = planner(self._hear)
         self._replanner.start()
-        self._begin(as_draft(self.source))
+        self._show(_moment(draft))
+        self._plan()
 
     # ------------------------------------------------------------------------------------------ what there is
     @property
@@ -254,18 +266,13 @@ class Session:
         """End planning for good."""
         self._replanner.close()
 
-    def _begin(self, draft: Draft) -> None:
-        with self._lock:
-            self._show(_moment(draft.unchecked()))
-            self._plan()
-
     def _show(self, moment: Moment) -> None:
         with self._lock:
             self.moment = moment
             self.inspection: Inspection = inspect(moment.draft, moment.shapes)
             if self.inspection.faults:
                 self.planning = Planning("invalid", "No plan is sought: no cable can do this.")
-            elif getattr(self, "planning", None) is None or self.planning.status != "planning":
+            else:
                 self.planning = Planning("planning", "Let go to plan.")
         self._tell()
 
@@ -293,7 +300,7 @@ class Session:
             if self.inspection.faults:
                 self._replanner.cancel()
             else:
-                self.planning = replace(self.planning, status="planning", sentence="Planning ...", at=None)
+                self.planning = replace(self.planning, status="planning", sentence=PLANNING, at=None)
                 self._replanner.request(self.draft.checked(), replace(self.options, **changes))
         self._tell()
 
@@ -319,7 +326,7 @@ def planning_of(run: Run) -> Planning:
         return Planning("none", f"No plan: {run.report.failure or run.report.outcome.sentence}", run=run, at=at)
     clearance, plan = run.report.min_clearance, run.plan
     room = "" if clearance is None else f", {quantity(clearance)} clear at least"
-    took = "" if run.report.planning_time is None else f" Found in {limit_text(run.report.planning_time, 's')}."
+    took = "" if run.report.planning_time is None else f" Found in {run.report.planning_time:.1f} s."
     sentence = f"A verified plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s{room}.{took}"
     return Planning("found", sentence, (plan, *run.alternatives), run)
 

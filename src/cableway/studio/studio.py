@@ -9,6 +9,7 @@ from typing import Any
 
 from cableway.core.extras import require
 from cableway.studio.session import Session
+from cableway.workflow.run import SolveOptions
 
 KEPT = 20
 """Sessions kept of pages that are away; of more, those that were left first are dropped."""
@@ -22,21 +23,27 @@ class Studio:
         host: Address to listen on.
         port: Port, 0 for any free one.
         out: Folder in which tasks are saved, each in one of its own.
+        seed: For planning.
+
+    Attributes:
+        address: Where a new page is to be had.
+        server: What serves the pages.
 
     Raises:
         InputError: There is no such task, or the port cannot be had.
         MissingExtraError: viser is not installed.
     """
 
-    def __init__(self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs")) -> None:
+    def __init__(self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs"), seed: int = 0) -> None:
         require("studio", "cableway studio")
         from cableway.studio.view.page import Page
         from cableway.studio.view.server import Server
 
-        self._task, self._lock = task, threading.Lock()
+        self._lock = threading.Lock()
+        self._begin = lambda: Session(task, SolveOptions(track=False, seed=seed))
         self._sessions: dict[str, Session] = {}
         self._pages: dict[int, tuple[str, Page]] = {}
-        self._spare: Session | None = Session(task)
+        self._spare: Session | None = self._begin()
 
         def opened(client: Any, key: str) -> None:
             page = Page(client, self._session(key), out)
@@ -50,13 +57,12 @@ class Studio:
                 known[1].close()
             self._drop()
 
-        self._server = Server(host, port, opened, gone)
-        self.address = self._server.address
-
-    @property
-    def server(self) -> Any:
-        """What serves the pages."""
-        return self._server
+        try:
+            self.server = Server(host, port, opened, gone)
+        except BaseException:
+            self._spare.close()
+            raise
+        self.address = self.server.address
 
     @property
     def sessions(self) -> tuple[Session, ...]:
@@ -70,7 +76,7 @@ class Studio:
 
     def stop(self) -> None:
         """Close all pages and sessions."""
-        self._server.stop()
+        self.server.stop()
         spare = [] if self._spare is None else [self._spare]
         for session in (*self._sessions.values(), *spare):
             session.close()
@@ -80,7 +86,7 @@ class Studio:
         with self._lock:
             if key not in self._sessions:
                 spare, self._spare = self._spare, None
-                self._sessions[key] = spare or Session(self._task)
+                self._sessions[key] = spare or self._begin()
             return self._sessions[key]
 
     def _drop(self) -> None:

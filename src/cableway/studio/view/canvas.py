@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import Point
 from cableway.geometry import se2
-from cableway.studio.view.look import rgb
+from cableway.studio.view.look import painted, rgb
 from cableway.studio.view.meshes import Mesh
 
 OnDrag = Callable[[str, str, Point], Any]
@@ -54,7 +54,7 @@ class Canvas:
         handle, known = self._nodes.get(name, (None, None))
         if known != kind:
             handle = self._scene.add_mesh_simple(
-                name, mesh.vertices, mesh.faces, color=rgb(color), opacity=opacity, flat_shading=False, side="double",
+                name, mesh.vertices, mesh.faces, color=painted(color), opacity=opacity, flat_shading=False, side="double",
                 cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
             self._nodes[name] = handle, kind
@@ -64,7 +64,7 @@ class Canvas:
                 handle.on_click(self._clicked(name))
         elif not np.array_equal(handle.vertices, mesh.vertices.astype(np.float32)):
             handle.vertices = mesh.vertices.astype(np.float32)
-        _set(handle, "color", rgb(color))
+        _set(handle, "color", painted(color))
         _set(handle, "position", (*at, 0.0))
         _set(handle, "wxyz", (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)))
 

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float
 
 from cableway.figures import style
 
@@ -18,6 +22,7 @@ HEAD = f"""<title>cableway studio</title>
 @font-face {{ font-family: "cableway"; src: url("{FONT}"); }}
 body, body * {{ font-family: "cableway", "DejaVu Sans", Verdana, sans-serif !important; }}
 body {{ color: {style.INK}; --mantine-font-size-sm: 12px; --mantine-font-size-xs: 11px; }}
+.mantine-NumberInput-input {{ font-size: 11px !important; padding-left: 4px !important; padding-right: 14px !important; }}
 </style>
 <script>
 document.addEventListener("DOMContentLoaded", () => {{ document.title = "cableway studio"; }});
@@ -29,6 +34,35 @@ window.setTimeout = (what, time, ...rest) => later(what, time === 50 ? {DRAG_INT
 </script>
 """
 """Comes before all that viser's page has in its head."""
+
+
+LIGHT = (9.0, 4.7)
+"""Of the light from everywhere and of that from above, so bright that the renderer's tone mapping can reach white."""
+
+_TO_TONE = np.array([[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
+_FROM_TONE = np.array([[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]])
+"""Of the ACES curve as three.js, which viser draws by, has it (ACESFilmicToneMapping)."""
+
+
+@cache
+def painted(color: str) -> tuple[int, int, int]:
+    """The colour that a solid is to have so that it looks as `color` from above, under `LIGHT` and tone mapping."""
+    wanted = _linear(np.array(rgb(color)) / 255)
+    y = np.clip(np.linalg.solve(_FROM_TONE, wanted), 0.0, 0.99)
+    # y = (v (v + a) - b) / (v (c v + d) + e)
+    a, b, c, d, e = 0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081
+    p, q, r = 1 - c * y, a - d * y, -b - e * y
+    light = 0.6 * np.linalg.solve(_TO_TONE, (-q + np.sqrt(q * q - 4 * p * r)) / (2 * p))
+    red, green, blue = _coded(np.clip(light / (sum(LIGHT) / np.pi), 0.0, 1.0))
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
+def _linear(coded: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+
+
+def _coded(linear: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def rgb(color: str) -> tuple[int, int, int]:
@@ -65,3 +99,9 @@ def sentences(texts: Sequence[str], color: str, *, numbered: bool = False) -> st
 def hint(text: str) -> str:
     """A sentence that says what to do."""
     return f'<div style="margin:0 4px 6px;font-size:11px;line-height:1.4;color:{style.MUTED}">{html.escape(text)}</div>'
+
+
+def legend(title: str, curves: Sequence[tuple[str, str]]) -> str:
+    """Title of a plot, with the names of its curves in their colours."""
+    names = ", ".join(f'<span style="color:{color};font-weight:600">{html.escape(name)}</span>' for name, color in curves)
+    return f'<div style="margin:8px 4px 0;font-size:12px;color:{style.INK}">{html.escape(title)}: {names}</div>'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import viser
 
 from cableway.core.errors import CablewayError, Point
+from cableway.figures import style
 from cableway.records import Plan
 from cableway.scene.files.saving import task_text
 from cableway.scene.task import CONTROL_STEP, End
@@ -21,7 +23,7 @@ from cableway.studio.view import look, table
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.panel import WIDTH, PlanPanel, TaskPanel
 
-TILT = 0.3
+TILT = 0.2
 """By which the page looks at the table from aside [rad]."""
 
 FOV = 0.35
@@ -49,7 +51,9 @@ class Page:
         self._curves: Curves | None = None
         self._chosen, self._row, self._playing = 0, 0, False
         self._size: tuple[float, float] | None = None
+        self._aspect = 0.0
         self._build()
+        client.camera.on_update(lambda _: self._do("fit", self._fit))
         self._end = session.listen(lambda: self._do("show", self._show))
         self._do("show", self._show)
 
@@ -64,22 +68,22 @@ class Page:
     def _build(self) -> None:
         client, gui = self._client, self._client.gui
         client.scene.configure_default_lights(enabled=False)
-        client.scene.add_light_ambient("/light/all", intensity=2.2)
-        client.scene.add_light_directional("/light/sun", intensity=1.1, position=(-0.4, -0.6, 2.0), cast_shadow=False)
+        client.scene.configure_environment_map(None)
+        client.scene.add_light_ambient("/light/all", intensity=look.LIGHT[0])
+        client.scene.add_light_directional("/light/sun", intensity=look.LIGHT[1], position=(0, 0, 2), cast_shadow=False)
         client.scene.set_background_image(np.full((1, 1, 3), 250, np.uint8))
-        left = gui.add_panel()
-        with left.add_tab("cableway studio"):
-            self._task_panel = TaskPanel(gui, self._session, self._do, self._select, self._save, self._download)
-            self._view = gui.add_button("Look from above", icon=viser.Icon.CAMERA)
-            self._view.on_click(lambda _: self._do("look", self._look))
-        left.dock_left()
-        left.set_width(WIDTH)
+        gui.set_panel_label("cableway studio")
+        gui.configure_theme(brand_color=look.rgb(style.BLUE), show_logo=False, show_share_button=False)
+        self._task_panel = TaskPanel(gui, self._session, self._do, self._select, self._save, self._download)
+        above = gui.add_button("Look from above", icon=viser.Icon.CAMERA, color=look.rgb(style.MUTED))
+        above.on_click(lambda _: self._do("look", self._look))
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(WIDTH)
         right = gui.add_panel()
         with right.add_tab("Plan"):
             self._plan_panel = PlanPanel(gui, self._session, self._do, self._scrub, self._play, self._choose)
         right.dock_right()
         right.set_width(WIDTH)
-        gui.main_panel.minimize()
         for label, key, modifier, what in (
             ("Play or pause", "space", None, self._play),
             ("Step ahead", "arrowright", None, lambda: self._scrub(self._row + 1)),
@@ -95,8 +99,8 @@ class Page:
         """Look at the whole table."""
         width, height = self._session.draft.scene.size
         middle = np.array([width / 2, height / 2, 0.0])
-        aspect = self._client.camera.aspect or 1.0
-        across = max(1.16 * height, 1.2 * width / aspect)
+        self._aspect = self._client.camera.aspect
+        across = max(1.2 * height, 1.24 * width / max(self._aspect, 0.1))
         away = across / 2 / np.tan(FOV / 2)
         camera = self._client.camera
         with self._client.atomic():
@@ -104,6 +108,11 @@ class Page:
             camera.up_direction = (0.0, 0.0, 1.0)
             camera.position = middle + away * np.array([0.0, -np.sin(TILT), np.cos(TILT)])
             camera.look_at = middle
+
+    def _fit(self) -> None:
+        """Look at the whole table again where the page has another shape, as once its panels are there."""
+        if abs(self._client.camera.aspect - self._aspect) > 0.01:
+            self._look()
 
     def _show(self) -> None:
         session = self._session
@@ -201,10 +210,10 @@ class Page:
 
     def _place_of(self, name: str) -> Any:
         """Where what is dragged is [m]."""
-        _, what, which, *more = name.split("/")
+        what, which, *more = re.split("[/-]", name)[1:]
         draft, shapes = self._session.moment
         if what == "ends":
-            q, side = shapes[which], int(more[0])  # pyright: ignore[reportArgumentType]
+            q, side = shapes[_end(which)], int(more[0])
             assert q is not None
             pose = draft.cable.rod.end_poses(q[None])[0, side]
             return np.array(table.along(pose, table.ARM if side else -table.ARM)) if len(more) > 1 else pose[:2]
@@ -217,12 +226,12 @@ class Page:
     def _drag(self, name: str, pointer: Point) -> None:
         if self._held is None:
             return
-        _, what, which, *more = name.split("/")
+        what, which, *more = re.split("[/-]", name)[1:]
         to = np.array(pointer) + self._offset
         place = (float(to[0]), float(to[1]))
         try:
             if what == "ends":
-                self._drag_gripper(which, int(more[0]), to, turning=len(more) > 1)  # pyright: ignore[reportArgumentType]
+                self._drag_gripper(_end(which), int(more[0]), to, turning=len(more) > 1)
             elif what == "obstacles":
                 there = self._held.draft.scene.obstacles[int(which)]
                 self._session.preview_obstacle(self._held, int(which), hands.placed(there, place))
@@ -268,3 +277,7 @@ class Page:
     def _download(self) -> None:
         draft = self._session.draft
         self._client.send_file_download(f"{draft.name}.yaml", task_text(draft).encode())
+
+
+def _end(name: str) -> End:
+    return "start" if name == "start" else "goal"

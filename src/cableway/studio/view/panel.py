@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,12 @@ SAY = {
     "invalid": style.BAD,
 }
 """Colours of what is said of planning."""
+
+LOUD = look.rgb(style.BLUE)
+"""Colour of the buttons that are pressed most."""
+
+QUIET = look.rgb(style.MUTED)
+"""Colour of buttons that are pressed now and then."""
 
 NO_OBSTACLE = "Click an obstacle to see its numbers and knobs, or drag it."
 NO_PLAN = "Once there is a plan, it is played here."
@@ -97,11 +104,11 @@ class TaskPanel:
         self._poses: dict[tuple[End, int], Any] = {}
         for end in ENDS:
             for side in (0, 1):
-                name = f"{end} {'LR'[side]} [mm, mm, °]"
-                field = gui.add_vector3(name, (0.0, 0.0, 0.0), step=0.1, hint="x, y and direction of this gripper")
+                name = f"{end} {'LR'[side]}"
+                field = gui.add_vector3(name, (0.0, 0.0, 0.0), step=0.1, hint="x [mm], y [mm] and direction [°] of this gripper")
                 field.on_update(lambda event, end=end, side=side: self._pose(event, end, side))
                 self._poses[end, side] = field
-            other = gui.add_button(f"Bend the {end} to the other side")
+            other = gui.add_button(f"Bend the {end} to the other side", color=QUIET)
             other.on_click(lambda _, end=end: self._do("bend", lambda: self._session.bend(end)))
 
     def _add_files(self, gui: viser.GuiApi, save: Do, download: Do) -> None:
@@ -111,12 +118,12 @@ class TaskPanel:
             "open", lambda: session.open(names.value)))  # fmt: skip
         kinds = gui.add_dropdown("Random", known_kinds())
         seed = gui.add_number("Seed", 0, min=0, step=1)
-        draw = gui.add_button("Draw a random task")
+        draw = gui.add_button("Draw a random task", color=LOUD)
         draw.on_click(lambda _: do("open", lambda: session.draw(kinds.value, int(seed.value))))
-        upload = gui.add_upload_button("Open a task file ...", mime_type=".yaml,.yml")
+        upload = gui.add_upload_button("Open a task file ...", color=QUIET, mime_type=".yaml,.yml")
         upload.on_upload(lambda _: do("open", lambda: session.open_content(upload.value.name, upload.value.content)))
-        gui.add_button("Save task, plan and report").on_click(lambda _: do("save", save))
-        gui.add_button("Download the task file").on_click(lambda _: do("download", download))
+        gui.add_button("Save task, plan and report", color=LOUD).on_click(lambda _: do("save", save))
+        gui.add_button("Download the task file", color=QUIET).on_click(lambda _: do("download", download))
         self.saved = gui.add_html(look.hint("Edits are kept while the studio runs; save what is to stay."))
 
     def show(self, moment: Moment, inspection: Inspection, selected: int | None) -> None:
@@ -189,21 +196,23 @@ class PlanPanel:
         self._hint = gui.add_html(look.hint(NO_PLAN))
         self.step = gui.add_slider("Step", 0, 1, 1, 0)
         self.step.on_update(lambda event: event.client and do("scrub", lambda: scrub(self.step.value)))
-        self.play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY)
+        self.play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, color=LOUD)
         self.play.on_click(lambda _: do("play", play))
         self.now = gui.add_html("")
         self.way = gui.add_dropdown("Way", ("1",))
         self.way.on_update(lambda event: event.client and do("way", lambda: choose(int(self.way.value.split()[0]) - 1)))
-        self._ways = gui.add_button("Look for other ways")
+        self._ways = gui.add_button("Look for other ways", color=QUIET)
         self._ways.on_click(lambda _: do("ways", session.seek_ways))
         empty = np.zeros(2)
+        self._names = [gui.add_html(look.legend("Clearance [mm]", (("cable", style.INK), ("grippers", style.RIGHT))))]
         self._clear = gui.add_uplot(
-            (empty, empty, empty), _series(("cable", style.INK), ("grippers", style.RIGHT)), title="clearance [mm]",
-            height=165, axes=_axes(), legend={"show": False}, scales={"x": {"time": False}},
+            (empty, empty, empty), _series(("cable", style.INK), ("grippers", style.RIGHT)),
+            height=150, axes=_axes(), legend={"show": False}, scales={"x": {"time": False}},
         )  # fmt: skip
+        self._names.append(gui.add_html(look.legend("Of the grippers' limits [%]", (("left", style.LEFT), ("right", style.RIGHT)))))
         self._speed = gui.add_uplot(
             (empty, empty, empty), _series(("left", style.LEFT), ("right", style.RIGHT)),
-            title="share of the grippers' limits [%]", height=165, axes=_axes(), legend={"show": False},
+            height=150, axes=_axes(), legend={"show": False},
             scales={"x": {"time": False}},
         )  # fmt: skip
         self._curves: Curves | None = None
@@ -213,7 +222,7 @@ class PlanPanel:
         _set(self.said, "content", look.sentences([planning.sentence], SAY[planning.status]))
         there = curves is not None
         _set(self._hint, "visible", not there)
-        for field in (self.step, self.play, self.now, self._clear, self._speed):
+        for field in (self.step, self.play, self.now, self._clear, self._speed, *self._names):
             _set(field, "visible", there)
         _set(self._ways, "visible", there and not stale and len(planning.plans) == 1)
         count = len(planning.plans)
@@ -243,8 +252,6 @@ class PlanPanel:
 
 def _numbered(there: Obstacle, middle: Any, size: Any, angle: float, height: float) -> Obstacle:
     """An obstacle with the numbers of the panel [mm, degrees]."""
-    from dataclasses import replace
-
     wanted = hands.placed(there, (middle[0] / 1000, middle[1] / 1000))
     wanted = replace(wanted, height=height / 1000 if height > 0 else None)
     if isinstance(wanted, Box):
@@ -274,12 +281,12 @@ def _series(*curves: tuple[str, str]) -> tuple[uplot.Series, ...]:
 
 
 def _axes() -> tuple[uplot.Axis, ...]:
-    common: Any = {"stroke": style.MUTED, "font": "11px cableway, sans-serif", "grid": {"stroke": style.GRID, "width": 1}}
+    common: Any = {"stroke": style.MUTED, "font": "11px cableway, sans-serif", "grid": {"stroke": style.GRID, "width": 1}, "ticks": {"show": False}}
     return (uplot.Axis(**common, size=26), uplot.Axis(**common, size=38))
 
 
 def _rounded(*values: float) -> tuple[float, ...]:
-    return tuple(round(float(value), 2) + 0.0 for value in values)
+    return tuple(round(float(value), 1) + 0.0 for value in values)
 
 
 def _set(handle: Any, name: str, value: Any) -> None:

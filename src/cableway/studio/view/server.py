@@ -103,11 +103,11 @@ class Server:
 
 
 def _listening(host: str, port: int) -> socket.socket:
+    if not 0 <= port <= 65535:
+        raise InputError(f"--port must be from 0 to 65535, got {port}")
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, port), family=family, backlog=100)
-    except OverflowError:
-        raise InputError(f"--port must be from 0 to 65535, got {port}") from None
     except OSError as error:
         if isinstance(error, socket.gaierror) or error.errno == 99:
             raise InputError(f"--host {host}: no address of this machine") from None

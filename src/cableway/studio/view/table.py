@@ -43,7 +43,6 @@ def draw_table(canvas: Canvas, size: tuple[float, float]) -> None:
     """The workspace with its grid, and the axes in millimetres."""
     width, height = size
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
-    canvas.solid("/table/top", prism(corners, -0.006, -0.001), "#ffffff")
     canvas.lines("/table/walls", outline(corners, 0.0), style.INK, 2.0)
     rows = [[[x, 0, 0], [x, height, 0]] for x in np.arange(GRID_STEP, width - 1e-6, GRID_STEP)]
     rows += [[[0, y, 0], [width, y, 0]] for y in np.arange(GRID_STEP, height - 1e-6, GRID_STEP)]
@@ -103,20 +102,21 @@ def draw_ends(canvas: Canvas, moment: Moment, inspection: Inspection) -> None:
         if q is None:
             continue
         stations, poses = draft.cable.rod.shapes(q[None])
-        canvas.solid(f"/ends/{end}/cable", tube(stations[0], radius, radius), color)
+        canvas.solid(f"/ends/{end}-cable", tube(stations[0], radius, radius), color)
         for side, pose in enumerate(poses[0]):
-            name, at = f"/ends/{end}/{side}", (float(pose[0]), float(pose[1]))
+            name, at = f"/ends/{end}-{side}", (float(pose[0]), float(pose[1]))
             knob = along(pose, ARM if side else -ARM)
             grasp = prism(circle(GRASP), 0.0, 2 * radius + 0.002)
             canvas.solid(name, grasp, mixed(color, 0.25), at=at, draggable=True)
-            canvas.lines(f"{name}/arm", path(np.array([at, knob]), 0.002), mixed(color, 0.35), 1.6)
-            canvas.solid(f"{name}/turn", prism(circle(KNOB, 20), 0.0, 0.004), color, at=knob, draggable=True)
-            canvas.words(f"{name}/letter", "LR"[side], (*at, 2 * radius + 0.003))
+            canvas.lines(f"{name}-arm", path(np.array([at, knob]), 0.002), mixed(color, 0.35), 1.6)
+            canvas.solid(f"{name}-turn", prism(circle(KNOB, 20), 0.0, 0.004), color, at=knob, draggable=True)
+            canvas.words(f"{name}-letter", "LR"[side], (*at, 2 * radius + 0.003))
         if end in inspection.ends:
             found = inspection.ends[end]
             text = f"{end}: {quantity(found.clearance)} clear, stability {found.stability:.0f}"
             x, y = stations[0][len(stations[0]) // 2]
-            canvas.words(f"/ends/{end}/figures", text, (float(x), float(y) + 0.02, 0.01), "bottom-center")
+            inward = "left" if x < draft.scene.size[0] / 2 else "right"
+            canvas.words(f"/ends/{end}-figures-{inward}", text, (float(x), float(y) + 0.015, 0.01), f"bottom-{inward}")
     canvas.sweep("/ends")
 
 
@@ -124,7 +124,7 @@ def draw_faults(canvas: Canvas, faults: list[tuple[float, float]]) -> None:
     """Numbered rings where something is wrong [m]."""
     for number, (x, y) in enumerate(faults[:MARKED], start=1):
         canvas.solid(f"/faults/{number}", ring(0.013, 0.017, 0.022), style.BAD, at=(x, y))
-        canvas.words(f"/faults/{number}/number", str(number), (x + 0.02, y + 0.02, 0.025))
+        canvas.words(f"/faults/{number}-number", str(number), (x + 0.02, y + 0.02, 0.025))
     canvas.sweep("/faults")
 
 
@@ -148,7 +148,7 @@ def draw_moment(canvas: Canvas, draft: Draft, plan: Plan | None, row: int) -> No
         radius = draft.cable.radius
         row = min(row, plan.steps)
         line = polyline.spline(plan.shapes[row], SPLINE_PIECES)
-        canvas.solid("/moment/cable", tube(line, 1.15 * radius, 1.5 * radius), style.INK)
+        canvas.solid("/moment/cable", tube(line, 0.7 * radius, 1.6 * radius), style.INK)
         for side, color in enumerate((style.LEFT, style.RIGHT)):
             x, y = plan.poses[row, side, :2]
             disc = prism(circle(max(draft.grippers.radius, 0.006)), 0.0, 3.2 * radius)

@@ -1,0 +1,153 @@
+"""The page in Chromium: what is dragged moves, what is let go is planned, pages do not disturb each other."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from cableway.figures import style
+from cableway.studio.obstacles import middle_of
+from cableway.studio.studio import Studio
+from cableway.studio.view.look import rgb
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="studio in a browser: Playwright is not installed")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="studio in a browser: there is no Chromium")
+
+SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+"""WebGL without graphics hardware."""
+
+SIZE: Any = {"width": 1000, "height": 560}
+PATIENCE = 90.0
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
+    studio = Studio("multi-obstacle-1", out=tmp_path_factory.mktemp("saved"))
+    yield studio
+    studio.stop()
+
+
+@pytest.fixture(scope="module")
+def context() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE))
+        yield browser.new_context(viewport=SIZE)
+        browser.close()
+
+
+def until(true: Callable[[], Any], page: Any) -> Any:
+    end = time.monotonic() + PATIENCE
+    while not (found := true()):
+        assert time.monotonic() < end, f"still not: {true}"
+        page.wait_for_timeout(50)
+    return found
+
+
+def opened(context: Any, studio: Studio) -> tuple[Any, Any, list[str]]:
+    """A page, the session behind it, and what goes wrong in it."""
+    page, wrong = context.new_page(), []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    known = studio.sessions
+    page.goto(studio.address)
+    session = until(lambda: next((each for each in studio.sessions if each not in known), None), page)
+    page.get_by_text("A verified plan").wait_for(timeout=1000 * PATIENCE)
+    return page, session, wrong
+
+
+def pixel(studio: Studio, page: Any, x: float, y: float, height: float = 0.0) -> tuple[float, float]:
+    """Where on a page a place [m] is seen, by the camera that its connection reports."""
+    clients = studio.server.viser.get_clients()
+    camera = clients[max(clients)].camera
+    w, a, b, c = camera.wxyz
+    turn = np.array([
+        [1 - 2 * (b * b + c * c), 2 * (a * b - w * c), 2 * (a * c + w * b)],
+        [2 * (a * b + w * c), 1 - 2 * (a * a + c * c), 2 * (b * c - w * a)],
+        [2 * (a * c - w * b), 2 * (b * c + w * a), 1 - 2 * (a * a + b * b)],
+    ])  # fmt: skip
+    right, down, ahead = turn.T @ (np.array([x, y, height]) - camera.position)
+    box = page.locator("canvas").first.bounding_box()
+    scale = box["height"] / 2 / np.tan(camera.fov / 2) / ahead
+    return box["x"] + box["width"] / 2 + scale * right, box["y"] + box["height"] / 2 + scale * down
+
+
+def seen(page: Any, at: tuple[float, float]) -> np.ndarray:
+    """The colour there, of the middle of a few pixels."""
+    picture = imread(io.BytesIO(page.screenshot(timeout=1000 * PATIENCE)))[:, :, :3] * 255
+    x, y = round(at[0]), round(at[1])
+    return np.median(picture[y - 1 : y + 2, x - 1 : x + 2].reshape(-1, 3), axis=0)
+
+
+def looks(page: Any, at: tuple[float, float], color: str) -> bool:
+    return bool(np.abs(seen(page, at) - rgb(color)).max() < 40)
+
+
+def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: Studio, context: Any):
+    page, session, wrong = opened(context, studio)
+    until(lambda: looks(page, pixel(studio, page, *session.draft.scene.obstacles[1].center, 0.01), style.OBSTACLE), page)
+    before, plan = session.draft.scene.obstacles, session.planning.plans[0]
+    x, y = middle_of(before[1])
+    start, end = pixel(studio, page, x, y, 0.01), pixel(studio, page, x + 0.03, y - 0.02, 0.01)
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*end, steps=8)
+    page.mouse.up()
+    until(lambda: session.planning.status == "found" and session.planning.plans[0] is not plan, page)
+    moved = session.draft.scene.obstacles
+    np.testing.assert_allclose(middle_of(moved[1]) - middle_of(before[1]), (0.03, -0.02), atol=0.004)
+    assert (*moved[:1], *moved[2:]) == (*before[:1], *before[2:])
+    far = pixel(studio, page, *before[1].center, 0.01)  # its colour now tells that it is selected
+    assert not looks(page, far, style.OBSTACLE)
+    plan = session.planning.plans[0]
+    page.keyboard.press("ArrowRight")
+    page.get_by_text("0.1 s: cable").wait_for()
+    row = plan.steps // 2
+    page.get_by_role("textbox").last.fill(str(row))
+    page.get_by_text(f"{row / 10:.1f} s: cable").wait_for()
+    cable = plan.shapes[row, plan.shapes.shape[1] // 2]
+    until(lambda: looks(page, pixel(studio, page, *cable, 0.006), style.INK), page)
+    assert wrong == []
+    page.close()
+
+
+def test_two_pages_have_a_task_each_which_outlives_the_connection(studio: Studio, context: Any):
+    one, first, _ = opened(context, studio)
+    two, second, _ = opened(context, studio)
+    first.set_obstacle(3, None)
+    one.get_by_text("Planning").or_(one.get_by_text("A verified plan")).first.wait_for()
+    assert len(second.draft.scene.obstacles) == 4
+    one.reload()
+    until(lambda: len(studio.server.viser.get_clients()) == 2, one)
+    one.get_by_text("A verified plan").wait_for(timeout=1000 * PATIENCE)
+    assert len(first.draft.scene.obstacles) == 3
+    sessions = len(studio.sessions)
+    studio.server.disconnect_all()
+    until(lambda: len(studio.server.viser.get_clients()) == 2, one)
+    assert len(studio.sessions) == sessions
+    two.close()
+    one.keyboard.press("Control+z")
+    until(lambda: len(first.draft.scene.obstacles) == 4, one)
+    one.close()
+
+
+def test_ctrl_c_ends_the_command(tmp_path: Path):
+    command = [sys.executable, "-m", "cableway", "studio", "multi-obstacle-1", "--port", "0", "--no-browser"]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        assert process.stderr.read() == "cableway: interrupted\n"
+        assert process.wait(10) == 130
