@@ -19,6 +19,7 @@ from matplotlib.image import imread
 
 from cableway.figures import style
 from cableway.studio.obstacles import middle_of
+from cableway.studio.session import Session
 from cableway.studio.studio import Studio
 from cableway.studio.view.look import rgb
 
@@ -30,12 +31,13 @@ SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftsha
 """WebGL without graphics hardware."""
 
 SIZE: Any = {"width": 1000, "height": 560}
-PATIENCE = 90.0
+PATIENCE = 240.0
+"""Time [s] to wait for a page: drawn by a processor that others use, too, one takes a minute."""
 
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
-    studio = Studio("multi-obstacle-1", out=tmp_path_factory.mktemp("saved"))
+    studio = Studio("single-obstacle-2", out=tmp_path_factory.mktemp("saved"))
     yield studio
     studio.stop()
 
@@ -56,7 +58,7 @@ def until(true: Callable[[], Any], page: Any) -> Any:
     return found
 
 
-def opened(context: Any, studio: Studio) -> tuple[Any, Any, list[str]]:
+def opened(context: Any, studio: Studio) -> tuple[Any, Session, list[str]]:
     """A page, the session behind it, and what goes wrong in it."""
     page, wrong = context.new_page(), []
     page.on("pageerror", lambda error: wrong.append(str(error)))
@@ -94,52 +96,48 @@ def looks(page: Any, at: tuple[float, float], color: str) -> bool:
     return bool(np.abs(seen(page, at) - rgb(color)).max() < 40)
 
 
-def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: Studio, context: Any):
-    page, session, wrong = opened(context, studio)
-    until(lambda: looks(page, pixel(studio, page, *session.draft.scene.obstacles[1].center, 0.01), style.OBSTACLE), page)
-    before, plan = session.draft.scene.obstacles, session.planning.plans[0]
-    x, y = middle_of(before[1])
+@pytest.fixture(scope="module")
+def first(studio: Studio, context: Any) -> tuple[Any, Session, list[str]]:
+    return opened(context, studio)
+
+
+def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: Studio, first: Any):
+    page, session, wrong = first
+    before, plan = session.draft.scene.obstacles[0], session.planning.plans[0]
+    x, y = middle_of(before)
     start, end = pixel(studio, page, x, y, 0.01), pixel(studio, page, x + 0.03, y - 0.02, 0.01)
+    until(lambda: looks(page, start, style.OBSTACLE), page)
     page.mouse.move(*start)
     page.mouse.down()
     page.mouse.move(*end, steps=8)
     page.mouse.up()
     until(lambda: session.planning.status == "found" and session.planning.plans[0] is not plan, page)
-    moved = session.draft.scene.obstacles
-    np.testing.assert_allclose(middle_of(moved[1]) - middle_of(before[1]), (0.03, -0.02), atol=0.004)
-    assert (*moved[:1], *moved[2:]) == (*before[:1], *before[2:])
-    far = pixel(studio, page, *before[1].center, 0.01)  # its colour now tells that it is selected
-    assert not looks(page, far, style.OBSTACLE)
+    moved = session.draft.scene.obstacles[0]
+    np.testing.assert_allclose(middle_of(moved) - (x, y), (0.03, -0.02), atol=0.004)
+    until(lambda: not looks(page, end, style.OBSTACLE), page)  # its colour now tells that it is selected
     plan = session.planning.plans[0]
     page.keyboard.press("ArrowRight")
-    page.get_by_text("0.1 s: cable").wait_for()
-    row = plan.steps // 2
-    page.get_by_role("textbox").last.fill(str(row))
-    page.get_by_text(f"{row / 10:.1f} s: cable").wait_for()
-    cable = plan.shapes[row, plan.shapes.shape[1] // 2]
-    until(lambda: looks(page, pixel(studio, page, *cable, 0.006), style.INK), page)
+    page.get_by_text("0.1 s: cable").wait_for(timeout=1000 * PATIENCE)
+    page.keyboard.press("ArrowLeft")
+    cable = pixel(studio, page, *plan.shapes[0, plan.shapes.shape[1] // 2], 0.006)
+    until(lambda: looks(page, cable, style.INK), page)
     assert wrong == []
-    page.close()
 
 
-def test_two_pages_have_a_task_each_which_outlives_the_connection(studio: Studio, context: Any):
-    one, first, _ = opened(context, studio)
-    two, second, _ = opened(context, studio)
-    first.set_obstacle(3, None)
-    one.get_by_text("Planning").or_(one.get_by_text("A verified plan")).first.wait_for()
-    assert len(second.draft.scene.obstacles) == 4
-    one.reload()
-    until(lambda: len(studio.server.viser.get_clients()) == 2, one)
-    one.get_by_text("A verified plan").wait_for(timeout=1000 * PATIENCE)
-    assert len(first.draft.scene.obstacles) == 3
-    sessions = len(studio.sessions)
+def test_another_page_has_a_task_of_its_own_which_outlives_its_connection(studio: Studio, context: Any, first: Any):
+    _, session, _ = first
+    other, second, wrong = opened(context, studio)
+    second.set_obstacle(0, None)
+    assert len(session.draft.scene.obstacles) == 1
+    other.reload()
+    other.get_by_text("A verified plan").wait_for(timeout=1000 * PATIENCE)
+    assert second.draft.scene.obstacles == ()
     studio.server.disconnect_all()
-    until(lambda: len(studio.server.viser.get_clients()) == 2, one)
-    assert len(studio.sessions) == sessions
-    two.close()
-    one.keyboard.press("Control+z")
-    until(lambda: len(first.draft.scene.obstacles) == 4, one)
-    one.close()
+    until(lambda: len(studio.server.viser.get_clients()) == 2, other)
+    assert len(studio.sessions) == 2
+    other.keyboard.press("Control+z")
+    until(lambda: len(second.draft.scene.obstacles) == 1, other)
+    assert wrong == []
 
 
 def test_ctrl_c_ends_the_command(tmp_path: Path):

@@ -34,7 +34,9 @@ class Studio:
         MissingExtraError: viser is not installed.
     """
 
-    def __init__(self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs"), seed: int = 0) -> None:
+    def __init__(
+        self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs"), seed: int = 0
+    ) -> None:
         require("studio", "cableway studio")
         from cableway.studio.view.page import Page
         from cableway.studio.view.server import Server

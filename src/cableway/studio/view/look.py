@@ -103,5 +103,7 @@ def hint(text: str) -> str:
 
 def legend(title: str, curves: Sequence[tuple[str, str]]) -> str:
     """Title of a plot, with the names of its curves in their colours."""
-    names = ", ".join(f'<span style="color:{color};font-weight:600">{html.escape(name)}</span>' for name, color in curves)
+    names = ", ".join(
+        f'<span style="color:{color};font-weight:600">{html.escape(name)}</span>' for name, color in curves
+    )
     return f'<div style="margin:8px 4px 0;font-size:12px;color:{style.INK}">{html.escape(title)}: {names}</div>'

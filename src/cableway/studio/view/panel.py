@@ -105,7 +105,9 @@ class TaskPanel:
         for end in ENDS:
             for side in (0, 1):
                 name = f"{end} {'LR'[side]}"
-                field = gui.add_vector3(name, (0.0, 0.0, 0.0), step=0.1, hint="x [mm], y [mm] and direction [°] of this gripper")
+                field = gui.add_vector3(
+                    name, (0.0, 0.0, 0.0), step=0.1, hint="x [mm], y [mm] and direction [°] of this gripper"
+                )
                 field.on_update(lambda event, end=end, side=side: self._pose(event, end, side))
                 self._poses[end, side] = field
             other = gui.add_button(f"Bend the {end} to the other side", color=QUIET)
@@ -165,9 +167,7 @@ class TaskPanel:
         if index is None:
             return
         there = self._session.draft.scene.obstacles[index]
-        wanted = _numbered(
-            there, self._middle.value, self._size.value, self._angle.value, self._height.value
-        )
+        wanted = _numbered(there, self._middle.value, self._size.value, self._angle.value, self._height.value)
         if wanted != there:
             self._session.set_obstacle(index, wanted)
 
@@ -209,7 +209,9 @@ class PlanPanel:
             (empty, empty, empty), _series(("cable", style.INK), ("grippers", style.RIGHT)),
             height=150, axes=_axes(), legend={"show": False}, scales={"x": {"time": False}},
         )  # fmt: skip
-        self._names.append(gui.add_html(look.legend("Of the grippers' limits [%]", (("left", style.LEFT), ("right", style.RIGHT)))))
+        self._names.append(
+            gui.add_html(look.legend("Of the grippers' limits [%]", (("left", style.LEFT), ("right", style.RIGHT))))
+        )
         self._speed = gui.add_uplot(
             (empty, empty, empty), _series(("left", style.LEFT), ("right", style.RIGHT)),
             height=150, axes=_axes(), legend={"show": False},
@@ -281,7 +283,12 @@ def _series(*curves: tuple[str, str]) -> tuple[uplot.Series, ...]:
 
 
 def _axes() -> tuple[uplot.Axis, ...]:
-    common: Any = {"stroke": style.MUTED, "font": "11px cableway, sans-serif", "grid": {"stroke": style.GRID, "width": 1}, "ticks": {"show": False}}
+    common: Any = {
+        "stroke": style.MUTED,
+        "font": "11px cableway, sans-serif",
+        "grid": {"stroke": style.GRID, "width": 1},
+        "ticks": {"show": False},
+    }
     return (uplot.Axis(**common, size=26), uplot.Axis(**common, size=38))
 
 

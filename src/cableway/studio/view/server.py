@@ -164,7 +164,9 @@ class _Guard:
         if page is not None:
             return _response(HTTPStatus.OK, self._page, kind="text/html; charset=utf-8")
         if path == FONT:
-            return _response(HTTPStatus.OK, FONT_FILE.read_bytes(), kind="font/ttf", **{"Cache-Control": "max-age=86400"})
+            return _response(
+                HTTPStatus.OK, FONT_FILE.read_bytes(), kind="font/ttf", **{"Cache-Control": "max-age=86400"}
+            )
         return _response(HTTPStatus.NOT_FOUND, b"Nothing is here.\n")
 
     def _is_ours(self, host: str) -> bool:
