@@ -16,7 +16,7 @@ from cableway.cli.terminal import Terminal
 @dataclass(frozen=True, kw_only=True)
 class Studio(Options):
     """A page in the browser: drag obstacles and grippers, see the plan at once, play it. `--out` is the folder to save
-    tasks in, each in one of its own. Ends with ctrl-c."""
+    tasks in, each in one of its own; by default, runs/studio. Ends with ctrl-c."""
 
     task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="[TASK]")] = "single-obstacle-2"
     """Name in the catalogue, or a YAML file, also of a task that no cable can do."""
@@ -34,7 +34,7 @@ class Studio(Options):
         """Carry the command out and return its exit status."""
         from cableway.studio.studio import Studio as Pages
 
-        pages = Pages(self.task, self.host, self.port, self.out or Path("runs"), self.seed or 0)
+        pages = Pages(self.task, self.host, self.port, self.out or Path("runs/studio"), self.seed or 0)
         try:
             Terminal(self).note(f"{pages.address} (ctrl-c to end)")
             if not self.no_browser:

@@ -72,7 +72,7 @@ class Session:
     """A task that is edited; every change is told to all who listen.
 
     Args:
-        source: The task, its name or its file, also one that no cable can do.
+        source: A task or a draft, or the name or the file of one.
         options: How it is planned.
         planner: Makes what plans, of what is to be told the answers; see `Replanner`.
 
@@ -95,7 +95,8 @@ class Session:
         self._listeners: list[Callable[[], Any]] = []
         self._past: list[Moment] = []
         self._future: list[Moment] = []
-        draft = as_draft(source).unchecked()
+        draft = (source if isinstance(source, Draft) else as_draft(source)).unchecked()
+        self._asked = 0
         self._replanner = planner(self._hear)
         self._replanner.start()
         self._show(_moment(draft))
@@ -163,6 +164,8 @@ class Session:
             draft, planning = self.draft, self.planning
         paths = [folder / "task.yaml"]
         with only_writer(folder):
+            for path in (*folder.glob("plan*.npz"), folder / "report.json"):  # of another task
+                path.unlink(missing_ok=True)
             save_task(draft, paths[0])
             for place, plan in enumerate(planning.plans, start=1):
                 paths.append(folder / ("plan.npz" if place == 1 else f"plan-{place}.npz"))
@@ -176,7 +179,7 @@ class Session:
     def hold(self) -> Moment:
         """Begin an edit that is previewed as it goes, such as a drag; the plan under way is dropped."""
         with self._lock:
-            self._replanner.cancel()
+            self._drop()
             return self.moment
 
     def preview_obstacle(self, held: Moment, index: int, obstacle: Any) -> None:
@@ -298,14 +301,21 @@ class Session:
     def _plan(self, **changes: Any) -> None:
         with self._lock:
             if self.inspection.faults:
-                self._replanner.cancel()
+                self._drop()
             else:
                 self.planning = replace(self.planning, status="planning", sentence=PLANNING, at=None)
-                self._replanner.request(self.draft.checked(), replace(self.options, **changes))
+                self._asked = self._replanner.request(self.draft.checked(), replace(self.options, **changes))
         self._tell()
+
+    def _drop(self) -> None:
+        """Wait for no answer any more."""
+        self._asked = 0
+        self._replanner.cancel()
 
     def _hear(self, answer: Answer) -> None:
         with self._lock:
+            if answer.number != self._asked:
+                return
             if answer.stage:
                 self.planning = replace(self.planning, sentence=f"Planning: {answer.stage} ...")
             elif answer.run is None:

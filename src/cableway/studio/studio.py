@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cableway.core.extras import require
+from cableway.scene.files.loading import as_draft
 from cableway.studio.session import Session
 from cableway.workflow.run import SolveOptions
 
@@ -35,14 +36,15 @@ class Studio:
     """
 
     def __init__(
-        self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs"), seed: int = 0
+        self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs/studio"), seed: int = 0
     ) -> None:
         require("studio", "cableway studio")
         from cableway.studio.view.page import Page
         from cableway.studio.view.server import Server
 
         self._lock = threading.Lock()
-        self._begin = lambda: Session(task, SolveOptions(track=False, seed=seed))
+        draft = as_draft(task)
+        self._begin = lambda: Session(draft, SolveOptions(track=False, seed=seed))
         self._sessions: dict[str, Session] = {}
         self._pages: dict[int, tuple[str, Page]] = {}
         self._spare: Session | None = self._begin()
@@ -51,6 +53,8 @@ class Studio:
             page = Page(client, self._session(key), out)
             with self._lock:
                 self._pages[client.client_id] = key, page
+            if client.client_id not in self.server.viser.get_clients():  # it went meanwhile
+                gone(client, key)
 
         def gone(client: Any, key: str) -> None:
             with self._lock:

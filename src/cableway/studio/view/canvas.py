@@ -54,7 +54,7 @@ class Canvas:
         handle, known = self._nodes.get(name, (None, None))
         if known != kind:
             handle = self._scene.add_mesh_simple(
-                name, mesh.vertices, mesh.faces, color=painted(color), opacity=opacity, flat_shading=False, side="double",
+                name, mesh.vertices, mesh.faces, color=painted(color), opacity=opacity, side="double",
                 cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
             self._nodes[name] = handle, kind

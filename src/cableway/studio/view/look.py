@@ -22,7 +22,7 @@ HEAD = f"""<title>cableway studio</title>
 @font-face {{ font-family: "cableway"; src: url("{FONT}"); }}
 body, body * {{ font-family: "cableway", "DejaVu Sans", Verdana, sans-serif !important; }}
 body {{ color: {style.INK}; --mantine-font-size-sm: 12px; --mantine-font-size-xs: 11px; }}
-.mantine-NumberInput-input {{ font-size: 11px !important; padding-left: 4px !important; padding-right: 14px !important; }}
+.mantine-NumberInput-input {{ font-size: 11px !important; padding: 0 14px 0 4px !important; }}
 </style>
 <script>
 document.addEventListener("DOMContentLoaded", () => {{ document.title = "cableway studio"; }});

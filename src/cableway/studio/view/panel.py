@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -63,6 +64,7 @@ class TaskPanel:
     def __init__(self, gui: viser.GuiApi, session: Session, do: Do, select: Do, save: Do, download: Do) -> None:
         self._session, self._do = session, do
         self._selected: int | None = None
+        self._typed = 0.0
         self.heading = gui.add_html("")
         steps = gui.add_button_group("", ("Undo", "Redo"))
         steps.on_click(lambda _: do("turn", session.undo if steps.value == "Undo" else session.redo))
@@ -90,12 +92,13 @@ class TaskPanel:
         kinds = gui.add_button_group("Add", ("box", "disc", "polygon"))
         kinds.on_click(lambda _: do("add", lambda: add(kinds.value)))  # pyright: ignore[reportArgumentType]
         self._no_obstacle = gui.add_html(look.hint(NO_OBSTACLE))
-        self._middle = _vector2(gui, "Centre [mm]", do, self._number)
-        self._size = _vector2(gui, "Size [mm]", do, self._number)
-        self._angle = _number(gui, "Angle [°]", do, self._number, hint="Of a polygon: by how much to turn it")
-        self._height = _number(
-            gui, "Height [mm]", do, self._number, hint="Above the table; 0 where nothing passes above"
-        )
+        self._middle = gui.add_vector2("Centre [mm]", (0.0, 0.0), step=0.1)
+        self._size = gui.add_vector2("Size [mm]", (0.0, 0.0), step=0.1)
+        self._angle = gui.add_number("Angle [°]", 0.0, step=0.1, hint="Of a polygon: by how much to turn it")
+        hint = "Above the table; 0 where nothing passes above"
+        self._height = gui.add_number("Height [mm]", 0.0, step=0.1, hint=hint)
+        for field in (self._middle, self._size, self._angle, self._height):
+            field.on_update(lambda event: event.client and self._take("number", self._number))
         self._remove = gui.add_button("Remove this obstacle", color="red")
         self._remove.on_click(lambda _: do("remove", remove))
         self.remove = lambda: do("remove", remove)
@@ -136,6 +139,8 @@ class TaskPanel:
         wrong = inspection.sentences
         text = look.sentences(wrong[:6], style.BAD, numbered=True) if wrong else ""
         _set(self.wrong, "content", text)
+        if time.monotonic() - self._typed < 2 * TYPED:
+            return
         self._show_obstacle(draft, selected)
         for (end, side), field in self._poses.items():
             q = moment.shapes[end]
@@ -176,7 +181,17 @@ class TaskPanel:
             return
         x, y, angle = self._poses[end, side].value
         pose = np.array([x / 1000, y / 1000, math.radians(angle)])
-        self._do(f"pose {end} {side}", lambda: self._session.set_gripper(end, side, pose), delay=TYPED)
+        self._take(f"pose {end} {side}", lambda: self._session.set_gripper(end, side, pose))
+
+    def _take(self, key: str, call: Do) -> None:
+        """Do what typed numbers say once no more come, and leave the fields alone until then."""
+        self._typed = time.monotonic()
+
+        def take() -> None:
+            self._typed = 0.0
+            call()
+
+        self._do(key, take, delay=TYPED)
 
 
 class PlanPanel:
@@ -203,20 +218,8 @@ class PlanPanel:
         self.way.on_update(lambda event: event.client and do("way", lambda: choose(int(self.way.value.split()[0]) - 1)))
         self._ways = gui.add_button("Look for other ways", color=QUIET)
         self._ways.on_click(lambda _: do("ways", session.seek_ways))
-        empty = np.zeros(2)
-        self._names = [gui.add_html(look.legend("Clearance [mm]", (("cable", style.INK), ("grippers", style.RIGHT))))]
-        self._clear = gui.add_uplot(
-            (empty, empty, empty), _series(("cable", style.INK), ("grippers", style.RIGHT)),
-            height=150, axes=_axes(), legend={"show": False}, scales={"x": {"time": False}},
-        )  # fmt: skip
-        self._names.append(
-            gui.add_html(look.legend("Of the grippers' limits [%]", (("left", style.LEFT), ("right", style.RIGHT))))
-        )
-        self._speed = gui.add_uplot(
-            (empty, empty, empty), _series(("left", style.LEFT), ("right", style.RIGHT)),
-            height=150, axes=_axes(), legend={"show": False},
-            scales={"x": {"time": False}},
-        )  # fmt: skip
+        cable, sides = (("cable", style.INK), ("grippers", style.RIGHT)), (("left", style.LEFT), ("right", style.RIGHT))
+        self._clear, self._speed = _plot(gui, "Clearance [mm]", cable), _plot(gui, "Of the grippers' limits [%]", sides)
         self._curves: Curves | None = None
 
     def show(self, planning: Planning, curves: Curves | None, chosen: int, stale: bool) -> None:
@@ -224,7 +227,7 @@ class PlanPanel:
         _set(self.said, "content", look.sentences([planning.sentence], SAY[planning.status]))
         there = curves is not None
         _set(self._hint, "visible", not there)
-        for field in (self.step, self.play, self.now, self._clear, self._speed, *self._names):
+        for field in (self.step, self.play, self.now, *self._clear, *self._speed):
             _set(field, "visible", there)
         _set(self._ways, "visible", there and not stale and len(planning.plans) == 1)
         count = len(planning.plans)
@@ -237,8 +240,8 @@ class PlanPanel:
         if curves is not None and curves is not self._curves:
             self._curves = curves
             _set(self.step, "max", len(curves.times) - 1)
-            self._clear.data = (curves.times, 1000 * curves.cable, 1000 * curves.grippers)
-            self._speed.data = (curves.times, *(100 * curves.speed.T))
+            self._clear[1].data = (curves.times, 1000 * curves.cable, 1000 * curves.grippers)
+            self._speed[1].data = (curves.times, *(100 * curves.speed.T))
 
     def show_row(self, row: int, playing: bool) -> None:
         """Show where in the plan the page is."""
@@ -263,33 +266,22 @@ def _numbered(there: Obstacle, middle: Any, size: Any, angle: float, height: flo
     return hands.turned(wanted, math.radians(angle)) if angle else wanted
 
 
-def _vector2(gui: viser.GuiApi, label: str, do: Do, call: Do) -> Any:
-    field = gui.add_vector2(label, (0.0, 0.0), step=0.1)
-    field.on_update(lambda event: event.client and do("number", call, delay=TYPED))
-    return field
-
-
-def _number(gui: viser.GuiApi, label: str, do: Do, call: Do, hint: str) -> Any:
-    field = gui.add_number(label, 0.0, step=0.1, hint=hint)
-    field.on_update(lambda event: event.client and do("number", call, delay=TYPED))
-    return field
-
-
-def _series(*curves: tuple[str, str]) -> tuple[uplot.Series, ...]:
-    return (
+def _plot(gui: viser.GuiApi, title: str, curves: tuple[tuple[str, str], ...]) -> tuple[Any, Any]:
+    """Title and plot of curves over time, given by name and colour."""
+    look_of: Any = {
+        "stroke": style.MUTED, "font": "11px cableway, sans-serif", "grid": {"stroke": style.GRID, "width": 1},
+        "ticks": {"show": False},
+    }  # fmt: skip
+    series = (
         uplot.Series(label="time [s]"),
         *(uplot.Series(label=name, stroke=color, width=1.6, points={"show": False}) for name, color in curves),
     )
-
-
-def _axes() -> tuple[uplot.Axis, ...]:
-    common: Any = {
-        "stroke": style.MUTED,
-        "font": "11px cableway, sans-serif",
-        "grid": {"stroke": style.GRID, "width": 1},
-        "ticks": {"show": False},
-    }
-    return (uplot.Axis(**common, size=26), uplot.Axis(**common, size=38))
+    heading = gui.add_html(look.legend(title, curves))
+    plot = gui.add_uplot(
+        (np.zeros(2),) * len(series), series, height=150, legend={"show": False}, scales={"x": {"time": False}},
+        axes=(uplot.Axis(**look_of, size=26), uplot.Axis(**look_of, size=38)),
+    )  # fmt: skip
+    return heading, plot
 
 
 def _rounded(*values: float) -> tuple[float, ...]:
