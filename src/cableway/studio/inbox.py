@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 from cableway.core.errors import CablewayError, said
+
+LOGGER = logging.getLogger(__name__)
 
 IDLE = 3600.0
 """Time [s] after which it is looked again whether there is something to do, though nobody said so."""
@@ -67,4 +70,5 @@ class Inbox:
                 self._on_error(str(error))
             except Exception as error:
                 if not self._closed:
+                    LOGGER.exception("what a page was to do failed")
                     self._on_error(f"an error of cableway's own: {said(error)}")

@@ -54,7 +54,7 @@ def inspect(draft: Draft, shapes: Mapping[End, Float[np.ndarray, "6"] | None]) -
         draft: The draft.
         shapes: Rod coordinates of the cable at both ends, as far as they are known.
     """
-    figures = {end: end_figures(draft, q) for end, q in shapes.items() if q is not None}
+    figures: dict[End, EndFigures] = {end: end_figures(draft, q) for end, q in shapes.items() if q is not None}
     return Inspection(figures, tuple(draft.faults()))
 
 

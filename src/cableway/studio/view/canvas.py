@@ -83,7 +83,7 @@ class Canvas:
         handle, known = self._nodes.get(name, (None, None))
         kind = ("lines", points.shape, color, width)
         if known != kind:
-            handle = self._scene.add_line_segments(name, points, rgb(color), line_width=width)
+            handle = self._scene.add_line_segments(name, points, rgb(color), thickness=width, thickness_units="screen")
             self._nodes[name] = handle, kind
         elif not np.array_equal(handle.points, points.astype(np.float32)):
             handle.points = points.astype(np.float32)

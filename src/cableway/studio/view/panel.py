@@ -85,8 +85,9 @@ class TaskPanel:
             select(index)
 
         def remove() -> None:
-            index, _ = self._selected, select(None)
+            index = self._selected
             if index is not None:
+                select(None)
                 session.set_obstacle(index, None)
 
         kinds = gui.add_button_group("Add", ("box", "disc", "polygon"))
@@ -119,8 +120,12 @@ class TaskPanel:
     def _add_files(self, gui: viser.GuiApi, save: Do, download: Do) -> None:
         session, do = self._session, self._do
         names = gui.add_dropdown("Catalogue", ("choose one", *known_tasks()))
-        names.on_update(lambda event: event.client and names.value in known_tasks() and do(
-            "open", lambda: session.open(names.value)))  # fmt: skip
+
+        def choose(event: Any) -> None:
+            if event.client is not None and names.value in known_tasks():
+                do("open", lambda: session.open(names.value))
+
+        names.on_update(choose)
         kinds = gui.add_dropdown("Random", known_kinds())
         seed = gui.add_number("Seed", 0, min=0, step=1)
         draw = gui.add_button("Draw a random task", color=LOUD)
@@ -149,8 +154,8 @@ class TaskPanel:
                 _set(field, "value", _rounded(1000 * x, 1000 * y, math.degrees(math.remainder(angle, math.tau))))
 
     def _show_obstacle(self, draft: Draft, selected: int | None) -> None:
-        known = selected is not None and selected < len(draft.scene.obstacles)
-        obstacle = draft.scene.obstacles[selected] if known else None
+        there = dict(enumerate(draft.scene.obstacles))
+        obstacle = None if selected is None else there.get(selected)
         _set(self._no_obstacle, "visible", obstacle is None)
         for field in (self._middle, self._height, self._remove):
             _set(field, "visible", obstacle is not None)
@@ -214,7 +219,7 @@ class PlanPanel:
         self.play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, color=LOUD)
         self.play.on_click(lambda _: do("play", play))
         self.now = gui.add_html("")
-        self.way = gui.add_dropdown("Way", ("1",))
+        self.way: Any = gui.add_dropdown("Way", ("1",))
         self.way.on_update(lambda event: event.client and do("way", lambda: choose(int(self.way.value.split()[0]) - 1)))
         self._ways = gui.add_button("Look for other ways", color=QUIET)
         self._ways.on_click(lambda _: do("ways", session.seek_ways))
