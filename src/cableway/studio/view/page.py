@@ -111,7 +111,7 @@ class Page:
 
     def _fit(self) -> None:
         """Look at the whole table again where the page has another shape, as once its panels are there."""
-        if abs(self._client.camera.aspect - self._aspect) > 0.01:
+        if self._held is None and abs(self._client.camera.aspect - self._aspect) > 0.01:
             self._look()
 
     def _show(self) -> None:
