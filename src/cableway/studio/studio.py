@@ -75,6 +75,11 @@ class Studio:
         """Those that there are."""
         return tuple(self._sessions.values())
 
+    def pages_of(self, session: Session) -> tuple[int, ...]:
+        """Numbers of the connections through which a session is shown now."""
+        with self._lock:
+            return tuple(number for number, (key, _) in self._pages.items() if self._sessions.get(key) is session)
+
     def wait(self) -> None:
         """Serve until the process is interrupted."""
         while True:

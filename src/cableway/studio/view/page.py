@@ -17,6 +17,7 @@ from cableway.scene.files.saving import task_text
 from cableway.scene.task import CONTROL_STEP, End
 from cableway.studio import obstacles as hands
 from cableway.studio.curves import Curves, curves_of
+from cableway.studio.film import film_page
 from cableway.studio.inbox import Inbox
 from cableway.studio.session import Moment, Session
 from cableway.studio.view import look, table
@@ -81,7 +82,9 @@ class Page:
         gui.main_panel.set_width(WIDTH)
         right = gui.add_panel()
         with right.add_tab("Plan"):
-            self._plan_panel = PlanPanel(gui, self._session, self._do, self._scrub, self._play, self._choose)
+            self._plan_panel = PlanPanel(
+                gui, self._session, self._do, self._scrub, self._play, self._choose, self._export
+            )
         right.dock_right()
         right.set_width(WIDTH)
         for label, key, modifier, what in (
@@ -273,6 +276,13 @@ class Page:
         paths = self._session.save(self._out / self._session.draft.name)
         said = f"Saved in {paths[0].parent}: {', '.join(path.name for path in paths)}."
         self._task_panel.saved.content = look.hint(said)
+
+    def _export(self) -> None:
+        """A page that plays the plan that is chosen, by itself."""
+        draft, planning = self._session.draft, self._session.planning
+        if self._plan is not None and planning.status == "found":
+            page = film_page(draft.checked(), self._plan, planning.sentence)
+            self._client.send_file_download(f"{draft.name}.html", page.encode())
 
     def _download(self) -> None:
         draft = self._session.draft

@@ -209,9 +209,12 @@ class PlanPanel:
         scrub: Shows a row of the plan.
         play: Begins or ends playing.
         choose: Shows another one of the plans.
+        export: Hands a page that plays the plan to the browser.
     """
 
-    def __init__(self, gui: viser.GuiApi, session: Session, do: Do, scrub: Do, play: Do, choose: Do) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, session: Session, do: Do, scrub: Do, play: Do, choose: Do, export: Do
+    ) -> None:
         self.said = gui.add_html("")
         self._hint = gui.add_html(look.hint(NO_PLAN))
         self.step = gui.add_slider("Step", 0, 1, 1, 0)
@@ -223,6 +226,8 @@ class PlanPanel:
         self.way.on_update(lambda event: event.client and do("way", lambda: choose(int(self.way.value.split()[0]) - 1)))
         self._ways = gui.add_button("Look for other ways", color=QUIET)
         self._ways.on_click(lambda _: do("ways", session.seek_ways))
+        self._export = gui.add_button("Download a page that plays it", color=QUIET)
+        self._export.on_click(lambda _: do("export", export))
         cable, sides = (("cable", style.INK), ("grippers", style.RIGHT)), (("left", style.LEFT), ("right", style.RIGHT))
         self._clear, self._speed = _plot(gui, "Clearance [mm]", cable), _plot(gui, "Of the grippers' limits [%]", sides)
         self._curves: Curves | None = None
@@ -232,7 +237,7 @@ class PlanPanel:
         _set(self.said, "content", look.sentences([planning.sentence], SAY[planning.status]))
         there = curves is not None
         _set(self._hint, "visible", not there)
-        for field in (self.step, self.play, self.now, *self._clear, *self._speed):
+        for field in (self.step, self.play, self.now, self._export, *self._clear, *self._speed):
             _set(field, "visible", there)
         _set(self._ways, "visible", there and not stale and len(planning.plans) == 1)
         count = len(planning.plans)
