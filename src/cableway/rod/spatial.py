@@ -164,14 +164,14 @@ class SpatialRod(HeldRod):
         steps = np.diff(keypoints, axis=1)
         t = steps / np.maximum(np.linalg.norm(steps, axis=2, keepdims=True), 1e-12)
         before, after = t[:, :-1], t[:, 1:]
-        bends = (
-            2 * (n - 1) * np.cross(before, after) / np.maximum(1 + np.sum(before * after, 2, keepdims=True), 0.05)
-        )
+        bends = 2 * (n - 1) * np.cross(before, after) / np.maximum(1 + np.sum(before * after, 2, keepdims=True), 0.05)
         centre = (keypoints[:, (n - 1) // 2] + keypoints[:, n // 2]) / 2
         lever = (keypoints[:, 1:-1] - centre[:, None]) / self.length
-        across = np.eye(3) - np.einsum("tij,tik->tijk", before + after, before + after) / np.maximum(
-            np.sum((before + after) ** 2, 2), 0.05
-        )[..., None, None]
+        across = (
+            np.eye(3)
+            - np.einsum("tij,tik->tijk", before + after, before + after)
+            / np.maximum(np.sum((before + after) ** 2, 2), 0.05)[..., None, None]
+        )
         # m - (p - c) x n - gamma (integral of s t) x e_z, as far as it is across the rod, is the bend
         rows = np.concatenate([-across @ _crossing(lever), across], axis=3).reshape(len(keypoints), -1, 6)
         hanging = np.einsum("tijk,tik->tij", across, self._moments_of_weight(keypoints))

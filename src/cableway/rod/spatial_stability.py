@@ -91,11 +91,16 @@ def second_variation(q, p, hinges, diagonal, off, closure, twist):
                     for k in range(3):
                         a[k] = t[k] + u[k]
                     value = curve * dot(e, u) * dot(f2, t) + fall * dot(e, f2)
-                    value += 0.5 * tau * (
-                        e[0] * (a[1] * f2[2] - a[2] * f2[1])
-                        + e[1] * (a[2] * f2[0] - a[0] * f2[2])
-                        + e[2] * (a[0] * f2[1] - a[1] * f2[0])
-                    ) / (1.0 + c)
+                    value += (
+                        0.5
+                        * tau
+                        * (
+                            e[0] * (a[1] * f2[2] - a[2] * f2[1])
+                            + e[1] * (a[2] * f2[0] - a[0] * f2[2])
+                            + e[2] * (a[0] * f2[1] - a[1] * f2[0])
+                        )
+                        / (1.0 + c)
+                    )
                     value -= lean * (dot(e, binormal) * dot(f2, t) + dot(e, u) * dot(f2, binormal))
                     off[j - 1, r, s] = value
 
