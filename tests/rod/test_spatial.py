@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -15,7 +17,7 @@ from cableway.rod.continuation import lead
 from cableway.rod.inverse import equilibria_at, meet_poses
 from cableway.rod.planar import PlanarRod
 from cableway.rod.spatial import SpatialRod
-from cableway.rod.spatial_inverse import fit_shape
+from cableway.rod.spatial_inverse import fit_shape, under_weight
 from cableway.rod.spatial_stability import second_variation
 
 HEAVY = SpatialRod(0.5, 13, 0.7, 15.0)
@@ -47,7 +49,7 @@ def energy_of(rod: SpatialRod, t: np.ndarray, lengths: np.ndarray, ends: np.ndar
     """Bending, twist and weight of a chain between held frames, whatever its shape; the twist is the one nearest to
     `near`."""
     frame, bending = rotations.rotate(ends[0, 3:], np.array([0.0, 1.0, 0.0])), 0.0
-    for a, b in zip(t[:-1], t[1:], strict=True):
+    for a, b in pairwise(t):
         bending -= 2 * rod.hinges * np.log((1 + a @ b) / 2)
         turn = np.cross(a, b)
         frame = frame * (a @ b) + np.cross(turn, frame) + turn * (turn @ frame) / (1 + a @ b)
@@ -72,17 +74,15 @@ def test_shapes_are_stationary_and_the_margin_is_the_least_second_change(rod: Sp
         second, closure = dense(rod, *arrays)
         bases = np.moveaxis(arrays[2], 2, 1) * rod.hinges  # (free, 3, 2): how the turns move each tangent
 
-        def value(turns: np.ndarray) -> float:
-            moved = t.copy()
-            by = np.einsum("ikr,ir->ik", bases, turns.reshape(-1, 2))
-            size = np.linalg.norm(by, axis=1, keepdims=True)
-            moved[1:-1] = np.cos(size) * t[1:-1] + np.sinc(size / np.pi) * by
-            whole = energy_of(rod, moved, lengths, ends, q[9] / rod.twist)
-            return whole - (force + [0, 0, rod.weight]) @ (lengths @ moved)
-
         for _ in range(4):
-            v = rng.normal(size=2 * free)
-            here, ahead, behind = value(0 * v), value(1e-3 * v), value(-1e-3 * v)
+            v, energies = rng.normal(size=2 * free), []
+            for step in (0.0, 1e-3, -1e-3):
+                by = step * np.einsum("ikr,ir->ik", bases, v.reshape(-1, 2))
+                size, moved = np.linalg.norm(by, axis=1, keepdims=True), t.copy()
+                moved[1:-1] = np.cos(size) * t[1:-1] + np.sinc(size / np.pi) * by
+                whole = energy_of(rod, moved, lengths, ends, q[9] / rod.twist)
+                energies.append(whole - (force + [0, 0, rod.weight]) @ (lengths @ moved))
+            here, ahead, behind = energies
             assert (ahead - behind) / 2e-3 == pytest.approx(0, abs=1e-4 * np.linalg.norm(v))
             assert (ahead + behind - 2 * here) / 1e-6 == pytest.approx(v @ second @ v, rel=1e-4)
         held = null_space(closure)
@@ -105,7 +105,7 @@ def dense(rod: SpatialRod, diagonal, off, closure, twist) -> tuple[np.ndarray, n
 @pytest.mark.parametrize("keypoints", [4, 13])
 def test_derivatives_are_finite_differences(keypoints: int):
     rod, rows = SpatialRod(0.5, keypoints, 0.7, 15.0), random_rows(4)
-    stations, dstations, poses, dposes = rod.jacobians(rows)
+    stations, dstations, _, dposes = rod.jacobians(rows)
     np.testing.assert_array_equal(stations, rod.shapes(rows)[0])
     margins, slopes = rod.stability(rows)
     assert (margins > 0).all()
@@ -222,7 +222,7 @@ def test_an_upright_twisted_heavy_rod_buckles_as_greenhill_says(tension: float, 
 
 @pytest.mark.parametrize("twist", [0.5, 1.2])
 def test_a_twisted_ring_buckles_as_michell_says(twist: float):
-    """At a twist of 2 pi sqrt(3) B/C (Michell 1889). Below, it can turn about its clamp for nothing: the margin is 0."""
+    """At a twist of 2 pi sqrt(3) B/C (Michell 1889). Below, turning about the clamp is for free: margin 0."""
     rod, critical = SpatialRod(1.0, 49, twist), 2 * np.pi * np.sqrt(3)
     margins = []
     for tau in (0.5 * critical, 0.98 * critical, 1.02 * critical):
@@ -307,6 +307,22 @@ def test_between_the_grippers_of_a_shape_it_is_found_again():
     assert np.abs(HEAVY.shapes(found)[0] - stations).max(axis=(1, 2)).min() < 1e-8
     assert (np.diff(HEAVY.energy(found)) >= 0).all()
     assert (HEAVY.stability(found)[0] > 0).all()
+
+
+def test_weight_bends_a_shape_between_the_same_grippers():
+    """There and back it is the same; a flat span sags as the beam does, by gamma/384 of its length."""
+    q = stable_rows(SpatialRod(0.5, 13, 0.7), 1, seed=3)[0]
+    rod, heavy = SpatialRod(0.5, 13, 0.7), SpatialRod(0.5, 13, 0.7, 10.0)
+    hanging = under_weight(rod, q, 10.0)
+    assert hanging is not None
+    np.testing.assert_allclose(heavy.end_poses(hanging[None]), rod.end_poses(q[None]), atol=1e-8)
+    back = under_weight(heavy, hanging, 0.0)
+    assert back is not None
+    np.testing.assert_allclose(rod.shapes(back[None])[0], rod.shapes(q[None])[0], atol=1e-7)
+    beam = SpatialRod(1.0, FINE, 0.7, 0.5)
+    across = np.array([0, 0, 0, 0, 0, 0, 0, 0, 0, 0, -0.5 / 24, 0])  # half of what is at the clamps
+    heights = beam.shapes(across[None])[0][0, :, 2]
+    assert heights[0] - heights.min() == pytest.approx(0.5 / 384, rel=0.01)
 
 
 def test_a_line_of_equilibria_is_followed():

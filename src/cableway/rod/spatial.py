@@ -52,6 +52,9 @@ from cableway.rod.planar import hinge_count
 LOAD_RANGE = (30.0, 30.0, 30.0, 4.0, 6.0, 6.0)
 """Largest force and moment of a first guess; stable shapes have about these."""
 
+GRAVITY = 9.81
+"""[m/s^2]."""
+
 LARGEST_GUESS = 150.0
 """Largest load of a guess from keypoints."""
 
@@ -83,6 +86,17 @@ class SpatialRod(HeldRod):
             raise InputError(f"rod weight must be finite and not negative, got {self.weight!r}")
         if self.keypoints < 3:
             raise InputError(f"a rod needs at least 3 keypoints, got {self.keypoints!r}")
+
+    @classmethod
+    def of_material(
+        cls, length: float, bending_stiffness: float, linear_density: float, keypoints: int = 13, twist: float = 2 / 3
+    ) -> SpatialRod:
+        """The rod of a cable of this length [m], B [N m^2] and mass per length [kg/m].
+
+        >>> round(SpatialRod.of_material(0.34, 1e-3, 0.047967).weight, 1)
+        18.5
+        """
+        return cls(length, keypoints, twist, linear_density * GRAVITY * length**3 / bending_stiffness)
 
     @cached_property
     def arrays(self) -> tuple[Float[np.ndarray, "3"], int]:

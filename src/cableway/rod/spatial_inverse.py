@@ -7,6 +7,7 @@ are `cableway.rod.inverse.equilibria_at`, as in the plane.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +17,7 @@ from cableway.core.errors import InputError
 from cableway.geometry import rotations
 from cableway.rod import spatial_kernels
 from cableway.rod.fitting import EXACT
+from cableway.rod.inverse import meet_poses
 from cableway.rod.least_squares import COST, add_row, advance, begin, clear
 from cableway.rod.spatial import SpatialRod
 
@@ -24,6 +26,9 @@ TURN_WEIGHT = 0.2
 
 FULL_TURNS = (0, 1, -1, 2, -2)
 """Of twist, beyond what the orientations say, that a fit starts from: orientations do not count full turns."""
+
+NEAR = 0.05
+"""Move of any point, in lengths of the rod, above which a step of the weight is too long."""
 
 ENOUGH = 1e-9
 """Distance, in lengths of the rod, at which a fit is exact and no other start is tried."""
@@ -66,6 +71,39 @@ def fit_shape(
         if math.sqrt(2 * least) < ENOUGH:
             break
     return best, math.sqrt(2 * least) * rod.length
+
+
+WEIGHT_STEP = 2.0
+"""Steps of the weight in `under_weight`, which are halved where one fails."""
+
+LEAST_WEIGHT_STEP = 0.02
+"""Step at which one that still fails is where the shape ends."""
+
+
+def under_weight(rod: SpatialRod, q: Float[np.ndarray, "12"], weight: float) -> Float[np.ndarray, "12"] | None:
+    """The stable equilibrium that a shape becomes as the weight of its rod changes little by little, the grippers held.
+
+    Args:
+        rod: The rod that has the shape.
+        q: (12,) a stable equilibrium of it.
+        weight: The weight gamma in the end.
+
+    Returns:
+        q (12,) of `replace(rod, weight=weight)`; None where the rod bends over to another shape on the way.
+    """
+    poses, at, step = rod.end_poses(q[None])[0], rod.weight, WEIGHT_STEP
+    while at != weight:
+        following = at + float(np.clip(weight - at, -step, step))
+        changed = replace(rod, weight=following)
+        met = meet_poses(changed, poses, q[None])
+        near = len(met) and np.abs(changed.shapes(met)[0] - rod.shapes(q[None])[0]).max() < NEAR * rod.length
+        if near and changed.stability(met)[0][0] > 0:
+            rod, q, at, step = changed, met[0], following, 2 * step
+        elif step < LEAST_WEIGHT_STEP:
+            return None
+        else:
+            step /= 2
+    return q
 
 
 def unit_quaternions(rows: Float[np.ndarray, "... 4"]) -> Float[np.ndarray, "... 4"]:

@@ -181,7 +181,7 @@ def walk(q, p, hinges, points, rates, frames, ends, end_rates):
         end_rates: (2, c, 3) gets the rotation [rad] of the grippers by each column, about the world's axes.
     """
     columns = rates.shape[1]
-    length, kappa, weight = p[0], p[1], p[2]
+    kappa, weight = p[1], p[2]
     half, tau, middle = 0.5 / hinges, q[9], hinges // 2
     turn, force, moment = np.empty((3, 3)), np.empty(3), np.empty(3)
     rotation(q[3:6], turn)
