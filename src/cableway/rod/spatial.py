@@ -47,13 +47,11 @@ from cableway.geometry.groups import SE3, Group
 from cableway.rod import spatial_kernels, spatial_stability
 from cableway.rod.fitting import LOAD_UNITS
 from cableway.rod.held_rod import HeldRod
+from cableway.rod.material import GRAVITY
 from cableway.rod.planar import hinge_count
 
 LOAD_RANGE = (30.0, 30.0, 30.0, 4.0, 6.0, 6.0)
 """Largest force and moment of a first guess; stable shapes have about these."""
-
-GRAVITY = 9.81
-"""[m/s^2]."""
 
 LARGEST_GUESS = 150.0
 """Largest load of a guess from keypoints."""
