@@ -1,8 +1,8 @@
 """The commands that the documentation shows are run, page by page, and print what the page says.
 
-On a page, a block of YAML or Python whose first line is a comment with a file's name is that file, and a block marked
-`console` is a session: lines that begin with `$ ` are run in order, in one folder for each page, and what stands below
-one is what it prints, `...` being anything. Each command must end with status 0.
+On a page, a block of YAML, Python or XML whose first line is a comment with a file's name is that file, and a block
+marked `console` is a session: lines that begin with `$ ` are run in order, in one folder for each page, and what stands
+below one is what it prints, `...` being anything. Each command must end with status 0.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-BLOCK = re.compile(r"^```(yaml|python|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-FILE = re.compile(r"# ([\w-]+\.(?:yaml|py))\n")
+BLOCK = re.compile(r"^```(yaml|python|xml|console)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+FILE = re.compile(r"(?:# |<!-- )([\w-]+\.(?:yaml|py|svg))(?: -->)?\n")
 PAGES = sorted(page for page in DOCS.rglob("*.md") if "```console\n" in page.read_text())
 LIKE = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

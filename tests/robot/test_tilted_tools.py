@@ -16,9 +16,10 @@ from cableway.robot.branches import ArmMotion, arm_motion
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.robot.free_arms import free_arms, rooms
 from cableway.robot.kinematics import flange_poses, gripper_poses
+from cableway.scene import cell
 from cableway.scene.bodies import Body
 from cableway.scene.cell import CELLS, TOOLS, Way
-from cableway.scene.gripper_bodies import AXIS, GRIPPER_BODIES, gripper_body
+from cableway.scene.gripper_bodies import ABOVE_TABLE, AXIS, GRIPPER_BODIES, TIP, gripper_body
 from cableway.scene.grippers import Grippers
 from cableway.simulation.arms import ArmDrive
 from cableway.simulation.drives import NAMES
@@ -45,6 +46,8 @@ def inside(tool: str, side: int, count: int = 60) -> np.ndarray:
         shares = rng.dirichlet(np.ones(len(part.outline)), count)
         points.append(np.column_stack([shares @ part.outline, rng.uniform(*part.heights, count) - AXIS]))
     x, y, z = np.vstack(points).T
+    edge = max(np.abs(part.outline[:, 0]).max() for part in GRIPPER_BODIES[tool][:1])
+    z += max(0.0, (ABOVE_TABLE - AXIS + np.sin(TILT) * edge) / np.cos(TILT) + AXIS - TIP)
     ahead = TILT if side else -TILT  # out of the cable at its right end, and at its left one
     return np.column_stack([np.cos(ahead) * x + np.sin(ahead) * z, y, AXIS + np.cos(ahead) * z - np.sin(ahead) * x])
 
@@ -105,6 +108,15 @@ def test_a_plan_with_tilted_tools_passes_the_judge_and_one_with_straight_tools_d
     assert failed == {"tool angle"}
 
 
+def test_fingers_that_are_not_lifted_off_the_table_fail(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(cell, "lift_of", lambda parts, tilt: 0.0)
+    found = arm_motion(PLAN.poses, TASK, replace(CELL, way=way()))
+    assert isinstance(found, ArmMotion)
+    (failed,) = [check for check in arm_checks(replace(PLAN, joints=found.joints), TASK) if not check.passed]
+    assert failed.name == "hand clearance from the table"
+    assert 0.0001 < failed.value < 0.0002
+
+
 def test_mujoco_has_tilted_hands_upright_frames_at_the_ends_of_the_cable():
     assert PLAN.joints is not None
     spec, drive = mujoco.MjSpec(), ArmDrive(TASK, way(), PLAN.joints[0], 0.0025)
@@ -132,9 +144,7 @@ def test_the_tilt_is_written_and_read_and_one_that_brings_fingers_into_the_table
     straight = TASK.in_cell(CELLS["dual-ur5e"])
     straight.save(tmp_path / "straight.yaml")
     assert "tilt" not in (tmp_path / "straight.yaml").read_text()
-    with pytest.raises(
-        TaskError, match=r"grippers.tilt must be less: it brings fingers of 2f-85 1.2 mm into the table"
-    ):
+    with pytest.raises(TaskError, match=r"of 2f-85 keep off the table only 2\.3 mm higher, limit 1\.0 mm, got 0\.3"):
         Grippers(body="2f-85", tilt=0.3)
     with pytest.raises(TaskError, match=r"must be the cell's, 0\.17, got 0"):
         replace(TASK, grippers=replace(TASK.grippers, tilt=0.0))

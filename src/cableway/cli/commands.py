@@ -10,6 +10,7 @@ from cableway.cli.check import Check
 from cableway.cli.collect import Collect
 from cableway.cli.evaluate import Evaluate
 from cableway.cli.export import Export
+from cableway.cli.import_scene import Import
 from cableway.cli.models import Models
 from cableway.cli.options import Options
 from cableway.cli.plan import Plan
@@ -34,6 +35,7 @@ Command = (
     | Run
     | See
     | Calibrate
+    | Import
     | Check
     | Export
     | Collect

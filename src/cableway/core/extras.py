@@ -10,6 +10,7 @@ from cableway.core.errors import MissingExtraError
 EXTRAS = {
     "cell": {"coal": "Coal"},
     "gym": {"gymnasium": "Gymnasium"},
+    "import": {"ezdxf": "ezdxf", "svgpathtools": "svgpathtools"},
     "ray": {"ray": "Ray"},
     "tang2025": {"casadi": "CasADi", "equinox": "Equinox", "jax": "JAX", "optax": "Optax"},
     "ur": {"rtde_control": "ur-rtde"},

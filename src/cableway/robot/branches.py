@@ -203,7 +203,7 @@ class PackedCell:
         self.cell, self.height = cell, task.cable.radius
         self.lengths = [np.array(model.lengths) for model in cell.models]
         self.bases = [arm.base(task.scene) for arm in cell.arms]
-        self.reach, self.leans = TOOLS[cell.tool].reach, tuple(outward(side, cell.tilt) for _, side in SIDES)
+        self.reach, self.leans = cell.reach, tuple(outward(side, cell.tilt) for _, side in SIDES)
         self.capsules = [Capsules.of(model, tool or TOOLS[cell.tool]) for model in cell.models]
         self.world = world_of_arms(task.scene)
 

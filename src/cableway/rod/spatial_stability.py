@@ -45,64 +45,68 @@ def second_variation(q, p, hinges, diagonal, off, closure, twist):
     points, none = np.empty((2 * hinges + 1, 3)), np.empty((2 * hinges + 1, 0, 3))
     frames, ends, flat = np.empty((hinges + 1, 2, 3)), np.empty((2, 2, 3)), np.empty((2, 0, 3))
     walk(q, p, hinges, points, none, frames, ends, flat)
-    tau, h, middle = q[9], 1.0 / hinges, hinges // 2
-    turn_force = np.empty(3)
-    first, before = frames[middle, 0], frames[middle, 1]
-    third = np.empty(3)
-    cross(first, before, third)
-    for k in range(3):
-        turn_force[k] = first[k] * q[6] + before[k] * q[7] + third[k] * q[8]
-    basis = np.empty((hinges + 1, 2, 3))
+    h, middle = 1.0 / hinges, hinges // 2
+    axes, force = np.empty((hinges + 1, 3, 3)), np.empty(3)
     for i in range(hinges + 1):
-        basis[i, 0] = frames[i, 1]
-        cross(frames[i, 0], frames[i, 1], basis[i, 1])
-    diagonal[:] = 0.0
+        axes[i, :2] = frames[i]
+        cross(frames[i, 0], frames[i, 1], axes[i, 2])
+    for k in range(3):
+        force[k] = axes[middle, 0, k] * q[6] + axes[middle, 1, k] * q[7] + axes[middle, 2, k] * q[8]
     twist[:] = 0.0
-    binormal, a = np.empty(3), np.empty(3)
     for i in range(hinges - 1):
-        t = frames[i + 1, 0]
-        pull = dot(turn_force, t) + p[2] * (i + 1 - middle) * h * t[2]
+        pull = dot(force, axes[i + 1, 0]) + p[2] * (i + 1 - middle) * h * axes[i + 1, 0, 2]
         for r in range(2):
-            diagonal[i, r, r] += h * pull
             for k in range(3):
-                closure[i, r, k] = h * basis[i + 1, r, k]
-    for j in range(hinges):
-        t, u = frames[j, 0], frames[j + 1, 0]
-        c = dot(t, u)
-        cross(t, u, binormal)
-        fall, curve = -2.0 * hinges / (1.0 + c), 2.0 * hinges / ((1.0 + c) * (1.0 + c))
-        lean = 0.5 * tau / ((1.0 + c) * (1.0 + c))
-        for r in range(2):
-            e, f = basis[j, r], basis[j + 1, r]
-            if j > 0:
-                twist[j - 1, r] += dot(e, binormal) / (1.0 + c)
-            if j < hinges - 1:
-                twist[j, r] += dot(f, binormal) / (1.0 + c)
+                closure[i, r, k] = h * axes[i + 1, 1 + r, k]
             for s in range(2):
-                e2, f2 = basis[j, s], basis[j + 1, s]
-                same = c * fall if r == s else 0.0
+                diagonal[i, r, s] = h * pull if r == s else 0.0
+    before, across, after = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2))
+    change = np.empty((2, 2))
+    for j in range(hinges):
+        _hinge(axes[j], axes[j + 1], q[9], hinges, before, across, after, change)
+        for r in range(2):
+            if j > 0:
+                twist[j - 1, r] += change[0, r]
+            if j < hinges - 1:
+                twist[j, r] += change[1, r]
+            for s in range(2):
                 if j > 0:
-                    diagonal[j - 1, r, s] += curve * dot(e, u) * dot(e2, u) - same
-                    diagonal[j - 1, r, s] -= lean * (dot(e, binormal) * dot(e2, u) + dot(e, u) * dot(e2, binormal))
+                    diagonal[j - 1, r, s] += before[r, s]
                 if j < hinges - 1:
-                    diagonal[j, r, s] += curve * dot(f, t) * dot(f2, t) - same
-                    diagonal[j, r, s] -= lean * (dot(f, binormal) * dot(f2, t) + dot(f, t) * dot(f2, binormal))
+                    diagonal[j, r, s] += after[r, s]
                 if 0 < j < hinges - 1:
-                    for k in range(3):
-                        a[k] = t[k] + u[k]
-                    value = curve * dot(e, u) * dot(f2, t) + fall * dot(e, f2)
-                    value += (
-                        0.5
-                        * tau
-                        * (
-                            e[0] * (a[1] * f2[2] - a[2] * f2[1])
-                            + e[1] * (a[2] * f2[0] - a[0] * f2[2])
-                            + e[2] * (a[0] * f2[1] - a[1] * f2[0])
-                        )
-                        / (1.0 + c)
-                    )
-                    value -= lean * (dot(e, binormal) * dot(f2, t) + dot(e, u) * dot(f2, binormal))
-                    off[j - 1, r, s] = value
+                    off[j - 1, r, s] = across[r, s]
+
+
+@inlined
+def _hinge(one, other, tau, hinges, before, across, after, change):
+    """Second variation of a hinge between links with axes `one` and `other` (3, 3), and the change of its twist.
+
+    With c = t . t' and k = t x t', along great circles p and p' of the tangents: of the bending energy it is
+    2N/(1 + c)^2 (dc)^2 - 2N/(1 + c) ddc, where dc = p . t' + t . p' and ddc = 2 p . p' - c (p . p + p' . p'); of tau times
+    the twist, tau (p . ((t + t') x p')/(1 + c) - (p + p') . k dc/(1 + c)^2). The twist changes by (p + p') . k/(1 + c).
+    """
+    t, u = one[0], other[0]
+    c = dot(t, u)
+    k, a = np.empty(3), np.empty(3)
+    cross(t, u, k)
+    fall, curve = 2.0 * hinges / (1.0 + c), 2.0 * hinges / ((1.0 + c) * (1.0 + c))
+    lean, roll = 0.5 * tau / ((1.0 + c) * (1.0 + c)), 0.5 * tau / (1.0 + c)
+    along = np.empty((2, 2))
+    for r in range(2):
+        along[0, r], along[1, r] = dot(one[1 + r], u), dot(other[1 + r], t)
+        change[0, r], change[1, r] = dot(one[1 + r], k) / (1.0 + c), dot(other[1 + r], k) / (1.0 + c)
+    for i in range(3):
+        k[i] = t[i] + u[i]
+    for s in range(2):
+        cross(k, other[1 + s], a)
+        for r in range(2):
+            same = c * fall if r == s else 0.0
+            x, y, z, w = along[0, r], along[0, s], along[1, r], along[1, s]
+            before[r, s] = curve * x * y + same - lean * (1.0 + c) * (change[0, r] * y + x * change[0, s])
+            after[r, s] = curve * z * w + same - lean * (1.0 + c) * (change[1, r] * w + z * change[1, s])
+            across[r, s] = curve * x * w - fall * dot(one[1 + r], other[1 + s]) + roll * dot(one[1 + r], a)
+            across[r, s] -= lean * (1.0 + c) * (change[0, r] * w + x * change[1, s])
 
 
 @kernel

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from cableway.core.errors import TaskError
 from cableway.scene import checks
 from cableway.scene.arm_models import ARM_MODELS, PLACE, ArmModel, Capsule, Mass, Place
-from cableway.scene.gripper_bodies import Tilt
+from cableway.scene.gripper_bodies import Tilt, gripper_body, lift_of
 from cableway.scene.obstacles import Height
 from cableway.scene.own_arms import OwnArm
 from cableway.scene.scene import Scene
@@ -190,6 +190,11 @@ class Cell:
             raise TaskError(f"must be {ARMS} arms, got {len(self.arms)}", ("cell", "arms"))
         if self.tool not in TOOLS:
             raise TaskError(f"must be one of {', '.join(TOOLS)}, got {self.tool!r}", ("cell", "tool"))
+
+    @property
+    def reach(self) -> float:
+        """From a flange to the axis of the cable between the fingers [m]: that of the tool, and its lift if tilted."""
+        return TOOLS[self.tool].reach + lift_of(gripper_body(self.tool), self.tilt)
 
     @property
     def models(self) -> tuple[ArmModel, ...]:

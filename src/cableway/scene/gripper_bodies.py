@@ -5,13 +5,13 @@ The named ones are made for a tool that points straight down with its tips 2 mm 
 by `studies/gripper_outlines.py`, rounded up to millimetres; those of the layer above the knuckles, 103 x 74, hold its
 flange of 75 x 75 as well. The same study has those of the open hand. The Hand-E's are those of meshes that were made
 of Robotiq's drawings, see `_HAND_E`. A *tilted* hand leans outward, away from the cable along its tangent, turned about
-the axis of that cable.
+the axis of that cable, and is lifted along its own axis where an edge would come too near to the table.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, NamedTuple
@@ -31,6 +31,12 @@ TIP = 0.002
 
 AXIS = 0.004
 """Height [m] above the table of the axis about which hands are tilted: that of a cable of 8 mm."""
+
+ABOVE_TABLE = 0.001
+"""Height [m] that no edge of a tilted hand is below."""
+
+MOST_LIFT = 0.001
+"""By which a tilted hand is lifted at most [m]; pads then hold little more than the upper half of a cable of 8 mm."""
 
 SLICE = 0.03
 """Of a tilted hand, most of the height [m] over which one outline holds it."""
@@ -80,10 +86,11 @@ class BodyPart:
     def __hash__(self) -> int:
         return hash((self.heights, self.outline.tobytes()))
 
-    def bodies(self, name: str, side: int, tilt: float = 0.0) -> Iterator[Body]:
+    def bodies(self, name: str, side: int, tilt: float = 0.0, lift: float = 0.0) -> Iterator[Body]:
         """The piece as bodies of one of the grippers, several where it is high and leans outward by `tilt` [rad].
 
-        Each outline holds the part of the piece between two planes across the tool, seen from above.
+        Each outline holds the part of the piece between two planes across the tool, seen from above. The hand is
+        lifted along its own axis by `lift` [m].
 
         >>> (body,) = _layer(20, 10, 0, 20).bodies("left gripper", 0, tilt=0.1)
         >>> body.outline[:, 0].min().round(4).item(), body.outline[:, 0].max().round(4).item()
@@ -94,13 +101,28 @@ class BodyPart:
             return
         lean = outward(side, tilt)
         (low, high), cosine, sine = self.heights, math.cos(lean), math.sin(lean)
-        levels = np.linspace(low, high, math.ceil((high - low) / SLICE - 1e-9) + 1) - AXIS
+        levels = np.linspace(low, high, math.ceil((high - low) / SLICE - 1e-9) + 1) - AXIS + lift
         for bottom, top in pairwise(levels.tolist()):
             x, y, z = np.array([(*vertex, level) for level in (bottom, top) for vertex in self.outline]).T
             seen = shapely.MultiPoint(np.column_stack([cosine * x + sine * z, y])).convex_hull
             heights = AXIS + cosine * z - sine * x
             outline = counter_clockwise(shapely.get_coordinates(seen)[:-1])
             yield Body(name, side, outline, heights=(float(heights.min()), float(heights.max())))
+
+
+def lift_of(parts: Iterable[BodyPart], tilt: float) -> float:
+    """How far [m] a hand of such pieces is lifted along its own axis if it leans outward by `tilt` [rad].
+
+    >>> lift_of(GRIPPER_BODIES["2f-85"], 0.0), round(lift_of(GRIPPER_BODIES["2f-85"], 0.17), 5)
+    (0.0, 0.00084)
+    """
+    if not tilt:
+        return 0.0
+    cosine, sine = math.cos(tilt), math.sin(tilt)
+    heights = (
+        AXIS + cosine * (part.heights[0] - AXIS) - sine * float(np.abs(part.outline[:, 0]).max()) for part in parts
+    )
+    return max(0.0, (ABOVE_TABLE - min(heights, default=ABOVE_TABLE)) / cosine)
 
 
 def outward(side: int, tilt: float) -> float:

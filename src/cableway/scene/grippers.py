@@ -15,7 +15,7 @@ from cableway.geometry import se2
 from cableway.scene import checks
 from cableway.scene.bodies import LEFT, RIGHT, Body
 from cableway.scene.checks import Quantity
-from cableway.scene.gripper_bodies import BodyPart, Tilt, gripper_body
+from cableway.scene.gripper_bodies import MOST_LIFT, BodyPart, Tilt, gripper_body, lift_of
 
 PlugLength = Annotated[float, "a length", Quantity("m", 1e-4, 1.0)]
 
@@ -28,7 +28,8 @@ RAMPS = ("max_acceleration", "max_turn_acceleration", "max_jerk", "max_turn_jerk
 
 def bodies_of_hands(parts: tuple[BodyPart, ...], tilt: float) -> tuple[Body, ...]:
     """The pieces of both grippers as bodies, tilted outward [rad]."""
-    return tuple(body for part in parts for name, side in SIDES for body in part.bodies(name, side, tilt))
+    lift = lift_of(parts, tilt)
+    return tuple(body for part in parts for name, side in SIDES for body in part.bodies(name, side, tilt, lift))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +49,7 @@ class Grippers:
         max_turn_jerk: Of its angle [rad/s³].
 
     Raises:
-        TaskError: A value is not finite or out of range, there is no such body, or so tilted it touches the table.
+        TaskError: A value is not finite or out of range, there is no such body, or it is tilted too far.
 
     Note:
         A plan with one of the last four starts and ends at rest: velocity, acceleration and jerk are the first,
@@ -74,10 +75,10 @@ class Grippers:
             raise error.within("grippers") from None
         if self.body is not None and not isinstance(self.body, str):
             object.__setattr__(self, "body", pieces)
-        lowest = min((piece.heights[0] for piece in self.pieces), default=0.0) if self.tilt else 0.0
-        if lowest < 0:
-            deep = f"fingers of {self.body if isinstance(self.body, str) else 'such grippers'} {quantity(-lowest)}"
-            raise TaskError(f"must be less: it brings {deep} into the table, got {self.tilt:g}", ("grippers", "tilt"))
+        if (lift := lift_of(pieces, self.tilt)) > MOST_LIFT:
+            who = self.body if isinstance(self.body, str) else "such grippers"
+            above = f"fingers of {who} keep off the table only {quantity(lift)} higher, limit {quantity(MOST_LIFT)}"
+            raise TaskError(f"must be less: {above}, got {self.tilt:g}", ("grippers", "tilt"))
 
     @property
     def bodies(self) -> tuple[Body, ...]:

@@ -85,7 +85,7 @@ class ArmDrive:
             flange = _add_links(spec, name, self._models[side], base, met)
             _set_mass(flange.add_body(name=f"{name} tool"), tool.mass)
             upright = _upright(self._way.turns[side], outward(side, self._cell.tilt))
-            gripper = flange.add_body(name=f"{name} gripper", pos=[0.0, 0.0, tool.reach], quat=upright)
+            gripper = flange.add_body(name=f"{name} gripper", pos=[0.0, 0.0, self._cell.reach], quat=upright)
             for index, part in enumerate(self._task.grippers.pieces):
                 if part.side == side:
                     heights = (part.heights[0] - radius, part.heights[1] - radius)

@@ -19,8 +19,10 @@ from cableway.core.extras import require
 from cableway.records import Check, Plan, Rollout
 from cableway.scene.arm_models import ArmModel, Capsule
 from cableway.scene.cell import TOOLS, Cell, Tool
+from cableway.scene.gripper_bodies import ABOVE_TABLE, AXIS, gripper_body
 from cableway.scene.obstacles import to_shapely
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.verification.bodies import lift_of_hand
 from cableway.verification.geometry import pose_distance
 from cableway.verification.grasps import tool_poses
 
@@ -94,6 +96,7 @@ def arm_checks(record: Plan | Rollout, task: Task, clearance: float = CLEARANCE)
         *joint_checks(record.joints, holders, cell),
         closest_pair(meeting_pairs(solids), at, step, clearance),
         lowest_link(solids, task, at, step, clearance),
+        _lowest_finger(flanges, turns, cell, at, min(clearance, ABOVE_TABLE / 2)),
     ]
 
 
@@ -147,7 +150,8 @@ def tips(
 
     A hand of a cell with a tilt leans away from the cable: against its tangent at the left end, along it at the right.
     """
-    tip = flange @ np.array([0.0, 0.0, TOOLS[cell.tool].reach, 1.0])
+    reach = TOOLS[cell.tool].reach + lift_of_hand(gripper_body(cell.tool), cell.tilt)
+    tip = flange @ np.array([0.0, 0.0, reach, 1.0])
     along = flange[:, :3, 0] * (-1.0 if turn == 0 else 1.0)
     seen = np.column_stack([tip[:, :2], np.arctan2(along[:, 1], along[:, 0])])
     ahead = math.sin(cell.tilt) * (-1.0 if side == 0 else 1.0)
@@ -300,6 +304,24 @@ def _placed(coal: Any, ends: Float[np.ndarray, "2 3"]) -> Any:
     k = 1.0 / (1.0 + z)  # the turn about a horizontal axis that brings the z axis there
     turn = np.array([[1.0 - x * x * k, -x * y * k, x], [-x * y * k, 1.0 - y * y * k, y], [-x, -y, z]])
     return coal.Transform3s(turn, (ends[0] + ends[1]) / 2)
+
+
+def _lowest_finger(
+    flanges: list[Float[np.ndarray, "s 4 4"]], turns: list[int], cell: Cell, at: Float[np.ndarray, "s"], limit: float
+) -> Check:
+    """Least height above the table of the corners of a closed hand."""
+    lows = [(*corner, part.heights[0]) for part in gripper_body(cell.tool) for corner in part.outline]
+    x, y, z = np.array(lows).T
+    found = []
+    for flange, turn in zip(flanges, turns, strict=True):
+        ahead = -1.0 if turn == 0 else 1.0
+        corners = np.column_stack([ahead * x, -ahead * y, TOOLS[cell.tool].reach + AXIS - z])
+        found.append((flange[:, 2, :3] @ corners.T).min(axis=1) + flange[:, 2, 3])
+    lowest = np.min(found, axis=0)
+    row = int(lowest.argmin())
+    value = float(lowest[row])
+    passed = value >= limit and value > 0
+    return Check("hand clearance from the table", value, "m", limit, passed, "a hand and the table", float(at[row]))
 
 
 def lowest_link(solids: list[list[Solid]], task: Task, at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from cableway.records import Check
 from cableway.scene.bodies import Body
-from cableway.scene.gripper_bodies import AXIS, BodyPart, gripper_body
+from cableway.scene.gripper_bodies import ABOVE_TABLE, AXIS, BodyPart, gripper_body
 from cableway.scene.grippers import SIDES
 from cableway.scene.task import Task
 from cableway.verification.ends import Ends
@@ -36,23 +36,38 @@ def hand_pieces(parts: Sequence[BodyPart], task: Task, name: str = "") -> list[B
     """
     if not task.grippers.tilt:
         return [Body(f"{name}{who}", side, part.outline, heights=part.heights) for part in parts for who, side in SIDES]
-    tops = [top for top in task.scene.heights if top is not None]
+    tops, lift = [top for top in task.scene.heights if top is not None], lift_of_hand(parts, task.grippers.tilt)
     return [
         Body(f"{name}{who}", side, outline, heights=heights)
         for part in parts
         for who, side in SIDES
-        for outline, heights in _layers(part, task.grippers.tilt * (1 if side else -1), [2 * task.cable.radius, *tops])
+        for outline, heights in _layers(
+            leaning(part, task.grippers.tilt * (1 if side else -1), lift), [2 * task.cable.radius, *tops]
+        )
     ]
 
 
-def _layers(
-    part: BodyPart, lean: float, cuts: list[float]
-) -> Iterator[tuple[Float[np.ndarray, "k 2"], tuple[float, float]]]:
-    """Outlines [m] of a piece turned by `lean` [rad] about the cable's axis, between two heights each [m]."""
+def leaning(part: BodyPart, lean: float, lift: float) -> Float[np.ndarray, "2 k 3"]:
+    """Corners [m] of a piece, below and above, lifted and turned by `lean` [rad] about the cable's axis; z is 0 on the
+    table."""
     turn = Rotation.from_euler("y", lean).as_matrix()
-    bottom, top = (np.column_stack([part.outline, np.full(len(part.outline), z - AXIS)]) @ turn.T for z in part.heights)
-    corners = np.vstack([bottom, top]) + (0.0, 0.0, AXIS)
-    count = len(part.outline)
+    ends = [np.column_stack([part.outline, np.full(len(part.outline), z - AXIS + lift)]) for z in part.heights]
+    return np.array(ends) @ turn.T + (0.0, 0.0, AXIS)
+
+
+def lift_of_hand(parts: Sequence[BodyPart], tilt: float) -> float:
+    """By how much [m] a tilted hand is lifted along its own axis, so that its lowest corner keeps `ABOVE_TABLE`."""
+    if not tilt:
+        return 0.0
+    lowest = min((leaning(part, lean, 0.0)[..., 2].min() for part in parts for lean in (tilt, -tilt)), default=np.inf)
+    return max(0.0, (ABOVE_TABLE - float(lowest)) / float(np.cos(tilt)))
+
+
+def _layers(
+    ends: Float[np.ndarray, "2 k 3"], cuts: list[float]
+) -> Iterator[tuple[Float[np.ndarray, "k 2"], tuple[float, float]]]:
+    """Outlines [m] of a piece with such corners below and above, between two heights each [m]."""
+    corners, count = np.vstack(ends), ends.shape[1]
     ring = np.arange(count)
     edges = np.vstack(
         [np.column_stack([a, b]) for a, b in (

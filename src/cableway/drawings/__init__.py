@@ -1,0 +1,1 @@
+"""Outlines from elsewhere: drawings in SVG and DXF, split into convex obstacles."""
