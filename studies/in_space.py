@@ -1,6 +1,7 @@
 """What weight does to a held cable in space: shapes with it beside weightless ones, between the same grippers.
 
     .venv/bin/python studies/in_space.py [--shapes 100] [--seed 0]
+    .venv/bin/python studies/in_space.py --speed
 
 Weightless shapes of margin 5 and more are drawn at any orientation, and weight is added little by little with the
 grippers held. *Ended*: the shape became unstable on the way, where a cable bends over to another one; those have no
@@ -10,10 +11,13 @@ distance, and are counted.
 from __future__ import annotations
 
 import argparse
+import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from cableway.rod.planar import PlanarRod
 from cableway.rod.spatial import SpatialRod
 from cableway.rod.spatial_inverse import under_weight
 from cableway.scene.files.presets import preset_names, preset_values
@@ -29,7 +33,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shapes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--speed", action="store_true", help="processor time a shape, in the plane and in space")
     given = parser.parse_args()
+    if given.speed:
+        return speed(given.seed)
     print("| cable | gamma | bending length [mm] | off without weight [mm], median, worst | ended |")
     print("|---|---|---|---|---|")
     for name in preset_names():
@@ -57,6 +64,22 @@ def drawn(rod: SpatialRod, count: int, seed: int) -> np.ndarray:
         q = rng.normal(0, SPREAD, (count, 12))
         found = np.vstack([found, q[rod.stability(q, ceiling=LEAST_MARGIN)[0] >= LEAST_MARGIN]])
     return found[:count]
+
+
+def speed(seed: int) -> None:
+    """Print a Markdown table: microseconds of one core for shapes, with derivatives, and whether they are stable."""
+    rng, rows = np.random.default_rng(seed), 3000
+    space, plane = SpatialRod(0.34, weight=20.0), PlanarRod(0.34)
+    print("| rod | shape [us] | with derivatives [us] | stable? [us] |")
+    print("|---|---|---|---|")
+    for name, rod, spread in (("in space", space, SPREAD), ("planar", plane, (0.3, 0.3, 1.2, 8.0, 8.0, 2.0))):
+        q, taken = rng.normal(0, spread, (rows, rod.dof)), []
+        for call in (rod.shapes, rod.jacobians, partial(rod.stability, ceiling=1e-3)):
+            call(q[:2])
+            began = time.process_time()
+            call(q)
+            taken.append(f"{1e6 * (time.process_time() - began) / rows:.1f}")
+        print(f"| {name} | {' | '.join(taken)} |")
 
 
 if __name__ == "__main__":

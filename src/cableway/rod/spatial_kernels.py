@@ -166,6 +166,24 @@ def _advance(side, half, weight, at, force, t, m, point, rates, dforce, dt, dm, 
             dm[column, k] -= side * half * a[k]
 
 
+@inlined
+def _loads(q, turn, force, moment, dforce, dtau):
+    """The centre's frame, force and moment in the world's axes, and the changes of force and twisting moment."""
+    rotation(q[3:6], turn)
+    for k in range(3):
+        force[k] = turn[k, 0] * q[6] + turn[k, 1] * q[7] + turn[k, 2] * q[8]
+        moment[k] = turn[k, 0] * q[9] + turn[k, 1] * q[10] + turn[k, 2] * q[11]
+    if len(dtau) > 0:
+        dtau[6] = 1.0
+        axis = np.zeros(3)
+        for k in range(3):
+            for column in range(3):
+                dforce[3 + column, k] = turn[k, column]
+            axis[:] = 0.0
+            axis[k] = 1.0
+            cross(axis, force, dforce[k])
+
+
 @kernel
 def walk(q, p, hinges, points, rates, frames, ends, end_rates):
     """Go outward from the centre to both ends, in lengths of the rod and the world's axes.
@@ -184,22 +202,11 @@ def walk(q, p, hinges, points, rates, frames, ends, end_rates):
     kappa, weight = p[1], p[2]
     half, tau, middle = 0.5 / hinges, q[9], hinges // 2
     turn, force, moment = np.empty((3, 3)), np.empty(3), np.empty(3)
-    rotation(q[3:6], turn)
-    for k in range(3):
-        force[k] = turn[k, 0] * q[6] + turn[k, 1] * q[7] + turn[k, 2] * q[8]
-        moment[k] = turn[k, 0] * q[9] + turn[k, 1] * q[10] + turn[k, 2] * q[11]
     t, d, m, x = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     a, b, w, dw = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     dt, dm, dx = np.zeros((columns, 3)), np.zeros((columns, 3)), np.zeros((columns, 3))
     dforce, spin, dtau = np.zeros((columns, 3)), np.zeros((columns, 3)), np.zeros(columns)
-    if columns > 0:
-        dtau[6] = 1.0
-        for k in range(3):
-            for column in range(3):
-                dforce[3 + column, k] = turn[k, column]
-            axis = np.zeros(3)
-            axis[k] = 1.0
-            cross(axis, force, dforce[k])
+    _loads(q, turn, force, moment, dforce, dtau)
     points[hinges, :] = 0.0
     rates[hinges, :, :] = 0.0
     for row in range(2):

@@ -83,8 +83,9 @@ def _hinge(one, other, tau, hinges, before, across, after, change):
     """Second variation of a hinge between links with axes `one` and `other` (3, 3), and the change of its twist.
 
     With c = t . t' and k = t x t', along great circles p and p' of the tangents: of the bending energy it is
-    2N/(1 + c)^2 (dc)^2 - 2N/(1 + c) ddc, where dc = p . t' + t . p' and ddc = 2 p . p' - c (p . p + p' . p'); of tau times
-    the twist, tau (p . ((t + t') x p')/(1 + c) - (p + p') . k dc/(1 + c)^2). The twist changes by (p + p') . k/(1 + c).
+    2N/(1 + c)^2 (dc)^2 - 2N/(1 + c) ddc, where dc = p . t' + t . p' and ddc = 2 p . p' - c (p . p + p' . p'); of tau
+    times the twist, tau (p . ((t + t') x p')/(1 + c) - (p + p') . k dc/(1 + c)^2). The twist changes by
+    (p + p') . k/(1 + c).
     """
     t, u = one[0], other[0]
     c = dot(t, u)
