@@ -50,7 +50,7 @@ class Replanner:
         self._lock = threading.RLock()
         self._number = 0
         self._process: Any = None
-        self._connection: Connection | None = None
+        self._connection: Any = None  # a `Connection`, of another class on Windows
 
     def start(self) -> None:
         """Begin the process, unless it runs."""
@@ -94,7 +94,6 @@ class Replanner:
             process.join()
 
     def _send(self, message: Any) -> None:
-        assert self._connection is not None
         with contextlib.suppress(OSError):  # of a process that died, which is told by `_listen`
             self._connection.send(message)
 
