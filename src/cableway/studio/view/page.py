@@ -282,11 +282,11 @@ class Page:
         draft, planning = self._session.draft, self._session.planning
         if self._plan is not None and planning.status == "found":
             page = film_page(draft.checked(), self._plan, planning.sentence)
-            self._client.send_file_download(f"{draft.name}.html", page.encode())
+            self._client.send_file_download(f"{draft.name}.html", page.encode(), save_immediately=True)
 
     def _download(self) -> None:
         draft = self._session.draft
-        self._client.send_file_download(f"{draft.name}.yaml", task_text(draft).encode())
+        self._client.send_file_download(f"{draft.name}.yaml", task_text(draft).encode(), save_immediately=True)
 
 
 def _end(name: str) -> End:

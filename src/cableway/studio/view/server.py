@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import secrets
 import socket
@@ -111,8 +112,9 @@ def _listening(host: str, port: int) -> socket.socket:
     except OSError as error:
         if isinstance(error, socket.gaierror) or error.errno == 99:
             raise InputError(f"--host {host}: no address of this machine") from None
+        why = os.strerror(error.errno or 0)
         raise InputError(
-            f"--port {port}: cannot be had on {host} ({error.strerror}); give another one, or 0 for any that is free"
+            f"--port {port}: cannot be had on {host} ({why}); give another one, or 0 for any that is free"
         ) from None
 
 
