@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.commands import Commands
-from cableway.core.brief import Brief
+from cableway.core.brief import Shown
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
 from cableway.core.quantities import limit_text, quantity
@@ -52,7 +52,7 @@ class ControlTime:
 
 @renamed_attributes(push_verdict="insertion_plan_verdict", shape_error_floor="least_achievable_error")
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Report(Brief):
+class Report(Shown):
     """The figures of one task; None where there is none, as after planning only.
 
     Attributes:
