@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.commands import Commands
-from cableway.core.brief import Shown
+from cableway.core.brief import Brief, notebook
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
 from cableway.core.quantities import limit_text, quantity
@@ -52,7 +52,7 @@ class ControlTime:
 
 @renamed_attributes(push_verdict="insertion_plan_verdict", shape_error_floor="least_achievable_error")
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Report(Shown):
+class Report(Brief):
     """The figures of one task; None where there is none, as after planning only.
 
     Attributes:
@@ -128,6 +128,9 @@ class Report(Shown):
         yield "success" if self.success else f"{self.outcome}: {self.failure}"
         if self.shape_error is not None:
             yield f"shape error {quantity(self.shape_error)}"
+
+    def _repr_html_(self) -> str:
+        return notebook().page(self.rows())
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON, without the figures that there are none for; no number in it is not finite."""

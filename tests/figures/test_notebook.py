@@ -45,7 +45,7 @@ def test_a_picture_is_of_the_record():
 
 def test_a_report_shows_its_rows_and_a_run_a_picture_as_well():
     report = cw.summarize(TASK, PLAN, ROLLOUT)
-    assert cells(html(report)) == dict(report.rows())
+    assert cells(report._repr_html_()) == dict(report.rows())
     run = Run(task=TASK, report=report, plan=PLAN, rollout=ROLLOUT)
     assert cells(run._repr_html_()) == dict(report.rows())
     assert len(pictures(run._repr_html_())) == 1
@@ -53,9 +53,9 @@ def test_a_report_shows_its_rows_and_a_run_a_picture_as_well():
 
 def test_what_a_user_wrote_is_no_html():
     report = replace(cw.summarize(TASK, PLAN, ROLLOUT), notes=("<script>alert(1)</script>\x1b[0m",))
-    assert "<script" not in html(report)
-    assert "\x1b" not in html(report)
-    with pytest.raises(InputError, match="a Task, a Plan, a Rollout or a Report, got 3"):
+    assert "<script" not in report._repr_html_()
+    assert "\x1b" not in report._repr_html_()
+    with pytest.raises(InputError, match="a Task, a Plan or a Rollout, got 3"):
         html(3)
 
 

@@ -34,7 +34,7 @@ class Shown(Brief):
 
 
 def notebook() -> Any:
-    """The module that shows records; it knows all of them, and so is imported when the first one is shown."""
+    """The module that draws records for a notebook; it knows them, and so is imported when the first one is shown."""
     return import_module("cableway.figures.notebook")
 
 

@@ -23,7 +23,6 @@ from cableway.figures.plan import SHAPES_SHOWN, spread_rows
 from cableway.figures.scene import task_figure
 from cableway.figures.video import write_video
 from cableway.records import Plan, Rollout
-from cableway.report import Report
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.task import CONTROL_STEP, Draft
@@ -71,7 +70,7 @@ def animation(rollout: Rollout, task: TaskSource, plan: Plan | None = None) -> A
 
 
 def html(record: object) -> str:
-    """A task, plan, rollout or report, as HTML.
+    """A task, plan or rollout, as HTML.
 
     Raises:
         InputError: It is none of these.
@@ -83,9 +82,7 @@ def html(record: object) -> str:
             return page(_plan_rows(record), _shapes_figure(record.shapes))
         case Rollout():
             return page(_rollout_rows(record), _shapes_figure(record.keypoints, record.centreline))
-        case Report():
-            return page(record.rows())
-    raise InputError(f"what shows itself must be a Task, a Plan, a Rollout or a Report, got {shown(record)}")
+    raise InputError(f"what shows itself must be a Task, a Plan or a Rollout, got {shown(record)}")
 
 
 def page(rows: Rows, figure: Figure | None = None) -> str:
