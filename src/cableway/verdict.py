@@ -47,6 +47,7 @@ FINDINGS = {
     "joint acceleration": "a joint accelerates {value} times as fast as it may",
     "arm clearance": "{gap}",
     "arm clearance from the table": "{gap}",
+    "hand clearance from the table": "{gap}",
     "open hands": "{where}",
     "open hand clearance": "{gap}",
     "bend radius": "the cable bends to a radius of {value}",

@@ -20,7 +20,7 @@ from cableway.verification.rollout import verify_insertion
 ARMS = {
     *("gripper body clearance", "gripper body from the cable", "gripper bodies apart", "arms", "tool distance"),
     *("tool angle", "joint position", "joint speed", "arm clearance", "arm clearance from the table"),
-    *("joint acceleration", "open hands", "open hand clearance"),
+    *("joint acceleration", "open hands", "open hand clearance", "hand clearance from the table"),
 }
 """Of tasks with gripper bodies or arms."""
 

@@ -36,7 +36,7 @@ ABOVE_TABLE = 0.001
 """Height [m] that no edge of a tilted hand is below."""
 
 MOST_LIFT = 0.001
-"""By which a tilted hand is lifted at most [m]; its pads then hold little more than the upper half of a cable of 8 mm."""
+"""By which a tilted hand is lifted at most [m]; pads then hold little more than the upper half of a cable of 8 mm."""
 
 SLICE = 0.03
 """Of a tilted hand, most of the height [m] over which one outline holds it."""
