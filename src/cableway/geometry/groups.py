@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 from jaxtyping import Float
 
+from cableway.geometry import rotations
 from cableway.geometry.se2 import wrap_angle
 
 
@@ -180,3 +181,78 @@ class SE2(Group):
     def step_units(length: float) -> Float[np.ndarray, "3"]:
         """See `Group.step_units`."""
         return np.array([length, length, 1.0])
+
+
+class SE3(Group):
+    """Motions of space: poses (x, y, z, qw, qx, qy, qz) [m, 1] and steps (dx, dy, dz, rx, ry, rz) [m, rad].
+
+    A step turns about the world's axes by its rotation vector; q and -q are the same rotation.
+
+    >>> SE3.compose(np.array([1.0, 0, 0, 0, 0, 0, 1]), np.array([0.1, 0, 0.2, 1, 0, 0, 0])).tolist()
+    [0.9, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]
+    """
+
+    size = 7
+    dof = 6
+    space = 3
+
+    @staticmethod
+    def compose(a: Float[np.ndarray, "... 7"], b: Float[np.ndarray, "... 7"]) -> Float[np.ndarray, "... 7"]:
+        """See `Group.compose`."""
+        place = a[..., :3] + rotations.rotate(a[..., 3:], b[..., :3])
+        return np.concatenate([place, rotations.product(a[..., 3:], b[..., 3:])], axis=-1)
+
+    @staticmethod
+    def inverse(a: Float[np.ndarray, "... 7"]) -> Float[np.ndarray, "... 7"]:
+        """See `Group.inverse`."""
+        back = rotations.conjugate(a[..., 3:])
+        return np.concatenate([-rotations.rotate(back, a[..., :3]), back], axis=-1)
+
+    @staticmethod
+    def plus(pose: Float[np.ndarray, "... 7"], step: Float[np.ndarray, "... 6"]) -> Float[np.ndarray, "... 7"]:
+        """See `Group.plus`."""
+        turned = rotations.product(rotations.from_vector(step[..., 3:]), pose[..., 3:])
+        turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+        return np.concatenate([pose[..., :3] + step[..., :3], turned], axis=-1)
+
+    @staticmethod
+    def minus(after: Float[np.ndarray, "... 7"], before: Float[np.ndarray, "... 7"]) -> Float[np.ndarray, "... 6"]:
+        """See `Group.minus`."""
+        turn = rotations.product(after[..., 3:], rotations.conjugate(before[..., 3:]))
+        return np.concatenate([after[..., :3] - before[..., :3], rotations.to_vector(turn)], axis=-1)
+
+    @staticmethod
+    def continued(pose: Float[np.ndarray, "... 7"], near: Float[np.ndarray, "... 7"]) -> Float[np.ndarray, "... 7"]:
+        """See `Group.continued`: with the quaternion's sign that is nearer."""
+        out = np.array(pose, float)
+        same = np.sum(out[..., 3:] * near[..., 3:], axis=-1, keepdims=True)
+        out[..., 3:] *= np.where(same < 0, -1.0, 1.0)
+        return out
+
+    @staticmethod
+    def to_world(pose: Float[np.ndarray, "... 7"]) -> Float[np.ndarray, "... 6 6"]:
+        """See `Group.to_world`."""
+        out = np.zeros((*pose.shape[:-1], 6, 6))
+        out[..., :3, :3] = out[..., 3:, 3:] = rotations.matrices(pose[..., 3:])
+        return out
+
+    @staticmethod
+    def distance(
+        a: Float[np.ndarray, "... 7"], b: Float[np.ndarray, "... 7"]
+    ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+        """See `Group.distance`."""
+        step = SE3.minus(b, a)
+        return np.linalg.norm(step[..., :3], axis=-1), np.linalg.norm(step[..., 3:], axis=-1)
+
+    @staticmethod
+    def pulled_back(
+        slope: Float[np.ndarray, "... 3"], points: Float[np.ndarray, "... 3"], pose: Float[np.ndarray, "... 7"]
+    ) -> Float[np.ndarray, "... 6"]:
+        """See `Group.pulled_back`: (g, l x g) with the slope g by a point at x + l."""
+        lever = points - pose[..., :3]
+        return np.concatenate(np.broadcast_arrays(slope, np.cross(lever, slope)), axis=-1)
+
+    @staticmethod
+    def step_units(length: float) -> Float[np.ndarray, "6"]:
+        """See `Group.step_units`."""
+        return np.array([length, length, length, 1.0, 1.0, 1.0])

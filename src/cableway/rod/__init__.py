@@ -1,1 +1,1 @@
-"""The planar elastic rod clamped at both ends: equilibria, their stability, and inverse problems."""
+"""The elastic rod clamped at both ends, in the plane and in space: equilibria, stability, inverse problems."""

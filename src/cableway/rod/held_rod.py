@@ -2,7 +2,7 @@
 
 A row q of coordinates holds an equilibrium and the gripper poses that make it. Planner, controllers and estimator
 take all sizes from this value: `dof` coordinates, gripper poses of `group`, positions with as many components as
-`shapes` has. `PlanarRod` is the first such value.
+`shapes` has. `PlanarRod` is the first such value, `SpatialRod` the second.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class HeldRod(ABC):
         Float[np.ndarray, "t 2 pose"],
         Float[np.ndarray, "t 2 step d"],
     ]:
-        """Stations and gripper poses of each row of q, each followed by its derivative by q."""
+        """Stations and gripper poses of each row of q, each followed by its derivative by steps of q (`retract`)."""
 
     @abstractmethod
     def stability(
@@ -89,7 +89,11 @@ class HeldRod(ABC):
 
     @abstractmethod
     def energy(self, q: Float[np.ndarray, "t d"]) -> Float[np.ndarray, "t"]:
-        """Bending energy in units of EI/L."""
+        """Energy in units of EI/L."""
+
+    @abstractmethod
+    def passes_through_itself(self, stations: Float[np.ndarray, "s space"]) -> bool:
+        """Whether the line through stations [m] meets itself, as none of a cable does."""
 
     @abstractmethod
     def retract(self, q: Float[np.ndarray, "... d"], step: Float[np.ndarray, "... d"]) -> Float[np.ndarray, "... d"]:

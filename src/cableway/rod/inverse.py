@@ -90,24 +90,24 @@ def motion_jacobian(rod: HeldRod, q: Float[np.ndarray, "d"]) -> Float[np.ndarray
 
 
 def equilibria_at(
-    rod: PlanarRod,
-    poses: Float[np.ndarray, "2 3"],
+    rod: HeldRod,
+    poses: Float[np.ndarray, "2 pose"],
     starts: int = 129,
     minimum_stability: float = 0.0,
     most_energy: float = 120.0,
-) -> Float[np.ndarray, "k 6"]:
+) -> Float[np.ndarray, "k d"]:
     """The stable equilibria that grippers at `poses` allow, lowest energy first.
 
-    Newton's method from a fixed set of loads, so the answer is the same every time. The set is its own mirror image,
-    and its own under reversal of the rod, so the answers are too. The rod's total turn is that of the grippers, modulo
-    full turns.
+    Newton's method from a fixed set of loads, so the answer is the same every time. In the plane the set is its own
+    mirror image, and its own under reversal of the rod, so the answers are too. The rod's total turn is that of the
+    grippers, modulo full turns.
 
     Args:
         rod: The rod.
-        poses: (2, 3) left and right gripper (x, y, theta) [m, m, rad].
-        starts: Number of first guesses, rounded up to one more than a multiple of four.
+        poses: (2, 3) left and right gripper (x, y, theta) [m, m, rad], or (2, 7) in space.
+        starts: Number of first guesses, rounded up to what `HeldRod.guesses_between` makes.
         minimum_stability: Least stability margin of what is returned.
-        most_energy: Bending energy [EI/L] above which a shape is left out (wound-up shapes).
+        most_energy: Energy [EI/L] above which a shape is left out (wound-up shapes).
 
     Raises:
         InputError: The grippers are farther apart than the rod is long.
@@ -126,7 +126,7 @@ def equilibria_at(
     found: list[int] = []
     for i, shape in enumerate(shapes):
         known = any(np.abs(shape - shapes[j]).max() <= SAME_SHAPE * rod.length for j in found)
-        if not known and not polyline.crosses_itself(shape[::2]):
+        if not known and not rod.passes_through_itself(shape):
             found.append(i)
     return q[found]
 

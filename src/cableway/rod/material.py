@@ -25,6 +25,9 @@ from numpy.polynomial import legendre
 
 from cableway.rod.held_rod import HeldRod
 
+GRAVITY = 9.81
+"""[m/s^2]."""
+
 MODES = 4
 """K. Rest curvature that changes sign along the cable, and a stiff third, need more than a slope and a bulge; what
 keypoints do not show stays at its prior."""

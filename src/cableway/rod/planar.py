@@ -229,6 +229,10 @@ class PlanarRod(HeldRod):
         stiffness, rest = self.bending
         return 0.5 * self.hinges * np.sum(stiffness * (np.diff(angles, axis=1) - rest / self.hinges) ** 2, axis=1)
 
+    def passes_through_itself(self, stations: Float[np.ndarray, "s 2"]) -> bool:
+        """See `HeldRod.passes_through_itself`."""
+        return polyline.crosses_itself(stations[::2])
+
 
 def _rows(q: Float[np.ndarray, "t 6"]) -> Float[np.ndarray, "t 6"]:
     rows = np.ascontiguousarray(q, dtype=float)

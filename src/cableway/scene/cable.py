@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import InputError, TaskError
 from cableway.core.quantities import limit_text
+from cableway.rod.material import GRAVITY
 from cableway.rod.planar import PlanarRod
 from cableway.scene import checks
 from cableway.scene.checks import Quantity
@@ -44,9 +45,6 @@ QUASI_STATIC = 2.0
 LONGEST_SWING = 10.0
 """Period [s] that is allowed for at most: what waits for a swing has to end, and what is put down to it is to be small.
 Nothing slower than 6 s was tried."""
-
-GRAVITY = 9.81
-"""[m/s^2]."""
 
 FRICTION_RULES = 100.0
 """`Cable.friction_number` from which friction may hold the cable back by 10 cm and more: in the suite "limp" the

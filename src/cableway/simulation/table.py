@@ -25,8 +25,9 @@ import math
 import mujoco
 import numpy as np
 
+from cableway.rod.material import GRAVITY
 from cableway.rod.planar import PlanarRod
-from cableway.scene.cable import GRAVITY, Cable
+from cableway.scene.cable import Cable
 from cableway.simulation.links import link_extents
 
 DIRECTIONS = 4
