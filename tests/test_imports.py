@@ -23,7 +23,7 @@ CHANGED_BY_IMPORT = """
 import importlib, os, pkgutil, sys, warnings
 # what others change when they are imported is theirs
 import casadi, equinox, gymnasium, imageio_ffmpeg, jax, matplotlib, mujoco, numba, numpy, optax, rich, shapely, tyro
-import scipy.interpolate, scipy.optimize, scipy.sparse.linalg, scipy.stats, threadpoolctl
+import viser, scipy.interpolate, scipy.optimize, scipy.sparse.linalg, scipy.stats, threadpoolctl
 if sys.platform == "linux":
     import ompl.base
 

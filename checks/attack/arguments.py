@@ -84,6 +84,7 @@ WRONGLY: dict[str, str] = {
         "paper --executor none | paper --out text.txt"
     ),
     "reproduce": "--size none",
+    "studio": "none | nowhere.yaml | fifo | maze-1 --port 70000 | maze-1 --port -1 | maze-1 --host nowhere.invalid",
     "warm-up": "--seed 3 | --out text.txt",
 }
 """Ends of command lines that must be refused, by their beginnings."""

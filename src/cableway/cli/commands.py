@@ -18,6 +18,7 @@ from cableway.cli.reproduce import Reproduce
 from cableway.cli.run import Run
 from cableway.cli.see import See
 from cableway.cli.show import Show
+from cableway.cli.studio import Studio
 from cableway.cli.tasks import Tasks
 from cableway.cli.train import Train
 from cableway.cli.warm_up import WarmUp
@@ -37,6 +38,7 @@ Command = (
     | Calibrate
     | Import
     | Check
+    | Studio
     | Export
     | Collect
     | Train

@@ -156,7 +156,7 @@ def _local(workers: int | None) -> Iterator[Executor]:
     _LAST.append(tuple(getattr(pool, name, None) for name in ("_call_queue", "_result_queue")))
 
     def submit(function: Callable[..., Any], arguments: tuple[Any, ...], _: float | None) -> Any:
-        with _deaf_to_interrupts():
+        with deaf_to_interrupts():
             return pool.submit(function, *arguments)
 
     try:
@@ -203,7 +203,7 @@ def _isolated(workers: int | None, begin: Callable[[], None] | None) -> Iterator
 
     def submit(function: Callable[..., Any], arguments: tuple[Any, ...], limit: float | None) -> Any:
         most = None if limit is None else PATIENCE * limit
-        with _deaf_to_interrupts():
+        with deaf_to_interrupts():
             return pool.schedule(_within, args=[function, arguments, limit], timeout=most)
 
     try:
@@ -241,7 +241,7 @@ def _failing(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
 
 
 @contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
+def deaf_to_interrupts() -> Iterator[None]:
     """Threads and processes that begin meanwhile never hear an interrupt, not even before `begin_worker`; this thread
     hears one afterwards, or a process that is only half begun would fail with a traceback.
     """

@@ -13,6 +13,7 @@ EXTRAS = {
     "gym": {"gymnasium": "Gymnasium"},
     "import": {"ezdxf": "ezdxf", "svgpathtools": "svgpathtools"},
     "ray": {"ray": "Ray"},
+    "studio": {"viser": "viser"},
     "tang2025": {"casadi": "CasADi", "equinox": "Equinox", "jax": "JAX", "optax": "Optax"},
     "ur": {"rtde_control": "ur-rtde"},
     "vision": {"cv2": "OpenCV"},

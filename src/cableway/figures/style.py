@@ -23,6 +23,9 @@ from scipy.optimize import isotonic_regression
 from cableway.core.errors import InputError
 from cableway.core.files import write_atomically
 
+FONT_FILE = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+"""Of the letters."""
+
 SINGLE, DOUBLE = 3.5, 7.16
 """Widths [inch] of a picture in one column and across two, as journals have them (IEEE)."""
 

@@ -1,0 +1,87 @@
+"""A page that plays a plan or a run by itself: one HTML file, without a server and without a network."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from markupsafe import Markup
+
+from cableway.core.templates import render
+from cableway.figures import style
+from cableway.geometry import polyline
+from cableway.records import Plan, Rollout
+from cableway.scene.clearance import PIECES
+from cableway.scene.task import CONTROL_STEP, Task
+
+TEMPLATE = "film.html.jinja"
+
+DECIMALS = 4
+"""Of a metre: a tenth of a millimetre is less than a page shows."""
+
+COLORS = {
+    "ink": style.INK, "muted": style.MUTED, "obstacle": style.OBSTACLE, "edge": style.OBSTACLE_EDGE,
+    "start": style.START, "goal": style.GOAL, "left": style.LEFT, "right": style.RIGHT, "reference": style.REFERENCE,
+    "green": style.GREEN,
+}  # fmt: skip
+
+
+def film_page(task: Task, record: Plan | Rollout, sentence: str = "") -> str:
+    """An HTML page that plays a plan or a rollout of a task.
+
+    Args:
+        task: The task.
+        record: What is played.
+        sentence: Said below the task's name; what the record is where "".
+    """
+    film: dict[str, Any] = {
+        "size": list(task.scene.size),
+        "obstacles": [{"points": _points(each.vertices), "radius": each.rounding} for each in task.scene.obstacles],
+        "radius": task.cable.radius,
+        "gripper": task.grippers.radius,
+        "start": _points(polyline.spline(task.start, PIECES)),
+        "goal": _points(polyline.spline(task.goal, PIECES)),
+        "ways": [_points(record.poses[:, side, :2]) for side in (0, 1)],
+    }
+    film |= _of_rollout(record) if isinstance(record, Rollout) else _of_plan(task, record)
+    if not sentence:
+        sentence = repr(record)
+    return render(
+        TEMPLATE, "cableway.studio", title=task.name, sentence=sentence, last=len(film["times"]) - 1,
+        reference="reference" in film, colors=COLORS, palette=Markup(_script(COLORS)), data=Markup(_script(film)),
+    )  # fmt: skip
+
+
+def _of_plan(task: Task, plan: Plan) -> dict[str, Any]:
+    lines = polyline.spline(plan.shapes, PIECES)
+    return {
+        "times": [round(CONTROL_STEP * row, 3) for row in range(plan.steps + 1)],
+        "cables": [_points(line) for line in lines],
+        "clearance": task.scene.clearance(lines, task.cable.radius).round(6).tolist(),
+    }
+
+
+def _of_rollout(rollout: Rollout) -> dict[str, Any]:
+    return {
+        "times": rollout.times.round(3).tolist(),
+        "cables": [_points(line) for line in rollout.centreline],
+        "reference": [_points(line) for line in polyline.spline(rollout.reference, PIECES)],
+        "seen": [[_seen(point) for point in row] for row in rollout.observed],
+        "clearance": rollout.clearance.round(6).tolist(),
+    }
+
+
+def _points(line: Float[np.ndarray, "k 2"]) -> list[list[float]]:
+    return line.round(DECIMALS).tolist()
+
+
+def _seen(point: Float[np.ndarray, "2"]) -> list[float] | None:
+    return None if math.isnan(point[0]) else point.round(DECIMALS).tolist()
+
+
+def _script(value: Any) -> str:
+    """JSON that ends no script element."""
+    return json.dumps(value, allow_nan=False).replace("<", "\\u003c")

@@ -1,0 +1,355 @@
+"""What one page edits and plans: a draft with its past, what is wrong with it, and the plan for it.
+
+There is no state that files cannot hold: the draft is a task file, what became of it a plan and a report.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.core.errors import InputError, Point
+from cableway.core.files import only_writer, write_json
+from cableway.core.quantities import quantity
+from cableway.records import Plan
+from cableway.scene.files.loading import as_draft, task_names
+from cableway.scene.files.saving import save_task
+from cableway.scene.task import CONTROL_STEP, ENDS, Draft, End
+from cableway.studio import ends
+from cableway.studio.inspection import Inspection, inspect
+from cableway.studio.obstacles import with_obstacle
+from cableway.studio.replanner import Answer, Replanner
+from cableway.tasks.generation import KINDS, random_task
+from cableway.workflow.run import Run, SolveOptions
+
+REMEMBERED = 200
+"""Edits that can be undone."""
+
+PLANNING = "Planning ..."
+"""Said while it is not known yet at what stage."""
+
+WAYS = 4
+"""Plans sought that go round the obstacles in different ways."""
+
+Shapes = Mapping[End, Float[np.ndarray, "6"] | None]
+Status = Literal["planning", "found", "none", "invalid"]
+
+
+class Moment(NamedTuple):
+    """A draft, and rod coordinates of the cable at both ends."""
+
+    draft: Draft
+    shapes: Shapes
+
+
+@dataclass(frozen=True)
+class Planning:
+    """How far planning is.
+
+    Attributes:
+        status: "invalid" where the draft is no task; "none" where no plan was found.
+        sentence: The same in words, with the reason.
+        plans: What was found, best first.
+        run: All there is of it.
+        at: Where on the table [m] the reason is why there is no plan; None where it is nowhere in particular.
+    """
+
+    status: Status
+    sentence: str
+    plans: tuple[Plan, ...] = ()
+    run: Run | None = None
+    at: Point | None = None
+
+
+class Session:
+    """A task that is edited; every change is told to all who listen.
+
+    Args:
+        source: A task or a draft, or the name or the file of one.
+        options: How it is planned.
+        planner: Makes what plans, of what is to be told the answers; see `Replanner`.
+
+    Attributes:
+        moment: The draft as it is now, also in the midst of a drag.
+        inspection: What is known of it.
+        planning: How far its plan is.
+        options: How it is planned.
+
+    Raises:
+        InputError: There is no such task, or its values make none.
+    """
+
+    def __init__(
+        self, source: Any, options: SolveOptions | None = None, planner: Callable[..., Any] = Replanner
+    ) -> None:
+        self.options = SolveOptions(track=False) if options is None else options
+        self._lock = threading.RLock()
+        self.planning = Planning("planning", PLANNING)
+        self._listeners: list[Callable[[], Any]] = []
+        self._past: list[Moment] = []
+        self._future: list[Moment] = []
+        draft = (source if isinstance(source, Draft) else as_draft(source)).unchecked()
+        self._asked = 0
+        self._replanner = planner(self._hear)
+        self._replanner.start()
+        self._show(_moment(draft))
+        self._plan()
+
+    # ------------------------------------------------------------------------------------------ what there is
+    @property
+    def draft(self) -> Draft:
+        """As it is now."""
+        return self.moment.draft
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether something was edited."""
+        return bool(self._past)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether an edit was undone, and nothing edited since."""
+        return bool(self._future)
+
+    def listen(self, listener: Callable[[], Any]) -> Callable[[], None]:
+        """Have `listener` called after every change, from whatever thread made it; returns what ends that."""
+        self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
+
+    # ------------------------------------------------------------------------------------------ opening
+    def open(self, source: Any) -> None:
+        """Edit another task: a name of the catalogue, a file, or a task.
+
+        Raises:
+            InputError: There is none, or its values make none.
+        """
+        self._commit(_moment(as_draft(source).unchecked()))
+
+    def open_content(self, name: str, content: bytes) -> None:
+        """Edit the task of a file with that name and content.
+
+        Raises:
+            InputError: It is none.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / (Path(name).name or "task.yaml")
+            path.write_bytes(content)
+            try:
+                self.open(path)
+            except InputError as error:
+                raise InputError(str(error).replace(str(path), path.name)) from None
+
+    def draw(self, kind: str, seed: int) -> None:
+        """Edit the random task of a kind and a seed.
+
+        Raises:
+            InputError: There is no such kind, or none was found.
+        """
+        self.open(random_task(seed, kind))
+
+    def save(self, folder: Path) -> tuple[Path, ...]:
+        """Write task.yaml, and where there is a plan plan.npz, plan-2.npz, ... and report.json to a folder.
+
+        Raises:
+            InputError: The draft is no task.
+        """
+        with self._lock:
+            draft, planning = self.draft, self.planning
+        paths = [folder / "task.yaml"]
+        with only_writer(folder):
+            for path in (*folder.glob("plan*.npz"), folder / "report.json"):  # of another task
+                path.unlink(missing_ok=True)
+            save_task(draft, paths[0])
+            for place, plan in enumerate(planning.plans, start=1):
+                paths.append(folder / ("plan.npz" if place == 1 else f"plan-{place}.npz"))
+                plan.save(paths[-1])
+            if planning.run is not None:
+                paths.append(folder / "report.json")
+                write_json(paths[-1], planning.run.report.as_dict())
+        return tuple(paths)
+
+    # ------------------------------------------------------------------------------------------ editing
+    def hold(self) -> Moment:
+        """Begin an edit that is previewed as it goes, such as a drag; the plan under way is dropped."""
+        with self._lock:
+            self._drop()
+            return self.moment
+
+    def preview_obstacle(self, held: Moment, index: int, obstacle: Any) -> None:
+        """Show an obstacle as it would be, the rest as it was held.
+
+        Raises:
+            InputError: It cannot be so.
+        """
+        self._show(Moment(with_obstacle(held.draft, index, obstacle), held.shapes))
+
+    def preview_gripper(self, end: End, side: int, pose: Float[np.ndarray, "3"]) -> bool:
+        """Lead a gripper of an end to a pose [m, m, rad]; returns whether the cable snapped.
+
+        Raises:
+            InputError: No stable cable is held so; all stays as it is.
+        """
+        with self._lock:
+            draft, shapes = self.moment
+            q = shapes[end]
+            if q is None:
+                raise InputError(f"the {end} is unknown: draw or open another task")
+            rod = draft.cable.rod
+            poses = rod.end_poses(q[None])[0]
+            poses[side] = pose
+            led = ends.led(rod, q, ends.within_reach(rod, poses, side))
+            self._show(Moment(ends.with_end(draft, end, led.q), {**shapes, end: led.q}))
+            return led.snapped
+
+    def release(self, held: Moment) -> None:
+        """End an edit that began with `hold`, and plan what it came to."""
+        with self._lock:
+            if self.moment is not held:
+                self._remember(held)
+            self._plan()
+
+    def bend(self, end: End) -> None:
+        """Bend the cable at an end to the other side.
+
+        Raises:
+            InputError: No stable shape lies there.
+        """
+        with self._lock:
+            draft, shapes = self.moment
+            q = shapes[end]
+            if q is None:
+                raise InputError(f"the {end} is unknown: draw or open another task")
+            q = ends.bent(draft.cable.rod, q)
+            self._commit(Moment(ends.with_end(draft, end, q), {**shapes, end: q}))
+
+    def set_obstacle(self, index: int, obstacle: Any) -> None:
+        """Put an obstacle in the place of one, remove that where None, or add one after the last.
+
+        Raises:
+            InputError: It cannot be so.
+        """
+        with self._lock:
+            self._commit(Moment(with_obstacle(self.draft, index, obstacle), self.moment.shapes))
+
+    def set_gripper(self, end: End, side: int, pose: Float[np.ndarray, "3"]) -> bool:
+        """As `preview_gripper`, and plan.
+
+        Raises:
+            InputError: No stable cable is held so.
+        """
+        with self._lock:
+            held = self.hold()
+            try:
+                return self.preview_gripper(end, side, pose)
+            finally:
+                self.release(held)
+
+    def undo(self) -> None:
+        """Go back before the last edit, if there was one."""
+        self._turn(self._past, self._future)
+
+    def redo(self) -> None:
+        """Do again what was undone last, if there is something."""
+        self._turn(self._future, self._past)
+
+    # ------------------------------------------------------------------------------------------ planning
+    def seek_ways(self) -> None:
+        """Look for plans that go round the obstacles in different ways."""
+        with self._lock:
+            self._plan(alternatives=WAYS)
+
+    def close(self) -> None:
+        """End planning for good."""
+        self._replanner.close()
+
+    def _show(self, moment: Moment) -> None:
+        with self._lock:
+            self.moment = moment
+            self.inspection: Inspection = inspect(moment.draft, moment.shapes)
+            if self.inspection.faults:
+                self.planning = Planning("invalid", "No plan is sought: no cable can do this.")
+            else:
+                self.planning = Planning("planning", "Let go to plan.")
+        self._tell()
+
+    def _remember(self, moment: Moment) -> None:
+        self._past = [*self._past, moment][-REMEMBERED:]
+        self._future.clear()
+
+    def _commit(self, moment: Moment) -> None:
+        with self._lock:
+            before = self.moment
+            self._show(moment)
+            self._remember(before)
+            self._plan()
+
+    def _turn(self, source: list[Moment], other: list[Moment]) -> None:
+        with self._lock:
+            if not source:
+                return
+            other.append(self.moment)
+            self._show(source.pop())
+            self._plan()
+
+    def _plan(self, **changes: Any) -> None:
+        with self._lock:
+            if self.inspection.faults:
+                self._drop()
+            else:
+                self.planning = replace(self.planning, status="planning", sentence=PLANNING, at=None)
+                self._asked = self._replanner.request(self.draft.checked(), replace(self.options, **changes))
+        self._tell()
+
+    def _drop(self) -> None:
+        """Wait for no answer any more."""
+        self._asked = 0
+        self._replanner.cancel()
+
+    def _hear(self, answer: Answer) -> None:
+        with self._lock:
+            if answer.number != self._asked:
+                return
+            if answer.stage:
+                self.planning = replace(self.planning, sentence=f"Planning: {answer.stage} ...")
+            elif answer.run is None:
+                self.planning = Planning("none", f"No plan: {answer.problem}.")
+            else:
+                self.planning = planning_of(answer.run)
+        self._tell()
+
+    def _tell(self) -> None:
+        for listener in tuple(self._listeners):
+            listener()
+
+
+def planning_of(run: Run) -> Planning:
+    """What a run that is over comes to."""
+    if run.plan is None:
+        at = None if run.attempt is None else run.attempt.at
+        return Planning("none", f"No plan: {run.report.failure or run.report.outcome.sentence}", run=run, at=at)
+    clearance, plan = run.report.min_clearance, run.plan
+    room = "" if clearance is None else f", {quantity(clearance)} clear at least"
+    took = "" if run.report.planning_time is None else f" Found in {run.report.planning_time:.1f} s."
+    sentence = f"A verified plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s{room}.{took}"
+    return Planning("found", sentence, (plan, *run.alternatives), run)
+
+
+def known_tasks() -> tuple[str, ...]:
+    """Names of the catalogue's tasks."""
+    return task_names()
+
+
+def known_kinds() -> tuple[str, ...]:
+    """Names of the kinds of random tasks."""
+    return tuple(KINDS)
+
+
+def _moment(draft: Draft) -> Moment:
+    return Moment(draft, {end: ends.held_shape(draft, end) for end in ENDS})

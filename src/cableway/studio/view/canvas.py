@@ -1,0 +1,149 @@
+"""Named solids, lines and letters of one page, drawn anew only where they changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import viser
+from jaxtyping import Float
+
+from cableway.core.errors import Point
+from cableway.geometry import se2
+from cableway.studio.view.look import painted, rgb
+from cableway.studio.view.meshes import Mesh
+
+OnDrag = Callable[[str, str, Point], Any]
+"""Called with the name of what is dragged, the phase ("start", "update", "end"), and the place on the table [m]."""
+
+OnClick = Callable[[str], Any]
+"""Called with the name of what is clicked."""
+
+
+class Canvas:
+    """What one page shows.
+
+    Args:
+        client: The page's connection.
+        on_drag: Told of drags.
+        on_click: Told of clicks.
+    """
+
+    def __init__(self, client: viser.ClientHandle, on_drag: OnDrag, on_click: OnClick) -> None:
+        self._scene, self._on_drag, self._on_click = client.scene, on_drag, on_click
+        self._nodes: dict[str, tuple[Any, Any]] = {}
+        self._drawn: set[str] = set()
+        self._grabbed = 0.0
+
+    def solid(
+        self,
+        name: str,
+        mesh: Mesh,
+        color: str,
+        *,
+        at: Point = (0.0, 0.0),
+        angle: float = 0.0,
+        opacity: float | None = None,
+        draggable: bool = False,
+        clickable: bool = False,
+    ) -> None:
+        """A solid, at a place [m] and turned [rad]."""
+        self._drawn.add(name)
+        kind = ("solid", mesh.faces.shape, opacity)
+        handle, known = self._nodes.get(name, (None, None))
+        if known != kind:
+            handle = self._scene.add_mesh_simple(
+                name, mesh.vertices, mesh.faces, color=painted(color), opacity=opacity, side="double",
+                cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+            self._nodes[name] = handle, kind
+            if draggable:
+                handle.on_drag("left")(self._dragged(name))
+            if clickable:
+                handle.on_click(self._clicked(name))
+        elif not np.array_equal(handle.vertices, mesh.vertices.astype(np.float32)):
+            handle.vertices = mesh.vertices.astype(np.float32)
+        _set(handle, "color", painted(color))
+        _set(handle, "position", (*at, 0.0))
+        _set(handle, "wxyz", (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)))
+
+    def lines(
+        self,
+        name: str,
+        points: Float[np.ndarray, "k 2 3"],
+        color: str,
+        width: float,
+        *,
+        at: Point = (0.0, 0.0),
+        angle: float = 0.0,
+    ) -> None:
+        """Segments [m], as wide as so many pixels."""
+        self._drawn.add(name)
+        handle, known = self._nodes.get(name, (None, None))
+        kind = ("lines", points.shape, color, width)
+        if known != kind:
+            handle = self._scene.add_line_segments(name, points, rgb(color), thickness=width, thickness_units="screen")
+            self._nodes[name] = handle, kind
+        elif not np.array_equal(handle.points, points.astype(np.float32)):
+            handle.points = points.astype(np.float32)
+        _set(handle, "position", (*at, 0.0))
+        _set(handle, "wxyz", (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)))
+
+    def words(self, name: str, text: str, at: tuple[float, float, float], anchor: Any = "center-center") -> None:
+        """Letters at a place [m], of the same size however near it is."""
+        self._drawn.add(name)
+        handle, known = self._nodes.get(name, (None, None))
+        if known != ("words", anchor):
+            handle = self._scene.add_label(name, text, position=at, anchor=anchor, font_screen_scale=0.85)
+            self._nodes[name] = handle, ("words", anchor)
+        _set(handle, "text", text)
+        _set(handle, "position", at)
+
+    def sweep(self, prefix: str) -> None:
+        """Take away what begins so and was not drawn since the last sweep of it."""
+        for name in [name for name in self._nodes if name.startswith(prefix) and name not in self._drawn]:
+            self._nodes.pop(name)[0].remove()
+        self._drawn = {name for name in self._drawn if not name.startswith(prefix)}
+
+    def _dragged(self, name: str) -> Callable[[Any], Any]:
+        async def on_drag(event: viser.SceneNodeDragEvent[Any]) -> None:
+            if event.phase == "start":
+                self._grabbed = event.start_position[2]
+            eye, to = event.client.camera.position, np.array(event.end_position)
+            ray = to - eye
+            if abs(ray[2]) > 1e-9:
+                to = eye + (self._grabbed - eye[2]) / ray[2] * ray
+            self._on_drag(name, event.phase, (float(to[0]), float(to[1])))
+
+        return on_drag
+
+    def _clicked(self, name: str) -> Callable[[Any], Any]:
+        async def on_click(_: Any) -> None:
+            self._on_click(name)
+
+        return on_click
+
+
+def outline(points: Float[np.ndarray, "k 2"], height: float) -> Float[np.ndarray, "k 2 3"]:
+    """The sides of a closed line [m] as segments at a height."""
+    corners = np.column_stack([points, np.full(len(points), height)])
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+
+
+def path(points: Float[np.ndarray, "k 2"], height: float) -> Float[np.ndarray, "j 2 3"]:
+    """An open line [m] as segments at a height."""
+    corners = np.column_stack([points, np.full(len(points), height)])
+    return np.stack([corners[:-1], corners[1:]], axis=1)
+
+
+def along(pose: Float[np.ndarray, "3"], by: float) -> Point:
+    """The place so far [m] ahead of a gripper pose."""
+    x, y = se2.transform(np.array([[by, 0.0]]), pose[:2], float(pose[2]))[0]
+    return float(x), float(y)
+
+
+def _set(handle: Any, name: str, value: Any) -> None:
+    """Change what is shown, if it changes."""
+    if not np.array_equal(getattr(handle, name), value):
+        setattr(handle, name, value)

@@ -1,0 +1,109 @@
+"""How the page looks: the colours and the letters of the figures, and what is added to viser's page for it."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float
+
+from cableway.figures import style
+
+FONT = "/DejaVuSans.ttf"
+"""Where the page finds the letters of the figures."""
+
+DRAG_INTERVAL = 25
+"""Time [ms] between two positions of a drag that the page sends; viser's own 50 is below 20 a second."""
+
+HEAD = f"""<title>cableway studio</title>
+<style>
+@font-face {{ font-family: "cableway"; src: url("{FONT}"); }}
+body, body * {{ font-family: "cableway", "DejaVu Sans", Verdana, sans-serif !important; }}
+body {{ color: {style.INK}; --mantine-font-size-sm: 12px; --mantine-font-size-xs: 11px; }}
+.mantine-NumberInput-input {{ font-size: 11px !important; padding: 0 14px 0 4px !important; }}
+</style>
+<script>
+document.addEventListener("DOMContentLoaded", () => {{ document.title = "cableway studio"; }});
+// viser would write the address of its socket into the address bar.
+history.replaceState = () => {{}};
+// How often viser's page sends where a pointer is, see DRAG_INTERVAL.
+const later = window.setTimeout;
+window.setTimeout = (what, time, ...rest) => later(what, time === 50 ? {DRAG_INTERVAL} : time, ...rest);
+</script>
+"""
+"""Comes before all that viser's page has in its head."""
+
+
+LIGHT = (9.0, 4.7)
+"""Of the light from everywhere and of that from above, so bright that the renderer's tone mapping can reach white."""
+
+_TO_TONE = np.array([[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
+_FROM_TONE = np.array([[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]])
+"""Of the ACES curve as three.js, which viser draws by, has it (ACESFilmicToneMapping)."""
+
+
+@cache
+def painted(color: str) -> tuple[int, int, int]:
+    """The colour that a solid is to have so that it looks as `color` from above, under `LIGHT` and tone mapping."""
+    wanted = _linear(np.array(rgb(color)) / 255)
+    y = np.clip(np.linalg.solve(_FROM_TONE, wanted), 0.0, 0.99)
+    # y = (v (v + a) - b) / (v (c v + d) + e)
+    a, b, c, d, e = 0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081
+    p, q, r = 1 - c * y, a - d * y, -b - e * y
+    light = 0.6 * np.linalg.solve(_TO_TONE, (-q + np.sqrt(q * q - 4 * p * r)) / (2 * p))
+    red, green, blue = _coded(np.clip(light / (sum(LIGHT) / np.pi), 0.0, 1.0))
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
+def _linear(coded: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+
+
+def _coded(linear: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def rgb(color: str) -> tuple[int, int, int]:
+    """A colour such as "#0072b2" as viser takes it."""
+    return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
+
+
+def mixed(color: str, white: float) -> str:
+    """A colour with a share of white."""
+    return "#" + "".join(f"{round(value + white * (255 - value)):02x}" for value in rgb(color))
+
+
+def heading(name: str, description: str) -> str:
+    """Name and description of a task."""
+    return (
+        f'<div style="padding:2px 4px 6px"><div style="font-size:15px;font-weight:600;color:{style.INK}">'
+        f'{html.escape(name)}</div><div style="font-size:11px;color:{style.MUTED};line-height:1.35">'
+        f"{html.escape(description)}</div></div>"
+    )
+
+
+def sentences(texts: Sequence[str], color: str, *, numbered: bool = False) -> str:
+    """Sentences one below the other, beside a bar of their colour."""
+    rows = "".join(
+        f'<div style="margin:2px 0">{f"<b>{number}</b> " if numbered else ""}{html.escape(text)}</div>'
+        for number, text in enumerate(texts, start=1)
+    )
+    return (
+        f'<div style="margin:2px 4px 6px;padding:4px 8px;border-left:3px solid {color};background:{mixed(color, 0.92)};'
+        f'font-size:11.5px;line-height:1.4;color:{style.INK}">{rows}</div>'
+    )
+
+
+def hint(text: str) -> str:
+    """A sentence that says what to do."""
+    return f'<div style="margin:0 4px 6px;font-size:11px;line-height:1.4;color:{style.MUTED}">{html.escape(text)}</div>'
+
+
+def legend(title: str, curves: Sequence[tuple[str, str]]) -> str:
+    """Title of a plot, with the names of its curves in their colours."""
+    names = ", ".join(
+        f'<span style="color:{color};font-weight:600">{html.escape(name)}</span>' for name, color in curves
+    )
+    return f'<div style="margin:8px 4px 0;font-size:12px;color:{style.INK}">{html.escape(title)}: {names}</div>'

@@ -1,0 +1,70 @@
+"""Solids that the page draws, as vertices [m] and triangles."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+ROUND = 40
+"""Sides of a disc."""
+
+TUBE = 8
+"""Sides of a cable."""
+
+
+class Mesh(NamedTuple):
+    """Vertices and triangles.
+
+    Attributes:
+        vertices: (v, 3) [m].
+        faces: (f, 3) indices of vertices, counter-clockwise from outside.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+
+
+def circle(radius: float, sides: int = ROUND) -> Float[np.ndarray, "sides 2"]:
+    """Corners of a regular polygon about the origin [m]."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def prism(outline: Float[np.ndarray, "k 2"], low: float, high: float) -> Mesh:
+    """What stands on a convex outline [m], from one height to another, its bottom left open."""
+    k = len(outline)
+    # corners twice, so that sides and top are shaded apart
+    top, bottom = (np.column_stack([outline, np.full(k, z)]) for z in (high, low))
+    here, there = np.arange(k), np.roll(np.arange(k), -1)
+    lid = np.column_stack([np.full(k - 2, 2 * k), 2 * k + 1 + np.arange(k - 2), 2 * k + 2 + np.arange(k - 2)])
+    sides = np.vstack([np.column_stack([here, here + k, there + k]), np.column_stack([here, there + k, there])])
+    return Mesh(np.vstack([top, bottom, top]), np.vstack([lid, sides]).astype(int))
+
+
+def tube(line: Float[np.ndarray, "m 2"], radius: float, height: float) -> Mesh:
+    """A cable along a line [m], its middle at a height."""
+    m = len(line)
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    angles = 2 * np.pi * np.arange(TUBE) / TUBE
+    across, up = radius * np.cos(angles), height + radius * np.sin(angles)
+    ring = line[:, None] + normal[:, None] * across[:, None]
+    vertices = np.concatenate([ring, np.broadcast_to(up[:, None], (m, TUBE, 1))], axis=2).reshape(-1, 3)
+    row, column = np.meshgrid(np.arange(m - 1), np.arange(TUBE), indexing="ij")
+    a, b = (TUBE * row + column).ravel(), (TUBE * row + (column + 1) % TUBE).ravel()
+    faces = np.vstack([np.column_stack([a, a + TUBE, b + TUBE]), np.column_stack([a, b + TUBE, b])])
+    return Mesh(vertices, faces[:, ::-1].astype(int))
+
+
+def ring(inner: float, outer: float, height: float) -> Mesh:
+    """A flat ring about the origin [m], seen from above."""
+    inside, outside = circle(inner), circle(outer)
+    flat = np.vstack([inside, outside])
+    here, there = np.arange(ROUND), np.roll(np.arange(ROUND), -1)
+    faces = np.vstack(
+        [np.column_stack([here, here + ROUND, there + ROUND]), np.column_stack([here, there + ROUND, there])]
+    )
+    return Mesh(np.column_stack([flat, np.full(2 * ROUND, height)]), faces.astype(int))

@@ -1,0 +1,293 @@
+"""One page in a browser: what it shows of a session, and what hands do on it."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+
+from cableway.core.errors import CablewayError, Point
+from cableway.figures import style
+from cableway.records import Plan
+from cableway.scene.files.saving import task_text
+from cableway.scene.task import CONTROL_STEP, End
+from cableway.studio import obstacles as hands
+from cableway.studio.curves import Curves, curves_of
+from cableway.studio.film import film_page
+from cableway.studio.inbox import Inbox
+from cableway.studio.session import Moment, Session
+from cableway.studio.view import look, table
+from cableway.studio.view.canvas import Canvas
+from cableway.studio.view.panel import WIDTH, PlanPanel, TaskPanel
+
+TILT = 0.2
+"""By which the page looks at the table from aside [rad]."""
+
+FOV = 0.35
+"""Angle of view [rad]: far away and narrow, so that what is high hides little."""
+
+
+class Page:
+    """A page.
+
+    Args:
+        client: Its connection.
+        session: What it is of.
+        out: Folder in which tasks are saved, each in one of its own.
+    """
+
+    def __init__(self, client: viser.ClientHandle, session: Session, out: Path) -> None:
+        self._client, self._session, self._out = client, session, out
+        self._inbox = Inbox(self._complain)
+        self._canvas = Canvas(client, self._dragged, lambda name: self._do("select", lambda: self._clicked(name)))
+        self._selected: int | None = None
+        self._held: Moment | None = None
+        self._offset = np.zeros(2)
+        self._plan: Plan | None = None
+        self._drawn: tuple[Any, ...] = ()
+        self._curves: Curves | None = None
+        self._chosen, self._row, self._playing = 0, 0, False
+        self._size: tuple[float, float] | None = None
+        self._aspect = 0.0
+        self._build()
+        client.camera.on_update(lambda _: self._do("fit", self._fit))
+        self._end = session.listen(lambda: self._do("show", self._show))
+        self._do("show", self._show)
+
+    def close(self) -> None:
+        """The connection is over."""
+        self._end()
+        self._inbox.close()
+        if self._held is not None:
+            self._session.release(self._held)
+
+    # ------------------------------------------------------------------------------------------ what is shown
+    def _build(self) -> None:
+        client, gui = self._client, self._client.gui
+        client.scene.configure_default_lights(enabled=False)
+        client.scene.configure_environment_map(None)
+        client.scene.add_light_ambient("/light/all", intensity=look.LIGHT[0])
+        client.scene.add_light_directional("/light/sun", intensity=look.LIGHT[1], position=(0, 0, 2), cast_shadow=False)
+        client.scene.set_background_image(np.full((1, 1, 3), 250, np.uint8))
+        gui.set_panel_label("cableway studio")
+        gui.configure_theme(brand_color=look.rgb(style.BLUE), show_logo=False, show_share_button=False)
+        self._task_panel = TaskPanel(gui, self._session, self._do, self._select, self._save, self._download)
+        above = gui.add_button("Look from above", icon=viser.Icon.CAMERA, color=look.rgb(style.MUTED))
+        above.on_click(lambda _: self._do("look", self._look))
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(WIDTH)
+        right = gui.add_panel()
+        with right.add_tab("Plan"):
+            self._plan_panel = PlanPanel(
+                gui, self._session, self._do, self._scrub, self._play, self._choose, self._export
+            )
+        right.dock_right()
+        right.set_width(WIDTH)
+        for label, key, modifier, what in (
+            ("Play or pause", "space", None, self._play),
+            ("Step ahead", "arrowright", None, lambda: self._scrub(self._row + 1)),
+            ("Step back", "arrowleft", None, lambda: self._scrub(self._row - 1)),
+            ("Undo", "Z", "cmd/ctrl", self._session.undo),
+            ("Redo", "Y", "cmd/ctrl", self._session.redo),
+            ("Remove the obstacle", "delete", None, self._task_panel.remove),
+        ):
+            command: Any = gui.add_command(label, hotkey=key, modifier=modifier)  # pyright: ignore[reportArgumentType]
+            command.on_trigger(lambda _, label=label, what=what: self._do(label, what))
+
+    def _look(self) -> None:
+        """Look at the whole table."""
+        width, height = self._session.draft.scene.size
+        middle = np.array([width / 2, height / 2, 0.0])
+        self._aspect = self._client.camera.aspect
+        across = max(1.2 * height, 1.24 * width / max(self._aspect, 0.1))
+        away = across / 2 / np.tan(FOV / 2)
+        camera = self._client.camera
+        with self._client.atomic():
+            camera.fov = FOV
+            camera.up_direction = (0.0, 0.0, 1.0)
+            camera.position = middle + away * np.array([0.0, -np.sin(TILT), np.cos(TILT)])
+            camera.look_at = middle
+
+    def _fit(self) -> None:
+        """Look at the whole table again where the page has another shape, as once its panels are there."""
+        if self._held is None and abs(self._client.camera.aspect - self._aspect) > 0.01:
+            self._look()
+
+    def _show(self) -> None:
+        session = self._session
+        moment, inspection, planning = session.moment, session.inspection, session.planning
+        draft = moment.draft
+        if self._selected is not None and self._selected >= len(draft.scene.obstacles):
+            self._selected = None
+        chosen = min(self._chosen, max(len(planning.plans) - 1, 0))
+        plan = planning.plans[chosen] if planning.plans else None
+        if plan is not self._plan:
+            self._plan, self._curves = plan, None if plan is None else curves_of(draft, plan)
+            self._row = 0 if plan is None else min(self._row, plan.steps)
+        with self._client.atomic():
+            if draft.scene.size != self._size:
+                self._size = draft.scene.size
+                table.draw_table(self._canvas, self._size)
+                self._look()
+            table.draw_obstacles(self._canvas, draft, self._selected)
+            table.draw_ends(self._canvas, moment, inspection)
+            wrong = [fault.at for fault in inspection.faults if fault.at is not None]
+            table.draw_faults(self._canvas, wrong if planning.at is None else [*wrong, planning.at])
+            if (plan, draft.cable.radius) != self._drawn:
+                self._drawn = (plan, draft.cable.radius)
+                table.draw_plan(self._canvas, draft, plan)
+            table.draw_moment(self._canvas, draft, plan, self._row)
+            self._task_panel.show(moment, inspection, self._selected)
+            stale = planning.status != "found"
+            self._plan_panel.show(planning, self._curves, chosen, stale)
+            self._plan_panel.show_row(self._row, self._playing)
+        self._client.flush()
+
+    def _complain(self, sentence: str) -> None:
+        self._client.add_notification("Not possible", sentence, color="red", auto_close_seconds=8.0)
+
+    def _do(self, key: str, what: Any, delay: float = 0.0) -> None:
+        self._inbox.post(key, what, delay=delay)
+
+    # ------------------------------------------------------------------------------------------ playing
+    def _scrub(self, row: int) -> None:
+        if self._plan is None:
+            return
+        self._row = min(max(int(row), 0), self._plan.steps)
+        with self._client.atomic():
+            table.draw_moment(self._canvas, self._session.draft, self._plan, self._row)
+            self._plan_panel.show_row(self._row, self._playing)
+        self._client.flush()
+
+    def _play(self) -> None:
+        if self._plan is None:
+            return
+        self._playing = not self._playing
+        if self._playing and self._row >= self._plan.steps:
+            self._row = 0
+        self._scrub(self._row)
+        if self._playing:
+            self._began = time.monotonic() - CONTROL_STEP * self._row
+            self._do("frame", self._frame)
+
+    def _frame(self) -> None:
+        """The next row of what is played, in the time that it takes."""
+        if not self._playing or self._plan is None:
+            self._playing = False
+            return
+        row = int((time.monotonic() - self._began) / CONTROL_STEP)
+        self._playing = row < self._plan.steps
+        self._scrub(row)
+        if self._playing:
+            self._do("frame", self._frame, delay=CONTROL_STEP / 2)
+
+    def _choose(self, place: int) -> None:
+        self._chosen = place
+        self._show()
+
+    # ------------------------------------------------------------------------------------------ hands
+    def _select(self, index: int | None) -> None:
+        self._selected = index
+        self._show()
+
+    def _clicked(self, name: str) -> None:
+        self._select(int(name.split("/")[2]))
+
+    def _dragged(self, name: str, phase: str, to: Point) -> None:
+        if phase == "start":
+            self._do(f"grab {name}", lambda: self._grab(name, to))
+        self._do(f"drag {name}", lambda: self._drag(name, to))
+        if phase == "end":
+            self._do(f"let go {name}", self._let_go)
+
+    def _grab(self, name: str, to: Point) -> None:
+        self._held = self._session.hold()
+        place = self._place_of(name)
+        if name.startswith("/obstacles/"):
+            self._select(int(name.split("/")[2]))
+        self._offset = place - np.array(to)
+
+    def _place_of(self, name: str) -> Any:
+        """Where what is dragged is [m]."""
+        what, which, *more = re.split("[/-]", name)[1:]
+        draft, shapes = self._session.moment
+        if what == "ends":
+            q, side = shapes[_end(which)], int(more[0])
+            assert q is not None
+            pose = draft.cable.rod.end_poses(q[None])[0, side]
+            return np.array(table.along(pose, table.ARM if side else -table.ARM)) if len(more) > 1 else pose[:2]
+        if what == "obstacles":
+            return hands.middle_of(draft.scene.obstacles[int(which)])
+        assert self._selected is not None
+        obstacle = draft.scene.obstacles[self._selected]
+        return table.turn_knob(obstacle) if which == "turn" else hands.knobs(obstacle)[int(which)]
+
+    def _drag(self, name: str, pointer: Point) -> None:
+        if self._held is None:
+            return
+        what, which, *more = re.split("[/-]", name)[1:]
+        to = np.array(pointer) + self._offset
+        place = (float(to[0]), float(to[1]))
+        try:
+            if what == "ends":
+                self._drag_gripper(_end(which), int(more[0]), to, turning=len(more) > 1)
+            elif what == "obstacles":
+                there = self._held.draft.scene.obstacles[int(which)]
+                self._session.preview_obstacle(self._held, int(which), hands.placed(there, place))
+            elif self._selected is not None:
+                there = self._held.draft.scene.obstacles[self._selected]
+                if which == "turn":
+                    before, x = table.turn_knob(there) - hands.middle_of(there), to - hands.middle_of(there)
+                    by = np.arctan2(x[1], x[0]) - np.arctan2(before[1], before[0])
+                    wanted = hands.turned(there, float(by))
+                else:
+                    wanted = hands.pulled(there, int(which), place)
+                self._session.preview_obstacle(self._held, self._selected, wanted)
+        except CablewayError:
+            return  # a hand may go where nothing can be; it stays at the last place where it can
+
+    def _drag_gripper(self, end: End, side: int, to: Any, *, turning: bool) -> None:
+        draft, shapes = self._session.moment
+        q = shapes[end]
+        if q is None:
+            return
+        pose = draft.cable.rod.end_poses(q[None])[0, side].copy()
+        if turning:
+            x, y = (to - pose[:2]) * (1 if side else -1)
+            turn = np.arctan2(y, x) - pose[2]
+            pose[2] += (turn + np.pi) % (2 * np.pi) - np.pi
+        else:
+            pose[:2] = np.clip(to, 0.0, draft.scene.size)
+        if self._session.preview_gripper(end, side, pose):
+            self._client.add_notification("The cable snapped", f"The {end} was unstable, and took the nearest shape.",
+                                          color="orange", auto_close_seconds=4.0)  # fmt: skip
+
+    def _let_go(self) -> None:
+        held, self._held = self._held, None
+        if held is not None:
+            self._session.release(held)
+
+    # ------------------------------------------------------------------------------------------ files
+    def _save(self) -> None:
+        paths = self._session.save(self._out / self._session.draft.name)
+        said = f"Saved in {paths[0].parent}: {', '.join(path.name for path in paths)}."
+        self._task_panel.saved.content = look.hint(said)
+
+    def _export(self) -> None:
+        """A page that plays the plan that is chosen, by itself."""
+        draft, planning = self._session.draft, self._session.planning
+        if self._plan is not None and planning.status == "found":
+            page = film_page(draft.checked(), self._plan, planning.sentence)
+            self._client.send_file_download(f"{draft.name}.html", page.encode(), save_immediately=True)
+
+    def _download(self) -> None:
+        draft = self._session.draft
+        self._client.send_file_download(f"{draft.name}.yaml", task_text(draft).encode(), save_immediately=True)
+
+
+def _end(name: str) -> End:
+    return "start" if name == "start" else "goal"

@@ -1,0 +1,304 @@
+"""The panels of a page: the task on the left, the plan on the right. Everything that is done in them is posted."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import viser
+from viser import uplot
+
+from cableway.core.quantities import quantity
+from cableway.figures import style
+from cableway.scene.obstacles import Box, Disc, Obstacle
+from cableway.scene.task import ENDS, Draft, End
+from cableway.studio import obstacles as hands
+from cableway.studio.curves import Curves
+from cableway.studio.inspection import Inspection
+from cableway.studio.session import Moment, Planning, Session, known_kinds, known_tasks
+from cableway.studio.view import look
+
+WIDTH = 292
+"""Of a panel in pixels: both leave a table that is as wide as high on a page of 1280 x 800."""
+
+TYPED = 0.7
+"""Time [s] after the last key until a number counts."""
+
+SAY = {
+    "planning": style.MUTED,
+    "found": style.GREEN,
+    "none": style.BAD,
+    "invalid": style.BAD,
+}
+"""Colours of what is said of planning."""
+
+LOUD = look.rgb(style.BLUE)
+"""Colour of the buttons that are pressed most."""
+
+QUIET = look.rgb(style.MUTED)
+"""Colour of buttons that are pressed now and then."""
+
+NO_OBSTACLE = "Click an obstacle to see its numbers and knobs, or drag it."
+NO_PLAN = "Once there is a plan, it is played here."
+
+Do = Callable[..., Any]
+"""`do(key, call, delay=...)` posts a call."""
+
+
+class TaskPanel:
+    """Open, edit, save.
+
+    Args:
+        gui: The page's controls.
+        session: What they change.
+        do: Posts what is to be done.
+        select: Selects an obstacle, or none.
+        save: Saves the session's files.
+        download: Hands the task's file to the browser.
+    """
+
+    def __init__(self, gui: viser.GuiApi, session: Session, do: Do, select: Do, save: Do, download: Do) -> None:
+        self._session, self._do = session, do
+        self._selected: int | None = None
+        self._typed = 0.0
+        self.heading = gui.add_html("")
+        steps = gui.add_button_group("", ("Undo", "Redo"))
+        steps.on_click(lambda _: do("turn", session.undo if steps.value == "Undo" else session.redo))
+        self.wrong = gui.add_html("")
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Edit"):
+            self._add_obstacles(gui, select)
+            self._add_ends(gui)
+        with tabs.add_tab("Open, save"):
+            self._add_files(gui, save, download)
+
+    def _add_obstacles(self, gui: viser.GuiApi, select: Do) -> None:
+        session, do = self._session, self._do
+
+        def add(kind: hands.Kind) -> None:
+            index = len(session.draft.scene.obstacles)
+            session.set_obstacle(index, hands.new_obstacle(kind, session.draft.scene))
+            select(index)
+
+        def remove() -> None:
+            index = self._selected
+            if index is not None:
+                select(None)
+                session.set_obstacle(index, None)
+
+        kinds = gui.add_button_group("Add", ("box", "disc", "polygon"))
+        kinds.on_click(lambda _: do("add", lambda: add(kinds.value)))  # pyright: ignore[reportArgumentType]
+        self._no_obstacle = gui.add_html(look.hint(NO_OBSTACLE))
+        self._middle = gui.add_vector2("Centre [mm]", (0.0, 0.0), step=0.1)
+        self._size = gui.add_vector2("Size [mm]", (0.0, 0.0), step=0.1)
+        self._angle = gui.add_number("Angle [°]", 0.0, step=0.1, hint="Of a polygon: by how much to turn it")
+        hint = "Above the table; 0 where nothing passes above"
+        self._height = gui.add_number("Height [mm]", 0.0, step=0.1, hint=hint)
+        for field in (self._middle, self._size, self._angle, self._height):
+            field.on_update(lambda event: event.client and self._take("number", self._number))
+        self._remove = gui.add_button("Remove this obstacle", color="red")
+        self._remove.on_click(lambda _: do("remove", remove))
+        self.remove = lambda: do("remove", remove)
+
+    def _add_ends(self, gui: viser.GuiApi) -> None:
+        self._poses: dict[tuple[End, int], Any] = {}
+        for end in ENDS:
+            for side in (0, 1):
+                name = f"{end} {'LR'[side]}"
+                field = gui.add_vector3(
+                    name, (0.0, 0.0, 0.0), step=0.1, hint="x [mm], y [mm] and direction [°] of this gripper"
+                )
+                field.on_update(lambda event, end=end, side=side: self._pose(event, end, side))
+                self._poses[end, side] = field
+            other = gui.add_button(f"Bend the {end} to the other side", color=QUIET)
+            other.on_click(lambda _, end=end: self._do("bend", lambda: self._session.bend(end)))
+
+    def _add_files(self, gui: viser.GuiApi, save: Do, download: Do) -> None:
+        session, do = self._session, self._do
+        names = gui.add_dropdown("Catalogue", ("choose one", *known_tasks()))
+
+        def choose(event: Any) -> None:
+            if event.client is not None and names.value in known_tasks():
+                do("open", lambda: session.open(names.value))
+
+        names.on_update(choose)
+        kinds = gui.add_dropdown("Random", known_kinds())
+        seed = gui.add_number("Seed", 0, min=0, step=1)
+        draw = gui.add_button("Draw a random task", color=LOUD)
+        draw.on_click(lambda _: do("open", lambda: session.draw(kinds.value, int(seed.value))))
+        upload = gui.add_upload_button("Open a task file ...", color=QUIET, mime_type=".yaml,.yml")
+        upload.on_upload(lambda _: do("open", lambda: session.open_content(upload.value.name, upload.value.content)))
+        gui.add_button("Save task, plan and report", color=LOUD).on_click(lambda _: do("save", save))
+        gui.add_button("Download the task file", color=QUIET).on_click(lambda _: do("download", download))
+        self.saved = gui.add_html(look.hint("Edits are kept while the studio runs; save what is to stay."))
+
+    def show(self, moment: Moment, inspection: Inspection, selected: int | None) -> None:
+        """Show a draft and what is wrong with it."""
+        self._selected = selected
+        draft = moment.draft
+        _set(self.heading, "content", look.heading(draft.name, draft.description))
+        wrong = inspection.sentences
+        text = look.sentences(wrong[:6], style.BAD, numbered=True) if wrong else ""
+        _set(self.wrong, "content", text)
+        if time.monotonic() - self._typed < 2 * TYPED:
+            return
+        self._show_obstacle(draft, selected)
+        for (end, side), field in self._poses.items():
+            q = moment.shapes[end]
+            if q is not None:
+                x, y, angle = draft.cable.rod.end_poses(q[None])[0, side]
+                _set(field, "value", _rounded(1000 * x, 1000 * y, math.degrees(math.remainder(angle, math.tau))))
+
+    def _show_obstacle(self, draft: Draft, selected: int | None) -> None:
+        there = dict(enumerate(draft.scene.obstacles))
+        obstacle = None if selected is None else there.get(selected)
+        _set(self._no_obstacle, "visible", obstacle is None)
+        for field in (self._middle, self._height, self._remove):
+            _set(field, "visible", obstacle is not None)
+        _set(self._size, "visible", isinstance(obstacle, Box | Disc))
+        _set(self._angle, "visible", obstacle is not None and not isinstance(obstacle, Disc))
+        if obstacle is None:
+            return
+        _set(self._middle, "value", _rounded(*(1000 * hands.middle_of(obstacle))))
+        _set(self._height, "value", round(1000 * (obstacle.height or 0.0), 2))
+        _set(self._angle, "value", round(math.degrees(hands.angle_of(obstacle)), 2))
+        if isinstance(obstacle, Box):
+            _set(self._size, "value", _rounded(*(1000 * np.array(obstacle.size))))
+        elif isinstance(obstacle, Disc):
+            _set(self._size, "value", _rounded(2000 * obstacle.radius, 2000 * obstacle.radius))
+
+    def _number(self) -> None:
+        """Make the obstacle that the numbers say."""
+        index = self._selected
+        if index is None:
+            return
+        there = self._session.draft.scene.obstacles[index]
+        wanted = _numbered(there, self._middle.value, self._size.value, self._angle.value, self._height.value)
+        if wanted != there:
+            self._session.set_obstacle(index, wanted)
+
+    def _pose(self, event: Any, end: End, side: int) -> None:
+        if event.client is None:
+            return
+        x, y, angle = self._poses[end, side].value
+        pose = np.array([x / 1000, y / 1000, math.radians(angle)])
+        self._take(f"pose {end} {side}", lambda: self._session.set_gripper(end, side, pose))
+
+    def _take(self, key: str, call: Do) -> None:
+        """Do what typed numbers say once no more come, and leave the fields alone until then."""
+        self._typed = time.monotonic()
+
+        def take() -> None:
+            self._typed = 0.0
+            call()
+
+        self._do(key, take, delay=TYPED)
+
+
+class PlanPanel:
+    """The plan, its ways, its curves, and playing it.
+
+    Args:
+        gui: The page's controls.
+        session: What they are of.
+        do: Posts what is to be done.
+        scrub: Shows a row of the plan.
+        play: Begins or ends playing.
+        choose: Shows another one of the plans.
+        export: Hands a page that plays the plan to the browser.
+    """
+
+    def __init__(
+        self, gui: viser.GuiApi, session: Session, do: Do, scrub: Do, play: Do, choose: Do, export: Do
+    ) -> None:
+        self.said = gui.add_html("")
+        self._hint = gui.add_html(look.hint(NO_PLAN))
+        self.step = gui.add_slider("Step", 0, 1, 1, 0)
+        self.step.on_update(lambda event: event.client and do("scrub", lambda: scrub(self.step.value)))
+        self.play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, color=LOUD)
+        self.play.on_click(lambda _: do("play", play))
+        self.now = gui.add_html("")
+        self.way: Any = gui.add_dropdown("Way", ("1",))
+        self.way.on_update(lambda event: event.client and do("way", lambda: choose(int(self.way.value.split()[0]) - 1)))
+        self._ways = gui.add_button("Look for other ways", color=QUIET)
+        self._ways.on_click(lambda _: do("ways", session.seek_ways))
+        self._export = gui.add_button("Download a page that plays it", color=QUIET)
+        self._export.on_click(lambda _: do("export", export))
+        cable, sides = (("cable", style.INK), ("grippers", style.RIGHT)), (("left", style.LEFT), ("right", style.RIGHT))
+        self._clear, self._speed = _plot(gui, "Clearance [mm]", cable), _plot(gui, "Of the grippers' limits [%]", sides)
+        self._curves: Curves | None = None
+
+    def show(self, planning: Planning, curves: Curves | None, chosen: int, stale: bool) -> None:
+        """Show how far planning is, and the curves of the plan that is chosen."""
+        _set(self.said, "content", look.sentences([planning.sentence], SAY[planning.status]))
+        there = curves is not None
+        _set(self._hint, "visible", not there)
+        for field in (self.step, self.play, self.now, self._export, *self._clear, *self._speed):
+            _set(field, "visible", there)
+        _set(self._ways, "visible", there and not stale and len(planning.plans) == 1)
+        count = len(planning.plans)
+        _set(self.way, "visible", count > 1)
+        if count > 1:
+            options = tuple(f"{k + 1} of {count}: {plan.steps / 10:.1f} s" for k, plan in enumerate(planning.plans))
+            if tuple(self.way.options) != options:
+                self.way.options = options
+            _set(self.way, "value", options[min(chosen, count - 1)])
+        if curves is not None and curves is not self._curves:
+            self._curves = curves
+            _set(self.step, "max", len(curves.times) - 1)
+            self._clear[1].data = (curves.times, 1000 * curves.cable, 1000 * curves.grippers)
+            self._speed[1].data = (curves.times, *(100 * curves.speed.T))
+
+    def show_row(self, row: int, playing: bool) -> None:
+        """Show where in the plan the page is."""
+        if self._curves is None:
+            return
+        row = min(row, len(self._curves.times) - 1)
+        _set(self.step, "value", row)
+        _set(self.play, "label", "Pause" if playing else "Play")
+        cable, grippers = self._curves.cable[row], self._curves.grippers[row]
+        text = f"{self._curves.times[row]:.1f} s: cable {quantity(cable)} clear, grippers {quantity(grippers)}"
+        _set(self.now, "content", look.hint(text))
+
+
+def _numbered(there: Obstacle, middle: Any, size: Any, angle: float, height: float) -> Obstacle:
+    """An obstacle with the numbers of the panel [mm, degrees]."""
+    wanted = hands.placed(there, (middle[0] / 1000, middle[1] / 1000))
+    wanted = replace(wanted, height=height / 1000 if height > 0 else None)
+    if isinstance(wanted, Box):
+        return replace(wanted, size=(size[0] / 1000, size[1] / 1000), angle=math.radians(angle))
+    if isinstance(wanted, Disc):
+        return replace(wanted, radius=size[0] / 2000)
+    return hands.turned(wanted, math.radians(angle)) if angle else wanted
+
+
+def _plot(gui: viser.GuiApi, title: str, curves: tuple[tuple[str, str], ...]) -> tuple[Any, Any]:
+    """Title and plot of curves over time, given by name and colour."""
+    look_of: Any = {
+        "stroke": style.MUTED, "font": "11px cableway, sans-serif", "grid": {"stroke": style.GRID, "width": 1},
+        "ticks": {"show": False},
+    }  # fmt: skip
+    series = (
+        uplot.Series(label="time [s]"),
+        *(uplot.Series(label=name, stroke=color, width=1.6, points={"show": False}) for name, color in curves),
+    )
+    heading = gui.add_html(look.legend(title, curves))
+    plot = gui.add_uplot(
+        (np.zeros(2),) * len(series), series, height=150, legend={"show": False}, scales={"x": {"time": False}},
+        axes=(uplot.Axis(**look_of, size=26), uplot.Axis(**look_of, size=38)),
+    )  # fmt: skip
+    return heading, plot
+
+
+def _rounded(*values: float) -> tuple[float, ...]:
+    return tuple(round(float(value), 1) + 0.0 for value in values)
+
+
+def _set(handle: Any, name: str, value: Any) -> None:
+    """Change what is shown, if it changes."""
+    if getattr(handle, name) != value:
+        setattr(handle, name, value)

@@ -1,0 +1,224 @@
+"""Laws of a session: what is led is the cable itself, every edit can be undone, and files hold all there is."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from problems import free
+
+from cableway.core.errors import InputError
+from cableway.geometry import polyline
+from cableway.records import Plan
+from cableway.scene.files.loading import as_draft, load_task
+from cableway.studio import ends
+from cableway.studio.obstacles import knobs, middle_of, new_obstacle, placed, pulled, turned, with_obstacle
+from cableway.studio.replanner import Answer
+from cableway.studio.session import Session
+from cableway.workflow.run import Run, SolveOptions
+from cableway.workflow.solve import solve
+
+
+class Recorder:
+    """In place of the process that plans: what it is asked for."""
+
+    def __init__(self, on_answer: Any) -> None:
+        self.on_answer, self.asked = on_answer, []
+
+    def start(self) -> None:
+        pass
+
+    def request(self, task: Any, options: SolveOptions) -> int:
+        self.asked.append(task)
+        return len(self.asked)
+
+    def cancel(self) -> None:
+        self.asked.append(None)
+
+    def close(self) -> None:
+        pass
+
+
+def begun(source: Any = "multi-obstacle-1") -> tuple[Session, Recorder]:
+    made: list[Recorder] = []
+
+    def planner(on_answer: Any) -> Recorder:
+        made.append(Recorder(on_answer))
+        return made[0]
+
+    return Session(source, planner=planner), made[0]
+
+
+@pytest.fixture(scope="module")
+def found() -> Run:
+    return solve(free(), SolveOptions(track=False))
+
+
+def poses_of(session: Session, end: Any) -> np.ndarray:
+    q = session.moment.shapes[end]
+    assert q is not None
+    return session.draft.cable.rod.end_poses(q[None])[0]
+
+
+def test_the_cable_follows_a_gripper_as_a_stable_equilibrium():
+    session, _ = begun()
+    for _ in range(8):
+        pose = poses_of(session, "goal")[0] + [0.003, 0.002, 0.04]
+        session.preview_gripper("goal", 0, pose)
+        q = session.moment.shapes["goal"]
+        assert q is not None
+        np.testing.assert_allclose(poses_of(session, "goal")[0], pose, atol=1e-9)
+        assert session.draft.cable.rod.stability(q[None])[0][0] > 0
+        assert session.draft.goal is not None
+        np.testing.assert_allclose(session.draft.goal[0], pose[:2], atol=1e-9)
+
+
+def test_large_and_small_steps_of_a_hand_lead_to_the_same_cable():
+    rod, q = load_task("multi-obstacle-1").cable.rod, load_task("multi-obstacle-1").start_equilibrium
+    to = rod.end_poses(q[None])[0] + [[0.0, 0.0, 0.0], [0.05, -0.06, 0.9]]
+    at_once, step_by_step = ends.led(rod, q, to).q, q
+    for share in np.linspace(0, 1, 40)[1:]:
+        step_by_step = ends.led(rod, step_by_step, (1 - share) * rod.end_poses(q[None])[0] + share * to).q
+    np.testing.assert_allclose(*rod.shapes(np.stack([at_once, step_by_step]))[0], atol=1e-7)
+
+
+def test_a_cable_that_is_turned_too_far_snaps_to_a_stable_one():
+    rod, q = load_task("multi-obstacle-1").cable.rod, load_task("multi-obstacle-1").start_equilibrium
+    snapped = False
+    for _ in range(60):
+        q, now = ends.led(rod, q, rod.end_poses(q[None])[0] + [[0.0, 0.0, 0.15], [0.0, 0.0, 0.0]])
+        snapped = snapped or now
+        assert rod.stability(q[None])[0][0] > 0
+    assert snapped
+
+
+def test_a_gripper_is_led_no_farther_than_the_cable_is_long():
+    session, _ = begun()
+    session.preview_gripper("start", 1, np.array([5.0, 5.0, 0.9]))
+    left, right = poses_of(session, "start")[:, :2]
+    assert math.dist(left, right) < session.draft.cable.length
+
+
+def test_a_cable_is_bent_to_the_other_side_between_the_same_grippers():
+    session, _ = begun()
+    before, poses = session.draft.goal, poses_of(session, "goal")
+    session.bend("goal")
+    assert before is not None
+    assert session.draft.goal is not None
+    assert polyline.signed_area(before) * polyline.signed_area(session.draft.goal) < 0
+    np.testing.assert_allclose(np.exp(1j * poses[:, 2]), np.exp(1j * poses_of(session, "goal")[:, 2]), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["box", "disc", "polygon"])
+def test_an_obstacle_is_pulled_by_a_knob_to_the_hand(kind: Any):
+    obstacle = turned(new_obstacle(kind, free().scene), 0.4)
+    for k, at in enumerate(knobs(obstacle)):
+        to = at + 0.2 * (at - middle_of(obstacle))
+        bigger = pulled(obstacle, k, (float(to[0]), float(to[1])))
+        assert np.linalg.norm(knobs(bigger) - to, axis=1).min() < 1e-9
+        if kind == "box":  # the other side stays
+            np.testing.assert_allclose(knobs(bigger)[(k + 2) % 4], knobs(obstacle)[(k + 2) % 4], atol=1e-12)
+
+
+def test_an_obstacle_stays_in_the_workspace_and_a_polygon_convex():
+    draft = free().unchecked()
+    corner = placed(new_obstacle("box", draft.scene), (9.0, -9.0))
+    (kept,) = with_obstacle(draft, 0, corner).scene.obstacles
+    low, high = kept.vertices.min(axis=0), kept.vertices.max(axis=0)
+    assert (low >= -1e-9).all()
+    assert (high <= np.array(draft.scene.size) + 1e-9).all()
+    triangle = new_obstacle("polygon", draft.scene)
+    with pytest.raises(InputError):  # a corner on the line between the other two
+        pulled(triangle, 0, tuple(triangle.vertices[1:].mean(axis=0)))  # pyright: ignore[reportArgumentType]
+
+
+def test_a_drag_is_one_edit_and_undone_as_one():
+    session, planner = begun()
+    first = session.moment
+    held = session.hold()
+    for k in range(5):
+        there = held.draft.scene.obstacles[0]
+        x, y = middle_of(there) + [0.004 * k, 0.0]
+        session.preview_obstacle(held, 0, placed(there, (float(x), float(y))))
+    session.release(held)
+    moved = session.moment
+    session.set_obstacle(1, None)
+    assert len(session.draft.scene.obstacles) == len(first.draft.scene.obstacles) - 1
+    session.undo()
+    assert session.moment is moved
+    session.undo()
+    assert session.moment is first
+    assert not session.can_undo
+    session.redo()
+    assert session.moment is moved
+    assert planner.asked.count(None) == 1  # the plan under way is dropped when a hand takes hold
+    session.bend("goal")
+    assert not session.can_redo
+
+
+def test_what_no_cable_can_do_is_said_and_not_planned():
+    session, planner = begun()
+    asked = len([task for task in planner.asked if task is not None])
+    x, y = poses_of(session, "start")[0, :2]
+    session.set_obstacle(0, placed(session.draft.scene.obstacles[0], (float(x), float(y))))
+    assert session.planning.status == "invalid"
+    assert any("overlaps" in sentence for sentence in session.inspection.sentences)
+    assert session.inspection.faults[0].at is not None
+    assert len([task for task in planner.asked if task is not None]) == asked
+    session.undo()
+    assert session.planning.status == "planning"
+    assert planner.asked[-1] is not None
+
+
+def test_clearance_is_that_of_the_scene():
+    session, _ = begun()
+    for figures, q in zip(session.inspection.ends.values(), session.moment.shapes.values(), strict=True):
+        assert q is not None
+        line = session.draft.cable.rod.shapes(q[None])[0]
+        assert figures.clearance == pytest.approx(session.draft.scene.clearance(line, session.draft.cable.radius)[0])
+
+
+def test_the_plan_is_shown_until_the_next_edit(found: Run):
+    session, planner = begun(found.task)
+    planner.on_answer(Answer(1, stage="projection"))
+    assert "projection" in session.planning.sentence
+    planner.on_answer(Answer(1, found))
+    assert session.planning.status == "found"
+    assert session.planning.plans == (found.plan,)
+    session.hold()
+    session.preview_gripper("goal", 0, poses_of(session, "goal")[0] + [0.0, 0.001, 0.0])
+    assert session.planning.plans == ()
+
+
+def test_what_is_saved_is_what_there_was(tmp_path: Path, found: Run):
+    session, planner = begun(found.task)
+    planner.on_answer(Answer(1, found))
+    task, plan, report = session.save(tmp_path)
+    assert load_task(task) == found.task
+    assert found.plan is not None
+    np.testing.assert_array_equal(Plan.load(plan).shapes, found.plan.shapes)
+    assert report.name == "report.json"
+
+
+def test_what_no_cable_can_do_is_saved_and_opened_again(tmp_path: Path):
+    session, _ = begun()
+    x, y = poses_of(session, "start")[0, :2]
+    session.set_obstacle(0, placed(session.draft.scene.obstacles[0], (float(x), float(y))))
+    (path,) = session.save(tmp_path)
+    other, _ = begun()
+    other.open_content("mine.yaml", path.read_bytes())
+    assert other.inspection.sentences == session.inspection.sentences
+    assert other.draft.scene == as_draft(path).scene
+    other.undo()
+    assert not other.inspection.faults
+
+
+def test_a_file_that_is_none_is_named_and_changes_nothing():
+    session, _ = begun()
+    before = session.moment
+    with pytest.raises(InputError, match=r"^mine\.yaml:1: "):
+        session.open_content("../mine.yaml", b"no: task")
+    assert session.moment is before

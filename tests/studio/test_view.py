@@ -1,0 +1,121 @@
+"""Laws of the page without a browser: who may open it, in what order hands are heard, and what colours come out."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cableway.core.errors import InputError
+from cableway.figures import style
+from cableway.studio.inbox import Inbox
+from cableway.studio.view import look
+from cableway.studio.view.meshes import circle, prism, ring, tube
+from cableway.studio.view.server import Server
+
+UPGRADE = {
+    "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
+    "Sec-WebSocket-Version": "13",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    server = Server("127.0.0.1", 0, lambda *_: None, lambda *_: None)
+    yield server
+    server.stop()
+
+
+def status(server: Server, path: str, **headers: str) -> tuple[int, dict[str, str]]:
+    connection = http.client.HTTPConnection(server.address.removeprefix("http://"), timeout=10)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    found = answer.status, dict(answer.getheaders())
+    connection.close()
+    return found
+
+
+def test_every_page_gets_a_key_of_its_own(server: Server):
+    places = {status(server, "/")[1]["Location"] for _ in range(3)}
+    assert len(places) == 3
+    for place in places:
+        found, headers = status(server, place)
+        assert found == 200
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", ""])
+def test_a_foreign_page_opens_no_socket(server: Server, origin: str):
+    assert status(server, "/s/abcdefghij", Origin=origin, **UPGRADE)[0] == 403
+
+
+def test_a_page_of_its_own_does(server: Server):
+    assert status(server, "/s/abcdefghij", Origin=server.address, **UPGRADE)[0] == 101
+    assert status(server, "/", Origin=server.address, **UPGRADE)[0] == 403  # without a session's key
+
+
+def test_a_foreign_name_of_this_machine_is_refused(server: Server):
+    """As a page asks for whose name its owner lets point here (DNS rebinding)."""
+    port = server.address.rpartition(":")[2]
+    evil = f"evil.example:{port}"
+    assert status(server, "/", Host=evil)[0] == 403
+    assert status(server, "/s/abcdefghij", Host=evil, Origin=f"http://{evil}", **UPGRADE)[0] == 403
+
+
+def test_nothing_else_is_served(server: Server):
+    for path in ("/s/", "/../pyproject.toml", "/s/abcdefghij/../../x", "/index.html"):
+        assert status(server, path)[0] == 404
+
+
+def test_a_port_in_use_is_said():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"--port {port}: cannot be had on 127.0.0.1 .*; give another one"):
+            Server("127.0.0.1", port, lambda *_: None, lambda *_: None)
+    with pytest.raises(InputError, match="--port must be from 0 to 65535, got 70000"):
+        Server("127.0.0.1", 70000, lambda *_: None, lambda *_: None)
+
+
+def test_hands_are_heard_in_order_and_the_newest_of_what_waits():
+    done, go, end = [], threading.Event(), threading.Event()
+    inbox = Inbox(done.append)
+    inbox.post("wait", go.wait)
+    inbox.post("grab", lambda: done.append("grab"))
+    for k in range(5):
+        inbox.post("drag", lambda k=k: done.append(k))
+    inbox.post("let go", lambda: done.append("let go"))
+    inbox.post("wrong", lambda: 1 / 0)
+    inbox.post("end", end.set)
+    go.set()
+    assert end.wait(10)
+    inbox.close()
+    assert done[:3] == ["grab", 4, "let go"]
+    assert "division by zero" in done[3]
+
+
+@pytest.mark.parametrize("color", [style.OBSTACLE, style.START, style.GOAL, style.INK, style.LEFT, style.ORANGE])
+def test_a_painted_colour_comes_out_as_that_of_the_figures(color: str):
+    """Through the light and the tone curve of the page, as three.js has them."""
+    linear = look._linear(np.array(look.painted(color)) / 255) * sum(look.LIGHT) / np.pi
+    v = look._TO_TONE @ (linear / 0.6)
+    v = (v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)
+    shown = look._coded(np.clip(look._FROM_TONE @ v, 0, 1))
+    np.testing.assert_allclose(255 * shown, look.rgb(color), atol=34)  # a curve that leaves no colour pure
+
+
+@pytest.mark.parametrize(
+    "mesh", [prism(circle(0.1), 0.0, 0.02), ring(0.1, 0.2, 0.0), tube(np.array([[0.0, 0], [1, 0], [2, 1]]), 0.1, 0.2)]
+)
+def test_solids_are_seen_from_above(mesh: object):
+    """What faces up, or the page would show holes."""
+    vertices, faces = mesh  # pyright: ignore[reportGeneralTypeIssues]
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    normals = np.cross(b - a, c - a)
+    up = normals[:, 2] > 1e-12 * np.abs(normals).max()
+    top = (a[:, 2] + b[:, 2] + c[:, 2])[up]
+    assert up.any()
+    assert top.mean() >= vertices[:, 2].mean() * 3 - 1e-9
