@@ -21,6 +21,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import InputError
 from cableway.core.time_limit import checkpoint
@@ -68,6 +69,7 @@ class FollowedInSpace:
     lost_at: int | None
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # systems so small that threads wait longer than they work
 def follow_in_space(
     stations: Float[np.ndarray, "t s 3"],
     poses: Float[np.ndarray, "t 2 7"],
