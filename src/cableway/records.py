@@ -15,12 +15,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.brief import Brief
+from cableway.core.brief import Brief, Shown, notebook
 from cableway.core.errors import FileFormatError, InputError, Point
 from cableway.core.files import ArrayRecord, check_shapes
 from cableway.core.quantities import estimate_text, quantity
 from cableway.outcome import Outcome
 from cableway.rod.held_rod import HeldRod
+from cableway.scene.files.loading import TaskSource
 from cableway.verdict import Check as Check
 from cableway.verdict import Verdict as Verdict
 
@@ -77,7 +78,7 @@ THEN_FAILED = "; then the plant failed"
 
 
 @dataclass(frozen=True, repr=False)
-class Plan(Brief, ArrayRecord):
+class Plan(Shown, ArrayRecord):
     """A verified sequence of shapes with the gripper poses that make them; one row per control step.
 
     In a file the arrays of `stages` lie beside the others.
@@ -285,7 +286,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, repr=False)
-class Rollout(Brief, ArrayRecord):
+class Rollout(Shown, ArrayRecord):
     """What happened: row 0 is the start, row k the state after k control steps.
 
     Attributes:
@@ -371,6 +372,19 @@ class Rollout(Brief, ArrayRecord):
     def detail(self) -> str:
         """What was particular to that end; "" where nothing was."""
         return self.metadata.get("detail") or Outcome.read(self.metadata.get("outcome", Outcome.SETTLED))[1]
+
+    def animate(self, task: TaskSource, plan: Plan | None = None) -> Any:
+        """The video of the run, which plays in a notebook and can be saved: a `cableway.figures.notebook.Animation`.
+
+        Args:
+            task: The task, or its name or file; a rollout does not know what stood on the table.
+            plan: What was followed first, so that it can be shown where it was given up.
+
+        Raises:
+            InputError: There is no such task.
+            CablewayError: The encoder failed.
+        """
+        return notebook().animation(self, task, plan)
 
     def shape_error(self, goal: Float[np.ndarray, "n 2"]) -> float:
         """Stacked distance of the last keypoints from a goal [m]."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.commands import Commands
-from cableway.core.brief import Brief
+from cableway.core.brief import Brief, notebook
 from cableway.core.deprecation import renamed, renamed_attributes, renamed_keywords
 from cableway.core.provenance import describe, versions
 from cableway.core.quantities import limit_text, quantity
@@ -128,6 +128,9 @@ class Report(Brief):
         yield "success" if self.success else f"{self.outcome}: {self.failure}"
         if self.shape_error is not None:
             yield f"shape error {quantity(self.shape_error)}"
+
+    def _repr_html_(self) -> str:
+        return notebook().page(self.rows())
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON, without the figures that there are none for; no number in it is not finite."""

@@ -71,7 +71,7 @@ def test_joints_are_exported_for_each_arm(cableway: Command, run_folder: Path, m
             "a.txt: the name of a trajectory's file must end in .csv, .json",
         ),
         (("lone.npz", "--task", "{task}", "--out", "a.csv", "--format", "ros"), "--out a.csv must end in .yaml with "),
-        (("lone.npz", "--format", "rosbag"), "unknown format 'rosbag'; known: csv, json, ros, urscript"),
+        (("lone.npz", "--format", "rosbag"), "'rosbag'; known: csv, json, lerobot, parquet, ros, urscript"),
         (("lone.npz", "--task", "{task}", "--out", "a.script"), "needs joint positions, and the record has none"),
         ((".",), "plan.npz: no such file"),
         (("none.npz", "--task", "{task}"), "none.npz: no such file"),

@@ -1,15 +1,18 @@
-"""`cableway collect`: simulated transitions, to train deformation models on."""
+"""`cableway collect`: simulated transitions, to train deformation models on; or whole runs, to learn policies from."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
 
 from cableway.cli.interrupts import CONTINUES, INTERRUPTS
 from cableway.cli.options import Maybe, WorkerOptions
 from cableway.cli.terminal import Terminal, pairs
+from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
     from cableway.simulation.episodes import CollectionConfig
@@ -17,7 +20,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Collect(WorkerOptions):
-    """Collect transitions of a simulated cable in random motion; continues an interrupted collection."""
+    """Collect transitions of a simulated cable in random motion, or with --episodes whole runs of a controller;
+    continues an interrupted collection."""
 
     config: Maybe[Path] = None
     """YAML file whose section `collection` says what to collect; by default, that of the shipped model."""
@@ -25,8 +29,34 @@ class Collect(WorkerOptions):
     transitions: Maybe[int] = None
     """Number of transitions; by default, as the configuration says."""
 
+    episodes: Maybe[int] = None
+    """Number of runs of a controller, each with a plan of its own; a folder that has some of them gets the others."""
+
+    task: Maybe[str] = None
+    """With --episodes: the task of all runs; by default, a random one for each."""
+
+    kind: str = "clutter"
+    """With --episodes: kind of the random tasks, as of `cableway tasks --random`."""
+
+    plants: Annotated[str, tyro.conf.arg(metavar="NAME,...")] = "nominal"
+    """With --episodes: plants, which runs have in turn."""
+
+    controller: str = "rod-mpc"
+    """With --episodes: who leads."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.episodes is None:
+            for name in ("task", "kind", "plants", "controller"):
+                if getattr(self, name) != getattr(type(self), name):
+                    raise InputError(f"--{name}: only goes with --episodes")
+        elif self.config is not None or self.transitions is not None:
+            raise InputError("--episodes: goes with neither --config nor --transitions")
+
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        if self.episodes is not None:
+            return self._runs(self.episodes)
         from cableway.simulation.collection import collect
 
         terminal, folder, config = Terminal(self), self.folder("collect"), self.configuration()
@@ -38,6 +68,24 @@ class Collect(WorkerOptions):
             "folder": str(folder), "transitions": manifest.transitions, "episodes": episodes,
             "shards": len(manifest.shards), "made_now": made, "seed": config.seed,
         }  # fmt: skip
+        terminal.result(report, pairs([(name.replace("_", " "), str(value)) for name, value in report.items()]))
+        return 0
+
+    def _runs(self, episodes: int) -> int:
+        """Collect whole runs."""
+        from cableway.datasets.runs import count_runs
+        from cableway.workflow.collecting import RunsConfig, collect_runs
+
+        plants, seed = tuple(self.plants.split(",")), self.seed or 0
+        config = RunsConfig(
+            episodes=episodes, task=self.task, kind=self.kind, plants=plants, controller=self.controller, seed=seed
+        )
+        terminal, folder = Terminal(self), self.folder("episodes")
+        INTERRUPTS.kept = partial(_kept_runs, folder)
+        with terminal.progress() as progress:
+            made = collect_runs(config, folder, progress=progress, workers=self.workers, executor=self.executor)
+        count, succeeded = count_runs(folder)
+        report = {"folder": str(folder), "runs": count, "succeeded": succeeded, "made_now": made, "seed": seed}
         terminal.result(report, pairs([(name.replace("_", " "), str(value)) for name, value in report.items()]))
         return 0
 
@@ -61,6 +109,14 @@ class Collect(WorkerOptions):
         config = from_mapping(CollectionConfig, section, f"{path}: collection")
         given: dict[str, Any] = {"transitions": self.transitions, "seed": self.seed}
         return replace(config, **{name: value for name, value in given.items() if value is not None})
+
+
+def _kept_runs(folder: Path) -> str:
+    """How many runs there are so far, in words."""
+    from cableway.datasets.runs import count_runs, is_runs
+
+    count = count_runs(folder)[0] if is_runs(folder) else 0
+    return f"{count} runs are in {folder}, {CONTINUES}" if count else ""
 
 
 def _kept(folder: Path) -> str:

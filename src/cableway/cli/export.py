@@ -1,4 +1,4 @@
-"""`cableway export`: a plan or a rollout as gripper poses and joint positions by time, for robots."""
+"""`cableway export`: a plan or a rollout as gripper poses and joints by time, for robots; runs for learning."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from cableway.cli.check import read_record
+from cableway.cli.export_data import KINDS as DATA
+from cableway.cli.export_data import export_data
 from cableway.cli.options import Flag, Maybe, Options, option
 from cableway.cli.outputs import PLAN, TASK
 from cableway.cli.terminal import Terminal, pairs
@@ -22,16 +24,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Export(Options):
-    """Write gripper poses, and joints of arms, by time, for robots: CSV, JSON, URScript, ROS 2; a header says units."""
+    """Write gripper poses, and joints of arms, by time, for robots: CSV, JSON, URScript, ROS 2; a header says units.
+    Or collected runs, for learning: Parquet, LeRobot (pip install 'cableway[data]')."""
 
     run: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RUN")]
-    """Folder of a run, for its plan.npz; or a plan.npz or rollout.npz."""
+    """Folder of a run, for its plan.npz; or a plan.npz or rollout.npz. With --format parquet or lerobot, a folder of
+    collected runs."""
 
     out: Maybe[Path] = None
     """A file ending in .csv, .json, .script or .yaml, the last two with -left and -right before that; by default,
-    runs/export/<task>-<name of the file>."""
+    runs/export/<task>-<name of the file>. With --format parquet or lerobot, a folder."""
 
-    format: Annotated[str | None, option(metavar="{csv,json,urscript,ros}")] = None
+    format: Annotated[str | None, option(metavar="{csv,json,urscript,ros,parquet,lerobot}")] = None
     """By default, what the ending of --out says, or csv."""
 
     task: Maybe[str] = None
@@ -47,8 +51,27 @@ class Export(Options):
     unverified: Flag = False
     """Export it even if it does not verify; the header says so."""
 
+    failures: Flag = False
+    """With --format parquet or lerobot: runs that did not succeed, too."""
+
+    camera: Annotated[str | None, option(metavar="{above,front,back,left,right}")] = None
+    """With --format lerobot: where a camera stands whose video is rendered for each run; by default, there is none."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.camera is not None and self.format != "lerobot":
+            raise InputError("--camera: only goes with --format lerobot")
+        if self.failures and self.format not in DATA:
+            raise InputError(f"--failures: only goes with --format {' or '.join(DATA)}")
+        if self.format in DATA:
+            for name in ("task", "rate", "cable", "unverified"):
+                if getattr(self, name):
+                    raise InputError(f"--{name}: does not go with --format {self.format}")
+
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        if self.format in DATA:
+            return export_data(self, self.format)
         from cableway.workflow.trajectory import Trajectory
 
         kind = self._kind()
@@ -74,7 +97,7 @@ class Export(Options):
 
         name = self.format or ("csv" if self.out is None else format_of(self.out))
         if name not in FORMATS:
-            raise UnknownNameError("format", name, FORMATS)
+            raise UnknownNameError("format", name, (*FORMATS, *DATA))
         kind = FORMATS[name]
         if self.out is not None and self.out.suffix.lower() != kind.suffix:
             raise InputError(f"--out {self.out} must end in {kind.suffix} with --format {name}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,18 @@ class Brief:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(self._facts())})"
+
+
+class Shown(Brief):
+    """Base of records that show themselves in a notebook, too, by a picture and a small table."""
+
+    def _repr_html_(self) -> str:
+        return notebook().html(self)
+
+
+def notebook() -> Any:
+    """The module that draws records for a notebook; it knows them, and so is imported when the first one is shown."""
+    return import_module("cableway.figures.notebook")
 
 
 def brief(value: Any) -> str:

@@ -9,6 +9,7 @@ from cableway.core.errors import MissingExtraError
 
 EXTRAS = {
     "cell": {"coal": "Coal"},
+    "data": {"pyarrow": "pyarrow"},
     "gym": {"gymnasium": "Gymnasium"},
     "import": {"ezdxf": "ezdxf", "svgpathtools": "svgpathtools"},
     "ray": {"ray": "Ray"},

@@ -46,14 +46,19 @@ bar, and right of the last panel."""
 def draw_scene(ax: Axes, task: Draft) -> None:
     """Workspace, obstacles and port, drawn in metres at equal scale; the axes say millimetres."""
     width, height = task.scene.size
-    ax.set_aspect("equal")
-    ax.set_xlim(0, width)
-    ax.set_ylim(0, height)
+    frame(ax, np.zeros(2), np.array(task.scene.size))
     draw_solids(ax, task.scene)
     walls = Rectangle((0, 0), width, height, fill=False, edgecolor=style.INK, linewidth=1.4, zorder=8, clip_on=False)
     ax.add_patch(walls)
     if task.port is not None:
         _draw_port(ax, task)
+
+
+def frame(ax: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> None:
+    """What is between two corners [m], at equal scale; the axes say millimetres."""
+    ax.set_aspect("equal")
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
     for axis, name in ((ax.xaxis, "x"), (ax.yaxis, "y")):
         axis.set_label_text(f"{name} [mm]", fontsize=style.LABEL, color=style.MUTED)
         axis.labelpad = 2

@@ -13,7 +13,7 @@ from typing import Literal, Self
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.brief import Brief
+from cableway.core.brief import Shown
 from cableway.core.errors import InputError, TaskError
 from cableway.core.quantities import limit_text, size_text
 from cableway.rod.inverse import fit_keypoints, stable_near
@@ -56,7 +56,7 @@ NAME = re.compile(r"\w[\w .+-]*")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Draft(Brief):
+class Draft(Shown):
     """What a task says, whether or not a cable can do it; see `Task`.
 
     Attributes:

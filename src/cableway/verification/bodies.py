@@ -67,7 +67,7 @@ def _layers(
     ends: Float[np.ndarray, "2 k 3"], cuts: list[float]
 ) -> Iterator[tuple[Float[np.ndarray, "k 2"], tuple[float, float]]]:
     """Outlines [m] of a piece with such corners below and above, between two heights each [m]."""
-    corners, count = np.vstack(ends), ends.shape[1]
+    corners, count = ends.reshape(-1, 3), ends.shape[1]
     ring = np.arange(count)
     edges = np.vstack(
         [np.column_stack([a, b]) for a, b in (

@@ -168,6 +168,12 @@ class Run(Brief):
         if self.rollout is not None:
             yield f"rollout of {self.rollout.steps} steps"
 
+    def _repr_html_(self) -> str:
+        from cableway.figures.draw import draw
+        from cableway.figures.notebook import page
+
+        return page(self.report.rows(), draw(self.task, self.rollout or self.plan or self.attempt))
+
     @property
     def success(self) -> bool:
         """Whether the task succeeded; see `cableway.report.judge`."""
