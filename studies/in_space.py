@@ -2,6 +2,9 @@
 
     .venv/bin/python studies/in_space.py [--shapes 100] [--seed 0]
     .venv/bin/python studies/in_space.py --speed
+    .venv/bin/python studies/in_space.py --followed 30 [--seed 0]
+
+The last one leads the judge's rod (`cableway.verification.spatial_follower`) along straight lines in q.
 
 Weightless shapes of margin 5 and more are drawn at any orientation, and weight is added little by little with the
 grippers held. *Ended*: the shape became unstable on the way, where a cable bends over to another one; those have no
@@ -21,6 +24,7 @@ from cableway.rod.planar import PlanarRod
 from cableway.rod.spatial import SpatialRod
 from cableway.rod.spatial_inverse import under_weight
 from cableway.scene.files.presets import preset_names, preset_values
+from cableway.verification.spatial_follower import follow_in_space
 
 SPREAD = (*[0.3] * 3, *[1.2] * 3, *[8.0] * 3, *[2.0] * 3)
 """Standard deviations of the coordinates [m, rad, -, -]."""
@@ -34,9 +38,14 @@ def main() -> None:
     parser.add_argument("--shapes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--speed", action="store_true", help="processor time a shape, in the plane and in space")
+    parser.add_argument(
+        "--followed", type=int, default=0, help="motions at each weight that the judge's rod is led along"
+    )
     given = parser.parse_args()
     if given.speed:
         return speed(given.seed)
+    if given.followed:
+        return followed(given.followed, given.seed)
     print("| cable | gamma | bending length [mm] | off without weight [mm], median, worst | ended |")
     print("|---|---|---|---|---|")
     for name in preset_names():
@@ -80,6 +89,27 @@ def speed(seed: int) -> None:
             call(q)
             taken.append(f"{1e6 * (time.process_time() - began) / rows:.1f}")
         print(f"| {name} | {' | '.join(taken)} |")
+
+
+WEIGHTS = (0.0, 18.5, 50.0, 100.0)
+
+
+def followed(count: int, seed: int) -> None:
+    """Print a Markdown table: how far the judge's rod is off motions of margin 5 and more, 0.5 m long, 8 rows each."""
+    print("| gamma | motions | lost | largest deviation [mm], median, worst |")
+    print("|---|---|---|---|")
+    for weight in WEIGHTS:
+        rod, rng, off, lost = SpatialRod(0.5, weight=weight), np.random.default_rng(seed), [], 0
+        while len(off) < count:
+            line = rod.between(*rng.normal(0, SPREAD, (2, rod.dof)), np.linspace(0, 1, 8))
+            if rod.stability(line, ceiling=LEAST_MARGIN)[0].min() < LEAST_MARGIN:
+                continue
+            stations, poses = rod.shapes(line)
+            turns = round(line[0, 9] / rod.twist / (2 * np.pi))
+            found = follow_in_space(stations, poses, length=0.5, twist=rod.twist, weight=weight, turns=turns)
+            lost += found.lost_at is not None
+            off.append(1000 * found.deviation.max(initial=0.0))
+        print(f"| {weight:g} | {count} | {lost} | {np.median(off):.2f}, {max(off):.2f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ def line(x0: float, y0: float, x1: float, y1: float, layer: str = "0") -> tuple[
     return "LINE", {8: layer, 10: x0, 20: y0, 11: x1, 21: y1}
 
 
-def circle(x: float, y: float, radius: float, layer: str = "0") -> tuple[str, dict[int, object]]:
+def circle(x: object, y: object, radius: float, layer: str = "0") -> tuple[str, dict[int, object]]:
     return "CIRCLE", {8: layer, 10: x, 20: y, 40: radius}
 
 

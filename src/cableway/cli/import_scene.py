@@ -87,11 +87,11 @@ class Import(Options):
             "faults": [str(fault) for fault in draft.faults()],
             "task": str(path),
         }
-        most = 12
+        most, some = 12, "" if len(found.outlines) == 1 else "s"
         rows = [
             ("unit", drawing.unit),
             ("workspace", f"{size_text(found.scene.size)}, from {', '.join(map(limit_text, found.corner))} on"),
-            ("obstacles", f"{report['obstacles']}, convex, from {report['outlines']} outlines"),
+            ("obstacles", f"{len(found.scene.obstacles)}, convex, from {len(found.outlines)} outline{some}"),
             *(("left out", each) for each in report["left_out"][:most]),
             *([("left out", f"and {len(found.left_out) - most} more")] if len(found.left_out) > most else []),
             *(("not possible", fault) for fault in report["faults"][:3]),

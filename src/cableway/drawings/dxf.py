@@ -6,7 +6,7 @@ end on one layer. Layers that are off or frozen are not there. ezdxf reads the f
 
 from __future__ import annotations
 
-import io
+import logging
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -82,13 +82,15 @@ def read_dxf(path: Path, tolerance: float, unit: str | None = None, frame: str |
 
 
 def _document(path: Path) -> Any:
-    from ezdxf import recover
+    import ezdxf
 
-    content = read_bytes(path, LARGEST_FILE)
-    if b"SECTION" not in content:
+    if b"SECTION" not in read_bytes(path, LARGEST_FILE):
         raise FileFormatError(f"{path}: not a DXF file: it has no section")
+    log = logging.getLogger("ezdxf")
+    if not log.handlers:  # what it mends goes to no terminal
+        log.addHandler(logging.NullHandler())
     try:
-        return recover.read(io.BytesIO(content))[0]
+        return ezdxf.readfile(path)  # pyright: ignore[reportPrivateImportUsage]  # strict: a damaged number is an error
     except Exception as error:  # as above
         raise FileFormatError(f"{path}: not a DXF file that can be read ({one_line(error)})") from None
 

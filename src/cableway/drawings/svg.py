@@ -205,6 +205,8 @@ class _Reader(Found):
         self.walk(original, tag, around.moved(_shift(element))._replace(using=(*around.using, target)))
 
     def _shape(self, element: Element, tag: str, name: str, around: Around) -> None:
+        if not np.isfinite(around.matrix).all():
+            raise FileFormatError(f"{self.path}: {name}: the transforms about it are not finite")
         scale = float(np.linalg.norm(around.matrix[:2, :2], 2))
         try:
             circle = _circle(element, tag, around.matrix)

@@ -60,7 +60,7 @@ def imported_figure(task: Draft, found: Arrangement, unit: str) -> Figure:
 
 
 def _lines(found: Arrangement, unit: str) -> list[str]:
-    counts = f"{len(found.outlines)} outlines, {len(found.scene.obstacles)} convex obstacles"
+    counts = f"outlines: {len(found.outlines)} · convex obstacles: {len(found.scene.obstacles)}"
     facts = [f"unit: {unit} · workspace {size_text(found.scene.size)} · {counts}"]
     gone = [textwrap.shorten(f"left out: {printable(str(each))}", WIDE) for each in found.left_out]
     more = [f"and {len(gone) - SHOWN} more left out"] if len(gone) > SHOWN else []

@@ -145,6 +145,8 @@ def _outline(
     model: mujoco.MjModel, data: mujoco.MjData, index: int, name: str, table: float, tolerance: float, path: Path
 ) -> Outline | LeftOut:
     """What a geom is, seen from above."""
+    turn = data.geom_xmat[index].reshape(3, 3)
+    require_points(name, np.vstack([data.geom_xpos[index], model.geom_size[index], turn]), path)
     places, round_part = _extent(model, data, index)
     if places is None or round_part is None:
         return LeftOut(name, "a shape that is not read")

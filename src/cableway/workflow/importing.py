@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from cableway.core.errors import InputError
 from cableway.core.quantities import limit_text
 from cableway.drawings.arrangement import Arrangement, arranged
@@ -90,7 +92,8 @@ def understood(path: Path, config: ImportConfig) -> tuple[Drawing, Arrangement]:
     for name, of in FOR.items():
         if of != kind and getattr(config, name):
             raise InputError(f"--{name} is for a {of}, and {path} is a {kind}")
-    drawing = _read(path, config)
+    with np.errstate(all="ignore"):  # readers refuse what is not finite where it becomes an outline
+        drawing = _read(path, config)
     try:
         return drawing, arranged(drawing, config.tolerance, config.workspace)
     except InputError as error:
