@@ -76,6 +76,8 @@ def test_a_port_in_use_is_said():
         port = taken.getsockname()[1]
         with pytest.raises(InputError, match=f"--port {port}: cannot be had on 127.0.0.1 .*; give another one"):
             Server("127.0.0.1", port, lambda *_: None, lambda *_: None)
+    with pytest.raises(InputError, match=r"--host 203\.0\.113\.1: no address of this machine"):
+        Server("203.0.113.1", 0, lambda *_: None, lambda *_: None)  # of nobody (RFC 5737)
     with pytest.raises(InputError, match="--port must be from 0 to 65535, got 70000"):
         Server("127.0.0.1", 70000, lambda *_: None, lambda *_: None)
 

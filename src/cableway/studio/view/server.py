@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import secrets
@@ -110,7 +111,7 @@ def _listening(host: str, port: int) -> socket.socket:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, port), family=family, backlog=100)
     except OSError as error:
-        if isinstance(error, socket.gaierror) or error.errno == 99:
+        if (error.errno or 0) < 0 or error.errno == errno.EADDRNOTAVAIL:  # below zero: no such name
             raise InputError(f"--host {host}: no address of this machine") from None
         why = os.strerror(error.errno or 0)
         raise InputError(
