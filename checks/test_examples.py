@@ -47,7 +47,7 @@ def run(code: str | Path, folder: Path) -> str:
 
 def test_there_are_examples():
     assert len(EXAMPLES) >= 3
-    assert {page for page, _ in CODE} >= {"README.md", "tutorial.md", "datasets.md"}
+    assert {page for page, _ in CODE} >= {"README.md", "models.md", "datasets.md"}
 
 
 def test_a_method_of_ones_own_takes_less_than_forty_lines():
