@@ -127,7 +127,7 @@ def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: St
     page.mouse.up()
     until(lambda: session.planning.status == "found" and session.planning.plans[0] is not plan, page)
     moved = session.draft.scene.obstacles[0]
-    np.testing.assert_allclose(middle_of(moved) - (x, y), (0.03, -0.02), atol=0.006)
+    np.testing.assert_allclose(middle_of(moved) - (x, y), (0.03, -0.02), atol=0.004)
     until(lambda: not looks(page, left, style.OBSTACLE), page)
     there = pixel(studio, page, *(corner + middle_of(moved) - (x, y)), 0.01)
     until(lambda: looks(page, there, mixed(style.BLUE, 0.72)), page)  # the colour of what is selected
