@@ -18,7 +18,8 @@ from jaxtyping import Float
 from cableway.core.brief import Brief, Shown, notebook
 from cableway.core.errors import FileFormatError, InputError, Point
 from cableway.core.files import ArrayRecord, check_shapes
-from cableway.core.quantities import estimate_text, quantity
+from cableway.core.quantities import quantity
+from cableway.estimate import Estimate as Estimate
 from cableway.outcome import Outcome
 from cableway.rod.held_rod import HeldRod
 from cableway.scene.files.loading import TaskSource
@@ -256,33 +257,6 @@ class Measurement(Brief):
     clearance: float
     gripper_clearance: float
     joints: Float[np.ndarray, "2 j"] | None = None
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A parameter that a controller estimates while it runs.
-
-    Attributes:
-        value: The estimate.
-        deviation: Standard deviation of that.
-        nominal: The value before any measurement.
-        prior: Standard deviation of that; 0 for a number that was taken as known.
-        unit: Of all four, "" for none.
-    """
-
-    value: float
-    deviation: float
-    nominal: float
-    prior: float
-    unit: str = ""
-
-    @property
-    def differs(self) -> bool:
-        """Whether it is off by more than two standard deviations from its nominal value."""
-        return abs(self.value - self.nominal) > 2 * self.deviation
-
-    def __str__(self) -> str:
-        return estimate_text(self.value, self.deviation, self.unit)
 
 
 @dataclass(frozen=True, repr=False)
