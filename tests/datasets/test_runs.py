@@ -17,8 +17,9 @@ from cableway.datasets.lerobot import write_lerobot
 from cableway.datasets.parquet import write_parquet
 from cableway.datasets.runs import StoredRun, count_runs, open_runs, read_runs, run_folder, write_run
 from cableway.records import Rollout
+from cableway.tasks.generation import FIRST_SEED
 from cableway.workflow import collecting
-from cableway.workflow.collecting import FIRST_SEED, RunsConfig, collect_runs
+from cableway.workflow.collecting import RunsConfig, collect_runs
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

@@ -14,8 +14,9 @@ from gymnasium.vector import SyncVectorEnv
 import cableway.envs  # noqa: F401
 from cableway.benchmark.suites import frozen_episodes
 from cableway.core.errors import InputError, UnknownNameError
-from cableway.envs.cable import FIRST_SEED, SETTLED, CableEnv
+from cableway.envs.cable import SETTLED, CableEnv
 from cableway.outcome import SUCCESS_ERROR
+from cableway.tasks.generation import FIRST_SEED
 
 ID = "cableway/Cable-v0"
 TASK = "single-obstacle-2"

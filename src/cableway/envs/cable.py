@@ -23,14 +23,11 @@ from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation, variant
-from cableway.tasks.generation import KINDS, random_task
+from cableway.tasks.generation import FIRST_SEED, KINDS, random_task
 from cableway.tracking.plant import Plant
 from cableway.workflow.registry import make_controller
 from cableway.workflow.run import SolveOptions
 from cableway.workflow.solve import solve
-
-FIRST_SEED = 1_000_000
-"""Random tasks of episodes have seeds from here on, so that none is a task of the benchmark's suites."""
 
 GRID = 32
 """Cells across and along the map of clearance."""

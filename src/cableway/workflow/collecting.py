@@ -23,13 +23,13 @@ from cableway.scene.files.loading import load_task
 from cableway.scene.files.saving import task_text
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation, variant
-from cableway.tasks.generation import KINDS, random_task
+from cableway.tasks.generation import FIRST_SEED, KINDS, random_task
 from cableway.workflow.registry import make_controller
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 
-FIRST_SEED, MOST_SEED = 1_000_000, 2**31 - 1
-"""Seeds of random tasks are from here to there, so that none is a task of the benchmark's suites."""
+MOST_SEED = 2**31 - 1
+"""Seeds of random tasks are below."""
 
 TRIES = 20
 """Seeds that are tried for a random task."""
