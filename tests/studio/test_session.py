@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ from cableway.core.errors import InputError
 from cableway.geometry import polyline
 from cableway.records import Plan
 from cableway.scene.files.loading import as_draft, load_task
-from cableway.studio import ends
+from cableway.studio import ends, replanner
 from cableway.studio.obstacles import knobs, middle_of, new_obstacle, placed, pulled, turned, with_obstacle
 from cableway.studio.replanner import Answer
 from cableway.studio.session import Session
+from cableway.workflow.events import CANCEL, Progress
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 
@@ -191,6 +193,31 @@ def test_the_plan_is_shown_until_the_next_edit(found: Run):
     session.hold()
     session.preview_gripper("goal", 0, poses_of(session, "goal")[0] + [0.0, 0.001, 0.0])
     assert session.planning.plans == ()
+
+
+def test_an_answer_to_a_request_that_was_replaced_is_not_shown(found: Run):
+    session, planner = begun(found.task)
+    session.seek_ways()
+    planner.on_answer(Answer(1, found))
+    assert session.planning.status == "planning"
+    planner.on_answer(Answer(len(planner.asked), found))
+    assert session.planning.status == "found"
+
+
+def test_a_plan_under_way_is_given_up_for_the_next_request(monkeypatch: pytest.MonkeyPatch, found: Run):
+    ours, theirs = Pipe()
+
+    def solved(task: Any, options: SolveOptions, on_event: Any) -> Run:
+        assert options.clock is not None
+        assert on_event(Progress("projection", 0.5)) is None
+        assert options.clock() < math.inf
+        ours.send("the next request")
+        assert on_event(Progress("projection", 0.6)) == CANCEL
+        assert options.clock() == math.inf
+        return found
+
+    monkeypatch.setattr(replanner, "solve", solved)
+    assert replanner._answer(theirs, 1, found.task, SolveOptions(track=False)).run is found
 
 
 def test_what_is_saved_is_what_there_was(tmp_path: Path, found: Run):

@@ -16,7 +16,7 @@ from cableway.core.errors import CablewayError, said
 from cableway.core.executors import begin_worker, deaf_to_interrupts
 from cableway.core.logs import log_file
 from cableway.scene.task import Task
-from cableway.workflow.events import CANCEL, Event, Planned, Progress
+from cableway.workflow.events import CANCEL, Event, Progress
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 
@@ -42,7 +42,8 @@ class Replanner:
     """A process that solves one task at a time, always the one it was asked for last.
 
     Args:
-        on_answer: Called with each answer to the last request, from a thread of its own.
+        on_answer: Called with each answer, from a thread of its own; one may still come to a request that another has
+            replaced.
     """
 
     def __init__(self, on_answer: Callable[[Answer], Any]) -> None:
@@ -109,10 +110,7 @@ class Replanner:
                     self._process, self._connection = None, None
                 self._on_answer(answer)
                 return
-            with self._lock:
-                current = answer.number == self._number
-            if current:
-                self._on_answer(answer)
+            self._on_answer(answer)
 
 
 def _work(connection: Connection, log: str | None) -> None:
@@ -134,14 +132,9 @@ def _answer(connection: Connection, number: int, task: Task, options: SolveOptio
 
     def on_event(event: Event) -> str | None:
         nonlocal last
-        match event:
-            case Progress(stage, _) if stage != last:
-                last = stage
-                connection.send(Answer(number, stage=stage))
-            case Planned(run) if options.track:
-                connection.send(Answer(number, run, stage="tracking"))
-            case _:
-                pass
+        if isinstance(event, Progress) and event.stage != last:
+            last = event.stage
+            connection.send(Answer(number, stage=last))
         return CANCEL if connection.poll() else None
 
     def time() -> float:
