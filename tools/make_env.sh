@@ -15,7 +15,7 @@ host=${PYTHON:-python3}
 }
 
 if ! "$python" -m pip --version >/dev/null 2>&1; then
-  echo "Making the environment .venv: 1.7 GB, once."
+  echo "Making the environment .venv: 2.8 GB, once."
   # Some distributions split ensurepip off; then the pip outside fills the environment.
   "$host" -m venv --clear .venv >/dev/null 2>&1 || {
     "$host" -m venv --clear --without-pip .venv
