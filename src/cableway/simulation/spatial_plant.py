@@ -13,9 +13,8 @@ Note:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -25,13 +24,28 @@ from cableway.core.checks import Bounds, Checked
 from cableway.core.errors import InputError, SimulationError
 from cableway.core.quantities import quantity
 from cableway.geometry.groups import SE3
-from cableway.rod.spatial import SpatialRod
+from cableway.rod.inverse import equilibria_at, meet_poses
+from cableway.scene.spatial.cable import SpatialCable
+from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Sphere
+from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
 from cableway.simulation.chain import collected_warnings
+from cableway.simulation.drives import NAMES
 from cableway.simulation.spatial_chain import SpatialChain
-from cableway.simulation.surroundings import CABLE, CONTACT, SURROUNDINGS, add_free_gripper, hold
+from cableway.simulation.surroundings import (
+    CABLE,
+    CONTACT,
+    SURROUNDINGS,
+    add_free_gripper,
+    add_hull,
+    add_obstacle,
+    add_plane,
+    hold,
+)
 
-NAMES = ("left", "right")
+SAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""The pose of a frame in itself."""
 
 HOLD = {"solref": [0.005, 1.0], "solimp": [0.99, 0.9999, 0.001, 0.5, 2.0]}
 """Stiffness of a grasp: a time constant of two time steps."""
@@ -93,19 +107,16 @@ class SpatialMeasurement(NamedTuple):
 
 
 class SpatialPlant:
-    """A cable between two grippers in space.
+    """A task's cable between two grippers in space.
 
     Args:
-        chain: The true cable.
-        rod: The rod whose shape the cable begins in; it comes to rest between the same grippers.
-        start: (12,) coordinates of that shape.
-        surround: Adds what the cable can touch to a model; nothing where None. Geoms for the cable are to have
-            `SURROUNDINGS` as their `contype` and `CABLE` as their `conaffinity`.
+        task: Scene, start and cable.
+        cable: The true cable; the task's where None. It comes to rest between the grippers of the start.
         grasps: (2, 7) poses of the cable's ends in the gripper frames; none off where None.
         config: Everything else.
 
     Raises:
-        SimulationError: The cable does not come to rest, or touches something then.
+        SimulationError: The cable has no stable shape there, does not come to rest, or touches something then.
     """
 
     control_step = CONTROL_STEP
@@ -113,24 +124,23 @@ class SpatialPlant:
 
     def __init__(
         self,
-        chain: SpatialChain,
-        rod: SpatialRod,
-        start: Float[np.ndarray, "12"],
-        surround: Callable[[mujoco.MjSpec], None] | None = None,
+        task: SpatialTask,
+        cable: SpatialCable | None = None,
         grasps: Float[np.ndarray, "2 7"] | None = None,
         config: SpatialConfig | None = None,
     ) -> None:
-        self.config, self._chain = config or SpatialConfig(), chain
-        self._places, self._steps = np.linspace(0.0, 1.0, rod.keypoints), 0
-        still = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
-        self._grasps = still if grasps is None else grasps
-        self.model = self._built(surround)
+        self.task, self.cable, self.config = task, cable or task.cable, config or SpatialConfig()
+        self._chain, self._steps = SpatialChain(self.cable, self.config.links), 0
+        self._grasps = np.tile(SAME, (2, 1)) if grasps is None else np.array(grasps, float)
+        self.model = self._built()
         self._data = mujoco.MjData(self.model)
         self._is_cable = self.model.geom_contype == CABLE
-        stations, poses = rod.shapes(start[None])
-        self._commanded, self._reached = poses[0].copy(), poses[0].copy()
-        left = SE3.compose(poses[0, 0], self._grasps[0])
-        self._data.qpos[: chain.coordinates] = chain.laid(stations[0], left, start[9] / rod.twist)
+        self._commanded = task.gripper_poses("start").copy()
+        self._reached = self._commanded.copy()
+        ends = SE3.compose(self._reached, self._grasps)
+        start = nearest_start(task, self.cable, ends)
+        line = self.cable.rod.shapes(start[None])[0][0]
+        self._data.qpos[: self._chain.coordinates] = self._chain.laid(line, ends[0], start[9] / self.cable.twist_ratio)
         self._settle()
 
     @property
@@ -153,7 +163,8 @@ class SpatialPlant:
     def measure(self) -> SpatialMeasurement:
         """The truth now; no contact was looked for."""
         line = self._chain.line(self._data)
-        return SpatialMeasurement(line, self._chain.at(line, self._places), self._reached.copy(), math.inf)
+        places = np.linspace(0.0, 1.0, self.cable.keypoints)
+        return SpatialMeasurement(line, self._chain.at(line, places), self._reached.copy(), math.inf)
 
     def _settle(self) -> None:
         """Let the cable come to rest between the grippers as they are."""
@@ -195,7 +206,7 @@ class SpatialPlant:
         touching = self._is_cable[self._data.contact.geom].any(axis=1)
         return float(self._data.contact.dist[touching].min()) if touching.any() else math.inf
 
-    def _built(self, surround: Callable[[mujoco.MjSpec], None] | None) -> mujoco.MjModel:
+    def _built(self) -> mujoco.MjModel:
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         option = spec.option
@@ -204,12 +215,61 @@ class SpatialPlant:
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         # the approximate diagonal makes the grasps of a long chain soft
         option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
-        friction = [self.config.friction, 0.005, 0.0001]
-        self._chain.add(spec, contype=CABLE, conaffinity=SURROUNDINGS, condim=3, friction=friction, **CONTACT)
-        last, share = self._chain.links - 1, self._chain.length / (2 * (self._chain.links - 1))
+        surface = {"condim": 3, "friction": [self.config.friction, 0.005, 0.0001], **CONTACT}
+        self._chain.add(spec, contype=CABLE, conaffinity=SURROUNDINGS, **surface)
+        last, share = self._chain.links - 1, self.cable.length / (2 * (self._chain.links - 1))
         for name, link, along in zip(NAMES, (0, last), (0.0, share), strict=True):
             add_free_gripper(spec, name)
             hold(spec, name, f"segment {link}", along, **HOLD)
-        if surround is not None:
-            surround(spec)
+        add_spatial_scene(spec, self.task.scene, contype=SURROUNDINGS, conaffinity=CABLE, **surface)
         return spec.compile()
+
+
+def nearest_start(task: SpatialTask, cable: SpatialCable, ends: Float[np.ndarray, "2 7"]) -> Float[np.ndarray, "12"]:
+    """The stable shape of a cable between its ends whose keypoints are nearest to those of the task's start.
+
+    Raises:
+        SimulationError: There is none.
+    """
+    rod, keypoints = cable.rod, task.keypoints("start")
+    try:
+        found = meet_poses(rod, ends, task.start[None])
+        found = found[rod.stability(found)[0] > 0] if len(found) else found
+        found = found if len(found) else equilibria_at(rod, ends)
+    except InputError:
+        found = np.empty((0, 12))
+    if not len(found):
+        raise SimulationError("the cable has no stable shape between the grippers of the start")
+    places = np.linspace(0, 1, len(keypoints))
+    shapes = rod.shapes(found)[0]
+    at = np.linspace(0, shapes.shape[1] - 1, len(places)).round().astype(int)
+    return found[int(np.argmin(np.linalg.norm(shapes[:, at] - keypoints, axis=(1, 2))))]
+
+
+def add_spatial_scene(spec: mujoco.MjSpec, scene: SpatialScene, **surface: Any) -> None:
+    """Obstacles, walls, ceiling and table; what never ends goes as high as the ceiling."""
+    world, top = spec.worldbody, scene.size[2]
+    for index, obstacle in enumerate(scene.obstacles):
+        named: dict[str, Any] = {"name": f"obstacle {index}", **surface}
+        match obstacle:
+            case Cuboid():
+                size = [edge / 2 for edge in obstacle.size]
+                at = {"pos": list(obstacle.center), "quat": list(obstacle.orientation)}
+                world.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, **at, **named)
+            case Cylinder():
+                size, at = [obstacle.radius, obstacle.height / 2, 0.0], {"pos": list(obstacle.center)}
+                kind = mujoco.mjtGeom.mjGEOM_CYLINDER
+                world.add_geom(type=kind, size=size, zaxis=list(obstacle.axis), **at, **named)
+            case Sphere():
+                size, at = [obstacle.radius, 0.0, 0.0], {"pos": list(obstacle.center)}
+                world.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=size, **at, **named)
+            case ConvexMesh():
+                add_hull(spec, world, obstacle.points, **named)
+            case _:
+                height = obstacle.section.height
+                faces = (0.0, top if height is None else height)
+                add_obstacle(spec, obstacle.section, faces, mujoco.mjtGeom.mjGEOM_CYLINDER, **named)
+    for axis in range(3):
+        inward = np.eye(3)[axis]
+        for name, point, normal in (("low", np.zeros(3), inward), ("high", np.array(scene.size), -inward)):
+            add_plane(spec, point.tolist(), normal.tolist(), name=f"wall {axis} {name}", **surface)
