@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import ConvexHull
 
 from cableway.geometry import rotations
 from cableway.geometry.spatial_convex import SpatialWorld, self_distance, signed_distance
@@ -20,12 +21,16 @@ from cableway.motion import spatial_kernels
 from cableway.motion.limits import Margins
 from cableway.rod.spatial import SpatialRod
 from cableway.scene.grippers import Grippers
-
-MOST_TWIST = 4 * math.pi
-"""Greatest twist of the cable from end to end [rad]: two turns, beyond what a shape with a stability margin has."""
+from cableway.scene.spatial.grippers import SpatialBody
+from cableway.scene.spatial.task import SpatialTask
 
 OFF_CABLE = 0.001
 """Clearance [m] of gripper bodies from parts of the cable that they do not hold."""
+
+
+SURFACE_SPACING = 0.012
+"""Distance [m] of the points that stand for the surface of a body: something sharp between them, at clearance d, is
+nearer by at most `SURFACE_SPACING`^2/(6 d), 2.4 mm at 10 mm."""
 
 
 @dataclass(frozen=True)
@@ -36,28 +41,28 @@ class SpatialBodies:
         side: (k,) gripper that each moves with, 0 left, 1 right.
         at: (k, 3) where it is in that gripper's frame [m].
         radius: (k,) [m].
+        reach: (k,) farthest point of its body from that gripper [m].
     """
 
     side: Int[np.ndarray, "k"]
     at: Float[np.ndarray, "k 3"]
     radius: Float[np.ndarray, "k"]
+    reach: Float[np.ndarray, "k"]
 
     @classmethod
-    def spheres(cls, radius: float) -> SpatialBodies:
-        """One ball about either end of the cable."""
-        return cls(np.arange(2), np.zeros((2, 3)), np.full(2, float(radius)))
-
-    @classmethod
-    def of(cls, left: Sequence[tuple[np.ndarray, float]], right: Sequence[tuple[np.ndarray, float]]) -> SpatialBodies:
-        """Balls (centre [m], radius [m]) in the frames of both grippers."""
-        both = [(0, *ball) for ball in left] + [(1, *ball) for ball in right]
-        side, at, radius = zip(*both, strict=True)
-        return cls(np.array(side, dtype=np.int64), np.array(at, float), np.array(radius, float))
+    def of(cls, bodies: Sequence[SpatialBody]) -> SpatialBodies:
+        """A ball as it is, other bodies by points `SURFACE_SPACING` apart on their surface."""
+        at = [each.points if len(each.points) == 1 else surface_points(each.points) for each in bodies]
+        counts = [len(each) for each in at]
+        sides = np.array([each.side for each in bodies], dtype=np.int64)
+        radii, reach = (np.array([getattr(each, name) for each in bodies], float) for name in ("radius", "reach"))
+        side, radius, reach = (np.repeat(each, counts) for each in (sides, radii, reach))
+        return cls(side, np.concatenate(at), radius, reach)
 
     def spared(self, length: float, stations: int, cable: float) -> Int[np.ndarray, "k"]:
-        """Stations from a gripper on of a cable of a radius [m] that each ball may touch: those it could hold."""
-        reach = np.linalg.norm(self.at, axis=1) + self.radius + cable
-        return np.minimum(stations, np.ceil(math.pi / 2 * reach * (stations - 1) / length).astype(np.int64) + 1)
+        """Stations from a gripper on of a cable of a radius [m] that its bodies may touch: half a turn about them."""
+        arc = math.pi / 2 * (self.reach + cable)
+        return np.minimum(stations, np.ceil(arc * (stations - 1) / length).astype(np.int64) + 1)
 
     def points(self, poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t k 3"]:
         """Their centres [m] in the world."""
@@ -118,8 +123,20 @@ class SpatialProblem:
     grippers: Grippers
     start: Float[np.ndarray, "12"]
     goal: Float[np.ndarray, "12"]
-    least_bend_radius: float = 0.0
-    most_twist: float = MOST_TWIST
+    least_bend_radius: float
+    most_twist: float
+
+    @classmethod
+    def of(cls, task: SpatialTask) -> SpatialProblem:
+        """That of a task."""
+        limits, cable = task.grippers, task.cable
+        grippers = Grippers(
+            radius=limits.radius, max_step=limits.max_step, max_turn=limits.max_turn, separation=limits.separation
+        )
+        return cls(
+            task.rod, cable.radius, task.scene.world, SpatialBodies.of(task.bodies), grippers, np.array(task.start),
+            np.array(task.goal), cable.min_bend_radius, cable.max_twist,
+        )  # fmt: skip
 
     @property
     def sharpest_turn(self) -> float:
@@ -194,6 +211,20 @@ def continuous_poses(poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t 
     same = np.sum(out[1:, :, 3:] * out[:-1, :, 3:], axis=2)
     out[1:, :, 3:] *= np.cumprod(np.where(same < 0, -1.0, 1.0), axis=0)[..., None]
     return out
+
+
+def surface_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "m 3"]:
+    """Points of the surface of a hull, corners included, at most `SURFACE_SPACING` [m] apart along its triangles."""
+    found = []
+    for triangle in points[ConvexHull(points).simplices]:
+        longest = max(np.linalg.norm(triangle - np.roll(triangle, 1, axis=0), axis=1))
+        parts = max(1, math.ceil(longest / SURFACE_SPACING))
+        i, j = np.meshgrid(np.arange(parts + 1), np.arange(parts + 1), indexing="ij")
+        inside = i + j <= parts
+        shares = np.stack([i[inside], j[inside], parts - i[inside] - j[inside]], axis=1) / parts
+        found.append(shares @ triangle)
+    rows = np.concatenate(found)
+    return rows[np.sort(np.unique(rows.round(6), axis=0, return_index=True)[1])]
 
 
 def _bodies_gap(points: Float[np.ndarray, "t k 3"], bodies: SpatialBodies) -> float:

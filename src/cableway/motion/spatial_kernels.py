@@ -192,3 +192,42 @@ def free_share(a, b, turn, count, most, space):
         if not is_free(q, space):
             return i - 1
     return min(count, most)
+
+
+@kernel
+def closest_parts(stations, apart):
+    """Of each row of stations (t, s, 3), the two at least `apart` places from each other that are nearest.
+
+    Returns:
+        Their distances (t,), infinite where there are none, and their indices (t, 2).
+    """
+    away, which = np.full(len(stations), np.inf), np.zeros((len(stations), 2), np.int64)
+    for t in range(len(stations)):
+        line = stations[t]
+        for i in range(len(line) - apart):
+            for j in range(i + apart, len(line)):
+                squared = _squared(line[i], line[j])
+                if squared < away[t]:
+                    away[t], which[t, 0], which[t, 1] = squared, i, j
+        away[t] = math.sqrt(away[t])
+    return away, which
+
+
+@kernel
+def nearest_to_cable(points, stations, sides, spared):
+    """Of each row of body points (t, k, 3), the nearest station that the body does not hold.
+
+    Returns:
+        Distances (t, k), infinite where there is none, and indices (t, k).
+    """
+    last = stations.shape[1] - 1
+    away, which = np.full(points.shape[:2], np.inf), np.zeros(points.shape[:2], np.int64)
+    for t in range(len(points)):
+        for i in range(points.shape[1]):
+            for s in range(spared[i], last + 1):
+                at = last - s if sides[i] else s
+                squared = _squared(points[t, i], stations[t, at])
+                if squared < away[t, i]:
+                    away[t, i], which[t, i] = squared, at
+            away[t, i] = math.sqrt(away[t, i])
+    return away, which

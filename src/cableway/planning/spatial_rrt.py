@@ -120,12 +120,12 @@ def about_path(problem: SpatialProblem, path: Float[np.ndarray, "P 3"]) -> Sampl
 
 
 def about_shapes(problem: SpatialProblem, q: Float[np.ndarray, "t 12"]) -> Sampler:
-    """Samples about the rows of another sequence, at distances from nothing to twice `TUBE`."""
+    """Samples about the rows of another sequence, at distances from nothing to twice `TUBE`, small ones more often."""
     rod = problem.rod
     units = np.array(TUBE) * np.array([*[rod.length] * 3, *[1.0] * 9])
 
     def draw(rng: np.random.Generator, count: int) -> np.ndarray:
-        spread = rng.uniform(0, 2, (count, 1)) * units
+        spread = 2 * rng.uniform(0, 1, (count, 1)) ** 2 * units
         return rod.retract(q[rng.integers(len(q), size=count)], spread * rng.normal(size=(count, 12)))
 
     return draw
