@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.linalg import null_space
+from scipy.linalg import eigvalsh, solve_banded
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
@@ -37,6 +37,9 @@ LARGEST_TURN = 0.3
 
 JUMP = 0.3
 """Turn of a link [rad] above which a solved step is another branch."""
+
+STIFF = 1e3
+"""Second derivative given to what the held ends do not allow: far above the least."""
 
 LEVEL = 1e-9
 """Largest slope of the energy [B/L] and largest gap [L] of what counts as solved."""
@@ -60,12 +63,14 @@ class FollowedInSpace:
         stations: (k, s, 3) of the rod [m] at each row reached, at the arc lengths of those given.
         deviation: (k,) largest distance [m] of one to the one given.
         stability: (k,) least eigenvalue of N times the energy's second derivative by turns of the links, the ends held.
+        twist: (k,) from end to end [rad].
         lost_at: The row where no stable equilibrium was found any more, or None.
     """
 
     stations: Float[np.ndarray, "k s 3"]
     deviation: Float[np.ndarray, "k"]
     stability: Float[np.ndarray, "k"]
+    twist: Float[np.ndarray, "k"]
     lost_at: int | None
 
 
@@ -98,7 +103,7 @@ def follow_in_space(
         raise InputError(f"a motion needs as many shapes as poses, of 3 points or more, got {stations.shape}")
     chain = _Chain(length, twist, weight)
     state, pose = chain.first(stations[0], poses[0], turns), poses[0]
-    reached, margins, lost_at = [], [], None
+    reached, margins, twists, lost_at = [], [], [], None
     for t, target in enumerate(poses):
         found = _continued(chain, state, pose, target, halvings)
         if found is None:
@@ -106,10 +111,11 @@ def follow_in_space(
             break
         (state, margin), pose = found, target
         margins.append(margin)
+        twists.append(chain.twist(state[0]))
         reached.append(chain.stations(state[0], target, stations.shape[1]))
     lines = np.array(reached).reshape(-1, *stations.shape[1:])
     deviation = np.linalg.norm(lines - stations[: len(lines)], axis=2).max(axis=1, initial=0.0)
-    return FollowedInSpace(lines, deviation, np.array(margins), lost_at)
+    return FollowedInSpace(lines, deviation, np.array(margins), np.array(twists), lost_at)
 
 
 State = tuple[Float[np.ndarray, "links 4"], Float[np.ndarray, "3"]]
@@ -190,15 +196,16 @@ class _Chain:
             rows[side] = pose[side, 3:] * (1.0 if pose[side, 3:] @ rows[side] > 0 else -1.0)
         chord = (pose[1, :3] - pose[0, :3]) / self._length
         for _ in range(ITERATIONS):
-            slope, second, closure = self._derivatives(rows, force)
+            slope, blocks, beside, closure = self._derivatives(rows, force)
             gap = self._links @ _directions(rows) - chord
             if max(np.abs(slope).max(), np.abs(gap).max()) < LEVEL:
                 return rows, force
-            system = np.block([[second, closure.T], [closure, np.zeros((3, 3))]])
             try:
-                step = np.linalg.solve(system, -np.concatenate([slope, gap]))
+                moved = solve_banded((5, 5), _banded(blocks, beside), np.column_stack([slope, closure.T]))
+                pull = np.linalg.solve(closure @ moved[:, 1:], gap - closure @ moved[:, 0])
             except np.linalg.LinAlgError:
                 return None
+            step = np.concatenate([-moved[:, 0] - moved[:, 1:] @ pull, pull])
             share = min(1.0, LARGEST_TURN / max(np.abs(step[:-3]).max(), 1e-12))
             moved = np.einsum("iak,ik->ia", _tangents(rows[1:-1]), step[:-3].reshape(-1, 3)) / 2
             rows[1:-1] += share * moved
@@ -208,13 +215,24 @@ class _Chain:
 
     def margin(self, state: State) -> float:
         """Least eigenvalue of N times the second derivative, on turns that keep the ends."""
-        _, second, closure = self._derivatives(*state)
-        free = null_space(closure, rcond=1e-9)
-        return float(HINGES * np.linalg.eigvalsh(free.T @ second @ free)[0])
+        _, blocks, beside, closure = self._derivatives(*state)
+        second = _dense(blocks, beside)
+        held, kept, _ = np.linalg.svd(closure.T, full_matrices=False)
+        held = held[:, kept > 1e-9 * kept[0]]
+        along = second @ held
+        second -= along @ held.T + held @ along.T - held @ (held.T @ along) @ held.T - STIFF * held @ held.T
+        return float(HINGES * eigvalsh(second, subset_by_index=[0, 0], check_finite=False)[0])
 
-    def _derivatives(self, rows: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def twist(self, rows: np.ndarray) -> float:
+        """From end to end [rad]."""
+        turn = np.einsum("kij,hi,hj->hk", TURNS, rows[:-1], rows[1:])
+        return float(2 * np.sum(np.arctan2(turn[:, 0], np.sum(rows[:-1] * rows[1:], axis=1))))
+
+    def _derivatives(
+        self, rows: np.ndarray, force: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Slope and second derivative of the energy with its constraint, by turns [rad] of the inner links, and the
-        derivative of the closure."""
+        derivative of the closure. Of the second derivative, the blocks (l, 3, 3) of links and of neighbours."""
         a, b = rows[:-1], rows[1:]
         by_a, by_b = np.einsum("kij,hj->hki", TURNS, b), np.einsum("kji,hj->hki", TURNS, a)
         turn = np.einsum("hki,hi->hk", by_a, a)
@@ -231,16 +249,33 @@ class _Chain:
         blocks += quadratic
         inner, tangents = rows[1:-1], _tangents(rows[1:-1]) / 2
         blocks[1:-1] -= np.sum(slope[1:-1] * inner, axis=1)[:, None, None] * np.eye(4)
-        count = HINGES - 1
-        second = np.zeros((count, 3, count, 3))
-        i = np.arange(count)
-        second[i, :, i] = np.einsum("lai,lab,lbj->lij", tangents, blocks[1:-1], tangents)
-        beside = np.einsum("lai,lab,lbj->lij", tangents[:-1], across[1:-1], tangents[1:])
-        second[i[:-1], :, i[1:]] = beside
-        second[i[1:], :, i[:-1]] = beside.swapaxes(1, 2)
+        own = np.matmul(tangents.swapaxes(1, 2), np.matmul(blocks[1:-1], tangents))
+        beside = np.matmul(tangents[:-1].swapaxes(1, 2), np.matmul(across[1:-1], tangents[1:]))
         closure = 2 * np.einsum("l,kab,lb,lai->kli", self._links[1:-1], ALONG, inner, tangents)
         flat = np.einsum("la,lai->li", slope[1:-1], tangents).ravel()
-        return flat, second.reshape(3 * count, -1), closure.reshape(3, -1)
+        return flat, own, beside, closure.reshape(3, -1)
+
+
+def _dense(blocks: Float[np.ndarray, "l 3 3"], beside: Float[np.ndarray, "l-1 3 3"]) -> np.ndarray:
+    """The symmetric matrix with these blocks on its diagonal and above it."""
+    count = len(blocks)
+    second, i = np.zeros((count, 3, count, 3)), np.arange(count)
+    second[i, :, i] = blocks
+    second[i[:-1], :, i[1:]] = beside
+    second[i[1:], :, i[:-1]] = beside.swapaxes(1, 2)
+    return second.reshape(3 * count, -1)
+
+
+def _banded(blocks: Float[np.ndarray, "l 3 3"], beside: Float[np.ndarray, "l-1 3 3"]) -> np.ndarray:
+    """The same in the form of `solve_banded`, with five diagonals on either side."""
+    count = len(blocks)
+    banded = np.zeros((11, count, 3))
+    for i in range(3):
+        for j in range(3):
+            banded[5 + i - j, :, j] = blocks[:, i, j]
+            banded[2 + i - j, 1:, j] = beside[:, i, j]
+            banded[8 + i - j, :-1, j] = beside[:, j, i]
+    return banded.reshape(11, -1)
 
 
 def _directions(rows: np.ndarray) -> np.ndarray:
