@@ -135,11 +135,11 @@ class TaskOptions(Options):
             InputError: There is none of that name, or its file cannot be read; where `show` can draw what no cable can
                 do, the message says so.
         """
-        from cableway.scene.files.loading import load_task
+        from cableway.scene.files.loading import load_planar_task
         from cableway.scene.task import Draft
 
         try:
-            return load_task(self.task)
+            return load_planar_task(self.task)
         except TaskError as error:
             if not isinstance(error.draft, Draft):
                 raise

@@ -119,11 +119,11 @@ class See(Options):
         from cableway.perception.capture import marked
         from cableway.perception.segmentation import CableColor
         from cableway.scene.cable import Cable
-        from cableway.scene.files.loading import load_task
+        from cableway.scene.files.loading import load_planar_task
         from cableway.workflow.seeing import GripperLog, Seen, see, write_recording
 
         color = CableColor(color=self.rgb())
-        cable = Cable() if self.task is None else load_task(self.task).cable
+        cable = Cable() if self.task is None else load_planar_task(self.task).cable
         grippers = None if self.grippers is None else GripperLog.load(self.grippers)
         folder, terminal, found = self.folder("see"), Terminal(self), list[Seen]()
         eyes, rate = self._eyes()

@@ -56,4 +56,4 @@ class SpatialScene:
 
     def contains(self, points: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
         """Which points [m] are within the workspace."""
-        return ((points >= 0) & (points <= self.size)).all(axis=1)
+        return np.all((points >= 0) & (points <= self.size), axis=1)

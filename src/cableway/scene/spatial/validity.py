@@ -154,7 +154,7 @@ def hull_distance(points: Float[np.ndarray, "k 3"], solid: Solid) -> float:
     from below what is left to gain.
     """
     world = unbounded([solid])
-    x = points.mean(axis=0)
+    x, distance = points.mean(axis=0), math.inf
     for _ in range(MOST_STEPS):
         (distance,), (slope,), _ = signed_distance(x[None], world)
         away = (points - x) @ slope
