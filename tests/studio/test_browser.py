@@ -132,9 +132,14 @@ def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: St
     there = pixel(studio, page, *(corner + middle_of(moved) - (x, y)), 0.01)
     until(lambda: looks(page, there, mixed(style.BLUE, 0.72)), page)  # the colour of what is selected
     plan = session.planning.plans[0]
-    page.keyboard.press("ArrowRight")
-    page.get_by_text("0.1 s: cable").wait_for(timeout=1000 * PATIENCE)
-    page.keyboard.press("ArrowLeft")
+    view = pixel(studio, page, 0.0, 0.0)
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    page.get_by_text("0.3 s: cable").wait_for(timeout=1000 * PATIENCE)
+    for _ in range(3):
+        page.keyboard.press("ArrowLeft")
+    page.get_by_text("0.0 s: cable").wait_for(timeout=1000 * PATIENCE)
+    assert pixel(studio, page, 0.0, 0.0) == view  # which viser's page turns by these keys
     cable = pixel(studio, page, *plan.shapes[0, plan.shapes.shape[1] // 2], 0.006)
     # A slow page is drawn coarsely, and the cable is two pixels wide: it is darker than the table, by how much is open.
     until(lambda: patch(page, cable).max(axis=1).min() < 215, page)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
+import inspect
 import socket
 import threading
 from collections.abc import Iterator
@@ -14,7 +16,9 @@ from cableway.core.errors import InputError
 from cableway.figures import style
 from cableway.studio.inbox import Inbox
 from cableway.studio.view import look
+from cableway.studio.view.events import in_order
 from cableway.studio.view.meshes import circle, prism, ring, tube
+from cableway.studio.view.page import Page
 from cableway.studio.view.server import Server
 
 UPGRADE = {
@@ -85,18 +89,38 @@ def test_a_port_in_use_is_said():
 def test_hands_are_heard_in_order_and_the_newest_of_what_waits():
     done, go, end = [], threading.Event(), threading.Event()
     inbox = Inbox(done.append)
-    inbox.post("wait", go.wait)
-    inbox.post("grab", lambda: done.append("grab"))
+    inbox.post(go.wait)
+    inbox.post(lambda: done.append("grab"))
     for k in range(5):
-        inbox.post("drag", lambda k=k: done.append(k))
-    inbox.post("let go", lambda: done.append("let go"))
-    inbox.post("wrong", lambda: 1 / 0)
-    inbox.post("end", end.set)
+        inbox.post(lambda k=k: done.append(k), key="drag")
+    inbox.post(lambda: done.append("let go"))
+    for key in ("right", "right", "left"):  # steps from where things are: none is lost, none overtakes
+        inbox.post(lambda key=key: done.append(key))
+    inbox.post(lambda: 1 / 0)
+    inbox.post(end.set)
     go.set()
     assert end.wait(10)
     inbox.close()
-    assert done[:3] == ["grab", 4, "let go"]
-    assert "division by zero" in done[3]
+    assert done[:6] == ["grab", 4, "let go", "right", "right", "left"]
+    assert "division by zero" in done[6]
+
+
+def test_what_a_page_tells_is_heard_as_it_comes():
+    """viser awaits functions of asyncio one after the other, and hands others to threads, of which any may be first."""
+    heard: list[str] = []
+    hear = in_order(heard.append)
+    assert inspect.iscoroutinefunction(hear)
+    asyncio.run(hear("right"))
+    assert heard == ["right"]
+
+
+def test_two_drags_of_one_thing_are_two():
+    """Also where the page was too slow for the first, which is not replaced by the second."""
+    page, done = Page.__new__(Page), []
+    page._grabs, page._do = 0, lambda do, key="", delay=0.0: done.append(key)
+    for phase in ("start", "update", "end") * 2:
+        page._dragged("/obstacles/0", phase, (0.0, 0.0))
+    assert done == ["", "drag 1", "drag 1", "drag 1", "", "", "drag 2", "drag 2", "drag 2", ""]
 
 
 @pytest.mark.parametrize("color", [style.OBSTACLE, style.START, style.GOAL, style.INK, style.LEFT, style.ORANGE])

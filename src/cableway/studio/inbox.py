@@ -1,4 +1,4 @@
-"""What a page is to do, one after the other in a thread of its own; of what came twice, the newer alone."""
+"""What a page is to do, one after the other in a thread of its own."""
 
 from __future__ import annotations
 
@@ -25,21 +25,23 @@ class Inbox:
 
     def __init__(self, on_error: Callable[[str], Any]) -> None:
         self._on_error = on_error
-        self._waiting: dict[str, tuple[float, Callable[[], Any]]] = {}
+        self._waiting: dict[Any, tuple[float, Callable[[], Any]]] = {}
         self._changed = threading.Condition()
         self._closed = False
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def post(self, key: str, do: Callable[[], Any], *, delay: float = 0.0) -> None:
-        """Have something done, in place of what waits under the same key.
+    def post(self, do: Callable[[], Any], *, key: str = "", delay: float = 0.0) -> None:
+        """Have something done.
 
         Args:
-            key: What it is of.
             do: Called without arguments.
+            key: What it says the whole of, as where a slider stands: it takes the place of what waits under the same
+                key. "" for a step from where things are, as an undo: each is done.
             delay: Time [s] to wait for something newer, as while a number is typed.
         """
         with self._changed:
+            key = key or object()  # pyright: ignore[reportAssignmentType]
             if delay or key not in self._waiting:
                 self._waiting.pop(key, None)
             self._waiting[key] = (time.monotonic() + delay, do)

@@ -31,6 +31,9 @@ history.replaceState = () => {{}};
 // How often viser's page sends where a pointer is, see DRAG_INTERVAL.
 const later = window.setTimeout;
 window.setTimeout = (what, time, ...rest) => later(what, time === 50 ? {DRAG_INTERVAL} : time, ...rest);
+// viser's page turns and moves the view by these keys, farther the slower it draws, besides what they are here for.
+const moving = /^(Arrow(Up|Down|Left|Right)|Key[WASDQE])$/;
+document.addEventListener("keydown", (event) => moving.test(event.code) && event.stopImmediatePropagation());
 </script>
 """
 """Comes before all that viser's page has in its head."""

@@ -22,6 +22,7 @@ from cableway.studio.inbox import Inbox
 from cableway.studio.session import Moment, Session
 from cableway.studio.view import look, table
 from cableway.studio.view.canvas import Canvas
+from cableway.studio.view.events import in_order
 from cableway.studio.view.panel import WIDTH, PlanPanel, TaskPanel
 
 TILT = 0.2
@@ -43,9 +44,11 @@ class Page:
     def __init__(self, client: viser.ClientHandle, session: Session, out: Path) -> None:
         self._client, self._session, self._out = client, session, out
         self._inbox = Inbox(self._complain)
-        self._canvas = Canvas(client, self._dragged, lambda name: self._do("select", lambda: self._clicked(name)))
+        self._do = self._inbox.post
+        self._canvas = Canvas(client, self._dragged, lambda name: self._do(lambda: self._clicked(name)))
         self._selected: int | None = None
         self._held: Moment | None = None
+        self._grabs = 0
         self._offset = np.zeros(2)
         self._plan: Plan | None = None
         self._drawn: tuple[Any, ...] = ()
@@ -54,9 +57,9 @@ class Page:
         self._size: tuple[float, float] | None = None
         self._aspect = 0.0
         self._build()
-        client.camera.on_update(lambda _: self._do("fit", self._fit))
-        self._end = session.listen(lambda: self._do("show", self._show))
-        self._do("show", self._show)
+        client.camera.on_update(lambda _: self._do(self._fit, key="fit"))
+        self._end = session.listen(lambda: self._do(self._show, key="show"))
+        self._do(self._show, key="show")
 
     def close(self) -> None:
         """The connection is over."""
@@ -77,7 +80,7 @@ class Page:
         gui.configure_theme(brand_color=look.rgb(style.BLUE), show_logo=False, show_share_button=False)
         self._task_panel = TaskPanel(gui, self._session, self._do, self._select, self._save, self._download)
         above = gui.add_button("Look from above", icon=viser.Icon.CAMERA, color=look.rgb(style.MUTED))
-        above.on_click(lambda _: self._do("look", self._look))
+        above.on_click(in_order(lambda _: self._do(self._look)))
         gui.main_panel.dock_left()
         gui.main_panel.set_width(WIDTH)
         right = gui.add_panel()
@@ -96,7 +99,7 @@ class Page:
             ("Remove the obstacle", "delete", None, self._task_panel.remove),
         ):
             command: Any = gui.add_command(label, hotkey=key, modifier=modifier)  # pyright: ignore[reportArgumentType]
-            command.on_trigger(lambda _, label=label, what=what: self._do(label, what))
+            command.on_trigger(in_order(lambda _, what=what: self._do(what)))
 
     def _look(self) -> None:
         """Look at the whole table."""
@@ -150,9 +153,6 @@ class Page:
     def _complain(self, sentence: str) -> None:
         self._client.add_notification("Not possible", sentence, color="red", auto_close_seconds=8.0)
 
-    def _do(self, key: str, what: Any, delay: float = 0.0) -> None:
-        self._inbox.post(key, what, delay=delay)
-
     # ------------------------------------------------------------------------------------------ playing
     def _scrub(self, row: int) -> None:
         if self._plan is None:
@@ -172,7 +172,7 @@ class Page:
         self._scrub(self._row)
         if self._playing:
             self._began = time.monotonic() - CONTROL_STEP * self._row
-            self._do("frame", self._frame)
+            self._do(self._frame, key="frame")
 
     def _frame(self) -> None:
         """The next row of what is played, in the time that it takes."""
@@ -183,7 +183,7 @@ class Page:
         self._playing = row < self._plan.steps
         self._scrub(row)
         if self._playing:
-            self._do("frame", self._frame, delay=CONTROL_STEP / 2)
+            self._do(self._frame, key="frame", delay=CONTROL_STEP / 2)
 
     def _choose(self, place: int) -> None:
         self._chosen = place
@@ -199,10 +199,11 @@ class Page:
 
     def _dragged(self, name: str, phase: str, to: Point) -> None:
         if phase == "start":
-            self._do(f"grab {name}", lambda: self._grab(name, to))
-        self._do(f"drag {name}", lambda: self._drag(name, to))
+            self._grabs += 1
+            self._do(lambda: self._grab(name, to))
+        self._do(lambda: self._drag(name, to), key=f"drag {self._grabs}")
         if phase == "end":
-            self._do(f"let go {name}", self._let_go)
+            self._do(self._let_go)
 
     def _grab(self, name: str, to: Point) -> None:
         self._held = self._session.hold()

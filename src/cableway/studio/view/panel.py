@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from cableway.studio.curves import Curves
 from cableway.studio.inspection import Inspection
 from cableway.studio.session import Moment, Planning, Session, known_kinds, known_tasks
 from cableway.studio.view import look
+from cableway.studio.view.events import in_order
 
 WIDTH = 292
 """Of a panel in pixels: both leave a table that is as wide as high on a page of 1280 x 800."""
@@ -46,7 +48,7 @@ NO_OBSTACLE = "Click an obstacle to see its numbers and knobs, or drag it."
 NO_PLAN = "Once there is a plan, it is played here."
 
 Do = Callable[..., Any]
-"""`do(key, call, delay=...)` posts a call."""
+"""`do(call, key=..., delay=...)` posts a call, see `Inbox.post`."""
 
 
 class TaskPanel:
@@ -67,7 +69,7 @@ class TaskPanel:
         self._typed = 0.0
         self.heading = gui.add_html("")
         steps = gui.add_button_group("", ("Undo", "Redo"))
-        steps.on_click(lambda _: do("turn", session.undo if steps.value == "Undo" else session.redo))
+        steps.on_click(in_order(lambda _: do(session.undo if steps.value == "Undo" else session.redo)))
         self.wrong = gui.add_html("")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Edit"):
@@ -79,7 +81,7 @@ class TaskPanel:
     def _add_obstacles(self, gui: viser.GuiApi, select: Do) -> None:
         session, do = self._session, self._do
 
-        def add(kind: hands.Kind) -> None:
+        def add(kind: Any) -> None:
             index = len(session.draft.scene.obstacles)
             session.set_obstacle(index, hands.new_obstacle(kind, session.draft.scene))
             select(index)
@@ -91,7 +93,7 @@ class TaskPanel:
                 session.set_obstacle(index, None)
 
         kinds = gui.add_button_group("Add", ("box", "disc", "polygon"))
-        kinds.on_click(lambda _: do("add", lambda: add(kinds.value)))  # pyright: ignore[reportArgumentType]
+        kinds.on_click(in_order(lambda _: do(partial(add, kinds.value))))
         self._no_obstacle = gui.add_html(look.hint(NO_OBSTACLE))
         self._middle = gui.add_vector2("Centre [mm]", (0.0, 0.0), step=0.1)
         self._size = gui.add_vector2("Size [mm]", (0.0, 0.0), step=0.1)
@@ -99,12 +101,13 @@ class TaskPanel:
         hint = "Above the table; 0 where nothing passes above"
         self._height = gui.add_number("Height [mm]", 0.0, step=0.1, hint=hint)
         for field in (self._middle, self._size, self._angle, self._height):
-            field.on_update(lambda event: event.client and self._take("number", self._number))
+            field.on_update(lambda event: event.client and self._take("number", partial(self._number, self._selected)))
         self._remove = gui.add_button("Remove this obstacle", color="red")
-        self._remove.on_click(lambda _: do("remove", remove))
-        self.remove = lambda: do("remove", remove)
+        self._remove.on_click(in_order(lambda _: do(remove)))
+        self.remove = remove
 
     def _add_ends(self, gui: viser.GuiApi) -> None:
+        session = self._session
         self._poses: dict[tuple[End, int], Any] = {}
         for end in ENDS:
             for side in (0, 1):
@@ -115,7 +118,7 @@ class TaskPanel:
                 field.on_update(lambda event, end=end, side=side: self._pose(event, end, side))
                 self._poses[end, side] = field
             other = gui.add_button(f"Bend the {end} to the other side", color=QUIET)
-            other.on_click(lambda _, end=end: self._do("bend", lambda: self._session.bend(end)))
+            other.on_click(in_order(lambda _, end=end: self._do(lambda: session.bend(end))))
 
     def _add_files(self, gui: viser.GuiApi, save: Do, download: Do) -> None:
         session, do = self._session, self._do
@@ -123,17 +126,17 @@ class TaskPanel:
 
         def choose(event: Any) -> None:
             if event.client is not None and names.value in known_tasks():
-                do("open", lambda: session.open(names.value))
+                do(partial(session.open, names.value))
 
         names.on_update(choose)
         kinds = gui.add_dropdown("Random", known_kinds())
         seed = gui.add_number("Seed", 0, min=0, step=1)
         draw = gui.add_button("Draw a random task", color=LOUD)
-        draw.on_click(lambda _: do("open", lambda: session.draw(kinds.value, int(seed.value))))
+        draw.on_click(in_order(lambda _: do(partial(session.draw, kinds.value, int(seed.value)))))
         upload = gui.add_upload_button("Open a task file ...", color=QUIET, mime_type=".yaml,.yml")
-        upload.on_upload(lambda _: do("open", lambda: session.open_content(upload.value.name, upload.value.content)))
-        gui.add_button("Save task, plan and report", color=LOUD).on_click(lambda _: do("save", save))
-        gui.add_button("Download the task file", color=QUIET).on_click(lambda _: do("download", download))
+        upload.on_upload(lambda _: do(partial(session.open_content, upload.value.name, upload.value.content)))
+        gui.add_button("Save task, plan and report", color=LOUD).on_click(in_order(lambda _: do(save)))
+        gui.add_button("Download the task file", color=QUIET).on_click(in_order(lambda _: do(download)))
         self.saved = gui.add_html(look.hint("Edits are kept while the studio runs; save what is to stay."))
 
     def show(self, moment: Moment, inspection: Inspection, selected: int | None) -> None:
@@ -171,12 +174,11 @@ class TaskPanel:
         elif isinstance(obstacle, Disc):
             _set(self._size, "value", _rounded(2000 * obstacle.radius, 2000 * obstacle.radius))
 
-    def _number(self) -> None:
-        """Make the obstacle that the numbers say."""
-        index = self._selected
-        if index is None:
+    def _number(self, index: int | None) -> None:
+        """Make the obstacle that was selected when the numbers were typed as they say."""
+        there = None if index is None else dict(enumerate(self._session.draft.scene.obstacles)).get(index)
+        if index is None or there is None:
             return
-        there = self._session.draft.scene.obstacles[index]
         wanted = _numbered(there, self._middle.value, self._size.value, self._angle.value, self._height.value)
         if wanted != there:
             self._session.set_obstacle(index, wanted)
@@ -196,7 +198,7 @@ class TaskPanel:
             self._typed = 0.0
             call()
 
-        self._do(key, take, delay=TYPED)
+        self._do(take, key=key, delay=TYPED)
 
 
 class PlanPanel:
@@ -218,16 +220,18 @@ class PlanPanel:
         self.said = gui.add_html("")
         self._hint = gui.add_html(look.hint(NO_PLAN))
         self.step = gui.add_slider("Step", 0, 1, 1, 0)
-        self.step.on_update(lambda event: event.client and do("scrub", lambda: scrub(self.step.value)))
+        self.step.on_update(lambda event: event.client and do(lambda: scrub(self.step.value), key="scrub"))
         self.play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, color=LOUD)
-        self.play.on_click(lambda _: do("play", play))
+        self.play.on_click(in_order(lambda _: do(play)))
         self.now = gui.add_html("")
         self.way: Any = gui.add_dropdown("Way", ("1",))
-        self.way.on_update(lambda event: event.client and do("way", lambda: choose(int(self.way.value.split()[0]) - 1)))
+        self.way.on_update(
+            lambda event: event.client and do(lambda: choose(int(self.way.value.split()[0]) - 1), key="way")
+        )
         self._ways = gui.add_button("Look for other ways", color=QUIET)
-        self._ways.on_click(lambda _: do("ways", session.seek_ways))
+        self._ways.on_click(in_order(lambda _: do(session.seek_ways)))
         self._export = gui.add_button("Download a page that plays it", color=QUIET)
-        self._export.on_click(lambda _: do("export", export))
+        self._export.on_click(in_order(lambda _: do(export)))
         cable, sides = (("cable", style.INK), ("grippers", style.RIGHT)), (("left", style.LEFT), ("right", style.RIGHT))
         self._clear, self._speed = _plot(gui, "Clearance [mm]", cable), _plot(gui, "Of the grippers' limits [%]", sides)
         self._curves: Curves | None = None
