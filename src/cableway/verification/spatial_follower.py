@@ -82,7 +82,7 @@ def follow_in_space(
     length: float,
     twist: float,
     weight: float,
-    turns: int = 0,
+    twisted: float = 0.0,
     halvings: int = 6,
 ) -> FollowedInSpace:
     """Lead a rod from the first shape through the gripper poses, quasi-statically.
@@ -93,7 +93,7 @@ def follow_in_space(
         length: L [m].
         twist: kappa = C/B.
         weight: gamma = rho A g L^3/B.
-        turns: Full turns of twist in the first shape, beyond the nearest that the grippers' orientations allow.
+        twisted: Twist of the first shape [rad], by which its full turns are counted.
         halvings: How often a step from row to row is split where it does not converge.
 
     Raises:
@@ -102,7 +102,7 @@ def follow_in_space(
     if len(stations) != len(poses) or len(poses) == 0 or stations.shape[1] < 3:
         raise InputError(f"a motion needs as many shapes as poses, of 3 points or more, got {stations.shape}")
     chain = _Chain(length, twist, weight)
-    state, pose = chain.first(stations[0], poses[0], turns), poses[0]
+    state, pose = chain.first(stations[0], poses[0], twisted), poses[0]
     reached, margins, twists, lost_at = [], [], [], None
     for t, target in enumerate(poses):
         found = _continued(chain, state, pose, target, halvings)
@@ -156,7 +156,7 @@ class _Chain:
         self._length, self._links, self._stiffness = length, links, np.array([twist, 1.0, 1.0])
         self._hanging = weight * links * (after + links / 2)  # of a link's direction, on the height of all after it
 
-    def first(self, stations: np.ndarray, pose: np.ndarray, turns: int) -> State:
+    def first(self, stations: np.ndarray, pose: np.ndarray, twisted: float) -> State:
         """A state near given stations: their tangents, with the twist between the grippers spread evenly."""
         arc = np.linspace(0, 1, len(stations))
         hinges = np.concatenate([[0.0], np.cumsum(self._links)])
@@ -170,7 +170,8 @@ class _Chain:
             size = np.linalg.norm(axis)
             angle = np.arctan2(size, tangent @ direction)
             frames.append(Rotation.from_rotvec(axis / max(size, 1e-12) * angle) * frames[-1])
-        twist = (frames[-1].inv() * last).as_rotvec()[0] + 2 * np.pi * turns
+        twist = (frames[-1].inv() * last).as_rotvec()[0]
+        twist += 2 * np.pi * np.round((twisted - twist) / (2 * np.pi))
         spread = Rotation.from_rotvec(np.outer(np.linspace(0, 1, len(frames)) * twist, [1.0, 0.0, 0.0]))
         rows = (Rotation.concatenate(frames) * spread).as_quat(scalar_first=True)
         for before, row in pairwise(rows):
