@@ -20,7 +20,7 @@ from cableway.scene.spatial.grippers import SpatialBody
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, SpatialObstacle, Sphere
 from cableway.scene.spatial.scene import SpatialScene
 
-FAR = 0.05
+FAR = 0.02
 """Distance [m] beyond which none is measured: it is given as this."""
 
 BEYOND = 1.0
@@ -155,16 +155,17 @@ def capsule(ends: Float[np.ndarray, "2 3"], radius: float) -> Any:
 
 def placed(ends: Float[np.ndarray, "2 3"]) -> Any:
     """Where a capsule between two points [m] is."""
-    along = ends[1] - ends[0]
-    length = math.sqrt(along @ along)
+    (ax, ay, az), (bx, by, bz) = ends.tolist()
+    x, y, z = bx - ax, by - ay, bz - az
+    length = math.sqrt(x * x + y * y + z * z)
     if length <= 1e-9:
         return library().Transform3s(np.eye(3), ends[0])
-    x, y, z = (along / length).tolist()
+    x, y, z = x / length, y / length, z / length
     if z < 0.0:  # either end may come first, and the formula is singular downwards
         x, y, z = -x, -y, -z
     k = 1.0 / (1.0 + z)  # the turn about a horizontal axis that brings the z axis there
     turn = np.array([[1.0 - x * x * k, -x * y * k, x], [-x * y * k, 1.0 - y * y * k, y], [-x, -y, z]])
-    return library().Transform3s(turn, (ends[0] + ends[1]) / 2)
+    return library().Transform3s(turn, np.array([(ax + bx) / 2, (ay + by) / 2, (az + bz) / 2]))
 
 
 def between(a: Any, at_a: Any, b: Any, at_b: Any) -> float:

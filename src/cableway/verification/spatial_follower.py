@@ -128,10 +128,8 @@ def _continued(
     """The stable equilibrium at `target` reached from the one at `pose`; a step that fails is split in two."""
     checkpoint()
     solved = chain.solved(state, target)
-    if solved is not None and chain.turned(state[0], solved[0]) < JUMP:
-        margin = chain.margin(solved)
-        if margin > 0:
-            return solved, margin
+    if solved is not None and chain.turned(state[0], solved[0][0]) < JUMP and solved[1] > 0:
+        return solved
     if halvings == 0:
         return None
     middle = _half_way(pose, target)
@@ -189,9 +187,9 @@ class _Chain:
         """Largest turn of a link [rad]."""
         return float(2 * np.arccos(np.clip(np.abs(np.sum(before * after, axis=1)), 0, 1)).max())
 
-    def solved(self, state: State, pose: np.ndarray) -> State | None:
-        """The equilibrium near a state with the grippers at `pose`, by Newton's method; None where it does not
-        converge."""
+    def solved(self, state: State, pose: np.ndarray) -> tuple[State, float] | None:
+        """The equilibrium near a state with the grippers at `pose`, by Newton's method, and its margin; None where it
+        does not converge."""
         rows, force = state[0].copy(), state[1].copy()
         for side in (0, -1):
             rows[side] = pose[side, 3:] * (1.0 if pose[side, 3:] @ rows[side] > 0 else -1.0)
@@ -200,7 +198,7 @@ class _Chain:
             slope, blocks, beside, closure = self._derivatives(rows, force)
             gap = self._links @ _directions(rows) - chord
             if max(np.abs(slope).max(), np.abs(gap).max()) < LEVEL:
-                return rows, force
+                return (rows, force), self._margin(blocks, beside, closure)
             try:
                 moved = solve_banded((5, 5), _banded(blocks, beside), np.column_stack([slope, closure.T]))
                 pull = np.linalg.solve(closure @ moved[:, 1:], gap - closure @ moved[:, 0])
@@ -214,9 +212,8 @@ class _Chain:
             force += share * step[-3:]
         return None
 
-    def margin(self, state: State) -> float:
+    def _margin(self, blocks: np.ndarray, beside: np.ndarray, closure: np.ndarray) -> float:
         """Least eigenvalue of N times the second derivative, on turns that keep the ends."""
-        _, blocks, beside, closure = self._derivatives(*state)
         second = _dense(blocks, beside)
         held, kept, _ = np.linalg.svd(closure.T, full_matrices=False)
         held = held[:, kept > 1e-9 * kept[0]]
@@ -235,26 +232,32 @@ class _Chain:
         """Slope and second derivative of the energy with its constraint, by turns [rad] of the inner links, and the
         derivative of the closure. Of the second derivative, the blocks (l, 3, 3) of links and of neighbours."""
         a, b = rows[:-1], rows[1:]
-        by_a, by_b = np.einsum("kij,hj->hki", TURNS, b), np.einsum("kji,hj->hki", TURNS, a)
-        turn = np.einsum("hki,hi->hk", by_a, a)
+        by_a, by_b = _times(TURNS, b), _times(TURNS.swapaxes(1, 2), a)
+        turn = np.matmul(by_a, a[:, :, None])[..., 0]
         stiff = 4 * HINGES * self._stiffness
         slope, blocks = np.zeros((HINGES + 1, 4)), np.zeros((HINGES + 1, 4, 4))
-        slope[:-1] += np.einsum("k,hk,hki->hi", stiff, turn, by_a)
-        slope[1:] += np.einsum("k,hk,hki->hi", stiff, turn, by_b)
-        blocks[:-1] += np.einsum("k,hki,hkj->hij", stiff, by_a, by_a)
-        blocks[1:] += np.einsum("k,hki,hkj->hij", stiff, by_b, by_b)
-        across = np.einsum("k,hki,hkj->hij", stiff, by_a, by_b) + np.einsum("k,hk,kij->hij", stiff, turn, TURNS)
+        stiff_a, moment = (stiff[:, None] * by_a).swapaxes(1, 2), stiff * turn
+        slope[:-1] += np.matmul(moment[:, None], by_a)[:, 0]
+        slope[1:] += np.matmul(moment[:, None], by_b)[:, 0]
+        blocks[:-1] += np.matmul(stiff_a, by_a)
+        blocks[1:] += np.matmul((stiff[:, None] * by_b).swapaxes(1, 2), by_b)
+        across = np.matmul(stiff_a, by_b) + (moment @ TURNS.reshape(3, -1)).reshape(-1, 4, 4)
         pull = self._links[:, None] * force + self._hanging[:, None] * [0.0, 0.0, 1.0]
-        quadratic = 2 * np.einsum("lk,kij->lij", pull, ALONG)
-        slope += np.einsum("lij,lj->li", quadratic, rows)
+        quadratic = 2 * (pull @ ALONG.reshape(3, -1)).reshape(-1, 4, 4)
+        slope += np.matmul(quadratic, rows[:, :, None])[..., 0]
         blocks += quadratic
         inner, tangents = rows[1:-1], _tangents(rows[1:-1]) / 2
         blocks[1:-1] -= np.sum(slope[1:-1] * inner, axis=1)[:, None, None] * np.eye(4)
         own = np.matmul(tangents.swapaxes(1, 2), np.matmul(blocks[1:-1], tangents))
         beside = np.matmul(tangents[:-1].swapaxes(1, 2), np.matmul(across[1:-1], tangents[1:]))
-        closure = 2 * np.einsum("l,kab,lb,lai->kli", self._links[1:-1], ALONG, inner, tangents)
-        flat = np.einsum("la,lai->li", slope[1:-1], tangents).ravel()
+        closure = np.matmul(_times(ALONG, (2 * self._links[1:-1])[:, None] * inner), tangents).swapaxes(0, 1)
+        flat = np.matmul(slope[1:-1, None], tangents).ravel()
         return flat, own, beside, closure.reshape(3, -1)
+
+
+def _times(forms: Float[np.ndarray, "3 4 4"], rows: Float[np.ndarray, "l 4"]) -> Float[np.ndarray, "l 3 4"]:
+    """Three bilinear forms with their second argument given."""
+    return (rows @ forms.reshape(12, 4).T).reshape(-1, 3, 4)
 
 
 def _dense(blocks: Float[np.ndarray, "l 3 3"], beside: Float[np.ndarray, "l-1 3 3"]) -> np.ndarray:
@@ -281,7 +284,7 @@ def _banded(blocks: Float[np.ndarray, "l 3 3"], beside: Float[np.ndarray, "l-1 3
 
 def _directions(rows: np.ndarray) -> np.ndarray:
     """Directions (l, 3) of links."""
-    return np.einsum("la,kab,lb->lk", rows, ALONG, rows)
+    return np.matmul(_times(ALONG, rows), rows[:, :, None])[..., 0]
 
 
 def _tangents(rows: np.ndarray) -> np.ndarray:
