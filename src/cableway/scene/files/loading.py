@@ -29,7 +29,7 @@ from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Obstacle
 from cableway.scene.own_arms import OwnArm
 from cableway.scene.scene import Scene
-from cableway.scene.spatial.task import SpatialDraft, SpatialTask
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import ENDS, Draft, Task
 
 SUFFIXES = (".yaml", ".yml")
@@ -73,35 +73,26 @@ def load_planar_task(source: str | os.PathLike[str]) -> Task:
     Raises:
         InputError: As there, or the task is in space.
     """
-    try:
-        task = load_task(source)
-    except TaskError as error:
-        if isinstance(error.draft, SpatialDraft):
-            raise _in_space(error.draft) from None
-        raise
-    if isinstance(task, SpatialTask):
-        raise _in_space(task)
-    return task
+    return as_task(load_task(source))
 
 
-def _in_space(task: SpatialDraft) -> InputError:
+def _in_space(task: SpatialTask) -> InputError:
     return InputError(
         f"the task {task.name!r} is in space, where there are only pictures and checks of tasks so far (cableway show, "
         "cableway check TASK); give a task on the table, whose workspace has two sizes"
     )
 
 
-def as_task(task: TaskSource) -> Task:
-    """A task that is given as such, or by what `load_task` reads.
+def as_task(task: TaskSource | SpatialTask) -> Task:
+    """A task on the table that is given as such, or by what `load_task` reads.
 
     Raises:
-        InputError: It is neither, or there is no such task.
+        InputError: It is neither, there is no such task, or it is in space.
     """
+    task = load_task(task) if isinstance(task, str | os.PathLike) else task
     if isinstance(task, Task):
         return task
-    if isinstance(task, str | os.PathLike):
-        return load_planar_task(task)
-    if isinstance(task, SpatialDraft):
+    if isinstance(task, SpatialTask):
         raise _in_space(task)
     raise InputError(f"a task must be a Task, a name of the catalogue or the path of a YAML file, got {shown(task)}")
 

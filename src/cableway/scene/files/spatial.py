@@ -46,8 +46,10 @@ from cableway.scene.task import ENDS
 from cableway.scene.validity import ROD_TOLERANCE
 
 Number = "a number"
-C, A = Annotated[float, Number, checks.COORDINATE], Annotated[float, Number, checks.ANGLE]
-Load, Part = Annotated[float, Number, LOAD], Annotated[float, Number, Quantity("", -1.001, 1.001)]
+C = Annotated[float, Number, checks.COORDINATE]
+A = Annotated[float, Number, checks.ANGLE]
+Load = Annotated[float, Number, LOAD]
+Part = Annotated[float, Number, Quantity("", -1.001, 1.001)]
 Point = Annotated[tuple[C, C, C], "three numbers [x, y, z]"]
 Turn = Annotated[tuple[Part, Part, Part, Part], "a unit quaternion [w, x, y, z]"]
 Pose = Annotated[tuple[C, C, C, Part, Part, Part, Part], "seven numbers [x, y, z, w, x, y, z]"]

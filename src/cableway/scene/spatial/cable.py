@@ -67,11 +67,12 @@ class SpatialCable:
             TaskError: No such preset; the message lists them. Or a value is out of range.
         """
         try:
-            values = preset_values(name)
+            values: dict[str, Any] = {**preset_values(name)}
         except UnknownNameError:
             raise TaskError(f"must be one of {', '.join(preset_names())}, got {name!r}", ("cable", "preset")) from None
         known = {entry.name for entry in fields(cls)}
-        return cls(**{key: value for key, value in values.items() if key in known} | overrides | {"preset": name})
+        kept = {key: value for key, value in values.items() if key in known}
+        return cls(**{**kept, **overrides, "preset": name})
 
     @property
     def rod(self) -> SpatialRod:

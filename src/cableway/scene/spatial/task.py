@@ -98,6 +98,11 @@ class SpatialDraft(Shown):
         stations, poses = self.rod.shapes(np.array(getattr(self, end))[None])
         return stations[0], poses[0]
 
+    def kept(self, end: End) -> dict[str, float]:
+        """What start or goal keeps: least clearance [m] of the cable and of the grippers' bodies from obstacles and
+        walls, stability margin, twist [rad] and distance of the grippers [m]."""
+        return validity.kept_at(getattr(self, end), self.scene, self.cable, self.bodies)
+
     def faults(self) -> Iterator[TaskError]:
         """Why no cable can do it."""
         for end in ENDS:

@@ -51,6 +51,33 @@ def end_faults(
     yield from _grippers_meet(end, poses, grippers)
 
 
+def kept_at(
+    q: Float[np.ndarray, "12"], scene: SpatialScene, cable: SpatialCable, bodies: Sequence[SpatialBody]
+) -> dict[str, float]:
+    """What the cable and the grippers keep at the equilibrium q; see `SpatialDraft.kept`."""
+    row = np.array(q)[None]
+    stations, poses = cable.rod.shapes(row)
+    clear = [body_clearance(body, poses[0, body.side], scene) for body in bodies]
+    return {
+        "cable_clearance": float(chain_distance(stations, scene.world)[0][0]) - cable.radius,
+        "gripper_clearance": min(clear),
+        "stability": float(cable.rod.stability(row)[0][0]),
+        "twist": abs(float(q[9])) / cable.twist_ratio,
+        "span": float(np.linalg.norm(poses[0, 1, :3] - poses[0, 0, :3])),
+    }
+
+
+def body_clearance(body: SpatialBody, pose: Float[np.ndarray, "7"], scene: SpatialScene) -> float:
+    """Distance [m] of a body from obstacles and walls; some negative number where it overlaps one."""
+    points = body.placed(pose)
+    least = float(np.minimum(points, np.array(scene.size) - points).min())
+    for solid in scene.world.solids:
+        low, high = points.min(axis=0) - least, points.max(axis=0) + least
+        if (solid.bounds[:3] <= high).all() and (solid.bounds[3:] >= low).all():
+            least = min(least, hull_distance(points, solid))
+    return least - body.radius
+
+
 def _bent(
     end: str, q: Float[np.ndarray, "12"], stations: Float[np.ndarray, "s 3"], cable: SpatialCable
 ) -> Iterator[TaskError]:

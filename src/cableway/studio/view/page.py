@@ -138,7 +138,7 @@ class Page:
                 self._look()
             table.draw_obstacles(self._canvas, draft, self._selected)
             table.draw_ends(self._canvas, moment, inspection)
-            wrong = [fault.at for fault in inspection.faults if fault.at is not None]
+            wrong = [fault.at[:2] for fault in inspection.faults if fault.at is not None]
             table.draw_faults(self._canvas, wrong if planning.at is None else [*wrong, planning.at])
             if (plan, draft.cable.radius) != self._drawn:
                 self._drawn = (plan, draft.cable.radius)
