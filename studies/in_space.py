@@ -105,8 +105,8 @@ def followed(count: int, seed: int) -> None:
             if rod.stability(line, ceiling=LEAST_MARGIN)[0].min() < LEAST_MARGIN:
                 continue
             stations, poses = rod.shapes(line)
-            turns = round(line[0, 9] / rod.twist / (2 * np.pi))
-            found = follow_in_space(stations, poses, length=0.5, twist=rod.twist, weight=weight, turns=turns)
+            twisted = line[0, 9] / rod.twist
+            found = follow_in_space(stations, poses, length=0.5, twist=rod.twist, weight=weight, twisted=twisted)
             lost += found.lost_at is not None
             off.append(1000 * found.deviation.max(initial=0.0))
         print(f"| {weight:g} | {count} | {lost} | {np.median(off):.2f}, {max(off):.2f} |", flush=True)

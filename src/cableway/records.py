@@ -85,8 +85,9 @@ class Plan(Shown, ArrayRecord):
     In a file the arrays of `stages` lie beside the others.
 
     Attributes:
-        shapes: (T+1, n, 2) keypoints [m].
-        poses: (T+1, 2, 3) gripper poses (x, y, theta) [m, m, rad], left then right; angles run on without jumps.
+        shapes: (T+1, n, 2) keypoints [m]; in space (T+1, n, 3).
+        poses: (T+1, 2, 3) gripper poses (x, y, theta) [m, m, rad], left then right; angles run on without jumps. In
+            space (T+1, 2, 7): position and unit quaternion (w, x, y, z), whose sign does not jump.
         q: (T+1, dof) rod coordinates of the shapes; None where the shapes are no equilibria, or not known to be.
         stages: What only the paper's planner makes; None for every other plan.
         metadata: How it was made: initial trajectory, seed, versions and the resolved configuration.
@@ -99,8 +100,8 @@ class Plan(Shown, ArrayRecord):
 
     kind: ClassVar[str] = "plan"
 
-    shapes: Float[np.ndarray, "T+1 n 2"]
-    poses: Float[np.ndarray, "T+1 2 3"]
+    shapes: Float[np.ndarray, "T+1 n space"]
+    poses: Float[np.ndarray, "T+1 2 pose"]
     q: Float[np.ndarray, "T+1 dof"] | None = None
     stages: PaperStages | None = None
     metadata: dict[str, Any] = field(default_factory=dict)
@@ -112,6 +113,8 @@ class Plan(Shown, ArrayRecord):
     def __post_init__(self) -> None:
         check_shapes(self)
         rows = len(self.shapes)
+        sizes = self.shapes.shape[2], self.poses.shape[2]
+        _require(sizes in ((2, 3), (3, 7)), f"points of {sizes[0]} numbers do not go with poses of {sizes[1]}")
         _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
         _require_finite(self, "shapes", "poses", "q", "joints", "approach", "retreat")
         if self.stages is not None:
@@ -167,16 +170,16 @@ class Attempt(Brief):
 
     Attributes:
         reason: One sentence.
-        shapes: (T+1, n, 2) [m] shapes reached, or None.
-        poses: (T+1, 2, 3) gripper poses of the shapes, or None.
+        shapes: (T+1, n, 2) [m] shapes reached, in space (T+1, n, 3), or None.
+        poses: (T+1, 2, 3) gripper poses of the shapes, in space (T+1, 2, 7), or None.
         verdict: What failed, if it came that far.
         stages: What the paper's planner made on the way, or None.
         at: Where on the table [m] the reason is to be found, or None.
     """
 
     reason: str
-    shapes: Float[np.ndarray, "T+1 n 2"] | None = None
-    poses: Float[np.ndarray, "T+1 2 3"] | None = None
+    shapes: Float[np.ndarray, "T+1 n space"] | None = None
+    poses: Float[np.ndarray, "T+1 2 pose"] | None = None
     verdict: Verdict | None = None
     stages: PaperStages | None = None
     at: Point | None = None

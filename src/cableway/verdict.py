@@ -22,6 +22,7 @@ FINDINGS = {
     "rod clearance": "where the cable would really go, {gap}",
     "self-clearance": "{gap}",
     "self-crossings": "the cable crosses itself",
+    "twist": "the cable is twisted by {value}",
     "length error": "the length of the cable is off by {value}",
     "grasp error": "a gripper is {value} from the end that it holds",
     "grasp angle": "a gripper is turned by {value} from the end that it holds",

@@ -25,7 +25,7 @@ from cableway.planning.routes import pivot_grid
 from cableway.planning.routes.infeasibility import find_blockage
 from cableway.planning.routes.passages import find_passages
 from cableway.planning.routes.pivot_grid import REFINEMENTS, WORK, WORK_OF_NODE, finest_spacing, grid_path
-from cableway.planning.trajectory_optimization import _squared_differences
+from cableway.planning.banded_least_squares import squared_differences
 from cableway.rod.continuation import lead
 from cableway.rod.inverse import fit_sequence
 from cableway.scene.obstacles import Box, Disc
@@ -175,5 +175,5 @@ def test_an_insertion_with_too_many_rows_is_refused_in_a_sentence(monkeypatch: p
 @pytest.mark.parametrize("rows", [3, 4, 9, 50])
 def test_bands_of_squared_differences_are_those_of_the_matrix(rows: int, order: int):
     differences = np.diff(np.eye(rows), n=order, axis=0)
-    for k, band in enumerate(_squared_differences(rows, order)):
+    for k, band in enumerate(squared_differences(rows, order)):
         np.testing.assert_array_equal(band, np.diagonal(differences.T @ differences, k))

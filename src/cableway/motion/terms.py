@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from cableway.geometry import convex, se2
-from cableway.geometry.groups import SE2
+from cableway.geometry.groups import SE2, Group
 from cableway.motion.limits import BODY_SPACING, BodyPoints
 from cableway.rod.held_rod import HeldRod
 from cableway.scene.bodies import Body, into_frame
@@ -110,10 +110,13 @@ def _shortfall_of(
 
 
 def span_excess(
-    poses: Float[np.ndarray, "t 2 3"], most: float | Float[np.ndarray, "t"], least: float
-) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, "t 2 2 3"]]:
+    poses: Float[np.ndarray, "t 2 pose"],
+    most: float | Float[np.ndarray, "t"],
+    least: float,
+    group: type[Group] = SE2,
+) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, "t 2 2 step"]]:
     """How far [m] the gripper span is above `most` and below `least` [m], and the slopes by the gripper poses."""
-    space, dof = SE2.space, SE2.dof
+    space, dof = group.space, group.dof
     between = poses[:, 1, :space] - poses[:, 0, :space]
     span = np.linalg.norm(between, axis=1)
     over = np.column_stack([span - most, least - span])

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import PlanningError
 from cableway.core.time_limit import checkpoint
-from cableway.geometry.groups import SE2
+from cableway.geometry.groups import SE2, SE3, Group
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP
@@ -53,9 +53,9 @@ def require_rows(steps: float, keypoints: int = 13) -> None:
         )
 
 
-def gripper_effort(poses: Float[np.ndarray, "t 2 3"], max_step: float, max_turn: float) -> Float[np.ndarray, "t-1"]:
+def gripper_effort(poses: Float[np.ndarray, "t 2 pose"], max_step: float, max_turn: float) -> Float[np.ndarray, "t-1"]:
     """Largest of the grippers' moves over `max_step` [m] and turns over `max_turn` [rad] between rows of poses."""
-    move, turn = SE2.distance(poses[:-1], poses[1:])
+    move, turn = _group_of(poses).distance(poses[:-1], poses[1:])
     return np.maximum(move.max(1) / max_step, turn.max(1) / max_turn)
 
 
@@ -75,12 +75,12 @@ def at_equal_effort(
 
 
 def ramp_effort(
-    poses: Float[np.ndarray, "t 2 3"], grippers: Grippers, arms: CellKinematics | None = None
+    poses: Float[np.ndarray, "t 2 pose"], grippers: Grippers, arms: CellKinematics | None = None
 ) -> Float[np.ndarray, "t+3 2"]:
     """Acceleration and jerk over their limits, from rest before the first row to rest after the last.
 
     Args:
-        poses: One row per control step [m, m, rad].
+        poses: One row per control step, of the plane or of space.
         grippers: The limits.
         arms: What holds them all along, whose joints have limits of acceleration; None where nothing does.
 
@@ -88,19 +88,32 @@ def ramp_effort(
         Columns: acceleration, whose entry i is centred on row i - 1, and jerk, centred on row i - 1.5; zero where
         there is no limit, and in the first row of acceleration, which has one entry fewer.
     """
-    padded = _at_rest(poses)
-    padded[..., SE2.space :] = np.unwrap(padded[..., SE2.space :], axis=0)
+    group, padded = _group_of(poses), _at_rest(poses)
     effort = np.zeros((len(poses) + 3, 2))
     limits = ((grippers.max_acceleration, grippers.max_turn_acceleration), (grippers.max_jerk, grippers.max_turn_jerk))
     for column, (order, (move, turn)) in enumerate(zip((2, 3), limits, strict=True)):
         # the differences before the motion and after it that are zero anyway are left out
-        change = np.diff(padded, order, axis=0)[: len(effort)] / CONTROL_STEP**order
-        moved = np.linalg.norm(SE2.position(change), axis=2).max(1) / (move or np.inf)
-        effort[:, column] = np.maximum(moved, np.abs(change[..., SE2.space :]).max((1, 2)) / (turn or np.inf))
+        change = _differences(padded, order, group)[: len(effort)] / CONTROL_STEP**order
+        moved = np.linalg.norm(group.position(change), axis=2).max(1) / (move or np.inf)
+        turned = np.linalg.norm(change[..., group.space :], axis=2).max(1) / (turn or np.inf)
+        effort[:, column] = np.maximum(moved, turned)
     if arms is not None:
         change = np.diff(_at_rest(arms.along(poses)), 2, axis=0)[: len(effort)] / CONTROL_STEP**2
         effort[:, 0] = np.maximum(effort[:, 0], (np.abs(change) / arms.acceleration_limit).max((1, 2)))
     return effort
+
+
+def _group_of(poses: Float[np.ndarray, "t 2 pose"]) -> type[Group]:
+    return SE3 if poses.shape[-1] == SE3.size else SE2
+
+
+def _differences(rows: Float[np.ndarray, "t 2 pose"], order: int, group: type[Group]) -> Float[np.ndarray, "_ 2 step"]:
+    """Second or third differences of poses; in space those of the steps from row to row, about the world's axes."""
+    if group is SE3:
+        return np.diff(group.minus(rows[1:], rows[:-1]), order - 1, axis=0)
+    rows = rows.copy()
+    rows[..., group.space :] = np.unwrap(rows[..., group.space :], axis=0)
+    return np.diff(rows, order, axis=0)
 
 
 def _at_rest(rows: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "t+6 ..."]:
@@ -112,7 +125,7 @@ def with_ramps(
     fine: Float[np.ndarray, "f"],
     effort: Float[np.ndarray, "f-1"],
     share: float,
-    poses_at: Callable[[Float[np.ndarray, "k"]], Float[np.ndarray, "k 2 3"]],
+    poses_at: Callable[[Float[np.ndarray, "k"]], Float[np.ndarray, "k 2 pose"]],
     grippers: Grippers,
     keypoints: int = 13,
     arms: CellKinematics | None = None,
@@ -127,7 +140,7 @@ def with_ramps(
         fine: Places, first and last of which are kept.
         effort: Between one place and the next, from speed alone.
         share: Most of each limit that may be used.
-        poses_at: Poses of the grippers [m, m, rad] at places, with angles that run on.
+        poses_at: Poses of the grippers at places, with angles that run on.
         grippers: The limits.
         keypoints: Of the cable; a plan with many has fewer rows.
         arms: What holds the grippers all along, see `ramp_effort`.

@@ -13,8 +13,7 @@ Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
                                                                                            they hold the cable
     + small pulls on the loads and on their differences,
 
-with the clearance weight w rising in stages. Smoothness couples rows at most two apart, so the normal matrix has
-blocks on five diagonals, square in the rod's coordinates, and each step is one banded Cholesky solution.
+with the clearance weight w rising in stages; `cableway.planning.banded_least_squares` solves it.
 
 Note:
     Not in the paper (Tang et al.), whose planned shapes are never made equilibria.
@@ -27,15 +26,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import LinAlgError, solveh_banded
 
-from cableway.core.compiled import kernel
 from cableway.core.deprecation import renamed
 from cableway.motion import terms
 from cableway.motion.limits import BodyPoints, Margins, sharpest_turn_of
 from cableway.motion.validity import is_pulled_straight
+from cableway.planning.banded_least_squares import (
+    BANDS,
+    Normal,
+    band_form,
+    band_product,
+    levenberg_marquardt,
+    squared_differences,
+)
 from cableway.robot.free_arms import LEAST, free_arms, room_shortfall
-from cableway.rod.least_squares import DAMPING, DONE, TRIED, Rule, fresh_state, judge
 from cableway.scene.task import Task
 
 CLEARANCE_WEIGHTS = (0.3, 1.0, 3.0)
@@ -67,9 +71,6 @@ TAUT = Margins().gripper_span
 SPAN_SCALE = 0.005
 """Of the excess of the gripper span, over L."""
 
-BANDS = 3
-"""Block diagonals of the normal matrix from the middle one up: smoothness couples rows at most two apart."""
-
 BEND_SCALE = 0.01
 """Of the excess of the sine of the turn at a hinge."""
 
@@ -82,9 +83,6 @@ LOAD_SCALE = 10.0
 ARMS_WANTED, ARMS_SCALE = 2 * LEAST, np.array([0.01, 0.001, 0.01, 0.001, 0.001])
 """Room of arms (`cableway.robot.free_arms`) under which they are pushed back: twice what a motion keeps; and the scale
 of the shortfall."""
-
-STAGE = Rule(first=1e-3, shrink=4.0, least=1e-9, grow=6.0, restart=0.0, most=1e9)
-"""How the damping follows in each stage."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,19 +108,6 @@ class TrajectoryOptimizationConfig:
     bend_share: float = 0.95
     iterations: int = 60
     tolerance: float = 1e-4
-
-
-@dataclass
-class _Normal:
-    """Gradient (T+1, d) and the blocks (T+1, d, d) of the normal matrix on the diagonal and the two above it."""
-
-    cost: float
-    gradient: Float[np.ndarray, "t d"]
-    blocks: tuple[
-        Float[np.ndarray, "t d d"],
-        Float[np.ndarray, "t-1 d d"],
-        Float[np.ndarray, "t-2 d d"],
-    ]
 
 
 def optimize_trajectory(
@@ -169,7 +154,7 @@ def _optimized(
         def report(share: float, stage: int = stage) -> None:
             progress((stage + share) / stages)
 
-        q = _levenberg_marquardt(q, _Problem(task, config, weight, q), report)
+        q = levenberg_marquardt(q, _Problem(task, config, weight, q), config.iterations, config.tolerance, report)
     return q
 
 
@@ -180,7 +165,7 @@ class _Problem:
         self, task: Task, config: TrajectoryOptimizationConfig, weight: float, q: Float[np.ndarray, "t d"]
     ) -> None:
         self.task, self.config, self.weight, self.rod = task, config, weight, task.cable.rod
-        first, second = _squared_differences(len(q), 1), _squared_differences(len(q), 2)
+        first, second = squared_differences(len(q), 1), squared_differences(len(q), 2)
         self.smooth = tuple(a / STEP_SCALE**2 + b / CHANGE_SCALE**2 for a, b in zip(first, second, strict=True))
         self.loads = tuple(band / LOAD_STEP_SCALE**2 for band in first)
         self.load_units = self.rod.units[self.rod.loads]
@@ -198,7 +183,7 @@ class _Problem:
         stations, poses = self.rod.shapes(q)
         keypoints = self.rod.at_keypoints(stations).reshape(len(q), -1)
         loads = q[:, self.rod.loads] / self.load_units
-        total = _band_form(self.smooth, keypoints) + _band_form(self.loads, loads)
+        total = band_form(self.smooth, keypoints) + band_form(self.loads, loads)
         total += 0.5 * np.sum(loads**2) / LOAD_SCALE**2
         by_load = (self._stability(q), self._tension(q))
         residuals = (self._clearance(stations), self._bodies(poses), self._span(poses), *by_load)
@@ -209,27 +194,27 @@ class _Problem:
             total += 0.5 * np.sum(self._apart(poses)[0] ** 2) + 0.5 * np.sum(self._off_cable(stations, poses)[0] ** 2)
         return float(total)
 
-    def linearise(self, q: Float[np.ndarray, "t d"]) -> _Normal:
+    def linearise(self, q: Float[np.ndarray, "t d"]) -> Normal:
         """Cost, gradient and Gauss-Newton blocks at q."""
         rows = len(q)
         stations, dstations, poses, dposes = self.rod.jacobians(q)
         keypoints = self.rod.at_keypoints(stations).reshape(rows, -1)
         jacobian = np.ascontiguousarray(self.rod.at_keypoints(dstations).reshape(rows, -1, self.rod.dof))
-        gradient = np.einsum("tki,tk->ti", jacobian, _band_product(self.smooth, keypoints))
+        gradient = np.einsum("tki,tk->ti", jacobian, band_product(self.smooth, keypoints))
         blocks = [
             self.smooth[k][:, None, None] * np.matmul(jacobian[: rows - k].transpose(0, 2, 1), jacobian[k:])
             for k in range(BANDS)
         ]
-        cost = _band_form(self.smooth, keypoints)
+        cost = band_form(self.smooth, keypoints)
 
         loads = q[:, self.rod.loads] / self.load_units
-        pull = _band_product(self.loads, loads) + loads / LOAD_SCALE**2
+        pull = band_product(self.loads, loads) + loads / LOAD_SCALE**2
         gradient[:, self.rod.loads] += pull / self.load_units
         places = np.arange(self.rod.dof)[self.rod.loads]
         for k in range(BANDS):
             diagonal = self.loads[k] + (1 / LOAD_SCALE**2 if k == 0 else 0.0)
             blocks[k][:, places, places] += diagonal[:, None] / self.load_units**2
-        cost += _band_form(self.loads, loads) + 0.5 * np.sum(loads**2) / LOAD_SCALE**2
+        cost += band_form(self.loads, loads) + 0.5 * np.sum(loads**2) / LOAD_SCALE**2
 
         short, slope = self._clearance(stations)
         lack, dlack = self._stability(q)
@@ -254,7 +239,7 @@ class _Problem:
             cost += 0.5 * np.sum(value**2)
             gradient += np.einsum("tsi,ts->ti", slopes, value)
             blocks[0] += np.matmul(slopes.transpose(0, 2, 1), slopes)
-        return _Normal(float(cost), gradient, (blocks[0], blocks[1], blocks[2]))
+        return Normal(float(cost), gradient, (blocks[0], blocks[1], blocks[2]))
 
     def _clearance(self, stations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted shortfalls of the clearance at each station but the ends, the grippers, and their slopes."""
@@ -312,71 +297,6 @@ class _Problem:
     def _bends(self, stations: np.ndarray) -> np.ndarray:
         """Excess (t, hinges) of the sine of the turn at each hinge over the greatest wanted."""
         return terms.turn_excess(stations, self.rod, self.sharpest) / BEND_SCALE
-
-
-def _squared_differences(rows: int, order: int) -> tuple[Float[np.ndarray, "t"], ...]:
-    """Diagonals 0, 1, 2, ... of D' D, where D takes the differences of an order between rows."""
-    stencil = np.diff(np.eye(order + 1), n=order, axis=0)[0]
-    bands = tuple(np.zeros(rows - k) for k in range(BANDS))
-    for k, band in enumerate(bands[: order + 1]):
-        for i in range(order + 1 - k):
-            band[i : i + rows - order] += stencil[i] * stencil[i + k]
-    return bands
-
-
-def _band_product(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> Float[np.ndarray, "t k"]:
-    """Product of a symmetric banded matrix, given by its diagonals 0, 1, 2, ..., with x."""
-    out = bands[0][:, None] * x
-    for d, band in enumerate(bands[1:], start=1):
-        out[:-d] += band[:, None] * x[d:]
-        out[d:] += band[:, None] * x[:-d]
-    return out
-
-
-def _band_form(bands: tuple[np.ndarray, ...], x: Float[np.ndarray, "t k"]) -> float:
-    return 0.5 * float(np.sum(x * _band_product(bands, x)))
-
-
-def _levenberg_marquardt(q: np.ndarray, problem: _Problem, progress: Callable[[float], None]) -> np.ndarray:
-    most = problem.config.iterations
-    rule = STAGE._replace(fall=problem.config.tolerance, trials=float(most))
-    state, normal = fresh_state(), problem.linearise(q)
-    judge(state, normal.cost, rule)
-    while not state[DONE]:
-        progress(state[TRIED] / most)
-        trial = q.copy()
-        trial[1:-1] += _solve(normal, state[DAMPING])
-        if judge(state, problem.cost(trial), rule):
-            q, normal = trial, problem.linearise(trial)
-    return q
-
-
-def _solve(normal: _Normal, damping: float) -> Float[np.ndarray, "t-2 d"]:
-    """Solve (H + damping diag H) step = -gradient on the free rows; NaN where H is not positive definite."""
-    diagonal, above, further = (block[1:-1] for block in normal.blocks)
-    free, dof = normal.gradient[1:-1].shape
-    banded = np.zeros((BANDS * dof, free * dof))
-    _fill_bands(diagonal, above, further, banded)
-    banded[-1] += damping * np.maximum(banded[-1], 1e-9)
-    try:
-        return -solveh_banded(banded, normal.gradient[1:-1].ravel(), check_finite=False).reshape(free, dof)
-    except LinAlgError:
-        return np.full((free, dof), np.nan)
-
-
-@kernel
-def _fill_bands(diagonal, above, further, banded):
-    """Write blocks (t, d, d), (t-1, d, d), (t-2, d, d) into the upper banded form (3 d, d t) of `solveh_banded`."""
-    dof = diagonal.shape[1]
-    last = len(banded) - 1
-    for i in range(dof):
-        for j in range(dof):
-            for t in range(len(diagonal) if j >= i else 0):
-                banded[last + i - j, dof * t + j] = diagonal[t, i, j]
-            for t in range(len(above)):
-                banded[last - dof + i - j, dof * (t + 1) + j] = above[t, i, j]
-            for t in range(len(further)):
-                banded[last - 2 * dof + i - j, dof * (t + 2) + j] = further[t, i, j]
 
 
 __getattr__ = renamed(__name__, {"RefinementConfig": "TrajectoryOptimizationConfig", "refine": "optimize_trajectory"})

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from cableway.core.compiled import kernel
 from cableway.core.errors import InputError
+from cableway.core.time_limit import checkpoint
 from cableway.geometry import rotations
 from cableway.rod import spatial_kernels
 from cableway.rod.fitting import EXACT
@@ -71,6 +72,28 @@ def fit_shape(
         if math.sqrt(2 * least) < ENOUGH:
             break
     return best, math.sqrt(2 * least) * rod.length
+
+
+def fit_sequence(
+    rod: SpatialRod,
+    keypoints: Float[np.ndarray, "t n 3"],
+    orientations: Float[np.ndarray, "t 2 4"],
+    first: Float[np.ndarray, "12"],
+) -> Float[np.ndarray, "t 12"]:
+    """Equilibria near one shape after the other, each found from the one before, the first one from `first`.
+
+    Args:
+        rod: The rod.
+        keypoints: (t, n, 3) [m], of anything as long as the rod.
+        orientations: (t, 2, 4) wanted of the grippers, unit quaternions; they count by `TURN_WEIGHT`.
+        first: (12,) q.
+    """
+    found, q = np.empty((len(keypoints), 12)), np.array(first, float)
+    for row, shape, wanted in zip(found, keypoints, orientations, strict=True):
+        checkpoint()
+        _fit(q, np.ascontiguousarray(shape), np.ascontiguousarray(wanted), TURN_WEIGHT, *rod.arrays, rod.stride)
+        row[:] = q
+    return found
 
 
 WEIGHT_STEP = 2.0

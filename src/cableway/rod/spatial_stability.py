@@ -283,6 +283,19 @@ def stability(q, p, hinges, ceiling, scale, gradient):
 
 
 @kernel
+def has_margin(q, p, hinges, margin):
+    """Whether the stability margin of q (12,) is above `margin`: one factorisation, where `stability` needs many."""
+    free = hinges - 1
+    diagonal, off = np.empty((free, 2, 2)), np.empty((free, 2, 2))
+    closure, twist = np.empty((free, 2, 3)), np.empty((free, 2))
+    border, corner = np.empty((BORDER, free, 2)), np.empty(BORDER)
+    inverses, solved, schur = np.empty((free, 2, 2)), np.empty((BORDER, free, 2)), np.empty((BORDER, BORDER))
+    second_variation(q, p, hinges, diagonal, off, closure, twist)
+    _bordered(closure, twist, p[1], border, corner)
+    return _factor(diagonal, off, border, corner, margin / hinges, inverses, solved, schur) == BORDER
+
+
+@kernel
 def _eigenvector(diagonal, off, border, corner, shift, inverses, solved, schur):
     """v (N - 1, 2), of length 1, by inverse iteration beside an eigenvalue."""
     free = len(diagonal)

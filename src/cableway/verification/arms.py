@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from itertools import chain, combinations, product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -25,6 +25,7 @@ from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.bodies import lift_of_hand
 from cableway.verification.geometry import pose_distance
 from cableway.verification.grasps import tool_poses
+from cableway.verification.spatial_distance import capsule, library, placed
 
 STEP = 0.004
 """Greatest way [m] of an end of a capsule between two looks at the motion."""
@@ -257,9 +258,6 @@ def _could_touch(inner: int, outer: int) -> bool:
 
 def closest_pair(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], step: float, limit: float) -> Check:
     """Least clearance of pairs, nearest by their enclosing spheres first, until none can be nearer."""
-    import coal as library
-
-    coal: Any = library
 
     def sphere(solid: Solid) -> tuple[np.ndarray, np.ndarray]:
         middle = solid.ends.mean(axis=1)
@@ -270,7 +268,8 @@ def closest_pair(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], s
         (at_a, r_a), (at_b, r_b) = sphere(a), sphere(b)
         least.append(np.linalg.norm(at_a - at_b, axis=1) - r_a - r_b)
     bounds = np.array(least)
-    shapes = {id(solid): _shape(coal, solid) for pair in pairs for solid in pair}
+    shapes = {id(solid): capsule(solid.ends[0], solid.radius) for pair in pairs for solid in pair}
+    coal = library()
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     best, place, who = np.inf, 0.0, ""
     for flat in np.argsort(bounds, axis=None):
@@ -280,30 +279,12 @@ def closest_pair(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], s
         a, b = pairs[pair]
         result.clear()
         gap = coal.distance(
-            shapes[id(a)], _placed(coal, a.ends[row]), shapes[id(b)], _placed(coal, b.ends[row]), request, result
+            shapes[id(a)], placed(a.ends[row]), shapes[id(b)], placed(b.ends[row]), request, result
         )
         if gap < best:
             best, place, who = float(gap), float(at[row]), f"{a.name} and {b.name if b.name != a.name else 'itself'}"
     value = best - step
     return Check("arm clearance", value, "m", limit, value >= limit and value > 0, who, place)
-
-
-def _shape(coal: Any, solid: Solid) -> Any:
-    length = float(np.linalg.norm(solid.ends[0, 1] - solid.ends[0, 0]))
-    return coal.Capsule(solid.radius, length) if length > 1e-9 else coal.Sphere(solid.radius)
-
-
-def _placed(coal: Any, ends: Float[np.ndarray, "2 3"]) -> Any:
-    along = ends[1] - ends[0]
-    length = math.sqrt(along @ along)
-    if length <= 1e-9:
-        return coal.Transform3s(np.eye(3), ends[0])
-    x, y, z = (along / length).tolist()
-    if z < 0.0:  # either end may come first, and the formula is singular downwards
-        x, y, z = -x, -y, -z
-    k = 1.0 / (1.0 + z)  # the turn about a horizontal axis that brings the z axis there
-    turn = np.array([[1.0 - x * x * k, -x * y * k, x], [-x * y * k, 1.0 - y * y * k, y], [-x, -y, z]])
-    return coal.Transform3s(turn, (ends[0] + ends[1]) / 2)
 
 
 def _lowest_finger(

@@ -65,8 +65,8 @@ def verify_plan(plan: Plan, task: TaskSource, limits: VerificationLimits | None 
     checks = [
         *_motion(plan, task, limits),
         *plug_clearance(plan.poses[:, 1], task, limits.clearance, Ends.of(plan, task)),
-        _end("start", plan.shapes[0], task.start, limits),
-        _end("goal", plan.shapes[-1], task.goal, limits),
+        end_check("start", plan.shapes[0], task.start, limits.end),
+        end_check("goal", plan.shapes[-1], task.goal, limits.end),
         *_poses("start", plan.poses[0], task.start_poses, limits),
         *_poses("goal", plan.poses[-1], task.goal_poses, limits),
     ]
@@ -85,7 +85,7 @@ def verify_insertion_plan(plan: Plan, task: TaskSource, limits: VerificationLimi
         *_motion(plan, task, limits),
         *plug_clearance(plan.poses[:, 1], task, limits.clearance, inserting=True),
         *insertion_checks(plan.poses[:, 1], task),
-        _end("goal before the insertion", plan.shapes[0], task.goal, limits),
+        end_check("goal before the insertion", plan.shapes[0], task.goal, limits.end),
     ]
     return Verdict.of(checks, CONTROL_STEP * np.arange(len(plan.shapes)))
 
@@ -108,10 +108,10 @@ def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
         cable_clearance(lines, task, clearance),
         gripper_clearance(plan.poses, task, np.stack(grippers)),
         *body_checks(lines, plan.poses, task, limits.clearance, ends),
-        _length(lines, followed, task, limits),
+        length_check(lines, followed.keypoints, task.cable.length, limits.length),
         self_crossings(with_halves(lines)),
         self_clearance(with_halves(lines), task.cable.radius),
-        _grasp(plan, limits),
+        grasp_check(plan, limits.grasp),
         gripper_separation(plan.poses, task),
         *_gripper_motion(plan.poses, task),
         *_gripper_ramps(plan.poses, task),
@@ -208,9 +208,10 @@ def with_halves(lines: Float[np.ndarray, "t m 2"]) -> Float[np.ndarray, "2*t-1 m
     return both
 
 
-def _end(name: str, shape: np.ndarray, wanted: np.ndarray, limits: VerificationLimits) -> Check:
+def end_check(name: str, shape: np.ndarray, wanted: np.ndarray, limit: float) -> Check:
+    """Stacked distance [m] of a shape from what a task has at an end."""
     distance = float(np.linalg.norm(shape - wanted))
-    return Check(f"distance to {name}", distance, "m", limits.end, distance <= limits.end)
+    return Check(f"distance to {name}", distance, "m", limit, distance <= limit)
 
 
 def _poses(name: str, poses: np.ndarray, wanted: np.ndarray | None, limits: VerificationLimits) -> list[Check]:
@@ -225,16 +226,16 @@ def _poses(name: str, poses: np.ndarray, wanted: np.ndarray | None, limits: Veri
     return [replace(check, row=None) for check in checks]
 
 
-def _length(lines: np.ndarray, followed: Followed, task: Task, limits: VerificationLimits) -> Check:
+def length_check(lines: np.ndarray, keypoints: np.ndarray, length: float, limit: float) -> Check:
     """Of the curve through the keypoints, which is shorter than a cable that bends sharply between them.
 
     Compared with the same curve through the keypoints of the rod, where that came so far, or else with the cable.
     """
-    wanted = np.full(len(lines), task.cable.length)
-    reached = len(followed.keypoints)
+    wanted = np.full(len(lines), length)
+    reached = len(keypoints)
     if reached:
-        wanted[:reached] = arc_lengths(curve_through(followed.keypoints, PIECES))
-    return at_most("length error", np.abs(arc_lengths(lines) / wanted - 1), "1", limits.length)
+        wanted[:reached] = arc_lengths(curve_through(keypoints, PIECES))
+    return at_most("length error", np.abs(arc_lengths(lines) / wanted - 1), "1", limit)
 
 
 def arc_lengths(lines: Float[np.ndarray, "t m 2"]) -> Float[np.ndarray, "t"]:
@@ -242,24 +243,24 @@ def arc_lengths(lines: Float[np.ndarray, "t m 2"]) -> Float[np.ndarray, "t"]:
     return np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(1)
 
 
-def _grasp(plan: Plan, limits: VerificationLimits) -> Check:
-    gap = np.linalg.norm(plan.poses[:, :, :2] - plan.shapes[:, [0, -1]], axis=2).max(1)
-    return at_most("grasp error", gap, "m", limits.grasp)
+def grasp_check(plan: Plan, limit: float) -> Check:
+    """Distance [m] of the end keypoints from the grippers."""
+    at = plan.poses[:, :, : plan.shapes.shape[2]]
+    gap = np.linalg.norm(at - plan.shapes[:, [0, -1]], axis=2).max(1)
+    return at_most("grasp error", gap, "m", limit)
 
 
 def gripper_separation(poses: Float[np.ndarray, "t 2 3"], task: Task, tolerance: float = 0.0) -> Check:
-    """The grippers' discs overlap nowhere, between rows neither, and their centres keep the distance asked for.
+    """`separation` of the grippers of a task; they may be nearer by a tolerance [m]."""
+    return separation(poses[..., :2], max(task.grippers.separation, 2 * task.grippers.radius) - tolerance)
 
-    Args:
-        poses: Of both grippers.
-        task: Its grippers say which distance.
-        tolerance: Distance [m] by which they may be nearer.
-    """
-    grippers, gap = task.grippers, poses[:, 1, :2] - poses[:, 0, :2]
+
+def separation(places: Float[np.ndarray, "t 2 space"], least: float) -> Check:
+    """The grippers' centres keep a distance [m], between rows too."""
+    gap = places[:, 1] - places[:, 0]
     change = np.diff(gap, axis=0, append=gap[-1:])
     share = np.clip(-np.sum(gap * change, axis=1) / np.maximum(np.sum(change**2, axis=1), 1e-30), 0.0, 1.0)
     apart = np.linalg.norm(gap + share[:, None] * change, axis=1)
-    least = max(grippers.separation, 2 * grippers.radius) - tolerance
     return at_least("gripper separation", apart, "m", least)
 
 

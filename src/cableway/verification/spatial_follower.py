@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.linalg import null_space
+from scipy.linalg import eigvalsh, solve_banded
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
@@ -37,6 +37,9 @@ LARGEST_TURN = 0.3
 
 JUMP = 0.3
 """Turn of a link [rad] above which a solved step is another branch."""
+
+STIFF = 1e3
+"""Second derivative given to what the held ends do not allow: far above the least."""
 
 LEVEL = 1e-9
 """Largest slope of the energy [B/L] and largest gap [L] of what counts as solved."""
@@ -60,12 +63,14 @@ class FollowedInSpace:
         stations: (k, s, 3) of the rod [m] at each row reached, at the arc lengths of those given.
         deviation: (k,) largest distance [m] of one to the one given.
         stability: (k,) least eigenvalue of N times the energy's second derivative by turns of the links, the ends held.
+        twist: (k,) from end to end [rad].
         lost_at: The row where no stable equilibrium was found any more, or None.
     """
 
     stations: Float[np.ndarray, "k s 3"]
     deviation: Float[np.ndarray, "k"]
     stability: Float[np.ndarray, "k"]
+    twist: Float[np.ndarray, "k"]
     lost_at: int | None
 
 
@@ -77,7 +82,7 @@ def follow_in_space(
     length: float,
     twist: float,
     weight: float,
-    turns: int = 0,
+    twisted: float = 0.0,
     halvings: int = 6,
 ) -> FollowedInSpace:
     """Lead a rod from the first shape through the gripper poses, quasi-statically.
@@ -88,7 +93,7 @@ def follow_in_space(
         length: L [m].
         twist: kappa = C/B.
         weight: gamma = rho A g L^3/B.
-        turns: Full turns of twist in the first shape, beyond the nearest that the grippers' orientations allow.
+        twisted: Twist of the first shape [rad], by which its full turns are counted.
         halvings: How often a step from row to row is split where it does not converge.
 
     Raises:
@@ -97,8 +102,8 @@ def follow_in_space(
     if len(stations) != len(poses) or len(poses) == 0 or stations.shape[1] < 3:
         raise InputError(f"a motion needs as many shapes as poses, of 3 points or more, got {stations.shape}")
     chain = _Chain(length, twist, weight)
-    state, pose = chain.first(stations[0], poses[0], turns), poses[0]
-    reached, margins, lost_at = [], [], None
+    state, pose = chain.first(stations[0], poses[0], twisted), poses[0]
+    reached, margins, twists, lost_at = [], [], [], None
     for t, target in enumerate(poses):
         found = _continued(chain, state, pose, target, halvings)
         if found is None:
@@ -106,10 +111,11 @@ def follow_in_space(
             break
         (state, margin), pose = found, target
         margins.append(margin)
+        twists.append(chain.twist(state[0]))
         reached.append(chain.stations(state[0], target, stations.shape[1]))
     lines = np.array(reached).reshape(-1, *stations.shape[1:])
     deviation = np.linalg.norm(lines - stations[: len(lines)], axis=2).max(axis=1, initial=0.0)
-    return FollowedInSpace(lines, deviation, np.array(margins), lost_at)
+    return FollowedInSpace(lines, deviation, np.array(margins), np.array(twists), lost_at)
 
 
 State = tuple[Float[np.ndarray, "links 4"], Float[np.ndarray, "3"]]
@@ -122,10 +128,8 @@ def _continued(
     """The stable equilibrium at `target` reached from the one at `pose`; a step that fails is split in two."""
     checkpoint()
     solved = chain.solved(state, target)
-    if solved is not None and chain.turned(state[0], solved[0]) < JUMP:
-        margin = chain.margin(solved)
-        if margin > 0:
-            return solved, margin
+    if solved is not None and chain.turned(state[0], solved[0][0]) < JUMP and solved[1] > 0:
+        return solved
     if halvings == 0:
         return None
     middle = _half_way(pose, target)
@@ -150,7 +154,7 @@ class _Chain:
         self._length, self._links, self._stiffness = length, links, np.array([twist, 1.0, 1.0])
         self._hanging = weight * links * (after + links / 2)  # of a link's direction, on the height of all after it
 
-    def first(self, stations: np.ndarray, pose: np.ndarray, turns: int) -> State:
+    def first(self, stations: np.ndarray, pose: np.ndarray, twisted: float) -> State:
         """A state near given stations: their tangents, with the twist between the grippers spread evenly."""
         arc = np.linspace(0, 1, len(stations))
         hinges = np.concatenate([[0.0], np.cumsum(self._links)])
@@ -164,7 +168,8 @@ class _Chain:
             size = np.linalg.norm(axis)
             angle = np.arctan2(size, tangent @ direction)
             frames.append(Rotation.from_rotvec(axis / max(size, 1e-12) * angle) * frames[-1])
-        twist = (frames[-1].inv() * last).as_rotvec()[0] + 2 * np.pi * turns
+        twist = (frames[-1].inv() * last).as_rotvec()[0]
+        twist += 2 * np.pi * np.round((twisted - twist) / (2 * np.pi))
         spread = Rotation.from_rotvec(np.outer(np.linspace(0, 1, len(frames)) * twist, [1.0, 0.0, 0.0]))
         rows = (Rotation.concatenate(frames) * spread).as_quat(scalar_first=True)
         for before, row in pairwise(rows):
@@ -182,23 +187,24 @@ class _Chain:
         """Largest turn of a link [rad]."""
         return float(2 * np.arccos(np.clip(np.abs(np.sum(before * after, axis=1)), 0, 1)).max())
 
-    def solved(self, state: State, pose: np.ndarray) -> State | None:
-        """The equilibrium near a state with the grippers at `pose`, by Newton's method; None where it does not
-        converge."""
+    def solved(self, state: State, pose: np.ndarray) -> tuple[State, float] | None:
+        """The equilibrium near a state with the grippers at `pose`, by Newton's method, and its margin; None where it
+        does not converge."""
         rows, force = state[0].copy(), state[1].copy()
         for side in (0, -1):
             rows[side] = pose[side, 3:] * (1.0 if pose[side, 3:] @ rows[side] > 0 else -1.0)
         chord = (pose[1, :3] - pose[0, :3]) / self._length
         for _ in range(ITERATIONS):
-            slope, second, closure = self._derivatives(rows, force)
+            slope, blocks, beside, closure = self._derivatives(rows, force)
             gap = self._links @ _directions(rows) - chord
             if max(np.abs(slope).max(), np.abs(gap).max()) < LEVEL:
-                return rows, force
-            system = np.block([[second, closure.T], [closure, np.zeros((3, 3))]])
+                return (rows, force), self._margin(blocks, beside, closure)
             try:
-                step = np.linalg.solve(system, -np.concatenate([slope, gap]))
+                moved = solve_banded((5, 5), _banded(blocks, beside), np.column_stack([slope, closure.T]))
+                pull = np.linalg.solve(closure @ moved[:, 1:], gap - closure @ moved[:, 0])
             except np.linalg.LinAlgError:
                 return None
+            step = np.concatenate([-moved[:, 0] - moved[:, 1:] @ pull, pull])
             share = min(1.0, LARGEST_TURN / max(np.abs(step[:-3]).max(), 1e-12))
             moved = np.einsum("iak,ik->ia", _tangents(rows[1:-1]), step[:-3].reshape(-1, 3)) / 2
             rows[1:-1] += share * moved
@@ -206,46 +212,79 @@ class _Chain:
             force += share * step[-3:]
         return None
 
-    def margin(self, state: State) -> float:
+    def _margin(self, blocks: np.ndarray, beside: np.ndarray, closure: np.ndarray) -> float:
         """Least eigenvalue of N times the second derivative, on turns that keep the ends."""
-        _, second, closure = self._derivatives(*state)
-        free = null_space(closure, rcond=1e-9)
-        return float(HINGES * np.linalg.eigvalsh(free.T @ second @ free)[0])
+        second = _dense(blocks, beside)
+        held, kept, _ = np.linalg.svd(closure.T, full_matrices=False)
+        held = held[:, kept > 1e-9 * kept[0]]
+        along = second @ held
+        second -= along @ held.T + held @ along.T - held @ (held.T @ along) @ held.T - STIFF * held @ held.T
+        return float(HINGES * eigvalsh(second, subset_by_index=[0, 0], check_finite=False)[0])
 
-    def _derivatives(self, rows: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def twist(self, rows: np.ndarray) -> float:
+        """From end to end [rad]."""
+        turn = np.einsum("kij,hi,hj->hk", TURNS, rows[:-1], rows[1:])
+        return float(2 * np.sum(np.arctan2(turn[:, 0], np.sum(rows[:-1] * rows[1:], axis=1))))
+
+    def _derivatives(
+        self, rows: np.ndarray, force: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Slope and second derivative of the energy with its constraint, by turns [rad] of the inner links, and the
-        derivative of the closure."""
+        derivative of the closure. Of the second derivative, the blocks (l, 3, 3) of links and of neighbours."""
         a, b = rows[:-1], rows[1:]
-        by_a, by_b = np.einsum("kij,hj->hki", TURNS, b), np.einsum("kji,hj->hki", TURNS, a)
-        turn = np.einsum("hki,hi->hk", by_a, a)
+        by_a, by_b = _times(TURNS, b), _times(TURNS.swapaxes(1, 2), a)
+        turn = np.matmul(by_a, a[:, :, None])[..., 0]
         stiff = 4 * HINGES * self._stiffness
         slope, blocks = np.zeros((HINGES + 1, 4)), np.zeros((HINGES + 1, 4, 4))
-        slope[:-1] += np.einsum("k,hk,hki->hi", stiff, turn, by_a)
-        slope[1:] += np.einsum("k,hk,hki->hi", stiff, turn, by_b)
-        blocks[:-1] += np.einsum("k,hki,hkj->hij", stiff, by_a, by_a)
-        blocks[1:] += np.einsum("k,hki,hkj->hij", stiff, by_b, by_b)
-        across = np.einsum("k,hki,hkj->hij", stiff, by_a, by_b) + np.einsum("k,hk,kij->hij", stiff, turn, TURNS)
+        stiff_a, moment = (stiff[:, None] * by_a).swapaxes(1, 2), stiff * turn
+        slope[:-1] += np.matmul(moment[:, None], by_a)[:, 0]
+        slope[1:] += np.matmul(moment[:, None], by_b)[:, 0]
+        blocks[:-1] += np.matmul(stiff_a, by_a)
+        blocks[1:] += np.matmul((stiff[:, None] * by_b).swapaxes(1, 2), by_b)
+        across = np.matmul(stiff_a, by_b) + (moment @ TURNS.reshape(3, -1)).reshape(-1, 4, 4)
         pull = self._links[:, None] * force + self._hanging[:, None] * [0.0, 0.0, 1.0]
-        quadratic = 2 * np.einsum("lk,kij->lij", pull, ALONG)
-        slope += np.einsum("lij,lj->li", quadratic, rows)
+        quadratic = 2 * (pull @ ALONG.reshape(3, -1)).reshape(-1, 4, 4)
+        slope += np.matmul(quadratic, rows[:, :, None])[..., 0]
         blocks += quadratic
         inner, tangents = rows[1:-1], _tangents(rows[1:-1]) / 2
         blocks[1:-1] -= np.sum(slope[1:-1] * inner, axis=1)[:, None, None] * np.eye(4)
-        count = HINGES - 1
-        second = np.zeros((count, 3, count, 3))
-        i = np.arange(count)
-        second[i, :, i] = np.einsum("lai,lab,lbj->lij", tangents, blocks[1:-1], tangents)
-        beside = np.einsum("lai,lab,lbj->lij", tangents[:-1], across[1:-1], tangents[1:])
-        second[i[:-1], :, i[1:]] = beside
-        second[i[1:], :, i[:-1]] = beside.swapaxes(1, 2)
-        closure = 2 * np.einsum("l,kab,lb,lai->kli", self._links[1:-1], ALONG, inner, tangents)
-        flat = np.einsum("la,lai->li", slope[1:-1], tangents).ravel()
-        return flat, second.reshape(3 * count, -1), closure.reshape(3, -1)
+        own = np.matmul(tangents.swapaxes(1, 2), np.matmul(blocks[1:-1], tangents))
+        beside = np.matmul(tangents[:-1].swapaxes(1, 2), np.matmul(across[1:-1], tangents[1:]))
+        closure = np.matmul(_times(ALONG, (2 * self._links[1:-1])[:, None] * inner), tangents).swapaxes(0, 1)
+        flat = np.matmul(slope[1:-1, None], tangents).ravel()
+        return flat, own, beside, closure.reshape(3, -1)
+
+
+def _times(forms: Float[np.ndarray, "3 4 4"], rows: Float[np.ndarray, "l 4"]) -> Float[np.ndarray, "l 3 4"]:
+    """Three bilinear forms with their second argument given."""
+    return (rows @ forms.reshape(12, 4).T).reshape(-1, 3, 4)
+
+
+def _dense(blocks: Float[np.ndarray, "l 3 3"], beside: Float[np.ndarray, "l-1 3 3"]) -> np.ndarray:
+    """The symmetric matrix with these blocks on its diagonal and above it."""
+    count = len(blocks)
+    second, i = np.zeros((count, 3, count, 3)), np.arange(count)
+    second[i, :, i] = blocks
+    second[i[:-1], :, i[1:]] = beside
+    second[i[1:], :, i[:-1]] = beside.swapaxes(1, 2)
+    return second.reshape(3 * count, -1)
+
+
+def _banded(blocks: Float[np.ndarray, "l 3 3"], beside: Float[np.ndarray, "l-1 3 3"]) -> np.ndarray:
+    """The same in the form of `solve_banded`, with five diagonals on either side."""
+    count = len(blocks)
+    banded = np.zeros((11, count, 3))
+    for i in range(3):
+        for j in range(3):
+            banded[5 + i - j, :, j] = blocks[:, i, j]
+            banded[2 + i - j, 1:, j] = beside[:, i, j]
+            banded[8 + i - j, :-1, j] = beside[:, j, i]
+    return banded.reshape(11, -1)
 
 
 def _directions(rows: np.ndarray) -> np.ndarray:
     """Directions (l, 3) of links."""
-    return np.einsum("la,kab,lb->lk", rows, ALONG, rows)
+    return np.matmul(_times(ALONG, rows), rows[:, :, None])[..., 0]
 
 
 def _tangents(rows: np.ndarray) -> np.ndarray:

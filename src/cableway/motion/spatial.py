@@ -1,0 +1,246 @@
+"""Where a cable held in space may be: the twelve numbers of `cableway.rod.spatial` that are free.
+
+As in the plane (`cableway.motion.validity`), every shape between two is an equilibrium, so a motion is checked at
+shapes a few millimetres apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import ConvexHull
+
+from cableway.geometry import rotations
+from cableway.geometry.spatial_convex import SpatialWorld, self_distance, signed_distance
+from cableway.motion import spatial_kernels
+from cableway.motion.limits import Margins
+from cableway.rod.spatial import SpatialRod
+from cableway.scene.grippers import Grippers
+from cableway.scene.spatial.grippers import SpatialBody
+from cableway.scene.spatial.task import SpatialTask
+
+OFF_CABLE = 0.001
+"""Clearance [m] of gripper bodies from parts of the cable that they do not hold."""
+
+
+SURFACE_SPACING = 0.012
+"""Distance [m] of the points that stand for the surface of a body: something sharp between them, at clearance d, is
+nearer by at most `SURFACE_SPACING`^2/(6 d), 2.4 mm at 10 mm."""
+
+
+@dataclass(frozen=True)
+class SpatialBodies:
+    """Bodies of the grippers as balls in their frames: a sphere is one, other convex shapes are covered by many.
+
+    Attributes:
+        side: (k,) gripper that each moves with, 0 left, 1 right.
+        at: (k, 3) where it is in that gripper's frame [m].
+        radius: (k,) [m].
+        reach: (k,) farthest point of its body from that gripper [m].
+    """
+
+    side: Int[np.ndarray, "k"]
+    at: Float[np.ndarray, "k 3"]
+    radius: Float[np.ndarray, "k"]
+    reach: Float[np.ndarray, "k"]
+
+    @classmethod
+    def of(cls, bodies: Sequence[SpatialBody]) -> SpatialBodies:
+        """A ball as it is, other bodies by points `SURFACE_SPACING` apart on their surface."""
+        at = [each.points if len(each.points) == 1 else surface_points(each.points) for each in bodies]
+        counts = [len(each) for each in at]
+        sides = np.array([each.side for each in bodies], dtype=np.int64)
+        radii, reach = (np.array([getattr(each, name) for each in bodies], float) for name in ("radius", "reach"))
+        side, radius, reach = (np.repeat(each, counts) for each in (sides, radii, reach))
+        return cls(side, np.concatenate(at), radius, reach)
+
+    def spared(self, length: float, stations: int, cable: float) -> Int[np.ndarray, "k"]:
+        """Stations from a gripper on of a cable of a radius [m] that its bodies may touch: half a turn about them."""
+        arc = math.pi / 2 * (self.reach + cable)
+        return np.minimum(stations, np.ceil(arc * (stations - 1) / length).astype(np.int64) + 1)
+
+    def points(self, poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t k 3"]:
+        """Their centres [m] in the world."""
+        held = poses[:, self.side]
+        return held[..., :3] + rotations.rotate(held[..., 3:], self.at)
+
+
+class SpatialLimits(NamedTuple):
+    """What a shape in space must keep.
+
+    Attributes:
+        cable_distance: Of the centre line from obstacles and walls [m].
+        gripper_clearance: Of bodies from obstacles and walls [m].
+        bodies_apart: Of the bodies of the two grippers from each other [m].
+        bodies_off_cable: Of bodies from the centre line of what they do not hold [m].
+        stability: Least stability margin.
+        least_span: Least distance of the grippers [m].
+        most_span: Greatest distance of the grippers [m].
+        sharpest_turn: Greatest sine of the turn at a hinge.
+        most_twist: Greatest twist from end to end [rad].
+        apart: Stations along the rod from which on it could touch itself.
+        self_distance: Of such stations from each other [m].
+    """
+
+    cable_distance: float
+    gripper_clearance: float
+    bodies_apart: float
+    bodies_off_cable: float
+    stability: float
+    least_span: float
+    most_span: float
+    sharpest_turn: float
+    most_twist: float
+    apart: int
+    self_distance: float
+
+
+@dataclass(frozen=True)
+class SpatialProblem:
+    """A motion in space to be planned, as values.
+
+    Attributes:
+        rod: The cable's rod.
+        radius: The cable's [m].
+        world: Obstacles and walls.
+        bodies: Of the grippers.
+        grippers: Their limits.
+        start: (12,) equilibrium.
+        goal: (12,) equilibrium.
+        least_bend_radius: That the cable takes [m].
+        most_twist: That it takes from end to end [rad].
+    """
+
+    rod: SpatialRod
+    radius: float
+    world: SpatialWorld
+    bodies: SpatialBodies
+    grippers: Grippers
+    start: Float[np.ndarray, "12"]
+    goal: Float[np.ndarray, "12"]
+    least_bend_radius: float
+    most_twist: float
+
+    @classmethod
+    def of(cls, task: SpatialTask) -> SpatialProblem:
+        """That of a task."""
+        limits, cable = task.grippers, task.cable
+        grippers = Grippers(
+            radius=limits.radius, max_step=limits.max_step, max_turn=limits.max_turn, separation=limits.separation
+        )
+        return cls(
+            task.rod, cable.radius, task.scene.world, SpatialBodies.of(task.bodies), grippers, np.array(task.start),
+            np.array(task.goal), cable.min_bend_radius, cable.max_twist,
+        )  # fmt: skip
+
+    @property
+    def sharpest_turn(self) -> float:
+        """Greatest sine of the turn at a hinge that the least bend radius allows."""
+        if self.least_bend_radius <= 0:
+            return math.inf
+        return math.sin(min(math.pi / 2, self.rod.length / self.rod.hinges / self.least_bend_radius))
+
+    @property
+    def stations_apart(self) -> int:
+        """Stations along the rod from which on it could touch itself: half a turn of its own thickness."""
+        return math.ceil(math.pi * self.radius * 2 * self.rod.hinges / self.rod.length) + 1
+
+
+@dataclass(frozen=True)
+class SpatialFreeSpace:
+    """The configurations of a problem's cable that are free.
+
+    Attributes:
+        arrays: What the kernels take as `space`.
+    """
+
+    arrays: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, problem: SpatialProblem, margins: Margins) -> SpatialFreeSpace:
+        """What margins allow: never more than start and goal keep."""
+        rod, bodies = problem.rod, problem.bodies
+        kept = np.array([problem.start, problem.goal])
+        stations, poses = rod.shapes(kept)
+        spans = np.linalg.norm(poses[:, 1, :3] - poses[:, 0, :3], axis=1)
+        twists = np.abs(kept[:, 9]) / rod.twist
+        turns = [spatial_kernels.sharpest_turn(shape, rod.length) for shape in stations]
+        apart = problem.stations_apart
+        selves = min(self_distance(shape, apart) for shape in stations)
+        points, spared = bodies.points(poses), bodies.spared(rod.length, stations.shape[1], problem.radius)
+        of_bodies = signed_distance(points, problem.world)[0] - bodies.radius
+        limits = SpatialLimits(
+            cable_distance=min(
+                problem.radius + margins.clearance, float(signed_distance(stations, problem.world)[0].min()) - 1e-6
+            ),
+            gripper_clearance=min(margins.clearance, float(of_bodies.min()) - 1e-6),
+            bodies_apart=min(margins.clearance, _bodies_gap(points, bodies) - 1e-6),
+            bodies_off_cable=min(
+                problem.radius + OFF_CABLE, _off_cable(points, stations, bodies.side, bodies.radius, spared) - 1e-6
+            ),
+            stability=min(margins.stability, float(rod.stability(kept)[0].min()) - 1e-6),
+            least_span=min(problem.grippers.least_span, float(spans.min()) - 1e-9),
+            most_span=max(margins.gripper_span * rod.length, float(spans.max()) + 1e-9),
+            sharpest_turn=max([problem.sharpest_turn, *turns]),
+            most_twist=max(problem.most_twist, float(twists.max()) + 1e-9),
+            apart=apart,
+            self_distance=min(2 * problem.radius + margins.self_distance, selves - 1e-9),
+        )
+        return cls((rod.arrays, problem.world.arrays, limits, (bodies.side, bodies.at, bodies.radius, spared)))
+
+    def are_free(self, q: Float[np.ndarray, "k 12"]) -> Bool[np.ndarray, "k"]:
+        """Which configurations are free."""
+        return spatial_kernels.are_free(np.ascontiguousarray(q, float), self.arrays)
+
+
+def rows_between(rod: SpatialRod, q: Float[np.ndarray, "t 12"], at: Float[np.ndarray, "k"]) -> np.ndarray:
+    """Rows at fractional indices, held at the ends, each on the way from one row to the next."""
+    at = np.clip(at, 0, len(q) - 1)
+    whole = np.minimum(at.astype(int), max(0, len(q) - 2))
+    return rod.between(q[whole], q[np.minimum(whole + 1, len(q) - 1)], at - whole)
+
+
+def continuous_poses(poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t 2 7"]:
+    """The same poses with quaternions whose sign does not jump from row to row."""
+    out = poses.copy()
+    same = np.sum(out[1:, :, 3:] * out[:-1, :, 3:], axis=2)
+    out[1:, :, 3:] *= np.cumprod(np.where(same < 0, -1.0, 1.0), axis=0)[..., None]
+    return out
+
+
+def surface_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "m 3"]:
+    """Points of the surface of a hull, corners included, at most `SURFACE_SPACING` [m] apart along its triangles."""
+    found = []
+    for triangle in points[ConvexHull(points).simplices]:
+        longest = max(np.linalg.norm(triangle - np.roll(triangle, 1, axis=0), axis=1))
+        parts = max(1, math.ceil(longest / SURFACE_SPACING))
+        i, j = np.meshgrid(np.arange(parts + 1), np.arange(parts + 1), indexing="ij")
+        inside = i + j <= parts
+        shares = np.stack([i[inside], j[inside], parts - i[inside] - j[inside]], axis=1) / parts
+        found.append(shares @ triangle)
+    rows = np.concatenate(found)
+    return rows[np.sort(np.unique(rows.round(6), axis=0, return_index=True)[1])]
+
+
+def _bodies_gap(points: Float[np.ndarray, "t k 3"], bodies: SpatialBodies) -> float:
+    left, right = bodies.side == 0, bodies.side == 1
+    gaps = np.linalg.norm(points[:, left][:, :, None] - points[:, right][:, None], axis=3)
+    gaps -= bodies.radius[left][:, None] + bodies.radius[right]
+    return float(gaps.min(initial=math.inf))
+
+
+def _off_cable(
+    points: np.ndarray, stations: np.ndarray, side: np.ndarray, radius: np.ndarray, spared: np.ndarray
+) -> float:
+    """Least distance [m] of the balls from the centre line of what they do not hold."""
+    least = math.inf
+    for k in range(len(side)):
+        line = stations[:, ::-1] if side[k] else stations
+        away = np.linalg.norm(line[:, spared[k] :] - points[:, k, None], axis=2) - radius[k]
+        least = min(least, float(away.min(initial=math.inf)))
+    return least

@@ -1,0 +1,216 @@
+"""The planner in space: short searches in a fixed order, each made smooth and judged, until one verifies.
+
+The first in the order whose plan verifies is the plan, so that the answer does not depend on timing.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from cableway.core.checks import Bounds, Checked
+from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted
+from cableway.core.provenance import describe, versions
+from cableway.core.time_limit import OutOfTime, time_limit
+from cableway.motion.interpolation import evenly_moved, subdivided
+from cableway.motion.limits import Margins
+from cableway.motion.spatial import SpatialFreeSpace, SpatialProblem, continuous_poses, rows_between
+from cableway.motion.time_parametrization import gripper_effort, require_rows, with_ramps
+from cableway.outcome import Outcome
+from cableway.planning.projection import EFFORT_PIECES, KEYPOINT_STEP, LIMIT_SHARE, USUAL_RAMPS
+from cableway.planning.routes.spatial import blocked, grid_path, slid_shapes
+from cableway.planning.spatial_optimization import optimize_in_space
+from cableway.planning.spatial_rrt import Sampler, Trees, about_path, about_shapes, anywhere, bursts
+from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig
+from cableway.records import Attempt, Plan, Verdict
+from cableway.scene.spatial.task import SpatialTask
+from cableway.verification.spatial_plan import SpatialVerificationLimits, verify_spatial_plan
+
+LOGGER = logging.getLogger(__name__)
+
+Source = Literal["anywhere", "tube", "corridor", "tube-tail"]
+"""Where a search gets its samples."""
+
+Progress = Callable[[str, float], None]
+
+SOURCES: tuple[Source, ...] = ("anywhere", "tube", "corridor", "tube-tail")
+
+SPARE = 0.002
+"""Clearance [m] beyond the margin that the way of a sliding cable keeps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpatialPlannerConfig(Checked):
+    """How a plan in space is searched.
+
+    Attributes:
+        first: Samples of the first searches.
+        most: Of the last ones.
+        step: Largest move of a point of the cable between two shapes that are checked [m].
+        row_step: Largest move of a keypoint between rows during the optimisation [m].
+        margins: What shapes keep in the search.
+        optimization: Weights of the trajectory optimisation.
+        limits: What a plan must keep.
+    """
+
+    first: Annotated[int, Bounds(2, 10**6)] = 240
+    most: Annotated[int, Bounds(2, 10**7)] = 32_000
+    step: Annotated[float, Bounds(1e-4, 0.1)] = 0.006
+    row_step: Annotated[float, Bounds(1e-4, 1)] = 0.015
+    margins: Margins = field(default_factory=lambda: Margins(clearance=0.006, stability=15.0))
+    optimization: TrajectoryOptimizationConfig = field(
+        default_factory=lambda: TrajectoryOptimizationConfig(
+            margin=0.008, room=0.02, stability_wanted=25.0, iterations=20, tolerance=1e-3
+        )
+    )
+    limits: SpatialVerificationLimits = field(default_factory=SpatialVerificationLimits)
+
+
+# Threads of the linear algebra library wait for each other in small matrices.
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def plan_in_space(
+    task: SpatialTask,
+    *,
+    seed: int = 0,
+    config: SpatialPlannerConfig | None = None,
+    progress: Progress | None = None,
+    expired: Callable[[], bool] | None = None,
+) -> Plan:
+    """Find a verified sequence of shapes and gripper poses from start to goal.
+
+    Args:
+        task: The task.
+        seed: Same seed, same plan.
+        config: How.
+        progress: Called with the name of a stage and the share of it that is done.
+        expired: Asked several times a second; the search ends once it says yes.
+
+    Raises:
+        PlanningError: No plan was found; `attempt` holds the one that came closest. The message says so where grippers
+            or cable cannot pass, and where the time ran out.
+        MissingExtraError: Coal, which the judge needs, is not installed.
+    """
+    search = _Search(task, config or SpatialPlannerConfig(), seed, progress or (lambda stage, share: None))
+    try:
+        with time_limit(expired):
+            return search.run()
+    except OutOfTime:
+        raise search.error("the time limit ran out before a plan was found", Outcome.TIMED_OUT) from None
+    except (Cancelled, KeyboardInterrupt):
+        if search.best is None:
+            raise
+        reason = f"interrupted before a plan was found; the closest attempt: {search.best.reason}"
+        raise PlanningInterrupted(reason, search.best, Outcome.INTERRUPTED) from None
+
+
+class _Search:
+    """One search; `best` is the failure with the fewest failed checks."""
+
+    def __init__(self, task: SpatialTask, config: SpatialPlannerConfig, seed: int, progress: Progress) -> None:
+        self.task, self.config, self.seed, self.report = task, config, seed, progress
+        self.problem = SpatialProblem.of(task)
+        self.best: Attempt | None = None
+        self._trees = Trees(self.problem, SpatialFreeSpace.of(self.problem, config.margins), config.step)
+        self._samplers: dict[Source, Sampler | None] = {}
+
+    def run(self) -> Plan:
+        """The first plan that verifies."""
+        config, tried = self.config, 0
+        most = config.first * 2 ** int(np.log2(config.most / config.first))
+        for source, samples, burst in bursts(SOURCES, config.first, most):
+            if burst == 1 and source == SOURCES[0] and (fault := blocked(self.problem, config.limits.clearance)):
+                attempt = replace(self.best or Attempt(""), reason=fault)
+                raise PlanningError(f"there is no plan: {fault}", attempt, Outcome.INFEASIBLE)
+            self.report("search", tried / (len(SOURCES) * 2 * most))
+            tried += samples
+            sampler = self._sampler(source)
+            if sampler is None:
+                continue
+            path, used = self._trees.search(sampler, samples, (self.seed, SOURCES.index(source), burst))
+            LOGGER.info("%s, %d of %d samples: %s", source, used, samples, "no path" if path is None else "a path")
+            if path is not None and (found := self._made_of(path, source)) is not None:
+                return found
+        raise self.error(f"no plan was found with {tried} samples", Outcome.NO_PLAN)
+
+    def error(self, message: str, outcome: Outcome) -> PlanningError:
+        """The error that says why the closest attempt is no plan."""
+        reason = f"; the closest attempt: {self.best.reason}" if self.best else ""
+        return PlanningError(message + reason, self.best, outcome)
+
+    def _sampler(self, source: Source) -> Sampler | None:
+        """What draws samples; None where there is no way for it to lie about."""
+        if source not in self._samplers:
+            try:
+                self._samplers[source] = self._new_sampler(source)
+            except PlanningError as error:
+                self._samplers[source] = None
+                self._note(Attempt(str(error)))
+        return self._samplers[source]
+
+    def _new_sampler(self, source: Source) -> Sampler:
+        problem = self.problem
+        if source == "anywhere":
+            return anywhere(problem)
+        away = self.config.margins.clearance + SPARE
+        if source == "corridor":
+            stations = problem.rod.shapes(np.array([problem.start, problem.goal]))[0]
+            middle = stations[:, stations.shape[1] // 2]
+            return about_path(problem, grid_path(problem, middle[0], middle[1], problem.radius + away))
+        reach = float(problem.bodies.radius.max()) + away
+        slid = slid_shapes(problem, reach, reverse=source == "tube-tail")
+        eased = replace(self.config.optimization, iterations=12)
+        return about_shapes(problem, optimize_in_space(slid, problem, eased))
+
+    def _made_of(self, path: Float[np.ndarray, "r 12"], source: Source) -> Plan | None:
+        """The plan of a free path, made smooth; or as it is, where that does not verify."""
+        rod, config = self.problem.rod, self.config
+        self.report("optimisation", 0.0)
+        q = rows_between(rod, path, evenly_moved(rod, path, config.row_step))
+        smooth = optimize_in_space(q, self.problem, config.optimization, lambda share: self.report("optimisation", share))
+        for rows in (smooth, path):
+            try:
+                plan = self._timed(rows)
+            except PlanningError as error:
+                self._note(Attempt(str(error)))
+                continue
+            self.report("verification", 0.0)
+            verdict = verify_spatial_plan(plan, self.task, config.limits)
+            self.report("verification", 1.0)
+            if verdict.passed:
+                LOGGER.info("%s: a plan of %d steps", source, plan.steps)
+                made_by = {"initial_trajectory": source, "seed": self.seed, "versions": versions()}
+                return plan.judged(verdict).noted(**made_by, planner=describe(config))
+            LOGGER.info("%s: no plan: %s", source, verdict)
+            self._note(Attempt(str(verdict), plan.shapes, plan.poses, verdict))
+        return None
+
+    def _timed(self, q: Float[np.ndarray, "r 12"]) -> Plan:
+        """Rows one control step apart, from rest to rest, within `LIMIT_SHARE` of the limits."""
+        rod, limits = self.problem.rod, self.problem.grippers
+        fine = subdivided(len(q), EFFORT_PIECES)
+        stations, poses = rod.shapes(rows_between(rod, q, fine))
+        shift = np.linalg.norm(np.diff(rod.at_keypoints(stations), axis=0), axis=2).max(1)
+        effort = np.maximum(
+            gripper_effort(poses, limits.max_step, limits.max_turn), shift / (KEYPOINT_STEP * limits.max_step)
+        )
+        require_rows(effort.sum() / LIMIT_SHARE, rod.keypoints)
+        ramped = replace(limits, **USUAL_RAMPS)
+        poses_at = lambda places: rod.shapes(rows_between(rod, q, places))[1]  # noqa: E731
+        rows = rows_between(rod, q, with_ramps(fine, effort, LIMIT_SHARE, poses_at, ramped, rod.keypoints))
+        stations, poses = rod.shapes(rows)
+        shapes = np.ascontiguousarray(rod.at_keypoints(stations))
+        return Plan(shapes, continuous_poses(poses), rows)
+
+    def _note(self, attempt: Attempt) -> None:
+        if self.best is None or _faults(attempt.verdict) < _faults(self.best.verdict):
+            self.best = attempt
+
+
+def _faults(verdict: Verdict | None) -> int:
+    return len(verdict.failures()) if verdict else 99

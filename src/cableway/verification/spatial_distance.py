@@ -1,0 +1,190 @@
+"""Distances in space by Coal: of moving lines, balls and hulls from the obstacles and walls of a scene; capsules.
+
+Obstacles become Coal's own shapes, from the records of the scene; nothing is shared with `cableway.geometry`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Integer
+from scipy.spatial.transform import Rotation
+
+from cableway.core.extras import require
+from cableway.core.time_limit import checkpoint
+from cableway.scene.spatial.grippers import SpatialBody
+from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, SpatialObstacle, Sphere
+from cableway.scene.spatial.scene import SpatialScene
+
+FAR = 0.02
+"""Distance [m] beyond which none is measured: it is given as this."""
+
+BEYOND = 1.0
+"""Height [m] by which an obstacle of unlimited height reaches above the workspace."""
+
+
+@cache
+def library() -> Any:
+    """Coal.
+
+    Raises:
+        MissingExtraError: It is not installed.
+    """
+    require("cell", "the verification of arms, and of plans in space,")
+    import coal
+
+    return coal
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A convex shape of Coal at a place, and the box about it [m]."""
+
+    solid: Any
+    place: Any
+    low: Float[np.ndarray, "3"]
+    high: Float[np.ndarray, "3"]
+
+    @classmethod
+    def of(cls, solid: Any, turn: Float[np.ndarray, "3 3"], at: Float[np.ndarray, "3"]) -> Shape:
+        """A shape turned by a matrix and put at a point."""
+        coal = library()
+        box = coal.CollisionObject(solid, coal.Transform3s(turn, np.asarray(at, float)))
+        box.computeAABB()
+        bounds = box.getAABB()
+        return cls(solid, coal.Transform3s(turn, np.asarray(at, float)), np.array(bounds.min_), np.array(bounds.max_))
+
+
+def hull(points: Float[np.ndarray, "k 3"]) -> Any:
+    """Coal's convex hull of points."""
+    coal = library()
+    vertices = coal.StdVec_Vec3s()
+    vertices.extend(list(np.asarray(points, float)))
+    return coal.Convex.convexHull(vertices, True, None)
+
+
+def shape_of(obstacle: SpatialObstacle, top: float) -> Shape:
+    """An obstacle; one of unlimited height ends at `top` [m]."""
+    coal = library()
+    if isinstance(obstacle, Cuboid):
+        turn = Rotation.from_quat(obstacle.orientation, scalar_first=True).as_matrix()
+        return Shape.of(coal.Box(*obstacle.size), turn, np.array(obstacle.center))
+    if isinstance(obstacle, Cylinder):
+        turn = Rotation.align_vectors([obstacle.axis], [[0.0, 0.0, 1.0]])[0].as_matrix()
+        return Shape.of(coal.Cylinder(obstacle.radius, obstacle.height), turn, np.array(obstacle.center))
+    if isinstance(obstacle, Sphere):
+        return Shape.of(coal.Sphere(obstacle.radius), np.eye(3), np.array(obstacle.center))
+    if isinstance(obstacle, ConvexMesh):
+        return Shape.of(hull(obstacle.points), np.eye(3), np.zeros(3))
+    return _prism(obstacle, top)
+
+
+def _prism(obstacle: Prism, top: float) -> Shape:
+    section, height = obstacle.section, top if obstacle.section.height is None else obstacle.section.height
+    if len(section.vertices) == 1:
+        middle = np.array([*section.vertices[0], height / 2])
+        return Shape.of(library().Cylinder(section.rounding, height), np.eye(3), middle)
+    corners = [[x, y, z] for x, y in section.vertices for z in (0.0, height)]
+    return Shape.of(hull(np.array(corners)), np.eye(3), np.zeros(3))
+
+
+class ToScene:
+    """What measures moving lines of capsules, or single balls, against a scene; a `swept.Measure`.
+
+    Args:
+        scene: Obstacles and walls.
+        radius: Of the capsules [m]; distances are those of their centre lines all the same.
+    """
+
+    def __init__(self, scene: SpatialScene, radius: float) -> None:
+        self._size, self._radius = np.array(scene.size), radius
+        self._shapes = [shape_of(each, scene.size[2] + BEYOND) for each in scene.obstacles]
+        self._low = np.array([each.low for each in self._shapes]).reshape(-1, 3)
+        self._high = np.array([each.high for each in self._shapes]).reshape(-1, 3)
+
+    def __call__(
+        self, lines: Float[np.ndarray, "t m 3"]
+    ) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
+        """Distance [m] of each line, at most `FAR`, negative inside, and the index of what is nearest."""
+        walls = np.concatenate([lines.min(1), self._size - lines.max(1)], axis=1)
+        distance, nearest = walls.min(1), len(self._shapes) + walls.argmin(1)
+        distance = np.minimum(distance, FAR + self._radius)
+        ends = np.stack([lines, lines] if lines.shape[1] == 1 else [lines[:, :-1], lines[:, 1:]], axis=2)
+        low, high = ends.min(2), ends.max(2)
+        gaps = np.maximum(self._low - high.max(1)[:, None], low.min(1)[:, None] - self._high).max(2)
+        for row, index in np.argwhere(gaps < distance[:, None]):
+            if gaps[row, index] >= distance[row]:
+                continue
+            checkpoint()
+            apart = np.linalg.norm(
+                np.maximum(0.0, np.maximum(self._low[index] - high[row], low[row] - self._high[index])), axis=1
+            )
+            for piece in np.argsort(apart):
+                if apart[piece] >= distance[row]:
+                    break
+                gap = self._distance(ends[row, piece], self._shapes[index])
+                if gap < distance[row]:
+                    distance[row], nearest[row] = gap, index
+        return distance, nearest
+
+    def hull_distance(self, solid: Any, place: Any, corners: Float[np.ndarray, "k 3"], enough: float) -> float:
+        """Distance [m] of a hull with these corners from walls and obstacles; what is beyond `FAR` or `enough` from
+        its box is left out."""
+        low, high = corners.min(0), corners.max(0)
+        least = min(float(low.min()), float((self._size - high).min()), max(FAR, enough))
+        gaps = np.maximum(self._low - high, low - self._high).max(1)
+        for index in np.flatnonzero(gaps < least):
+            if gaps[index] < least:
+                shape = self._shapes[index]
+                least = min(least, between(solid, place, shape.solid, shape.place))
+        return least
+
+    def _distance(self, ends: np.ndarray, shape: Shape) -> float:
+        return between(capsule(ends, self._radius), placed(ends), shape.solid, shape.place) + self._radius
+
+
+def capsule(ends: Float[np.ndarray, "2 3"], radius: float) -> Any:
+    """A capsule between two points [m], or a ball where they are one."""
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    return library().Capsule(radius, length) if length > 1e-9 else library().Sphere(radius)
+
+
+def placed(ends: Float[np.ndarray, "2 3"]) -> Any:
+    """Where a capsule between two points [m] is."""
+    (ax, ay, az), (bx, by, bz) = ends.tolist()
+    x, y, z = bx - ax, by - ay, bz - az
+    length = math.sqrt(x * x + y * y + z * z)
+    if length <= 1e-9:
+        return library().Transform3s(np.eye(3), ends[0])
+    x, y, z = x / length, y / length, z / length
+    if z < 0.0:  # either end may come first, and the formula is singular downwards
+        x, y, z = -x, -y, -z
+    k = 1.0 / (1.0 + z)  # the turn about a horizontal axis that brings the z axis there
+    turn = np.array([[1.0 - x * x * k, -x * y * k, x], [-x * y * k, 1.0 - y * y * k, y], [-x, -y, z]])
+    return library().Transform3s(turn, np.array([(ax + bx) / 2, (ay + by) / 2, (az + bz) / 2]))
+
+
+def between(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
+    """Distance [m] of two shapes, negative by their depth."""
+    coal = library()
+    return float(coal.distance(a, at_a, b, at_b, coal.DistanceRequest(), coal.DistanceResult()))
+
+
+class Hand:
+    """A hull on a gripper, as Coal has it.
+
+    Args:
+        body: The body, of more than one point.
+    """
+
+    def __init__(self, body: SpatialBody) -> None:
+        self.body, self.solid = body, hull(body.points)
+
+    def place(self, pose: Float[np.ndarray, "7"]) -> Any:
+        """Where it is with its gripper at a pose."""
+        turn = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()
+        return library().Transform3s(turn, np.array(pose[:3]))
