@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import ConvexHull
 
 from cableway.core.compiled import inlined, kernel
 from cableway.geometry.convex import convex_distance
@@ -92,6 +91,8 @@ class Solid:
     @classmethod
     def hull(cls, points: Float[np.ndarray, "k 3"]) -> Solid:
         """The convex hull of points [m], which must not lie in a plane."""
+        from scipy.spatial import ConvexHull  # here, since planar tasks are read without it
+
         points = np.array(points, float)
         found, middle = ConvexHull(points), points.mean(axis=0)
         triangles = points[found.simplices]

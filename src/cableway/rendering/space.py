@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import ConvexHull
 
 from cableway.geometry.spatial_convex import EXTRUDED, SPHERE, Solid
 from cableway.rendering.mesh import Mesh, Surface, capsules, circle, flat_normals, prism, tube
@@ -58,5 +57,7 @@ def _grown(section: Float[np.ndarray, "k 2"], rounding: float) -> Float[np.ndarr
     """A convex polygon grown with round corners, counter-clockwise."""
     if not rounding:
         return section
+    from scipy.spatial import ConvexHull  # here, since pictures of the plane are drawn without it
+
     points = np.concatenate([circle((float(x), float(y)), rounding) for x, y in section])
     return points[ConvexHull(points).vertices]

@@ -11,7 +11,6 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import ConvexHull, QhullError
 
 from cableway.core.errors import TaskError
 from cableway.core.quantities import limit_text, place
@@ -195,6 +194,8 @@ def corners(points: object, where: tuple[str, ...]) -> Float[np.ndarray, "k 3"]:
     Raises:
         TaskError: They are fewer than 4, not finite, next to flat, or too many.
     """
+    from scipy.spatial import ConvexHull, QhullError  # here, since planar tasks are read without it
+
     rows = checks.rows(points, where, (checks.COORDINATE,) * 3)
     if len(rows) < 4:
         raise TaskError(f"must be at least 4 points, got {len(rows)}", where)
