@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class Check(TaskOptions):
     """Check a plan.npz or rollout.npz independently of the code that made it; or what both ends of a task in space
-    keep."""
+    keep. In space there are no rollouts."""
 
     out: Maybe[Path] = None
     """Folder for report.json; by default, none is written."""
@@ -38,7 +38,7 @@ class Check(TaskOptions):
 
         if self.file is None:
             return self._check_ends()
-        task, record = self.load(), read_record(self.file)
+        task, record = self.load_any(), read_record(self.file)
         try:
             verdict = verify_record(record, task)
         except InputError as error:

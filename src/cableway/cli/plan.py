@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from cableway.cli.planning import PlanOptions
 from cableway.core.errors import InputError
+from cableway.workflow.registry import DEFAULT_PLANNER
+
+if TYPE_CHECKING:
+    from cableway.scene.spatial.task import SpatialTask
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,5 +29,25 @@ class Plan(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.scene.spatial.task import SpatialTask
+
         since = time.perf_counter()
+        task = self.load_any()
+        if isinstance(task, SpatialTask):
+            return self._in_space(task, since)
         return self.solve(self.load(), since=since, track=False, rehearse=False, alternatives=self.alternatives)
+
+    def _in_space(self, task: SpatialTask, since: float) -> int:
+        from cableway.cli.plan_in_space import leave_plan
+
+        chosen = {
+            "--planner": self.planner != DEFAULT_PLANNER,
+            "--pivot": self.pivot is not None,
+            "--cell": self.cell is not None,
+            "--move-ends": self.move_ends,
+            "--alternatives": self.alternatives != 1,
+        }
+        if any(chosen.values()):
+            names = ", ".join(name for name, given in chosen.items() if given)
+            raise InputError(f"the task {task.name!r} is in space, where there is no {names} yet")
+        return leave_plan(self, task, since)

@@ -9,7 +9,7 @@ from itertools import combinations, product
 import numpy as np
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -19,12 +19,12 @@ from cableway.core.quantities import limit_text, size_text
 from cableway.figures import style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.figures.perspective import pale
-from cableway.figures.scene import TASKS_SHOWN, small_panels
+from cableway.figures.scene import TASKS_SHOWN, small_panels, smooth
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, Picture, render
 from cableway.rendering.space import CABLE, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
-from cableway.scene.spatial.task import SpatialDraft
+from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import ENDS, End
 
 DIRECTION = (0.42, 0.8, -0.5)
@@ -38,6 +38,9 @@ LAMP, AMBIENT = np.array([-0.4, -0.9, 2.6]), 0.55
 
 PANEL, TALL = 3.3, 0.8
 """Width [inch] of a panel, and its height over that."""
+
+WIDE, SHAPES = 5.0, 8
+"""Width [inch] of the picture of a plan, and how many of its shapes it shows between start and goal."""
 
 FINE = 250
 """Pixels of a panel to the inch."""
@@ -148,6 +151,36 @@ def spatial_task_figure(task: SpatialDraft, faults: Sequence[TaskError] = ()) ->
     _legend(figure, tall, 0.12 + 0.13 * len(text))
     place = (left / style.SINGLE, 0.08 / tall)
     figure.text(*place, "\n".join(text), fontsize=style.NOTE, color=style.MUTED, va="bottom", parse_math=False)
+    return figure
+
+
+def spatial_plan_figure(
+    task: SpatialTask, shapes: Float[np.ndarray, "t n 3"] | None, failure: str | None = None
+) -> Figure:
+    """The picture of a plan in space: `SHAPES` of its shapes, and the way of the keypoints; or why there is none.
+
+    Args:
+        task: The task.
+        shapes: Keypoints [m] of the plan, or of the closest attempt, or None.
+        failure: Why there is no plan.
+    """
+    view, lines = SpaceView(task, WIDE), sentence_lines([failure] if failure else [], WIDE, "No plan: ")
+    height = WIDE * TALL
+    tall = 0.4 + height + 0.3 + (0.1 + LINE * len(lines) if lines else 0.0)
+    figure = style.new_figure(WIDE + 0.2, tall)
+    ax = style.add_axes(figure, 0.1, 0.4, WIDE, height)
+    cables = [(task.stations(end), COLORS[end]) for end in ENDS]
+    if shapes is not None:
+        rows = np.linspace(0, len(shapes) - 1, SHAPES + 2).round().astype(int)[1:-1]
+        colors = [to_hex(style.TIME(row / (len(shapes) - 1))) for row in rows]
+        cables += list(zip(smooth(shapes[rows]), colors, strict=True))
+    view.draw(ax, cables, [(task.gripper_poses(end), COLORS[end]) for end in ENDS])
+    if shapes is not None:
+        for keypoint in range(0, shapes.shape[1], (shapes.shape[1] - 1) // 2):
+            ax.plot(*view.at(shapes[:, keypoint]).T, color=style.INK, linewidth=0.6, alpha=0.6, zorder=5)
+    style.title(ax, task.name)
+    write_lines(figure, 0.1, lines)
+    _legend(figure, tall, 0.12)
     return figure
 
 

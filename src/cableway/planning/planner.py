@@ -6,7 +6,7 @@ The first in the order whose projection verifies is the plan, so that the answer
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import overload
+from typing import TYPE_CHECKING, Any, overload
 
 from threadpoolctl import threadpool_limits
 
@@ -20,15 +20,19 @@ from cableway.planning.initial_trajectories import PIVOTED, Progress
 from cableway.planning.projection import end_equilibria
 from cableway.planning.routes.homotopy import requested_route, unmet_request
 from cableway.records import Passage, Plan
-from cableway.scene.files.loading import TaskSource, as_task
+from cableway.scene.files.loading import TaskSource, as_any_task
+from cableway.scene.spatial.task import SpatialTask
+
+if TYPE_CHECKING:
+    from cableway.planning.spatial_planner import SpatialPlannerConfig
 
 
 @overload
 def plan(
-    task: TaskSource,
+    task: TaskSource | SpatialTask,
     *,
     seed: int = ...,
-    config: PlannerConfig | None = ...,
+    config: PlannerConfig | SpatialPlannerConfig | None = ...,
     progress: Progress | None = ...,
     expired: Callable[[], bool] | None = ...,
     through: Sequence[Passage] = ...,
@@ -53,10 +57,10 @@ def plan(
 # Threads of the linear algebra library wait for each other at every column of a banded factor: 20 times slower.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def plan(
-    task: TaskSource,
+    task: TaskSource | SpatialTask,
     *,
     seed: int = 0,
-    config: PlannerConfig | None = None,
+    config: PlannerConfig | SpatialPlannerConfig | None = None,
     progress: Progress | None = None,
     expired: Callable[[], bool] | None = None,
     through: Sequence[Passage] = (),
@@ -67,9 +71,10 @@ def plan(
     """Find a verified sequence of shapes and gripper poses from start to goal.
 
     Args:
-        task: The task, or its name or file.
+        task: The task, on the table or in space, or its name or file.
         seed: For the initial trajectories that draw random numbers.
-        config: What to use in each stage; `PlannerConfig.paper()` for the paper's choices.
+        config: What to use in each stage; `PlannerConfig.paper()` for the paper's choices. In space, a
+            `SpatialPlannerConfig`.
         progress: Called with the name of a stage and the share of it that is done.
         expired: Asked several times a second; the search ends once it says yes.
         through: Passages (`find_passages`) that the cable's middle must go through, in this order.
@@ -84,9 +89,15 @@ def plan(
         PlanningError: No plan was found; `attempt` holds the one that came closest. The message says so where the
             grippers or the cable cannot pass, and where the time ran out. An interrupt from the keyboard comes as
             `PlanningInterrupted` once there is an attempt, and ends a search for alternatives with those found.
-        InputError: `alternatives` is not positive, or comes with a requested way.
+        InputError: `alternatives` is not positive, or comes with a requested way; or a task in space with any of them.
     """
-    task = as_task(task)
+    task = as_any_task(task)
+    if isinstance(task, SpatialTask):
+        if through or avoiding or previous or alternatives is not None:
+            raise InputError("in space there are no requested ways, earlier plans or alternatives yet")
+        return _in_space(task, config, seed=seed, progress=progress, expired=expired)
+    if not isinstance(config, PlannerConfig | None):
+        raise InputError(f"a task on the table needs a PlannerConfig, got {type(config).__name__}")
     if alternatives is not None and (alternatives < 1 or through or avoiding or previous):
         raise InputError(f"alternatives must be 1 or more, without a requested way, got {alternatives}")
     search = Search(task, config or PlannerConfig(), seed, progress)
@@ -110,6 +121,14 @@ def plan(
             raise
         reason = f"interrupted before a plan was found; the closest attempt: {search.best.reason}"
         raise PlanningInterrupted(reason, search.best, Outcome.INTERRUPTED) from None
+
+
+def _in_space(task: SpatialTask, config: PlannerConfig | SpatialPlannerConfig | None, **given: Any) -> Plan:
+    from cableway.planning.spatial_planner import SpatialPlannerConfig, plan_in_space  # which most tasks do without
+
+    if not isinstance(config, SpatialPlannerConfig | None):
+        raise InputError(f"a task in space needs a SpatialPlannerConfig, got {type(config).__name__}")
+    return plan_in_space(task, config=config, **given)
 
 
 def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage], previous: Plan | None) -> Plan:

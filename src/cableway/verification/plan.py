@@ -12,7 +12,8 @@ from threadpoolctl import threadpool_limits
 from cableway.core.errors import InputError
 from cableway.core.time_limit import checkpoint
 from cableway.records import Check, Plan, Verdict
-from cableway.scene.files.loading import TaskSource, as_task
+from cableway.scene.files.loading import TaskSource, as_any_task, as_task
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.arms import arm_checks
 from cableway.verification.bodies import body_checks
@@ -55,13 +56,18 @@ class VerificationLimits:
     stability: float = 20.0
 
 
-def verify_plan(plan: Plan, task: TaskSource, limits: VerificationLimits | None = None) -> Verdict:
-    """Judge a plan afresh, from its shapes and poses alone.
+def verify_plan(plan: Plan, task: TaskSource | SpatialTask, limits: VerificationLimits | None = None) -> Verdict:
+    """Judge a plan afresh, from its shapes and poses alone; of a task in space, as `verify_spatial_plan` does.
 
     Raises:
-        InputError: The plan has another number of keypoints than the task.
+        InputError: The plan has another number of keypoints than the task, or one of them is in space.
     """
-    limits, task = limits or VerificationLimits(), as_task(task)
+    task = as_any_task(task)
+    if isinstance(task, SpatialTask):
+        from cableway.verification.spatial_plan import verify_spatial_plan  # which builds on this module
+
+        return verify_spatial_plan(plan, task)
+    limits = limits or VerificationLimits()
     checks = [
         *_motion(plan, task, limits),
         *plug_clearance(plan.poses[:, 1], task, limits.clearance, Ends.of(plan, task)),
@@ -94,6 +100,8 @@ def verify_insertion_plan(plan: Plan, task: TaskSource, limits: VerificationLimi
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def _motion(plan: Plan, task: Task, limits: VerificationLimits) -> list[Check]:
     """What any plan must keep, wherever it begins and ends."""
+    if plan.shapes.shape[2] != 2:
+        raise InputError(f"the plan is in space, the task {task.name!r} is not")
     if plan.shapes.shape[1] != task.cable.keypoints:
         raise InputError(f"the plan has {plan.shapes.shape[1]} keypoints, the task {task.cable.keypoints}")
     lines = curve_through(plan.shapes, PIECES)

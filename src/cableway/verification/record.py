@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cableway.core.errors import InputError
 from cableway.records import INSERTION, Plan, Rollout, Verdict
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import Task
 from cableway.verification.plan import VerificationLimits, verify_insertion_plan, verify_plan
 from cableway.verification.recording import plant_length
@@ -18,7 +19,9 @@ def kind_of(record: Plan | Rollout) -> str:
     return "insertion" if inserting else "rollout"
 
 
-def verify_record(record: Plan | Rollout, task: Task, limits: VerificationLimits | None = None) -> Verdict:
+def verify_record(
+    record: Plan | Rollout, task: Task | SpatialTask, limits: VerificationLimits | None = None
+) -> Verdict:
     """Judge a record as what it is.
 
     Args:
@@ -31,6 +34,10 @@ def verify_record(record: Plan | Rollout, task: Task, limits: VerificationLimits
             task has no port.
     """
     inserts = kind_of(record).startswith("insertion")
+    if isinstance(task, SpatialTask):
+        if inserts or not isinstance(record, Plan):
+            raise InputError(f"of a task in space, only plans can be checked, not a {kind_of(record)}")
+        return verify_plan(record, task)
     if isinstance(record, Plan):
         return (verify_insertion_plan if inserts else verify_plan)(record, task, limits)
     return (verify_insertion if inserts else verify_rollout)(record, task, length=plant_length(record, task))

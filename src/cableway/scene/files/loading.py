@@ -78,8 +78,8 @@ def load_planar_task(source: str | os.PathLike[str]) -> Task:
 
 def _in_space(task: SpatialTask) -> InputError:
     return InputError(
-        f"the task {task.name!r} is in space, where there are only pictures and checks of tasks so far (cableway show, "
-        "cableway check TASK); give a task on the table, whose workspace has two sizes"
+        f"the task {task.name!r} is in space, where cableway only plans, draws and checks (cableway plan, show, check); "
+        "give a task on the table, whose workspace has two sizes"
     )
 
 
@@ -95,6 +95,16 @@ def as_task(task: TaskSource | SpatialTask) -> Task:
     if isinstance(task, SpatialTask):
         raise _in_space(task)
     raise InputError(f"a task must be a Task, a name of the catalogue or the path of a YAML file, got {shown(task)}")
+
+
+def as_any_task(task: TaskSource | SpatialTask) -> AnyTask:
+    """As `as_task`, or a task in space.
+
+    Raises:
+        InputError: It is neither, or there is no such task.
+    """
+    found = load_task(task) if isinstance(task, str | os.PathLike) else task
+    return found if isinstance(found, SpatialTask) else as_task(found)
 
 
 def as_draft(task: TaskSource) -> Draft:
