@@ -13,7 +13,6 @@ from cableway.core.compiled import clock
 if TYPE_CHECKING:
     from cableway.cli.planning import PlanOptions
     from cableway.records import Plan
-    from cableway.report import Report
     from cableway.scene.spatial.task import SpatialTask
 
 
@@ -38,7 +37,10 @@ def leave_plan(options: PlanOptions, task: SpatialTask, since: float) -> int:
     with only_writer(folder), terminal.progress() as progress:
         try:
             found = plan_task(
-                task, seed=options.seed or 0, progress=progress, expired=lambda: clock() - begun > left or INTERRUPTS.came
+                task,
+                seed=options.seed or 0,
+                progress=progress,
+                expired=lambda: clock() - begun > left or INTERRUPTS.came,
             )
             shapes, outcome = found.shapes, Outcome.SUCCESS
         except PlanningError as error:

@@ -172,7 +172,9 @@ class _Search:
         rod, config = self.problem.rod, self.config
         self.report("optimisation", 0.0)
         q = rows_between(rod, path, evenly_moved(rod, path, config.row_step))
-        smooth = optimize_in_space(q, self.problem, config.optimization, lambda share: self.report("optimisation", share))
+        smooth = optimize_in_space(
+            q, self.problem, config.optimization, lambda share: self.report("optimisation", share)
+        )
         for rows in (smooth, path):
             try:
                 plan = self._timed(rows)

@@ -147,9 +147,7 @@ def _clearance(
     return Check(name, value, "m", least, value >= least - 1e-6, where, found.row)
 
 
-def _balls(
-    poses: np.ndarray, task: SpatialTask, measure: ToScene, ends: Ends, limit: float
-) -> list[Check]:
+def _balls(poses: np.ndarray, task: SpatialTask, measure: ToScene, ends: Ends, limit: float) -> list[Check]:
     """The worse clearance of the balls about the ends of the cable."""
     found, radius = [], task.grippers.radius
     for side, name in enumerate(("the left gripper", "the right gripper")):

@@ -47,7 +47,7 @@ def grid_path(
     """
     grid = _Grid(problem.world, SPACING * problem.rod.length)
     comfort = radius + COMFORT * problem.rod.length
-    found = grid.path(start, goal, radius, comfort)
+    found = grid.path(start, goal, radius - grid.spacing / 2, comfort)  # a narrow way may lie between its nodes
     if not len(found):
         raise PlanningError(
             f"no path of a ball of {1000 * radius:.1f} mm leads from start to goal on a grid of "
