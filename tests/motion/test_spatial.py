@@ -80,7 +80,7 @@ def test_the_way_between_two_shapes_is_that_of_the_rod():
 
 
 def test_points_cover_the_surface_of_a_gripper_and_move_with_it():
-    hull = [body for body in SpatialGrippers(body="2f-85").bodies if len(body.points) > 1][0]
+    hull = next(body for body in SpatialGrippers(body="2f-85").bodies if len(body.points) > 1)
     bodies = SpatialBodies.of([hull])
     poses = PROBLEM.rod.end_poses(HANGING[None])
     placed = hull.placed(poses[:, hull.side])[0]
