@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cableway.cli import outputs
 from cableway.cli.interrupts import INTERRUPTS
@@ -40,7 +40,7 @@ def leave_plan(options: PlanOptions, task: SpatialTask, since: float) -> int:
                 task,
                 seed=options.seed or 0,
                 progress=progress,
-                expired=lambda: clock() - begun > left or INTERRUPTS.came,
+                expired=lambda: clock() - begun > left or bool(INTERRUPTS.came),
             )
             shapes, outcome = found.shapes, Outcome.SUCCESS
         except PlanningError as error:
@@ -62,7 +62,7 @@ def leave_plan(options: PlanOptions, task: SpatialTask, since: float) -> int:
     return 0 if report.success else 1
 
 
-def _figures(plan: Plan | None) -> dict[str, object]:
+def _figures(plan: Plan | None) -> dict[str, Any]:
     """What the verdict and the metadata say of a plan."""
     if plan is None or plan.verdict is None:
         return {}

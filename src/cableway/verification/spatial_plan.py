@@ -18,7 +18,7 @@ from cableway.records import Check, Plan, Verdict
 from cableway.scene.bodies import LEFT
 from cableway.scene.spatial.grippers import SpatialBody
 from cableway.scene.spatial.task import SpatialTask
-from cableway.scene.task import CONTROL_STEP
+from cableway.scene.task import CONTROL_STEP, ENDS
 from cableway.verification.ends import Ends
 from cableway.verification.geometry import curve_through
 from cableway.verification.plan import (
@@ -274,7 +274,7 @@ def _rod_coordinates(plan: Plan, task: SpatialTask, limits: SpatialVerificationL
 
 def _ends(plan: Plan, task: SpatialTask, limits: SpatialVerificationLimits) -> list[Check]:
     checks = []
-    for name, row in (("start", 0), ("goal", -1)):
+    for name, row in zip(ENDS, (0, -1), strict=True):
         move, turn = _pose_distance(plan.poses[row], task.gripper_poses(name))
         checks += [
             end_check(name, plan.shapes[row], task.keypoints(name), limits.end),

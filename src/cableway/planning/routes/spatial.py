@@ -182,7 +182,7 @@ class _Grid:
         ]
         checkpoint()
         distance = np.minimum(self._distance, ceiling)
-        found = _search(distance, *cells, radius, comfort, SHYNESS)
+        found = _search(distance, cells[0], cells[1], radius, comfort, SHYNESS)
         return self._low + self.spacing * (found + 0.5)
 
 
