@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from cableway.core.errors import InputError, TaskError
 from cableway.figures.space import SpaceView, spatial_task_figure
 from cableway.geometry import rotations
 from cableway.geometry.spatial_convex import signed_distance
+from cableway.rod.inverse import equilibria_at
 from cableway.scene.files.loading import load_task
 from cableway.scene.files.saving import save_task
 from cableway.scene.obstacles import Disc
@@ -265,3 +267,18 @@ def test_pieces_lie_outward_of_both_ends():
     left, right = SpatialGrippers(body=(piece,)).bodies[2:]
     assert left.points.tolist() == [[-0.03, 0.0, 0.05]]
     assert right.points.tolist() == [[0.03, 0.0, 0.05]]
+
+
+def test_a_hand_that_stands_on_the_cable_is_named(task: SpatialTask):
+    """The cable hangs in a loop from grippers that look down; a ball reaches from either one to its other half."""
+    half = np.sqrt(0.5)
+    poses = np.array([[0.3, 0.4, 0.45, half, 0, half, 0], [0.4, 0.4, 0.45, half, 0, -half, 0]])
+    loop = equilibria_at(task.rod, poses, starts=8)[0]
+    hanging = replace(task, start=loop)
+    across = rotations.rotate(rotations.conjugate(poses[0, 3:]), np.array([0.1, 0.0, -0.04])) * (-1, 1, 1)
+    for aside, named in ((0.0, True), (0.03, False)):
+        ball = GripperPiece(points=(across + (0, aside, 0))[None], radius=0.005)
+        faults = [
+            fault.sentence for fault in replace(hanging.unchecked(), grippers=SpatialGrippers(body=(ball,))).faults()
+        ]
+        assert any("left gripper on the cable" in each for each in faults) == named
