@@ -16,7 +16,6 @@ from cableway.core.errors import InputError, TaskError
 from cableway.figures.space import SpaceView, spatial_task_figure
 from cableway.geometry import rotations
 from cableway.geometry.spatial_convex import signed_distance
-from cableway.rod.inverse import equilibria_at
 from cableway.scene.files.loading import load_task
 from cableway.scene.files.saving import save_task
 from cableway.scene.obstacles import Disc
@@ -270,15 +269,12 @@ def test_pieces_lie_outward_of_both_ends():
 
 
 def test_a_hand_that_stands_on_the_cable_is_named(task: SpatialTask):
-    """The cable hangs in a loop from grippers that look down; a ball reaches from either one to its other half."""
-    half = np.sqrt(0.5)
-    poses = np.array([[0.3, 0.4, 0.45, half, 0, half, 0], [0.4, 0.4, 0.45, half, 0, -half, 0]])
-    loop = equilibria_at(task.rod, poses, starts=8)[0]
-    hanging = replace(task, start=loop)
-    across = rotations.rotate(rotations.conjugate(poses[0, 3:]), np.array([0.1, 0.0, -0.04])) * (-1, 1, 1)
+    """The cable is bent to an open ring; a ball reaches from the left gripper to its other half."""
+    ring = replace(task, start=np.array([0.3, 0.4, 0.4, *[0.0] * 7, -5.0, 0.0]))
+    stations, pose = ring.stations("start"), ring.gripper_poses("start")[0]
+    there = stations[round(0.85 * (len(stations) - 1))] - pose[:3]
+    there = rotations.rotate(rotations.conjugate(pose[3:]), there) * (-1, 1, 1)
     for aside, named in ((0.0, True), (0.03, False)):
-        ball = GripperPiece(points=(across + (0, aside, 0))[None], radius=0.005)
-        faults = [
-            fault.sentence for fault in replace(hanging.unchecked(), grippers=SpatialGrippers(body=(ball,))).faults()
-        ]
-        assert any("left gripper on the cable" in each for each in faults) == named
+        ball = GripperPiece(points=(there + (0, aside, 0))[None], radius=0.005)
+        held = replace(ring.unchecked(), grippers=SpatialGrippers(body=(ball,)))
+        assert any("left gripper on the cable" in fault.sentence for fault in held.faults()) == named
