@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from cableway.motion.spatial import SpatialProblem
+from cableway.planning.planner import plan
+from cableway.records import Plan
 from cableway.scene.spatial.cable import SpatialCable
-from cableway.scene.spatial.grippers import SpatialGrippers
 from cableway.scene.spatial.obstacles import Cuboid, Sphere
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
@@ -42,3 +45,9 @@ def walled_task() -> SpatialTask:
         name="walled", scene=SpatialScene((0.8, 0.8, 0.8), (wall,)), cable=SpatialCable(length=0.3), start=HANGING,
         goal=goal,
     )  # fmt: skip
+
+
+@cache
+def ball_plan() -> Plan:
+    """The plan of `ball_task`."""
+    return plan(ball_task())

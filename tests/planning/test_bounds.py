@@ -19,13 +19,13 @@ from cableway.motion.interpolation import MOST_STATIONS, evenly_moved
 from cableway.motion.time_parametrization import MOST_ROWS, require_rows, with_ramps
 from cableway.outcome import Outcome
 from cableway.planning import candidates, rrt_connect
+from cableway.planning.banded_least_squares import squared_differences
 from cableway.planning.config import PivotConfig
 from cableway.planning.projection import USUAL_RAMPS, ProjectedTrajectory, ProjectionConfig, project
 from cableway.planning.routes import pivot_grid
 from cableway.planning.routes.infeasibility import find_blockage
 from cableway.planning.routes.passages import find_passages
 from cableway.planning.routes.pivot_grid import REFINEMENTS, WORK, WORK_OF_NODE, finest_spacing, grid_path
-from cableway.planning.banded_least_squares import squared_differences
 from cableway.rod.continuation import lead
 from cableway.rod.inverse import fit_sequence
 from cableway.scene.obstacles import Box, Disc

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cableway.cli import outputs
 from cableway.cli.interrupts import INTERRUPTS
@@ -13,7 +13,6 @@ from cableway.core.compiled import clock
 if TYPE_CHECKING:
     from cableway.cli.planning import PlanOptions
     from cableway.records import Plan
-    from cableway.report import Report
     from cableway.scene.spatial.task import SpatialTask
 
 
@@ -38,7 +37,10 @@ def leave_plan(options: PlanOptions, task: SpatialTask, since: float) -> int:
     with only_writer(folder), terminal.progress() as progress:
         try:
             found = plan_task(
-                task, seed=options.seed or 0, progress=progress, expired=lambda: clock() - begun > left or INTERRUPTS.came
+                task,
+                seed=options.seed or 0,
+                progress=progress,
+                expired=lambda: clock() - begun > left or bool(INTERRUPTS.came),
             )
             shapes, outcome = found.shapes, Outcome.SUCCESS
         except PlanningError as error:
@@ -60,7 +62,7 @@ def leave_plan(options: PlanOptions, task: SpatialTask, since: float) -> int:
     return 0 if report.success else 1
 
 
-def _figures(plan: Plan | None) -> dict[str, object]:
+def _figures(plan: Plan | None) -> dict[str, Any]:
     """What the verdict and the metadata say of a plan."""
     if plan is None or plan.verdict is None:
         return {}

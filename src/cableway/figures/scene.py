@@ -98,7 +98,7 @@ def cable_path(curve: Float[np.ndarray, "m 2"], radius: float) -> Path:
     return polygon_path(area)  # pyright: ignore[reportArgumentType]
 
 
-def smooth(shapes: Float[np.ndarray, "... n 2"]) -> Float[np.ndarray, "... m 2"]:
+def smooth(shapes: Float[np.ndarray, "... n space"]) -> Float[np.ndarray, "... m space"]:
     """The cable between its keypoints."""
     return polyline.spline(shapes, SPLINE_PIECES)
 

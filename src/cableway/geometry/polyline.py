@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 
-def arc_length(points: Float[np.ndarray, "... m 2"]) -> Float[np.ndarray, "... m"]:
+def arc_length(points: Float[np.ndarray, "... m space"]) -> Float[np.ndarray, "... m"]:
     """Arc length [m] from the first vertex to each vertex.
 
     >>> arc_length(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])).tolist()
@@ -55,7 +55,7 @@ def end_poses(points: Float[np.ndarray, "... m 2"]) -> Float[np.ndarray, "... 2 
     return np.concatenate([points[..., [0, -1], :], np.arctan2(steps[..., 1], steps[..., 0])[..., None]], axis=-1)
 
 
-def remove_repeated(points: Float[np.ndarray, "m 2"], tolerance: float = 1e-9) -> Float[np.ndarray, "k 2"]:
+def remove_repeated(points: Float[np.ndarray, "m space"], tolerance: float = 1e-9) -> Float[np.ndarray, "k space"]:
     """The polyline without vertices closer than `tolerance` [m] to the one before; the first one stays."""
     keep = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > tolerance])
     return points[keep]

@@ -129,10 +129,10 @@ def bodies_keep(points, stations, world, limits, bodies):
             return False
         for j in range(i):
             if sides[i] != sides[j]:
-                apart = radii[i] + radii[j] + limits.bodies_apart
+                apart = max(0.0, radii[i] + radii[j] + limits.bodies_apart)
                 if _squared(points[i], points[j]) < apart * apart:
                     return False
-        apart = radii[i] + limits.bodies_off_cable
+        apart = max(0.0, radii[i] + limits.bodies_off_cable)
         for s in range(spared[i], last + 1):
             if _squared(points[i], stations[last - s if sides[i] else s]) < apart * apart:
                 return False

@@ -59,10 +59,19 @@ def optimize_in_space(
     problem: SpatialProblem,
     config: TrajectoryOptimizationConfig,
     progress: Callable[[float], None] = lambda _: None,
+    weights: tuple[float, ...] = CLEARANCE_WEIGHTS,
 ) -> Float[np.ndarray, "t 12"]:
-    """The sequence moved to a local minimum of the cost; its first and last row stay."""
-    stages = len(CLEARANCE_WEIGHTS)
-    for stage, weight in enumerate(CLEARANCE_WEIGHTS):
+    """The sequence moved to a local minimum of the cost; its first and last row stay.
+
+    Args:
+        q: (T+1, 12) rod coordinates, T at least 2.
+        problem: The problem.
+        config: Weights and margins.
+        progress: Called with the share that is done; it may raise to stop.
+        weights: Stages of the clearance weight; the last one alone does for a sequence that is free.
+    """
+    stages = len(weights)
+    for stage, weight in enumerate(weights):
 
         def report(share: float, stage: int = stage) -> None:
             progress((stage + share) / stages)

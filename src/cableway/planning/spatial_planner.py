@@ -27,7 +27,7 @@ from cableway.planning.projection import EFFORT_PIECES, KEYPOINT_STEP, LIMIT_SHA
 from cableway.planning.routes.spatial import blocked, grid_path, slid_shapes
 from cableway.planning.spatial_optimization import optimize_in_space
 from cableway.planning.spatial_rrt import Sampler, Trees, about_path, about_shapes, anywhere, bursts
-from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig
+from cableway.planning.trajectory_optimization import CLEARANCE_WEIGHTS, TrajectoryOptimizationConfig
 from cableway.records import Attempt, Plan, Verdict
 from cableway.scene.spatial.task import SpatialTask
 from cableway.verification.spatial_plan import SpatialVerificationLimits, verify_spatial_plan
@@ -165,14 +165,15 @@ class _Search:
         reach = float(problem.bodies.radius.max()) + away
         slid = slid_shapes(problem, reach, reverse=source == "tube-tail")
         eased = replace(self.config.optimization, iterations=12)
-        return about_shapes(problem, optimize_in_space(slid, problem, eased))
+        return about_shapes(problem, optimize_in_space(slid, problem, eased, weights=CLEARANCE_WEIGHTS[1:2]))
 
     def _made_of(self, path: Float[np.ndarray, "r 12"], source: Source) -> Plan | None:
         """The plan of a free path, made smooth; or as it is, where that does not verify."""
         rod, config = self.problem.rod, self.config
         self.report("optimisation", 0.0)
         q = rows_between(rod, path, evenly_moved(rod, path, config.row_step))
-        smooth = optimize_in_space(q, self.problem, config.optimization, lambda share: self.report("optimisation", share))
+        report = lambda share: self.report("optimisation", share)  # noqa: E731
+        smooth = optimize_in_space(q, self.problem, config.optimization, report, weights=CLEARANCE_WEIGHTS[-1:])
         for rows in (smooth, path):
             try:
                 plan = self._timed(rows)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +24,8 @@ from cableway.planning import spatial_rrt_kernels
 
 Sampler = Callable[[np.random.Generator, int], Float[np.ndarray, "k 12"]]
 """Draws k rod coordinates."""
+
+N = TypeVar("N")
 
 SLICE = 20
 """Samples between two looks at the clock; even, because the trees take turns."""
@@ -88,7 +91,7 @@ class Trees:
         return spatial_rrt_kernels.dense(path, rod.arrays, self.step)
 
 
-def bursts(names: tuple[str, ...], first: int, most: int) -> Iterator[tuple[str, int, int]]:
+def bursts(names: tuple[N, ...], first: int, most: int) -> Iterator[tuple[N, int, int]]:
     """Searches by name in short doubling bursts: the name, the samples and the number of the round."""
     round_number = 0
     while first <= most:

@@ -278,9 +278,7 @@ def closest_pair(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], s
             break
         a, b = pairs[pair]
         result.clear()
-        gap = coal.distance(
-            shapes[id(a)], placed(a.ends[row]), shapes[id(b)], placed(b.ends[row]), request, result
-        )
+        gap = coal.distance(shapes[id(a)], placed(a.ends[row]), shapes[id(b)], placed(b.ends[row]), request, result)
         if gap < best:
             best, place, who = float(gap), float(at[row]), f"{a.name} and {b.name if b.name != a.name else 'itself'}"
     value = best - step

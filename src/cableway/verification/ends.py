@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.records import Plan
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import Task
 from cableway.verification.swept import Measure
 
@@ -35,13 +36,13 @@ class Ends:
     length: float
 
     @classmethod
-    def of(cls, plan: Plan, task: Task) -> Ends:
+    def of(cls, plan: Plan, task: Task | SpatialTask) -> Ends:
         """Those of a plan."""
         away = [np.linalg.norm(plan.shapes - end, axis=2).max(1) for end in plan.shapes[[0, -1]]]
         return cls(np.stack(away), task.cable.length)
 
     def clearance(
-        self, limit: float, lines: Float[np.ndarray, "t m 2"], measure: Measure, radius: float = 0.0
+        self, limit: float, lines: Float[np.ndarray, "t m space"], measure: Measure, radius: float = 0.0
     ) -> Float[np.ndarray, "t"]:
         """Clearance [m] asked for, at each row, of something of a `radius` [m] about moving lines; never below 0."""
         return self._risen(limit, measure(lines[[0, -1]])[0] - radius, CLEARANCE_WAY)

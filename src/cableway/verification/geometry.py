@@ -15,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 from cableway.scene.grippers import Plug, Port
 
 
-def curve_through(keypoints: Float[np.ndarray, "... n 2"], pieces: int) -> Float[np.ndarray, "... m 2"]:
+def curve_through(keypoints: Float[np.ndarray, "... n space"], pieces: int) -> Float[np.ndarray, "... m space"]:
     """The cable through keypoints [m], `pieces` segments between neighbours: the interpolating cubic B-spline."""
     count = keypoints.shape[-2]
     spline = make_interp_spline(np.arange(count), keypoints, k=min(3, count - 1), axis=-2)

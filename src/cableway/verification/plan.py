@@ -185,7 +185,7 @@ def self_crossings(lines: Float[np.ndarray, "t m 2"]) -> Check:
     return Check("self-crossings", float(crossed.sum()), "", 0.0, not crossed.any(), row=first)
 
 
-def self_clearance(lines: Float[np.ndarray, "t m 2"], radius: float) -> Check:
+def self_clearance(lines: Float[np.ndarray, "t m space"], radius: float) -> Check:
     """Least clearance of the cable's surface from itself, between parts at least half a turn of it apart.
 
     Lines are as from `with_halves`.
@@ -209,7 +209,7 @@ def self_clearance(lines: Float[np.ndarray, "t m 2"], radius: float) -> Check:
     return replace(found, where="two parts of the cable", row=int(np.argmin(gap)) / 2)
 
 
-def with_halves(lines: Float[np.ndarray, "t m 2"]) -> Float[np.ndarray, "2*t-1 m 2"]:
+def with_halves(lines: Float[np.ndarray, "t m space"]) -> Float[np.ndarray, "2*t-1 m space"]:
     """The lines of all rows, and half-way from each row to the next."""
     both = np.empty((2 * len(lines) - 1, *lines.shape[1:]))
     both[::2], both[1::2] = lines, (lines[:-1] + lines[1:]) / 2
@@ -246,7 +246,7 @@ def length_check(lines: np.ndarray, keypoints: np.ndarray, length: float, limit:
     return at_most("length error", np.abs(arc_lengths(lines) / wanted - 1), "1", limit)
 
 
-def arc_lengths(lines: Float[np.ndarray, "t m 2"]) -> Float[np.ndarray, "t"]:
+def arc_lengths(lines: Float[np.ndarray, "t m space"]) -> Float[np.ndarray, "t"]:
     """Length [m] of each polyline."""
     return np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(1)
 

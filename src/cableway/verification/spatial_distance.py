@@ -106,9 +106,7 @@ class ToScene:
         self._low = np.array([each.low for each in self._shapes]).reshape(-1, 3)
         self._high = np.array([each.high for each in self._shapes]).reshape(-1, 3)
 
-    def __call__(
-        self, lines: Float[np.ndarray, "t m 3"]
-    ) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
+    def __call__(self, lines: Float[np.ndarray, "t m 3"]) -> tuple[Float[np.ndarray, "t"], Integer[np.ndarray, "t"]]:
         """Distance [m] of each line, at most `FAR`, negative inside, and the index of what is nearest."""
         walls = np.concatenate([lines.min(1), self._size - lines.max(1)], axis=1)
         distance, nearest = walls.min(1), len(self._shapes) + walls.argmin(1)

@@ -18,7 +18,7 @@ from cableway.records import Check, Plan, Verdict
 from cableway.scene.bodies import LEFT
 from cableway.scene.spatial.grippers import SpatialBody
 from cableway.scene.spatial.task import SpatialTask
-from cableway.scene.task import CONTROL_STEP
+from cableway.scene.task import CONTROL_STEP, ENDS
 from cableway.verification.ends import Ends
 from cableway.verification.geometry import curve_through
 from cableway.verification.plan import (
@@ -147,9 +147,7 @@ def swept_clearance(
     return Check(name, value, "m", least, value >= least - 1e-6, where, found.row)
 
 
-def _balls(
-    poses: np.ndarray, task: SpatialTask, measure: ToScene, ends: Ends, limit: float
-) -> list[Check]:
+def _balls(poses: np.ndarray, task: SpatialTask, measure: ToScene, ends: Ends, limit: float) -> list[Check]:
     """The worse clearance of the balls about the ends of the cable."""
     found, radius = [], task.grippers.radius
     for side, name in enumerate(("the left gripper", "the right gripper")):
@@ -276,7 +274,7 @@ def _rod_coordinates(plan: Plan, task: SpatialTask, limits: SpatialVerificationL
 
 def _ends(plan: Plan, task: SpatialTask, limits: SpatialVerificationLimits) -> list[Check]:
     checks = []
-    for name, row in (("start", 0), ("goal", -1)):
+    for name, row in zip(ENDS, (0, -1), strict=True):
         move, turn = _pose_distance(plan.poses[row], task.gripper_poses(name))
         checks += [
             end_check(name, plan.shapes[row], task.keypoints(name), limits.end),

@@ -39,7 +39,7 @@ class Closest:
 
 
 def closest_approach(
-    lines: Float[np.ndarray, "t m 2"],
+    lines: Float[np.ndarray, "t m space"],
     measure: Measure,
     wanted: Float[np.ndarray, "t"] | float = 0.0,
     rate: float = 1.0,

@@ -47,7 +47,7 @@ def grid_path(
     """
     grid = _Grid(problem.world, SPACING * problem.rod.length)
     comfort = radius + COMFORT * problem.rod.length
-    found = grid.path(start, goal, radius, comfort)
+    found = grid.path(start, goal, radius - grid.spacing / 2, comfort)  # a narrow way may lie between its nodes
     if not len(found):
         raise PlanningError(
             f"no path of a ball of {1000 * radius:.1f} mm leads from start to goal on a grid of "
@@ -182,7 +182,7 @@ class _Grid:
         ]
         checkpoint()
         distance = np.minimum(self._distance, ceiling)
-        found = _search(distance, *cells, radius, comfort, SHYNESS)
+        found = _search(distance, cells[0], cells[1], radius, comfort, SHYNESS)
         return self._low + self.spacing * (found + 0.5)
 
 

@@ -1,0 +1,78 @@
+"""Plans in space."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from spatial_problems import ball_plan, ball_task, past_a_ball, walled_task
+
+from cableway.core.errors import InputError, PlanningError
+from cableway.geometry.spatial_convex import signed_distance
+from cableway.planning.config import PlannerConfig
+from cableway.planning.planner import plan
+from cableway.planning.routes.spatial import grid_path, slid_shapes
+from cableway.planning.spatial_planner import SpatialPlannerConfig
+from cableway.planning.spatial_rrt import bursts
+from cableway.records import Plan
+
+
+def test_a_plan_leads_from_start_to_goal_and_verifies():
+    task, found = ball_task(), ball_plan()
+    assert found.verdict is not None
+    assert found.verdict.passed
+    np.testing.assert_allclose(found.shapes[[0, -1]], [task.keypoints("start"), task.keypoints("goal")], atol=1e-9)
+    assert found.poses.shape == (found.steps + 1, 2, 7)
+
+
+def test_the_same_seed_gives_the_same_plan(tmp_path):
+    again = plan(ball_task(), seed=0)
+    np.testing.assert_array_equal(again.shapes, ball_plan().shapes)
+    again.save(tmp_path / "plan.npz")
+    np.testing.assert_array_equal(Plan.load(tmp_path / "plan.npz").poses, again.poses)
+
+
+def test_where_nothing_can_pass_the_planner_says_what():
+    with pytest.raises(PlanningError, match="there is no plan: the middle of the cable cannot pass") as raised:
+        plan(walled_task(), config=SpatialPlannerConfig(first=40))
+    assert raised.value.outcome == "infeasible"
+
+
+def test_the_time_limit_ends_the_search():
+    with pytest.raises(PlanningError, match="the time limit ran out") as raised:
+        plan(walled_task(), expired=lambda: True)
+    assert raised.value.outcome == "timed out"
+
+
+def test_what_there_is_not_in_space_is_refused():
+    with pytest.raises(InputError, match="in space there are no requested ways"):
+        plan(ball_task(), alternatives=2)  # pyright: ignore
+    with pytest.raises(InputError, match="needs a SpatialPlannerConfig, got PlannerConfig"):
+        plan(ball_task(), config=PlannerConfig())
+    with pytest.raises(InputError, match="needs a PlannerConfig, got SpatialPlannerConfig"):
+        plan("single-obstacle-1", config=SpatialPlannerConfig())
+
+
+def test_a_path_on_the_grid_keeps_its_distance():
+    problem = past_a_ball()
+    start, goal = np.array([0.15, 0.4, 0.38]), np.array([0.65, 0.4, 0.38])
+    path = grid_path(problem, start, goal, 0.03)
+    distance = signed_distance(path, problem.world)[0]
+    assert distance[1:-1].min() >= 0.03
+    np.testing.assert_array_equal(path[[0, -1]], [start, goal])
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    assert 0.5 < length < 0.8
+
+
+def test_a_sliding_cable_begins_and_ends_as_the_task_does_without_winding_up():
+    problem = past_a_ball()
+    for reverse in (False, True):
+        q = slid_shapes(problem, 0.03, reverse=reverse)
+        np.testing.assert_array_equal(q[[0, -1]], [problem.start, problem.goal])
+        assert np.abs(q[:, 9] / problem.rod.twist).max() < np.pi
+        moved = np.linalg.norm(np.diff(problem.rod.shapes(q)[0], axis=0), axis=2).max()
+        assert moved < 0.25 * problem.rod.length
+
+
+def test_bursts_double():
+    found = list(bursts(("a", "b"), 10, 40))
+    assert found == [("a", 10, 0), ("b", 10, 0), ("a", 20, 1), ("b", 20, 1), ("a", 40, 2), ("b", 40, 2)]

@@ -1,0 +1,118 @@
+"""The judge of plans in space finds what is wrong, and measures as the planner's geometry does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from spatial_problems import ball_plan, ball_task
+
+from cableway.core.errors import InputError
+from cableway.geometry.spatial_convex import chain_distance
+from cableway.records import Plan
+from cableway.scene.obstacles import Box, Disc
+from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, Sphere
+from cableway.scene.spatial.scene import SpatialScene
+from cableway.verification import verify_plan, verify_record
+from cableway.verification.spatial_distance import FAR, ToScene
+from cableway.verification.spatial_plan import verify_spatial_plan
+
+TASK = ball_task()
+
+
+def failed(plan: Plan, task=TASK) -> set[str]:
+    return {check.name for check in verify_plan(plan, task).failures()}
+
+
+def altered(**changes: np.ndarray) -> Plan:
+    return replace(ball_plan(), q=None, **changes)
+
+
+def test_the_plan_passes_and_its_verdict_is_that_of_the_search():
+    plan = ball_plan()
+    assert verify_record(plan, TASK) == plan.verdict
+
+
+def test_a_larger_obstacle_is_touched_by_the_cable_and_a_wall_by_a_gripper():
+    larger = replace(TASK, scene=SpatialScene((0.8, 0.8, 0.8), (Sphere(center=(0.4, 0.4, 0.38), radius=0.11),)))
+    assert {"cable clearance", "rod clearance"} <= failed(ball_plan(), larger)
+    x, y, z = (ball_plan().poses[24, 0, :3] - [0.0, 0.035, 0.0]).tolist()
+    post = replace(TASK, scene=SpatialScene((0.8, 0.8, 0.8), (Sphere(center=(x, y, z), radius=0.02),)))
+    assert "gripper clearance" in failed(ball_plan(), post)
+
+
+def test_between_rows_things_are_met_too():
+    """A thin plate, moved so that two rows are on either side of it."""
+    at = ball_plan().shapes[:, :, 0]
+    row = int(np.argmax(np.diff(at, axis=0).mean(1)))
+    x = float(at[row : row + 2, 6].mean())
+    tip = ball_plan().shapes[row, 6]
+    plate = Cuboid(center=(x, float(tip[1]), float(tip[2])), size=(0.0002, 0.004, 0.004))
+    assert "cable clearance" in failed(ball_plan(), replace(TASK, scene=SpatialScene((0.8, 0.8, 0.8), (plate,))))
+
+
+def test_poses_that_shapes_do_not_have_are_found():
+    poses = ball_plan().poses.copy()
+    poses[10:, 1, :3] += [0.0, 0.0, 0.03]
+    assert {"grasp error", "gripper step", "rod deviation", "gripper distance to goal"} <= failed(altered(poses=poses))
+    turned = ball_plan().poses.copy()
+    turned[:, 0, 3:] = np.roll(turned[:, 0, 3:], 1, axis=1)
+    assert "gripper angle to start" in failed(altered(poses=turned))
+
+
+def test_a_cable_that_is_led_too_far_is_lost_or_snaps():
+    poses = ball_plan().poses.copy()
+    away = np.linspace(0, 0.2, len(poses))[:, None] * np.array([0.0, 1.0, 0.0])
+    side = 1.0 if poses[0, 1, 1] > poses[0, 0, 1] else -1.0
+    poses[:, 1, :3] += side * away
+    assert "rows the rod does not reach" in failed(altered(poses=poses))
+
+
+def test_twist_beyond_the_limit_is_found():
+    plan = ball_plan()
+    turns = np.linspace(0, 3.0, len(plan.poses))
+    half = np.stack([np.cos(turns / 2), np.sin(turns / 2), 0 * turns, 0 * turns], axis=1)
+    w, x, y, z = plan.poses[:, 1, 3:].T
+    c, s = half[:, 0], half[:, 1]
+    poses = plan.poses.copy()
+    poses[:, 1, 3:] = np.stack([w * c - x * s, w * s + x * c, y * c + z * s, z * c - y * s], axis=1)
+    tender = replace(TASK, cable=replace(TASK.cable, max_twist=1.0))
+    assert "twist" not in failed(plan, tender)
+    assert "twist" in failed(altered(poses=poses), tender)
+
+
+def test_plans_of_the_plane_and_of_space_are_told_apart():
+    flat = Plan(np.zeros((3, 13, 2)), np.zeros((3, 2, 3)))
+    with pytest.raises(InputError, match="is in space, the plan is not"):
+        verify_spatial_plan(flat, TASK)
+    with pytest.raises(InputError, match="the plan is in space, the task"):
+        verify_plan(ball_plan(), "single-obstacle-1")
+    with pytest.raises(InputError, match="points of 3 numbers do not go with poses of 3"):
+        Plan(np.zeros((3, 13, 3)), np.zeros((3, 2, 3)))
+
+
+def test_coal_measures_as_the_planner_does():
+    rng = np.random.default_rng(4)
+    axis = np.array([0.6, 0.0, 0.8])
+    scene = SpatialScene(
+        (1.0, 1.0, 1.0),
+        (
+            Cuboid(center=(0.3, 0.3, 0.3), size=(0.1, 0.2, 0.3), orientation=(0.8, 0.6, 0.0, 0.0)),
+            Cylinder(center=(0.7, 0.3, 0.5), radius=0.06, height=0.3, axis=(0.6, 0.0, 0.8)),
+            Sphere(center=(0.3, 0.7, 0.6), radius=0.1),
+            ConvexMesh(points=np.array([0.7, 0.7, 0.3]) + 0.1 * rng.normal(size=(8, 3))),
+            Prism(section=Box(center=(0.5, 0.1), size=(0.1, 0.05), angle=0.3)),
+            Prism(section=Disc(center=(0.5, 0.9), radius=0.05, height=0.4)),
+        ),
+    )
+    assert np.linalg.norm(axis) == pytest.approx(1)
+    lines = rng.uniform(0.1, 0.9, (150, 1, 3)) + np.linspace(0, 0.1, 4)[:, None] * rng.normal(size=(150, 1, 3))
+    expected, index = chain_distance(lines, scene.world)
+    found, which = ToScene(scene, 0.004)(lines)
+    near = (expected < FAR) & (expected > -0.003)
+    assert set(index[near]) >= {0, 1, 2, 3, 4}
+    np.testing.assert_allclose(found[near], expected[near], atol=1e-4)
+    assert (which[near] == index[near]).mean() > 0.95
+    far = expected > FAR + 0.004
+    np.testing.assert_allclose(found[far], FAR + 0.004)
