@@ -68,9 +68,10 @@ def grippers(path: Path) -> Path:
 def test_keypoints_of_a_film_are_a_recording(cableway: Command, tmp_path: Path, film: Path, by_grippers: bool):
     """To 1 mm with gripper poses; by the pixels alone, ends in shadow are cut by a little."""
     options = ["--calibration", tmp_path / "camera.json", "--color", "217,89,13", "--rate", "10", "--out", "seen"]
-    options += ["--grippers", grippers(tmp_path / "grippers.csv")] if by_grippers else []
+    options += ["--grippers", grippers(tmp_path / "grippers.csv")] if by_grippers else ["--live", "0"]
     done = cableway("see", film, *options)
     assert done.status == 0, done.err
+    assert ("The pictures are at http://127.0.0.1:" in done.out + done.err) == (not by_grippers)
     found = np.genfromtxt("seen/keypoints.csv", delimiter=",", names=True)
     keypoints = np.array([[found[f"x{n}"], found[f"y{n}"]] for n in range(13)]).transpose(2, 0, 1)
     truth = np.array([CABLE.rod.at_keypoints(shape(k)[None])[0] for k in range(STEPS)])

@@ -23,7 +23,7 @@ from cableway.outcome import Outcome
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Attempt, Plan
 from cableway.report import Report
-from cableway.scene.files.loading import load_task
+from cableway.scene.files.loading import load_planar_task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
 from cableway.simulation.perturbations.variants import FAULTS_SUITE, named_perturbation
@@ -241,7 +241,7 @@ def warm_up(source: str = DEFAULT) -> None:
     Args:
         source: The method, as for `load_method`.
     """
-    _controller(source).init(load_task(EXAMPLE), _example_plan())
+    _controller(source).init(load_planar_task(EXAMPLE), _example_plan())
 
 
 def died(job: Job, outcome: Outcome, detail: str) -> Scored:
@@ -256,7 +256,7 @@ def died(job: Job, outcome: Outcome, detail: str) -> Scored:
 
 @cache
 def _example_plan() -> Plan:
-    return find_plan(load_task(EXAMPLE))
+    return find_plan(load_planar_task(EXAMPLE))
 
 
 @cache

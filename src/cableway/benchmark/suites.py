@@ -19,7 +19,7 @@ from cableway.core.deprecation import renamed_value
 from cableway.core.errors import TaskError, UnknownNameError
 from cableway.planning.moved_ends import set_up
 from cableway.scene.cable import Cable
-from cableway.scene.files.loading import cable_from_preset, catalogue_file, load_task, task_names
+from cableway.scene.files.loading import cable_from_preset, catalogue_file, load_planar_task, task_names
 from cableway.scene.files.saving import task_text
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import RENAMED
@@ -210,7 +210,7 @@ def make_task(reference: str) -> Task:
     base, _, cable = reference.partition("~")
     base, _, length = base.partition("^")
     if base in task_names():
-        task = load_task(base)
+        task = load_planar_task(base)
     else:
         name, _, width = base.partition("@")
         kind, _, seed = name.rpartition("-")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.text import Text
 
-from cableway.cli.options import Maybe, TaskOptions
+from cableway.cli.options import Maybe, TaskOptions, option
 from cableway.cli.terminal import Terminal, columns
 
 if TYPE_CHECKING:
@@ -20,19 +21,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Check(TaskOptions):
-    """Check a plan.npz or rollout.npz independently of the code that made it."""
+    """Check a plan.npz or rollout.npz independently of the code that made it; or what both ends of a task in space
+    keep."""
 
     out: Maybe[Path] = None
     """Folder for report.json; by default, none is written."""
 
-    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
-    """A plan.npz or rollout.npz; its arrays show which."""
+    file: Annotated[tyro.conf.Positional[Path | None], option(metavar="[FILE]")] = None
+    """A plan.npz or rollout.npz; its arrays show which. Without one, the task itself is checked, which must be in
+    space."""
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
         from cableway.core.errors import InputError
         from cableway.verification import kind_of, verify_record
 
+        if self.file is None:
+            return self._check_ends()
         task, record = self.load(), read_record(self.file)
         try:
             verdict = verify_record(record, task)
@@ -48,6 +53,20 @@ class Check(TaskOptions):
         self.keep("check", report)
         Terminal(self).result(report, _table(verdict))
         return 0 if verdict.passed else 1
+
+    def _check_ends(self) -> int:
+        from cableway.core.errors import InputError
+        from cableway.scene.spatial.task import SpatialTask
+        from cableway.scene.task import ENDS
+
+        task = self.load_any()
+        if not isinstance(task, SpatialTask):
+            raise InputError(f"check needs FILE, a plan.npz or rollout.npz of the task {task.name!r}")
+        kept = {end: task.kept(end) for end in ENDS}
+        report = {"task": task.name, "kind": "task", "passed": True, **kept}
+        self.keep("check", report)
+        Terminal(self).result(report, _ends_table(kept))
+        return 0
 
 
 def read_record(file: Path) -> Plan | Rollout:
@@ -69,6 +88,24 @@ def read_record(file: Path) -> Plan | Rollout:
         f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
         f"it has {', '.join(sorted(arrays)) or 'nothing'}"
     )
+
+
+def _ends_table(kept: Mapping[str, Mapping[str, float]]) -> Table:
+    from cableway.core.quantities import quantity
+
+    table = columns(
+        "", "least clearance of the cable", "of the grippers", "stability margin", "twist", "grippers apart"
+    )
+    for end, each in kept.items():
+        table.add_row(
+            Text(end),
+            quantity(each["cable_clearance"]),
+            quantity(each["gripper_clearance"]),
+            f"{each['stability']:.3g}",
+            quantity(each["twist"], "rad"),
+            quantity(each["span"]),
+        )
+    return table
 
 
 def _table(verdict: Verdict) -> Table:

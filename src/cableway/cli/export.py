@@ -104,12 +104,12 @@ class Export(Options):
         return kind
 
     def _load(self, file: Path) -> Task:
-        from cableway.scene.files.loading import load_task
+        from cableway.scene.files.loading import load_planar_task
 
         beside = file.with_name(TASK)
         if self.task is None and not beside.is_file():
             raise InputError(f"{beside}: no such file; --task must say what {file} is of")
-        return load_task(self.task or beside)
+        return load_planar_task(self.task or beside)
 
 
 def _rows(trajectory: Trajectory, written: list[str]) -> list[tuple[str, str]]:

@@ -64,12 +64,12 @@ class Import(Options):
         from cableway.core.files import only_writer
         from cableway.figures.imported import imported_figure
         from cableway.figures.style import save_figure
-        from cableway.scene.files.loading import load_task
+        from cableway.scene.files.loading import load_planar_task
         from cableway.scene.files.saving import save_task
         from cableway.workflow.importing import as_task, understood
 
         config = self._config()
-        like = None if self.task is None else load_task(self.task)
+        like = None if self.task is None else load_planar_task(self.task)
         drawing, found = understood(self.file, config)
         path = self.target("import", SCENE, ".yml")
         name = re.sub(r"[^\w .+-]", "-", self.file.stem).lstrip(" .+-") or "imported"

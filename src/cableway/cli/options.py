@@ -13,6 +13,7 @@ from cableway.core.errors import InputError, TaskError, UnknownNameError
 
 if TYPE_CHECKING:
     from cableway.figures.style import Figure
+    from cableway.scene.files.loading import AnyTask
     from cableway.scene.task import Task
 
 REPORT = "report.json"
@@ -129,18 +130,23 @@ class TaskOptions(Options):
     """Name in the catalogue, or a YAML file."""
 
     def load(self) -> Task:
-        """The task.
+        """The task, on the table.
 
         Raises:
-            InputError: There is none of that name, or its file cannot be read; where `show` can draw what no cable can
-                do, the message says so.
+            InputError: There is none of that name, its file cannot be read, or it is in space; where `show` can draw
+                what no cable can do, the message says so.
         """
+        from cableway.scene.files.loading import as_task
+
+        return as_task(self.load_any())
+
+    def load_any(self) -> AnyTask:
+        """As `load`, or one in space."""
         from cableway.scene.files.loading import load_task
-        from cableway.scene.task import Draft
 
         try:
             return load_task(self.task)
         except TaskError as error:
-            if not isinstance(error.draft, Draft):
+            if error.draft is None:
                 raise
             raise InputError(f"{error}; cableway show {shlex.quote(self.task)} draws it") from None

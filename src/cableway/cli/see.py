@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 KEYPOINTS, OVERLAY = "keypoints.csv", "overlay.mp4"
 """What it leaves."""
+
+MOST_PORT = 65535
 
 HIDDEN = ("stands", "free")
 """What may be made of parts of the table that no camera saw."""
@@ -70,6 +73,10 @@ class See(Options):
     seconds: Maybe[float] = None
     """When to stop; by default, at the end of the source, or Ctrl-C."""
 
+    live: Annotated[int | None, option(metavar="PORT")] = None
+    """Show the pictures with what was found in them, as they are taken, on a page of this machine at this port, 0 for
+    any; by default, nowhere."""
+
     seed: tyro.conf.Suppress[None] = None
     """Nothing is drawn."""
 
@@ -79,6 +86,8 @@ class See(Options):
             raise InputError(f"--rate must be above 0 and at most 1000, got {self.rate}")
         if self.seconds is not None and not self.seconds > 0:
             raise InputError(f"--seconds must be above 0, got {self.seconds}")
+        if self.live is not None and not 0 <= self.live <= MOST_PORT:
+            raise InputError(f"--live must be a port, from 0 to {MOST_PORT}, got {self.live}")
         if self.tracker == "markers" and self.grippers is None:
             raise InputError("--tracker markers needs --grippers: the rod between them says which marker is which")
         self._check_depth()
@@ -102,7 +111,7 @@ class See(Options):
             return
         if self.task is None:
             raise InputError("--depth needs --task: the task whose obstacles are to be those on the table")
-        for name in ("grippers", "tracker", "rate", "seconds"):
+        for name in ("grippers", "tracker", "rate", "seconds", "live"):
             if getattr(self, name) != getattr(type(self), name):
                 raise InputError(f"--{name}: does not go with --depth, by which no cable is followed")
 
@@ -117,31 +126,38 @@ class See(Options):
         from cableway.core.files import only_writer
         from cableway.figures.film import beside, write_film
         from cableway.perception.capture import marked
+        from cableway.perception.live import LiveView
         from cableway.perception.segmentation import CableColor
         from cableway.scene.cable import Cable
-        from cableway.scene.files.loading import load_task
+        from cableway.scene.files.loading import load_planar_task
         from cableway.workflow.seeing import GripperLog, Seen, see, write_recording
 
         color = CableColor(color=self.rgb())
-        cable = Cable() if self.task is None else load_task(self.task).cable
+        cable = Cable() if self.task is None else load_planar_task(self.task).cable
         grippers = None if self.grippers is None else GripperLog.load(self.grippers)
         folder, terminal, found = self.folder("see"), Terminal(self), list[Seen]()
         eyes, rate = self._eyes()
 
-        def overlaid() -> Iterator[np.ndarray]:
+        def overlaid(view: LiveView | None) -> Iterator[np.ndarray]:
             """Pictures with what was found in them, noted in `found`; until Ctrl-C."""
             try:
                 for seen in see(eyes, color, cable, grippers, 1 / rate, self.tracker):
                     at = np.hstack([seen.keypoints, np.full((len(seen.keypoints), 1), cable.radius)])
                     found.append(seen.without_picture())
                     shown = zip(eyes, seen.images, strict=True)
-                    yield beside([marked(image, eye.camera.project(at)[0]) for eye, image in shown])
+                    picture = beside([marked(image, eye.camera.project(at)[0]) for eye, image in shown])
+                    if view is not None:
+                        view.show(picture)
+                    yield picture
             except KeyboardInterrupt:
                 if not found:
                     raise
 
-        with only_writer(folder):
-            write_film(folder / OVERLAY, rate, overlaid())
+        with only_writer(folder), ExitStack() as stack:
+            view = None if self.live is None else stack.enter_context(LiveView(self.live))
+            if view is not None:
+                terminal.note(f"The pictures are at {view.address}")
+            write_film(folder / OVERLAY, rate, overlaid(view))
             write_recording(folder / KEYPOINTS, found)
         known = sum(each.known for each in found)
         report = {"pictures": len(found), "known": known, "seconds": found[-1].time, "folder": str(folder)}

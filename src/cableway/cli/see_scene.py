@@ -27,12 +27,12 @@ def see_scene(options: See, color: tuple[float, float, float]) -> int:
     from cableway.perception.capture import depth_picture, picture
     from cableway.perception.segmentation import CableColor, cable_mask
     from cableway.perception.survey import depth_view, held, survey
-    from cableway.scene.files.loading import load_task
+    from cableway.scene.files.loading import load_planar_task
     from cableway.scene.files.saving import save_task
 
     assert options.depth is not None
     assert options.task is not None
-    task, sources = load_task(options.task), options.source.split(",")
+    task, sources = load_planar_task(options.task), options.source.split(",")
     hides = [None] * len(sources) if options.hides is None else options.hides.split(",")
     images, views = [picture(Path(source)) for source in sources], []
     files = zip(options.calibration.split(","), options.depth.split(","), images, hides, strict=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from rich.text import Text
@@ -14,6 +15,11 @@ from cableway.cli.options import VECTOR, PictureOptions, TaskOptions, option
 from cableway.cli.outputs import CELL_PICTURE
 from cableway.cli.terminal import Terminal
 from cableway.core.errors import InputError, TaskError
+
+if TYPE_CHECKING:
+    from cableway.figures.style import Figure
+    from cableway.scene.spatial.task import SpatialDraft
+    from cableway.scene.task import Draft
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,22 +40,22 @@ class Show(PictureOptions, TaskOptions):
         """
         if self.file is not None:
             return self._show_arms(self.file)
-        from cableway.figures.scene import task_figure
         from cableway.scene.files.loading import load_task
+        from cableway.scene.spatial.task import SpatialDraft
         from cableway.scene.task import Draft
 
         try:
             task = load_task(self.task)
         except TaskError as error:
-            if not isinstance(error.draft, Draft):
+            if not isinstance(error.draft, Draft | SpatialDraft):
                 raise
             path = self._target(error.draft.name)
-            self.draw(task_figure(error.draft, error.faults), path)
+            self.draw(_figure(error.draft, error.faults), path)
             more = len(error.faults) - 1
             others = f" (and {more} more fault{'s' if more > 1 else ''})" if more else ""
             raise InputError(f"{error}{others}; drawn in {path}") from None
         path = self._target(task.name)
-        self.draw(task_figure(task), path)
+        self.draw(_figure(task), path)
         Terminal(self).result({"task": task.name, "picture": str(path)}, Text(str(path)))
         return 0
 
@@ -71,3 +77,12 @@ class Show(PictureOptions, TaskOptions):
 
     def _target(self, name: str, picture: str = "task.png") -> Path:
         return self.target(name, picture, *(f".{ending}" for ending in VECTOR))
+
+
+def _figure(task: Draft | SpatialDraft, faults: Sequence[TaskError] = ()) -> Figure:
+    """The picture of a task on the table or in space."""
+    from cableway.figures.scene import task_figure
+    from cableway.figures.space import spatial_task_figure
+    from cableway.scene.spatial.task import SpatialDraft
+
+    return spatial_task_figure(task, faults) if isinstance(task, SpatialDraft) else task_figure(task, faults)

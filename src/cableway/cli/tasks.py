@@ -58,9 +58,9 @@ class Tasks(PictureOptions):
         return self._catalogue() if self.random is None else self._random(self.random)
 
     def _catalogue(self) -> int:
-        from cableway.scene.files.loading import load_task, task_names
+        from cableway.scene.files.loading import load_planar_task, task_names
 
-        tasks = [load_task(name) for name in task_names()]
+        tasks = [load_planar_task(name) for name in task_names()]
         rows = [_row(task) for task in tasks]
         self.keep("tasks", {"tasks": rows})
         Terminal(self).result({"tasks": rows}, _table(tasks))

@@ -75,6 +75,9 @@ def place_text(place: Place) -> str:
 Point = tuple[float, float]
 """A place on the table [m]."""
 
+SpacePoint = tuple[float, float, float]
+"""A place in space [m]."""
+
 
 class TaskError(InputError):
     """A task that contradicts itself: wrong lengths, shapes in collision, grippers too far apart.
@@ -83,13 +86,15 @@ class TaskError(InputError):
         problem: What is wrong, said of the place: "must be positive, got -1".
         place: Where in the task; empty where no single value is to blame.
         sentence: The message without the file.
-        at: Where on the table [m]; None where it is nowhere in particular.
-        draft: What could not be made, as it was to be, for its picture: a `scene.task.Draft` or a `scene.scene.Scene`,
-            unchecked; None where the values make none.
+        at: Where on the table, or in space [m]; None where it is nowhere in particular.
+        draft: What could not be made, as it was to be, for its picture: a `scene.task.Draft`, a
+            `scene.spatial.task.SpatialDraft` or a `scene.scene.Scene`, unchecked; None where the values make none.
         faults: All that is wrong with that, this error first.
     """
 
-    def __init__(self, problem: str, place: Place = (), source: str = "", *, at: Point | None = None) -> None:
+    def __init__(
+        self, problem: str, place: Place = (), source: str = "", *, at: Point | SpacePoint | None = None
+    ) -> None:
         self.problem, self.place, self.at = problem, place, at
         self.draft: Any = None
         self.faults: tuple[TaskError, ...] = (self,)

@@ -66,21 +66,21 @@ def estimate_text(value: float, deviation: float, unit: str = "m") -> str:
 
 
 def place(point: Iterable[float]) -> str:
-    """Where on the table, from coordinates [m].
+    """Where on the table or in space, from coordinates [m].
 
-    >>> place((0.35, -0.00001)), place((0.2, 0.17346))
-    ('(350, 0) mm', '(200, 173.5) mm')
+    >>> place((0.35, -0.00001)), place((0.2, 0.17346, 0.1))
+    ('(350, 0) mm', '(200, 173.5, 100) mm')
     """
-    return "({:g}, {:g}) mm".format(*(round(1000 * float(each), 1) + 0.0 for each in point))
+    return f"({', '.join(f'{round(1000 * float(each), 1) + 0.0:g}' for each in point)}) mm"
 
 
-def size_text(size: tuple[float, float]) -> str:
-    """Width and height [m].
+def size_text(size: tuple[float, ...]) -> str:
+    """Width and height [m], or the sides of a box.
 
     >>> size_text((0.7, 0.45))
     '700 x 450 mm'
     """
-    return f"{_limit(size[0], 'm')} x {limit_text(size[1])}"
+    return f"{' x '.join(_limit(side, 'm') for side in size)} mm"
 
 
 def _shown(unit: str) -> tuple[str, float]:

@@ -14,7 +14,7 @@ from cableway.core.errors import FileFormatError, InputError
 from cableway.core.files import write_json
 from cableway.core.reading import read_json
 from cableway.records import Rollout
-from cableway.scene.files.loading import load_task
+from cableway.scene.files.loading import load_planar_task
 from cableway.scene.files.saving import save_task
 from cableway.scene.task import Task
 
@@ -111,7 +111,7 @@ def read_runs(folder: Path) -> Iterator[StoredRun]:
         if not isinstance(report, dict) or not place.name[4:].isdigit():
             raise FileFormatError(f"{place / REPORT}: not the report of a run")
         rollout = Rollout.load(place / ROLLOUT) if (place / ROLLOUT).exists() else None
-        yield StoredRun(int(place.name[4:]), load_task(place / TASK), rollout, report)
+        yield StoredRun(int(place.name[4:]), load_planar_task(place / TASK), rollout, report)
 
 
 def _manifest(path: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -12,13 +13,20 @@ from cableway.figures.insertion import insertion_figure
 from cableway.figures.plan import attempt_figure, plan_figure
 from cableway.figures.rollout import rollout_figure
 from cableway.figures.scene import task_figure
+from cableway.figures.space import spatial_task_figure
 from cableway.figures.style import save_figure
 from cableway.records import INSERTION, Attempt, Plan, Rollout
-from cableway.scene.files.loading import TaskSource, as_task
+from cableway.scene.files.loading import TaskSource, as_task, load_task
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import Task
 
 
-def draw(task: TaskSource, record: Plan | Rollout | Attempt | None = None, *, path: Path | str | None = None) -> Figure:
+def draw(
+    task: TaskSource | SpatialTask,
+    record: Plan | Rollout | Attempt | None = None,
+    *,
+    path: Path | str | None = None,
+) -> Figure:
     """Draw a task, or what came of it: the pictures that the commands leave.
 
     Args:
@@ -29,7 +37,11 @@ def draw(task: TaskSource, record: Plan | Rollout | Attempt | None = None, *, pa
     Raises:
         InputError: There is no such task, the record is none of these, or the file has another ending.
     """
-    figure = _figure(as_task(task), record)
+    task = load_task(task) if isinstance(task, str | os.PathLike) else task
+    if isinstance(task, SpatialTask) and record is None:
+        figure = spatial_task_figure(task)
+    else:
+        figure = _figure(as_task(task), record)
     if path is not None:
         save_figure(figure, Path(path))
     return figure

@@ -21,10 +21,12 @@ from cableway.core.quantities import limit_text, quantity, size_text
 from cableway.figures import scene, style
 from cableway.figures.plan import SHAPES_SHOWN, spread_rows
 from cableway.figures.scene import task_figure
+from cableway.figures.space import spatial_task_figure
 from cableway.figures.video import write_video
 from cableway.records import Plan, Rollout
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import TaskSource, as_task
+from cableway.scene.spatial.task import SpatialDraft
 from cableway.scene.task import CONTROL_STEP, Draft
 
 Rows = Sequence[tuple[str, str]]
@@ -78,6 +80,8 @@ def html(record: object) -> str:
     match record:
         case Draft():
             return page(_task_rows(record), task_figure(record, tuple(record.faults())))
+        case SpatialDraft():
+            return page(_spatial_rows(record), spatial_task_figure(record, tuple(record.faults())))
         case Plan():
             return page(_plan_rows(record), _shapes_figure(record.shapes))
         case Rollout():
@@ -111,6 +115,17 @@ def _task_rows(task: Draft) -> Rows:
             f"{limit_text(cable.length)} long, {limit_text(2 * cable.radius)} thick, {cable.keypoints} keypoints",
         ),
         *([("cell", task.cell.name)] if task.cell is not None else []),
+        *(("not possible", fault.sentence) for fault in task.faults()),
+    ]
+
+
+def _spatial_rows(task: SpatialDraft) -> Rows:
+    cable = task.cable
+    return [
+        ("task", task.name),
+        ("workspace", size_text(task.scene.size)),
+        ("obstacles", str(len(task.scene.obstacles))),
+        ("cable", f"{limit_text(cable.length)} long, {limit_text(2 * cable.radius)} thick, weight {cable.weight:.3g}"),
         *(("not possible", fault.sentence) for fault in task.faults()),
     ]
 

@@ -35,20 +35,20 @@ WITHIN = 0.8
 """Radius of the goal over that of the cable, which so covers it where it has arrived."""
 
 
-def _pale(color: str, share: float) -> Color:
+def pale(color: str, share: float) -> Color:
     """A share of a colour on white."""
     red, green, blue = (1 - share * (1 - part) for part in to_rgb(color))
     return red, green, blue
 
 
 LOOK = Look(
-    table=_pale(style.OBSTACLE, 0.3),
-    wall=_pale(style.INK, 1.0),
-    obstacle=_pale(style.OBSTACLE_EDGE, 0.85),
-    cable=_pale(style.INK, 1.0),
-    grippers=(_pale(style.MUTED, 0.9), _pale(style.MUTED, 0.9)),
-    joints=(_pale(ARMS[0], 0.7), _pale(ARMS[1], 0.8)),
-    links=_pale(style.OBSTACLE, 0.6),
+    table=pale(style.OBSTACLE, 0.3),
+    wall=pale(style.INK, 1.0),
+    obstacle=pale(style.OBSTACLE_EDGE, 0.85),
+    cable=pale(style.INK, 1.0),
+    grippers=(pale(style.MUTED, 0.9), pale(style.MUTED, 0.9)),
+    joints=(pale(ARMS[0], 0.7), pale(ARMS[1], 0.8)),
+    links=pale(style.OBSTACLE, 0.6),
 )
 
 
@@ -76,7 +76,7 @@ class CellView:
         self._light = Light(position=(task.scene.size[0] / 2 + x, task.scene.size[1] / 2 + y, z), ambient=AMBIENT)
         goal, radius = scene.smooth(task.goal), WITHIN * task.cable.radius
         lying = np.column_stack([goal, np.full(len(goal), radius)])
-        self._goal = tube(lying, radius).painted(_pale(style.GOAL, 0.9), Label.TABLE)
+        self._goal = tube(lying, radius).painted(pale(style.GOAL, 0.9), Label.TABLE)
 
     def image(self, row: int) -> UInt8[np.ndarray, "h w 3"]:
         """The picture of a row, with the goal of the cable on the table."""

@@ -267,7 +267,7 @@ def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
     draw_end_shapes(ax, task)
     style.title(ax, task.name)
     style.legend_below(ax, [*end_handles(), *_plug_handles(task)], 4)
-    draw_marks(ax, [Mark(fault.sentence, fault.at) for fault in faults])
+    draw_marks(ax, [Mark(fault.sentence, fault.at and fault.at[:2]) for fault in faults])
     write_lines(figure, LEFT, lines)
     place = (LEFT / style.SINGLE, 0.08 / tall)
     figure.text(*place, "\n".join(text), fontsize=style.NOTE, color=style.MUTED, va="bottom", parse_math=False)

@@ -80,7 +80,7 @@ def prism(outline: Float[np.ndarray, "k 2"], heights: tuple[float, float], *, ro
     """
     low, high = (np.column_stack([outline, np.full(len(outline), height)]) for height in heights)
     corners = np.concatenate([_bands(np.stack([low, high])), _fan(high), _fan(low[::-1])])
-    normals = _flat(corners)
+    normals = flat_normals(corners)
     if rounded:
         edges = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
         outwards = np.column_stack([edges[:, 1], -edges[:, 0], np.zeros(len(edges))])
@@ -113,7 +113,7 @@ def tube(points: Float[np.ndarray, "m 3"], radius: float, sides: int = 12) -> Su
     outwards = around[:, :1] * aside[:, None] + around[:, 1:] * np.cross(along, aside)[:, None]
     rings = points[:, None] + radius * outwards
     ends = np.concatenate([_fan(rings[0, ::-1]), _fan(rings[-1])])
-    corners, normals = np.concatenate([_bands(rings), ends]), np.concatenate([_bands(outwards), _flat(ends)])
+    corners, normals = np.concatenate([_bands(rings), ends]), np.concatenate([_bands(outwards), flat_normals(ends)])
     return Surface(corners, normals)
 
 
@@ -174,7 +174,7 @@ def _to_pole(ring: Float[np.ndarray, "k 3"], pole: Float[np.ndarray, "k 3"]) -> 
     return np.stack([ring, np.roll(ring, -1, axis=0), pole], axis=1)
 
 
-def _flat(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3 3"]:
+def flat_normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3 3"]:
     """The normals of triangles' planes at their corners."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     across /= np.linalg.norm(across, axis=1, keepdims=True)

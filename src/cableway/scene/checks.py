@@ -180,6 +180,26 @@ def pair(value: Any, place: Place, quantity: Quantity) -> tuple[float, float]:
     return quantity(first, (*place, 0)), quantity(second, (*place, 1))
 
 
+COUNTS = {2: "two", 3: "three", 4: "four"}
+
+
+def numbers(value: Any, place: Place, quantities: tuple[Quantity, ...]) -> tuple[float, ...]:
+    """`value` as so many floats.
+
+    Raises:
+        TaskError: It is not so many numbers, or one of them is not allowed.
+    """
+    count = len(quantities)
+    try:
+        entries = tuple(value)
+    except TypeError:
+        entries = ()
+    if len(entries) != count:
+        raise TaskError(f"must be {COUNTS.get(count, count)} numbers, got {shown(value)}", place)
+    pairs = zip(quantities, entries, strict=True)
+    return tuple(quantity(entry, (*place, i)) for i, (quantity, entry) in enumerate(pairs))
+
+
 def profile(value: Any, place: Place, most: int, quantity: Quantity) -> tuple[float, ...]:
     """`value` as a tuple of 1 to `most` floats.
 

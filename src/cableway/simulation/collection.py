@@ -26,7 +26,7 @@ from cableway.core.executors import open_executor
 from cableway.core.provenance import describe, versions
 from cableway.datasets.manifest import CABLE, Manifest, Shard, columns_for
 from cableway.datasets.writing import DatasetWriter, Origin, open_writer
-from cableway.scene.files.loading import load_task
+from cableway.scene.files.loading import load_planar_task
 from cableway.scene.scene import Scene
 from cableway.simulation.episodes import CollectionConfig, Collector, Episode
 
@@ -163,7 +163,7 @@ class _Job:
 
     @classmethod
     def of(cls, config: CollectionConfig) -> _Job:
-        scene = None if config.task is None else load_task(config.task).scene
+        scene = None if config.task is None else load_planar_task(config.task).scene
         resolved: dict[str, Any] = {**describe(config), "scene": describe(scene)}
         columns = columns_for(config.cable_at(np.random.default_rng(config.seed)), config.drawn)
         origin = Origin(config.seed, resolved, versions(), columns)

@@ -19,7 +19,7 @@ from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.executors import open_executor
 from cableway.core.provenance import describe
 from cableway.datasets.runs import is_whole, open_runs, write_run
-from cableway.scene.files.loading import load_task
+from cableway.scene.files.loading import load_planar_task
 from cableway.scene.files.saving import task_text
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation, variant
@@ -116,7 +116,7 @@ def collect_runs(
         InputError: The folder holds other runs, or `workers` or `executor` cannot be used.
         StorageError: There is no room for the next run.
     """
-    task, tell = None if config.task is None else load_task(config.task), progress or (lambda stage, share: None)
+    task, tell = None if config.task is None else load_planar_task(config.task), progress or (lambda stage, share: None)
     common = {name: value for name, value in describe(config).items() if name != "episodes"}
     open_runs(folder, {**common, "task": None if task is None else task_text(task)})
     missing = [number for number in range(config.episodes) if not is_whole(folder, number)]

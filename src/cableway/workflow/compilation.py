@@ -21,7 +21,7 @@ from cableway.core.kernel_cache import trusted_folder
 from cableway.core.logs import log_file, log_to
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Plan
-from cableway.scene.files.loading import load_task
+from cableway.scene.files.loading import load_planar_task
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 from cableway.workflow.events import Event, Listener, Note, Progress
@@ -74,7 +74,7 @@ AHEAD = "import sys; from cableway.workflow.compilation import compile_ahead; co
 @cache
 def compile_planning() -> None:
     """Have every kernel of the default planner compiled and kept, by planning a task of the catalogue."""
-    find_plan(load_task(EXAMPLE))
+    find_plan(load_planar_task(EXAMPLE))
     mark_compiled(PLANNING)
 
 
@@ -95,7 +95,7 @@ def compile_ahead(log: str | None = None) -> None:
 
 def _standing() -> tuple[Task, Plan]:
     """The example, and a plan that stays at its start."""
-    task = load_task(EXAMPLE)
+    task = load_planar_task(EXAMPLE)
     return task, Plan.of(task.cable.rod, task.start_equilibrium[None].repeat(4, 0))
 
 

@@ -22,13 +22,15 @@ from cableway.scene.cable import Cable
 from cableway.scene.cell import CELLS, Cell, MountedArm
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
-from cableway.scene.files.schema import CellFile, validate
+from cableway.scene.files.schema import CellFile, planar_obstacle, validate, with_steps
+from cableway.scene.files.spatial import SpatialTaskFile, is_spatial, spatial_task
 from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.grippers import Grippers, Plug, Port
-from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
+from cableway.scene.obstacles import Obstacle
 from cableway.scene.own_arms import OwnArm
 from cableway.scene.scene import Scene
-from cableway.scene.task import CONTROL_STEP, ENDS, Draft, Task
+from cableway.scene.spatial.task import SpatialTask
+from cableway.scene.task import ENDS, Draft, Task
 
 SUFFIXES = (".yaml", ".yml")
 """Endings of task files."""
@@ -36,11 +38,12 @@ SUFFIXES = (".yaml", ".yml")
 TaskSource = Task | str | os.PathLike[str]
 """A task, its name in the catalogue, or the path of its YAML file."""
 
-_OBSTACLES = {"box": Box, "polygon": Polygon, "disc": Disc}
+AnyTask = Task | SpatialTask
+"""A task on the table or in space."""
 
 
-def load_task(source: str | os.PathLike[str]) -> Task:
-    """The task of a catalogue name or of a YAML file.
+def load_task(source: str | os.PathLike[str]) -> AnyTask:
+    """The task of a catalogue name or of a YAML file; one in space where the workspace has three sizes.
 
     Args:
         source: A name of `task_names()`, or a path: a `Path`, or a text with a path separator or ending in .yaml
@@ -54,23 +57,43 @@ def load_task(source: str | os.PathLike[str]) -> Task:
     if not isinstance(source, str | os.PathLike):
         raise InputError(f"a task is loaded by its name or from a path, got {shown(source)}")
     document = read_document(_task_path(source))
-    content = validate(document)
+    in_space = is_spatial(document)
+    content = validate(document, SpatialTaskFile) if in_space else validate(document)
     try:
+        if in_space:
+            return spatial_task(content, _name_from(document.path), document.path.parent)
         return _task(content, document.path)
     except TaskError as error:
         raise document.locate(error) from None
 
 
-def as_task(task: TaskSource) -> Task:
-    """A task that is given as such, or by what `load_task` reads.
+def load_planar_task(source: str | os.PathLike[str]) -> Task:
+    """As `load_task`, of a task on the table.
 
     Raises:
-        InputError: It is neither, or there is no such task.
+        InputError: As there, or the task is in space.
     """
+    return as_task(load_task(source))
+
+
+def _in_space(task: SpatialTask) -> InputError:
+    return InputError(
+        f"the task {task.name!r} is in space, where there are only pictures and checks of tasks so far (cableway show, "
+        "cableway check TASK); give a task on the table, whose workspace has two sizes"
+    )
+
+
+def as_task(task: TaskSource | SpatialTask) -> Task:
+    """A task on the table that is given as such, or by what `load_task` reads.
+
+    Raises:
+        InputError: It is neither, there is no such task, or it is in space.
+    """
+    task = load_task(task) if isinstance(task, str | os.PathLike) else task
     if isinstance(task, Task):
         return task
-    if isinstance(task, str | os.PathLike):
-        return load_task(task)
+    if isinstance(task, SpatialTask):
+        raise _in_space(task)
     raise InputError(f"a task must be a Task, a name of the catalogue or the path of a YAML file, got {shown(task)}")
 
 
@@ -264,15 +287,7 @@ def cable_of_section(section: Mapping[str, Any]) -> Cable:
 
 
 def _grippers(section: Mapping[str, Any]) -> Grippers:
-    """Grippers with a largest step and turn in place of the speeds that a file may give."""
-    given = dict(section)
-    for step, speed in (("max_step", "max_speed"), ("max_turn", "max_turn_speed")):
-        value = given.pop(speed, None)
-        if value is None:
-            continue
-        if step in given:
-            raise TaskError(f"and grippers.{step} say the same twice: give one of them", ("grippers", speed))
-        given[step] = CONTROL_STEP * value
+    given = with_steps(section)
     if isinstance(given.get("body"), list):
         given["body"] = tuple(_body_part(index, part) for index, part in enumerate(given["body"]))
     return Grippers(**given)
@@ -287,7 +302,7 @@ def _body_part(index: int, section: Mapping[str, Any]) -> BodyPart:
 
 def _obstacle(index: int, section: Mapping[str, Any]) -> Obstacle:
     try:
-        return _OBSTACLES[section["type"]](**{key: value for key, value in section.items() if key != "type"})
+        return planar_obstacle(section)
     except TaskError as error:
         raise error.within("obstacles", index) from None
 

@@ -15,27 +15,28 @@ from cableway.scene.cell import Cell, MountedArm
 from cableway.scene.files.document import Dumper
 from cableway.scene.files.presets import preset_names
 from cableway.scene.files.schema import FORMAT_VERSION
+from cableway.scene.files.spatial import spatial_content
 from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.grippers import Grippers
 from cableway.scene.obstacles import Box, Disc, Obstacle
+from cableway.scene.spatial.task import SpatialDraft
 from cableway.scene.task import Draft
 
 
-def save_task(task: Draft, path: str | os.PathLike[str]) -> None:
+def save_task(task: Draft | SpatialDraft, path: str | os.PathLike[str]) -> None:
     """Write a task to a YAML file, atomically; `load_task` gives an equal task, to the last digit, or says why no cable
     can do what a draft says.
 
-    Shapes are written as keypoints, with the gripper poses where the task states them. The cable's preset is left
-    out where it is none of `preset_names()`; its values stand there in any case.
+    Shapes are written as keypoints, with the gripper poses where the task states them; in space as twelve numbers. The
+    cable's preset is left out where it is none of `preset_names()`; its values stand there in any case.
     """
     write_text(Path(path), task_text(task))
 
 
-def task_text(task: Draft) -> str:
+def task_text(task: Draft | SpatialDraft) -> str:
     """What `save_task` writes."""
-    return yaml.dump(
-        _content(task), Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110
-    )
+    content = _content(task) if isinstance(task, Draft) else spatial_content(task)
+    return yaml.dump(content, Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)
 
 
 def _content(task: Draft) -> dict[str, Any]:

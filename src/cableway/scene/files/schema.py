@@ -7,6 +7,7 @@ neighbours). What messages say a value must be stands in the annotations.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
@@ -20,8 +21,9 @@ from cableway.scene.files.document import Document
 from cableway.scene.gripper_bodies import GRIPPER_BODIES, Tilt
 from cableway.scene.gripper_bodies import Height as Level
 from cableway.scene.grippers import Grippers, Plug, Port
-from cableway.scene.obstacles import Box, Disc, Height
+from cableway.scene.obstacles import Box, Disc, Height, Obstacle, Polygon
 from cableway.scene.scene import Scene
+from cableway.scene.task import CONTROL_STEP
 
 FORMAT_VERSION = 1
 """The value of the key `cableway`."""
@@ -126,6 +128,27 @@ class CellFile(CellSection):
     cableway: Annotated[int, f"the format version, {FORMAT_VERSION}"]
     units: Annotated[LengthUnit, "m, cm or mm"] = field(default="m", kw_only=True)
     angles: Annotated[AngleUnit, "rad or deg"] = field(default="rad", kw_only=True)
+
+
+_OBSTACLES = {"box": Box, "polygon": Polygon, "disc": Disc}
+
+
+def planar_obstacle(section: Mapping[str, Any]) -> Obstacle:
+    """The obstacle of a valid mapping with the key type."""
+    return _OBSTACLES[section["type"]](**{key: value for key, value in section.items() if key != "type"})
+
+
+def with_steps(section: Mapping[str, Any]) -> dict[str, Any]:
+    """A section `grippers` with a largest step and turn in place of the speeds that a file may give."""
+    given = dict(section)
+    for step, speed in (("max_step", "max_speed"), ("max_turn", "max_turn_speed")):
+        value = given.pop(speed, None)
+        if value is None:
+            continue
+        if step in given:
+            raise TaskError(f"and grippers.{step} say the same twice: give one of them", ("grippers", speed))
+        given[step] = CONTROL_STEP * value
+    return given
 
 
 def validate(document: Document, kind: type = TaskFile) -> dict[str, Any]:

@@ -149,7 +149,7 @@ class Page:
                 self._look()
             table.draw_obstacles(self._canvas, self._as_it_stands(), self._selected)
             table.draw_ends(self._canvas, moment, inspection)
-            wrong = [fault.at for fault in inspection.faults if fault.at is not None]
+            wrong = [fault.at[:2] for fault in inspection.faults if fault.at is not None]
             table.draw_faults(self._canvas, wrong if planning.at is None else [*wrong, planning.at])
             if (plan, draft.cable.radius) != self._drawn:
                 self._drawn = (plan, draft.cable.radius)

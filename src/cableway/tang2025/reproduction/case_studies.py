@@ -18,7 +18,7 @@ from cableway.figures.insertion import insertion_figure
 from cableway.figures.rollout import rollout_figure
 from cableway.figures.stages import followers_figure, snapshots_figure, tasks_over_time_figure
 from cableway.records import Plan, Rollout
-from cableway.scene.files.loading import load_task, task_names
+from cableway.scene.files.loading import load_planar_task, task_names
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.tang2025.models.adaptation import AdaptationConfig
@@ -43,7 +43,7 @@ def over_time(folder: Path, draw: Draw, progress: OnProgress) -> Section:
     runs = []
     for place, name in enumerate(names := task_names()):
         progress(f"over time: {name}", place / len(names))
-        runs.append(solve(load_task(name)))
+        runs.append(solve(load_planar_task(name)))
     tracked = [(run.task, run.rollout) for run in runs if run.rollout]
     draw(tasks_over_time_figure(tracked), folder / "over-time.png")
     draw(snapshots_figure([(task.name, task, rollout) for task, rollout in tracked]), folder / "snapshots.png")
@@ -270,7 +270,7 @@ def _cells(runs: Sequence[Run]) -> tuple[str, ...]:
 
 def insertion(folder: Path, trials: int, progress: OnProgress, draw: Draw) -> Section:
     """The case study of an HDMI cable plugged in on a cluttered table."""
-    task, controller = load_task("insertion"), RodMPC()
+    task, controller = load_planar_task("insertion"), RodMPC()
     plan = _planned(task)
     rows: list[Row] = [
         ("trial", "plugged in", "off the axis [mm]", "turned [deg]", "depth [mm]", "least clearance [mm]")

@@ -23,7 +23,7 @@ from cableway.figures.learning import horizons_figure
 from cableway.figures.stages import stages_figure
 from cableway.planning.config import PivotConfig, PlannerConfig
 from cableway.planning.initial_trajectories import InitialTrajectories
-from cableway.scene.files.loading import load_task
+from cableway.scene.files.loading import load_planar_task
 from cableway.scene.task import Task
 from cableway.tang2025.planning.chain import PaperChain
 from cableway.tang2025.planning.config import PaperPlannerConfig
@@ -118,7 +118,7 @@ def planning(folder: Path, draw: Draw) -> Section:
     rows: list[Row] = [("task", "largest lead of an end", "at step", "ends when both are at 0.99: first, last")]
     pictures = []
     for name in STAGED:
-        task = load_task(name)
+        task = load_planar_task(name)
         pivots = {f"$k_c$ = {1000 * weight:g} mm": _chain(task, weight).pivot for weight in WEIGHTS}
         shapes, stages = _chain(task).deformation("head")
         draw(stages_figure(task, pivots, shapes, stages), folder / f"stages-{name}.png")
@@ -283,7 +283,7 @@ def cost(repeats: int, progress: OnProgress) -> Section:
     table: list[list[float]] = []
     for place, count in enumerate(COUNTS):
         progress("planning cost", place / len(COUNTS))
-        task = load_task("multi-obstacle-1")
+        task = load_planar_task("multi-obstacle-1")
         cable = replace(task.cable, keypoints=count)
         ends = cable.rod.at_keypoints(cable.rod.shapes(np.array([task.start_equilibrium, task.goal_equilibrium]))[0])
         task = replace(task, cable=cable, start=ends[0], goal=ends[1], start_poses=None, goal_poses=None)

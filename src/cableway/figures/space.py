@@ -1,0 +1,179 @@
+"""Pictures of tasks in space, in perspective: shaded obstacles, grippers, cables; what is hidden of these is dashed."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from itertools import combinations, product
+
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from cableway.core.errors import Point, TaskError, printable
+from cableway.core.quantities import limit_text, size_text
+from cableway.figures import style
+from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
+from cableway.figures.perspective import pale
+from cableway.figures.scene import TASKS_SHOWN, small_panels
+from cableway.rendering.camera import Camera
+from cableway.rendering.mesh import Mesh
+from cableway.rendering.picture import Light, Picture, render
+from cableway.rendering.space import CABLE, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
+from cableway.scene.spatial.task import SpatialDraft
+from cableway.scene.task import ENDS, End
+
+DIRECTION = (0.42, 0.8, -0.5)
+"""In which the camera looks: over the front wall, from the left and from above."""
+
+VIEW = 0.5
+"""Angle of view across a picture [rad]."""
+
+LAMP, AMBIENT = np.array([-0.4, -0.9, 2.6]), 0.55
+"""Where the lamp is from the corner of the workspace, in its largest sizes, and the share of light from everywhere."""
+
+PANEL, TALL = 3.3, 0.8
+"""Width [inch] of a panel, and its height over that."""
+
+FINE = 250
+"""Pixels of a panel to the inch."""
+
+BEHIND = 0.004
+"""Depth [m] by which a point is behind what is seen there before it counts as hidden; added to the radius."""
+
+COLORS: dict[End, str] = dict(zip(ENDS, (style.START, style.GOAL), strict=True))
+
+
+class SpaceView:
+    """A scene in space seen by one camera, in panels whose units are pixels, y upwards.
+
+    Args:
+        task: The task.
+        width: Of the panel [inch].
+    """
+
+    def __init__(self, task: SpatialDraft, width: float = PANEL) -> None:
+        self.task = task
+        self.size = (round(FINE * width), round(FINE * width * TALL))
+        scene = task.scene
+        corners = np.array(list(product(*((0.0, side) for side in scene.size))))
+        self._camera = Camera.framing(corners, np.array(DIRECTION), size=self.size, view=VIEW, margin=0.02)
+        x, y, z = (LAMP * max(scene.size)).tolist()
+        self._light = Light(position=(x, y, z), ambient=AMBIENT)
+        self._solid = scene_mesh(scene, pale(style.OBSTACLE, 0.3), pale(style.OBSTACLE_EDGE, 0.75))
+
+    def draw(
+        self,
+        ax: Axes,
+        cables: Sequence[tuple[Float[np.ndarray, "s 3"], str]],
+        held: Sequence[tuple[Float[np.ndarray, "2 7"], str]],
+    ) -> None:
+        """The scene with cables and gripper poses, each with its colour."""
+        radius = self.task.cable.radius
+        meshes = [cable_mesh(stations, radius, to_rgb(color)) for stations, color in cables]
+        meshes += [
+            body_mesh(body, poses[body.side], pale(color, 0.55)) for poses, color in held for body in self.task.bodies
+        ]
+        picture = render(Mesh.joined([self._solid, *meshes]), self._camera, self._light, samples=3)
+        width, height = self.size
+        ax.imshow(picture.color, extent=(-0.5, width - 0.5, -0.5, height - 0.5), aspect="auto")
+        for stations, color in cables:
+            self._dashed(ax, stations, color, self._hidden(stations, picture, radius + BEHIND))
+        ax.set_xlim(-0.5, width - 0.5)
+        ax.set_ylim(-0.5, height - 0.5)
+        ax.set_axis_off()
+        for a, b in self._edges():
+            line = a + np.linspace(0, 1, 60)[:, None] * (b - a)
+            shown = np.where(
+                self._hidden(line, picture, BEHIND, OBSTACLE, CABLE, GRIPPER)[:, None], np.nan, self.at(line)
+            )
+            ax.plot(*shown.T, color=style.MUTED, linewidth=0.5, alpha=0.7, zorder=3)
+
+    def at(self, points: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2"]:
+        """Where points [m] are in the panel."""
+        pixels = self._camera.project(points)[0]
+        return np.stack([pixels[..., 0], self.size[1] - 1 - pixels[..., 1]], axis=-1)
+
+    def _hidden(
+        self, points: Float[np.ndarray, "k 3"], picture: Picture, off: float, *labels: int
+    ) -> Bool[np.ndarray, "k"]:
+        """Which points are more than `off` [m] behind what has one of the labels; by default, table or obstacles."""
+        pixels, away = self._camera.project(points)
+        u, v = (np.clip(np.nan_to_num(pixels).round().astype(int), 0, np.array(self.size) - 1)).T
+        return (away > picture.depth[v, u] + off) & np.isin(picture.label[v, u], labels or (TABLE, OBSTACLE))
+
+    def _dashed(self, ax: Axes, line: Float[np.ndarray, "s 3"], color: str, hidden: Bool[np.ndarray, "s"]) -> None:
+        seen = np.where(hidden[:, None], self.at(line), np.nan)
+        for below, width in (("white", 2.2), (color, 1.2)):
+            ax.plot(*seen.T, color=below, linewidth=width, linestyle=(0, (2, 1.5)), zorder=4)
+
+    def _edges(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The edges of the workspace."""
+        corners = np.array(list(product(*((0.0, side) for side in self.task.scene.size))))
+        return [(a, b) for a, b in combinations(corners, 2) if np.count_nonzero(a != b) == 1]
+
+
+def draw_ends(view: SpaceView, ax: Axes) -> None:
+    """Scene, start and goal, as far as they are known."""
+    task = view.task
+    known: list[End] = [end for end in ENDS if getattr(task, end) is not None]
+    cables = [(task.stations(end), COLORS[end]) for end in known]
+    view.draw(ax, cables, [(task.gripper_poses(end), COLORS[end]) for end in known])
+
+
+def spatial_task_figure(task: SpatialDraft, faults: Sequence[TaskError] = ()) -> Figure:
+    """The picture of a task in space: its scene, start and goal, with its name and description; and what is wrong.
+
+    Each of `faults` is a sentence above the panel, with its number in a red ring at its place.
+    """
+    view, cable = SpaceView(task), task.cable
+    facts = f"cable {limit_text(cable.length)} long, {limit_text(2 * cable.radius)} thick, weight {cable.weight:.3g}"
+    facts += f" B/L² · workspace {size_text(task.scene.size)}"
+    text = [*textwrap.wrap(printable(task.description), 60), *textwrap.wrap(facts, 64)]
+    lines = sentence_lines([fault.sentence for fault in faults], PANEL)
+    below, height = 0.36 + 0.13 * len(text), PANEL * TALL
+    tall = below + height + 0.3 + (0.1 + LINE * len(lines) if lines else 0.0)
+    figure = style.new_figure(style.SINGLE, tall)
+    left = (style.SINGLE - PANEL) / 2
+    ax = style.add_axes(figure, left, below, PANEL, height)
+    draw_ends(view, ax)
+    style.title(ax, task.name)
+    marks = [Mark(fault.sentence, None if fault.at is None else _pair(view.at(np.array(fault.at)))) for fault in faults]
+    draw_marks(ax, marks)
+    write_lines(figure, left, lines)
+    _legend(figure, tall, 0.12 + 0.13 * len(text))
+    place = (left / style.SINGLE, 0.08 / tall)
+    figure.text(*place, "\n".join(text), fontsize=style.NOTE, color=style.MUTED, va="bottom", parse_math=False)
+    return figure
+
+
+def _pair(point: Float[np.ndarray, "2"]) -> Point:
+    return float(point[0]), float(point[1])
+
+
+def _legend(figure: Figure, tall: float, bottom: float) -> None:
+    entries = [
+        Patch(facecolor=style.START, label="start"),
+        Patch(facecolor=style.GOAL, label="goal"),
+        Patch(facecolor=style.OBSTACLE_EDGE, label="obstacle"),
+        Line2D([], [], color=style.INK, linewidth=1.2, linestyle=(0, (2, 1.5)), label="hidden"),
+    ]
+    figure.legend(
+        handles=entries, loc="lower center", bbox_to_anchor=(0.5, bottom / tall), ncols=4, frameon=False,
+        fontsize=style.TICK, handlelength=1.4, columnspacing=1.2,
+    )  # fmt: skip
+
+
+def spatial_tasks_figure(tasks: Sequence[SpatialDraft]) -> Figure:
+    """Many tasks in space in one picture, up to `TASKS_SHOWN` of them, in rows."""
+    shown = tasks[:TASKS_SHOWN]
+    figure, panels = small_panels([task.name for task in shown], 4, 1.6)
+    for ax, task in zip(panels, shown, strict=True):
+        view = SpaceView(task, 1.6)
+        draw_ends(view, ax)
+        ax.set_aspect("equal")
+    return figure

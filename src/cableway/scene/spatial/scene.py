@@ -1,0 +1,59 @@
+"""The scene in space: a box-shaped workspace whose floor is the table, with convex obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from cableway.core.errors import TaskError
+from cableway.core.quantities import size_text
+from cableway.geometry.spatial_convex import WALLS, SpatialWorld
+from cableway.scene import checks
+from cableway.scene.spatial.obstacles import SpatialObstacle, describe
+
+MOST_OBSTACLES = 1000
+
+
+@dataclass(frozen=True)
+class SpatialScene:
+    """A workspace and what stands in it.
+
+    Attributes:
+        size: (x, y, z) [m]; the origin is a corner of the table, and walls, table and ceiling are obstacles.
+        obstacles: Convex obstacles; they may reach through the walls and overlap each other.
+
+    Raises:
+        TaskError: A size is not positive and finite, or an obstacle lies wholly outside.
+    """
+
+    size: tuple[float, float, float]
+    obstacles: tuple[SpatialObstacle, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", checks.numbers(self.size, ("workspace", "size"), (checks.WORKSPACE,) * 3))
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        if len(self.obstacles) > MOST_OBSTACLES:
+            raise TaskError(f"must be at most {MOST_OBSTACLES}, got {len(self.obstacles)}", ("obstacles",))
+        for index, obstacle in enumerate(self.obstacles):
+            bounds = obstacle.solid.bounds
+            if (bounds[3:] <= 0).any() or (bounds[:3] >= self.size).any():
+                problem = f"({describe(obstacle)}) lies wholly outside the workspace of {size_text(self.size)}"
+                raise TaskError(problem, ("obstacles", index))
+
+    @cached_property
+    def world(self) -> SpatialWorld:
+        """The obstacles and the walls, packed for the compiled kernels."""
+        return SpatialWorld.of([obstacle.solid for obstacle in self.obstacles], np.array(self.size))
+
+    def name_of(self, index: int) -> str:
+        """What stands behind an index of `geometry.spatial_convex`, such as 'obstacles[2] (box at ...)'."""
+        if index >= len(self.obstacles):
+            return "the " + WALLS[index - len(self.obstacles)]
+        return f"obstacles[{index}] ({describe(self.obstacles[index])})"
+
+    def contains(self, points: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
+        """Which points [m] are within the workspace."""
+        return np.all((points >= 0) & (points <= self.size), axis=1)
