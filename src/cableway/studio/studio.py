@@ -25,6 +25,7 @@ class Studio:
         port: Port, 0 for any free one.
         out: Folder in which tasks are saved, each in one of its own.
         seed: For planning.
+        session: What every page shows; one of its own where None.
 
     Attributes:
         address: Where a new page is to be had.
@@ -36,7 +37,13 @@ class Studio:
     """
 
     def __init__(
-        self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs/studio"), seed: int = 0
+        self,
+        task: Any,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        out: Path = Path("runs/studio"),
+        seed: int = 0,
+        session: Session | None = None,
     ) -> None:
         require("studio", "cableway studio")
         from cableway.studio.view.page import Page
@@ -44,7 +51,7 @@ class Studio:
 
         self._lock = threading.Lock()
         draft = as_draft(task)
-        self._begin = lambda: Session(draft, SolveOptions(track=False, seed=seed))
+        self._begin = lambda: session or Session(draft, SolveOptions(track=False, seed=seed))
         self._sessions: dict[str, Session] = {}
         self._pages: dict[int, tuple[str, Page]] = {}
         self._spare: Session | None = self._begin()
