@@ -48,7 +48,7 @@ def verify_record(
 
 
 def require_verified(
-    record: Plan | Rollout, task: Task, source: str, limits: VerificationLimits | None = None
+    record: Plan | Rollout, task: Task | SpatialTask, source: str, limits: VerificationLimits | None = None
 ) -> Verdict:
     """The verdict on a record, which must pass; `source` names the record in the error, the others are as above.
 

@@ -107,7 +107,9 @@ def verify_spatial_plan(plan: Plan, task: SpatialTask, limits: SpatialVerificati
         rows = np.arange(len(followed.stations)) / 2
         wanted = np.maximum(0.0, np.interp(rows, np.arange(len(lines)), clearance) - limits.clearance)
         wanted = wanted + limits.rod_clearance
-        found = swept_clearance("rod clearance", followed.stations, task, to_cable, task.cable.radius, wanted, "the cable")
+        found = swept_clearance(
+            "rod clearance", followed.stations, task, to_cable, task.cable.radius, wanted, "the cable"
+        )
         checks.append(replace(found, row=(found.row or 0.0) / 2))
     return Verdict.of(checks, CONTROL_STEP * np.arange(len(plan.shapes)))
 
@@ -141,6 +143,7 @@ def swept_clearance(
     name: str, lines: np.ndarray, task: SpatialTask, measure: Measure, radius: float, limit: np.ndarray | float,
     who: str,
 ) -> Check:  # fmt: skip
+    """The clearance [m] of moving lines of a radius [m] from the scene, swept; and whether it keeps a limit [m]."""
     found = closest_approach(lines, measure, limit + radius)
     value, least = found.distance - radius, found.wanted - radius
     where = f"{who} and {task.scene.name_of(found.obstacle)}"
@@ -225,6 +228,7 @@ def _fine_poses(
 
 
 def gripper_motion(poses: np.ndarray, task: SpatialTask) -> list[Check]:
+    """Steps and turns of the grippers from row to row."""
     move, turn = _pose_distance(poses[:-1], poses[1:])
     return [
         at_most("gripper step", move.max(1), "m", task.grippers.max_step),
