@@ -279,6 +279,32 @@ def test_a_run_is_watched_and_kept_as_files(tmp_path: Path, found: Run, ran: tup
     assert session.running is None  # an edit ends it
 
 
+def test_a_plan_and_a_rollout_are_opened_with_their_task(tmp_path: Path, found: Run, ran: tuple[Run, list[Event]]):
+    session, planner = begun(found.task)
+    planner.on_answer(Answer(1, found))
+    session.begin(Running(task=found.task, plan=found.plan))
+    planner.on_answer(Answer(2, ran[0]))
+    session.save(tmp_path)
+    other, idle = begun(tmp_path / "rollout.npz")
+    assert idle.asked == [None]  # nothing is planned until there is an edit
+    assert other.draft.checked() == found.task
+    assert other.running is not None
+    for mine, row in zip(other.running.seen, rows_of(ran[1]), strict=True):
+        assert (mine.time, mine.status) == (row.time, row.status)
+        np.testing.assert_array_equal(mine.measured.centreline, row.measured.centreline)
+    assert found.plan is not None
+    np.testing.assert_array_equal(other.planning.plans[0].shapes, found.plan.shapes)
+    other.open(tmp_path / "plan.npz")
+    assert other.running is None
+    other.open_content("mine.npz", (tmp_path / "plan.npz").read_bytes())  # of the task that is open
+    other.open("single-obstacle-2")
+    with pytest.raises(InputError, match=r"^mine\.npz: begins or ends .* from where single-obstacle-2 does"):
+        other.open_content("mine.npz", (tmp_path / "plan.npz").read_bytes())
+    (tmp_path / "task.yaml").unlink()
+    with pytest.raises(InputError, match=r"is to lie beside it, as task\.yaml"):
+        other.open(tmp_path / "plan.npz")
+
+
 def test_an_obstacle_is_pushed_into_the_way_and_the_run_begun_anew(found: Run, ran: tuple[Run, list[Event]]):
     assert found.plan is not None
     aside = Disc(center=(0.05, 0.05), radius=0.008)

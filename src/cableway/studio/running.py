@@ -9,7 +9,7 @@ import numpy as np
 
 from cableway.core.errors import InputError, Point
 from cableway.core.quantities import quantity
-from cableway.records import Plan
+from cableway.records import Measurement, Plan, Rollout
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
@@ -78,25 +78,39 @@ class Running:
 
     Attributes:
         task: What is run.
-        plan: What is followed.
+        plan: What is followed; None where that is not known.
         controller: What follows.
         perturbation: How the plant differs from the task.
         rows: So far.
         sentence: What it is at, or how it ended.
         run: All there is of it, once it is over.
+        rollout: What was recorded.
         kept: Rows seen before it was begun anew, for something that was pushed; shown until `rows` is as long.
         live: Whether it goes on.
     """
 
     task: Task
-    plan: Plan
+    plan: Plan | None
     controller: Any = DEFAULT_CONTROLLER
     perturbation: Perturbation = field(default_factory=Perturbation)
     rows: tuple[Row, ...] = ()
     sentence: str = "The run begins ..."
     run: Run | None = None
+    rollout: Rollout | None = None
     kept: tuple[Row, ...] = ()
     live: bool = True
+
+    @classmethod
+    def of_rollout(cls, task: Task, plan: Plan | None, rollout: Rollout, name: str) -> Running:
+        """A run that was recorded in the file of that name."""
+        plant = rollout.metadata.get("plant", {})
+        where = Perturbation(
+            obstacles=tuple(tuple(each) for each in plant.get("obstacles", ())),
+            pegs=tuple(tuple(each) for each in plant.get("pegs", ())),
+        )
+        rows = _rows(rollout)
+        told = f"{name}: {rollout.outcome}{f' ({rollout.detail})' if rollout.detail else ''}."
+        return cls(task=task, plan=plan, perturbation=where, rows=rows, sentence=told, rollout=rollout, live=False)
 
     @property
     def seen(self) -> tuple[Row, ...]:
@@ -127,7 +141,7 @@ class Running:
         if run is None:
             return replace(self, sentence=f"No run: {answer.problem}.", live=False)
         told = "Success." if run.success else f"{run.report.failure or run.report.outcome.sentence}."
-        return replace(self, run=run, sentence=told[0].upper() + told[1:], live=False)
+        return replace(self, run=run, rollout=run.rollout, sentence=told[0].upper() + told[1:], live=False)
 
     def pushed(self, index: int, by: Point) -> Running:
         """The same run, an obstacle pushed by (dx, dy) [m] now; it is to be begun anew.
@@ -157,3 +171,19 @@ class Running:
             raise InputError(f"cable or grippers have been there: it would overlap them by {quantity(-room)}")
         anew = "The obstacle is pushed: the run begins anew, up to here ..."
         return replace(self, perturbation=pushed, rows=(), kept=self.seen, sentence=anew)
+
+
+def _rows(rollout: Rollout) -> tuple[Row, ...]:
+    """The rows of a rollout, as they came."""
+    rows: list[Row] = []
+    for k, time in enumerate(rollout.times):
+        measured = Measurement(
+            keypoints=rollout.keypoints[k],
+            poses=rollout.poses[k],
+            centreline=rollout.centreline[k],
+            clearance=float(rollout.clearance[k]),
+            gripper_clearance=float(rollout.gripper_clearance[k]),
+        )
+        status = str(rollout.status[k - 1]) if k else ""
+        rows.append(Row(float(time), rollout.observed[k], measured, rollout.reference[k], status))
+    return tuple(rows)

@@ -13,6 +13,9 @@ from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.reading import perturbation_text
 from cableway.workflow.run import Run
 
+TASK, PLAN = "task.yaml", "plan.npz"
+"""The task and the best plan."""
+
 OF_A_RUN = ("report.json", "rollout.npz", "insertion.npz", "plant.yaml")
 """What a run leaves besides the task and its plans."""
 
@@ -32,9 +35,9 @@ def write_files(
     Raises:
         InputError: The draft's values make no task file.
     """
-    contents = [(folder / "task.yaml", lambda path: save_task(draft, path))]
+    contents = [(folder / TASK, lambda path: save_task(draft, path))]
     for place, plan in enumerate(plans, start=1):
-        contents.append((folder / ("plan.npz" if place == 1 else f"plan-{place}.npz"), plan.save))
+        contents.append((folder / (PLAN if place == 1 else f"plan-{place}.npz"), plan.save))
     if run is not None:
         contents.append((folder / "report.json", lambda path: write_json(path, run.report.as_dict())))
         for name, rollout in (("rollout.npz", run.rollout), ("insertion.npz", run.insertion)):

@@ -8,38 +8,34 @@ from __future__ import annotations
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, Point
-from cableway.core.quantities import quantity
-from cableway.records import Plan
-from cableway.scene.files.loading import as_draft
-from cableway.scene.task import CONTROL_STEP, ENDS, Draft, End
+from cableway.scene.files.saving import save_task
+from cableway.scene.task import ENDS, Draft, End
 from cableway.studio import ends
 from cableway.studio.inspection import Inspection, inspect
 from cableway.studio.obstacles import with_obstacle
+from cableway.studio.opening import Opened, opened
+from cableway.studio.planning import PLANNING, Planning, planning_from, planning_of
 from cableway.studio.replanner import Answer, Replanner
 from cableway.studio.running import Running, Wanted
-from cableway.studio.saving import write_files
+from cableway.studio.saving import TASK, write_files
 from cableway.tasks.generation import random_task
-from cableway.workflow.run import Run, SolveOptions
+from cableway.workflow.run import SolveOptions
 
 REMEMBERED = 200
 """Edits that can be undone."""
-
-PLANNING = "Planning ..."
-"""Said while it is not known yet at what stage."""
 
 WAYS = 4
 """Plans sought that go round the obstacles in different ways."""
 
 Shapes = Mapping[End, Float[np.ndarray, "6"] | None]
-Status = Literal["planning", "found", "none", "invalid"]
 
 
 class Moment(NamedTuple):
@@ -47,25 +43,6 @@ class Moment(NamedTuple):
 
     draft: Draft
     shapes: Shapes
-
-
-@dataclass(frozen=True)
-class Planning:
-    """How far planning is.
-
-    Attributes:
-        status: "invalid" where the draft is no task; "none" where no plan was found.
-        sentence: The same in words, with the reason.
-        plans: What was found, best first.
-        run: All there is of it.
-        at: Where on the table [m] the reason is why there is no plan; None where it is nowhere in particular.
-    """
-
-    status: Status
-    sentence: str
-    plans: tuple[Plan, ...] = ()
-    run: Run | None = None
-    at: Point | None = None
 
 
 class Session:
@@ -104,12 +81,11 @@ class Session:
         self._listeners: list[Callable[[], Any]] = []
         self._past: list[Moment] = []
         self._future: list[Moment] = []
-        draft = (source if isinstance(source, Draft) else as_draft(source)).unchecked()
+        found = opened(source)
         self._asked = 0
         self._replanner = planner(self._hear)
         self._replanner.start()
-        self._show(_moment(draft))
-        self._plan()
+        self._take(found)
 
     # ------------------------------------------------------------------------------------------ what there is
     @property
@@ -134,15 +110,34 @@ class Session:
 
     # ------------------------------------------------------------------------------------------ opening
     def open(self, source: Any) -> None:
-        """Edit another task: a name of the catalogue, a file, or a task.
+        """Edit another task, or look at a plan or a rollout of one, see `opened`.
 
         Raises:
-            InputError: There is none, or its values make none.
+            InputError: There is none, its values make none, or a record is not of the task beside it.
         """
-        self._commit(_moment(as_draft(source).unchecked()))
+        self.look_at(opened(source))
+
+    def look_at(self, found: Opened) -> None:
+        """Edit a task, which is planned for where nothing of it was opened besides."""
+        with self._lock:
+            self._require_own()
+            before = self.moment
+            self._take(found)
+            self._remember(before)
+        self._tell()
+
+    def _take(self, found: Opened) -> None:
+        self._show(_moment(found.draft))
+        if found.plan is None and found.rollout is None:
+            self._plan()
+            return
+        self._drop()
+        self.planning = planning_from(found.plan, found.name)
+        if found.rollout is not None:
+            self.running = Running.of_rollout(found.draft.checked(), found.plan, found.rollout, found.name)
 
     def open_content(self, name: str, content: bytes) -> None:
-        """Edit the task of a file with that name and content.
+        """Edit the task of a file with that name and content, or look at a plan or rollout (.npz) of the task here.
 
         Raises:
             InputError: It is none.
@@ -150,6 +145,8 @@ class Session:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / (Path(name).name or "task.yaml")
             path.write_bytes(content)
+            if path.suffix == ".npz":
+                save_task(self.draft, path.with_name(TASK))
             try:
                 self.open(path)
             except InputError as error:
@@ -172,7 +169,8 @@ class Session:
         with self._lock:
             draft, planning, running = self.draft, self.planning, self.running
         if running is not None and running.run is not None:
-            return write_files(folder, draft, (running.plan,), running.run, running.perturbation)
+            plans = () if running.plan is None else (running.plan,)
+            return write_files(folder, draft, plans, running.run, running.perturbation)
         return write_files(folder, draft, planning.plans, planning.run)
 
     # ------------------------------------------------------------------------------------------ editing
@@ -375,18 +373,6 @@ class Session:
     def _tell(self) -> None:
         for listener in tuple(self._listeners):
             listener()
-
-
-def planning_of(run: Run) -> Planning:
-    """What a run that is over comes to."""
-    if run.plan is None:
-        at = None if run.attempt is None else run.attempt.at
-        return Planning("none", f"No plan: {run.report.failure or run.report.outcome.sentence}", run=run, at=at)
-    clearance, plan = run.report.min_clearance, run.plan
-    room = "" if clearance is None else f", {quantity(clearance)} clear at least"
-    took = "" if run.report.planning_time is None else f" Found in {run.report.planning_time:.1f} s."
-    sentence = f"A verified plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s{room}.{took}"
-    return Planning("found", sentence, (plan, *run.alternatives), run)
 
 
 def _moment(draft: Draft) -> Moment:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -110,7 +111,7 @@ class Page:
         self._plan_panel = PlanPanel(gui, self._session, self._do, self._scrub, self._play, self._choose, self._export)
 
     def _build_run(self, gui: viser.GuiApi) -> None:
-        self._run_panel = RunPanel(gui, self._do, self._run, self._scrub_run, self._export_run)
+        self._run_panel = RunPanel(gui, self._do, self._run, self._scrub_run, self._export_run, self._film)
 
     def _look(self) -> None:
         """Look at the whole table."""
@@ -241,9 +242,30 @@ class Page:
     def _export_run(self) -> None:
         """A page that plays the run, by itself."""
         running = self._session.running
-        if running is not None and running.run is not None and running.run.rollout is not None:
-            page = film_page(replace(running.task, scene=running.scene), running.run.rollout, running.sentence)
+        if running is not None and running.rollout is not None:
+            page = film_page(replace(running.task, scene=running.scene), running.rollout, running.sentence)
             self._client.send_file_download(f"{running.task.name}-run.html", page.encode(), save_immediately=True)
+
+    def _film(self) -> None:
+        """A video of the run, made beside the page, which it would keep for seconds."""
+        running = self._session.running
+        if running is None or running.rollout is None:
+            return
+        rollout, insertion = running.rollout, None if running.run is None else running.run.insertion
+        film, waits = Inbox(self._complain), self._client.add_notification("A video is made", "", loading=True)
+
+        def make() -> None:
+            from cableway.figures.video import write_video
+
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "rollout.mp4"
+                write_video(path, running.task, rollout, insertion, plan=running.plan)
+                name = f"{running.task.name}.mp4"
+                self._client.send_file_download(name, path.read_bytes(), save_immediately=True)
+
+        film.post(make)
+        film.post(waits.remove)
+        film.post(film.close)
 
     # ------------------------------------------------------------------------------------------ hands
     def _select(self, index: int | None) -> None:

@@ -21,7 +21,8 @@ from cableway.scene.task import ENDS, Draft, End
 from cableway.studio import obstacles as hands
 from cableway.studio.curves import Curves
 from cableway.studio.inspection import Inspection
-from cableway.studio.session import Moment, Planning, Session
+from cableway.studio.planning import Planning
+from cableway.studio.session import Moment, Session
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
 from cableway.tasks.generation import KINDS
@@ -135,7 +136,9 @@ class TaskPanel:
         seed = gui.add_number("Seed", 0, min=0, step=1)
         draw = gui.add_button("Draw a random task", color=LOUD)
         draw.on_click(in_order(lambda _: do(partial(session.draw, kinds.value, int(seed.value)))))
-        upload = gui.add_upload_button("Open a task file ...", color=QUIET, mime_type=".yaml,.yml")
+        upload = gui.add_upload_button(
+            "Open a task, or a plan or rollout of it ...", color=QUIET, mime_type=".yaml,.yml,.npz"
+        )
         upload.on_upload(lambda _: do(partial(session.open_content, upload.value.name, upload.value.content)))
         gui.add_button("Save task, plan and report", color=LOUD).on_click(in_order(lambda _: do(save)))
         gui.add_button("Download the task file", color=QUIET).on_click(in_order(lambda _: do(download)))

@@ -29,9 +29,10 @@ class RunPanel:
         begin: Begins a run, or ends the one under way.
         scrub: Shows a row of it.
         export: Hands a page that plays it to the browser.
+        film: The same with a video.
     """
 
-    def __init__(self, gui: viser.GuiApi, do: Do, begin: Do, scrub: Do, export: Do) -> None:
+    def __init__(self, gui: viser.GuiApi, do: Do, begin: Do, scrub: Do, export: Do, film: Do) -> None:
         self.said = gui.add_html(look.hint(NO_RUN))
         self._controller = gui.add_dropdown("Controller", tuple(CONTROLLERS))
         self._plant = gui.add_dropdown("Plant", PLANTS)
@@ -51,6 +52,8 @@ class RunPanel:
         self._clear = plot(gui, "Clearance [mm]", (("cable", style.INK), ("grippers", style.RIGHT)))
         self._export = gui.add_button("Download a page that plays the run", visible=False, color=look.rgb(style.MUTED))
         self._export.on_click(in_order(lambda _: do(export)))
+        self._film = gui.add_button("Make a video of the run", visible=False, color=look.rgb(style.MUTED))
+        self._film.on_click(in_order(lambda _: do(film)))
         self._drawn = 0
 
     @property
@@ -78,7 +81,8 @@ class RunPanel:
         set_changed(self.start, "disabled", not (live or can_run))
         for field in (self.step, self.now, self._key, *self._clear):
             set_changed(field, "visible", len(rows) > 1)
-        set_changed(self._export, "visible", running is not None and running.run is not None and len(rows) > 1)
+        for field in (self._export, self._film):
+            set_changed(field, "visible", running is not None and running.rollout is not None and len(rows) > 1)
         if len(rows) < 2:
             self._drawn = 0
             return
