@@ -2,8 +2,8 @@
 
     .venv/bin/python studies/space_runs.py KIND [--seeds 3000:3030] [--out runs/space-runs]
 
-Each task is planned with a time limit of 30 s of processor time. Its plan is led open loop by grippers without lag on the
-nominal cable of the plant in MuJoCo; then by both controllers on a cable drawn by `SpatialPerturbation.drawn`: up to 2%
+Each task is planned with a time limit of 30 s of processor time. Its plan is led open loop, by grippers without lag, on
+the nominal cable of the plant in MuJoCo; then by both controllers on a cable of `SpatialPerturbation.drawn`: up to 2%
 longer or shorter, 30% stiffer or less stiff, held up to 3 mm and 5 degrees askew, seen with 1 mm of noise and 0.1 s
 late. Results are kept in the folder, so that an interrupted study goes on. Prints Markdown; tasks without a plan count.
 """
@@ -59,7 +59,9 @@ def runs_of(kind: str, seed: int) -> dict[str, Any]:
 def line(name: str, rows: list[dict[str, Any]]) -> str:
     """A row of the table."""
     runs = [row[name] for row in rows if name in row]
-    succeeded = share([run["outcome"] == "success" for run in runs] + [False] * (len(rows) - len(runs)))
+    good = [run["outcome"] == "success" for run in runs] + [False] * (len(rows) - len(runs))
+    succeeded = share(good, [str(number) for number in range(len(good))])
+    assert succeeded is not None
     cells = [f"{100 * succeeded.value:.0f} ({100 * succeeded.low:.0f} to {100 * succeeded.high:.0f})"]
     cells.append(str(sum(run.get("clearance", 1.0) <= 0 for run in runs)))
     for what in ("error", "deviation", "clearance"):
