@@ -78,8 +78,8 @@ def load_planar_task(source: str | os.PathLike[str]) -> Task:
 
 def _in_space(task: SpatialTask) -> InputError:
     return InputError(
-        f"the task {task.name!r} is in space, where there are only plans, pictures and checks so far (cableway plan, "
-        "show, check); give a task on the table, whose workspace has two sizes"
+        f"the task {task.name!r} is in space, where there are only plans, runs, pictures and checks so far (cableway "
+        "plan, run, show, check); give a task on the table, whose workspace has two sizes"
     )
 
 
