@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from cableway.scene.cable import Cable
 from cableway.scene.files.loading import load_task
 from cableway.scene.files.presets import preset_values
 from cableway.simulation.perturbations.perturbation import Perturbation
-from cableway.simulation.perturbations.reading import read_perturbation
+from cableway.simulation.perturbations.reading import perturbation_text, read_perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
+from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.simulation.plant import PlantConfig
 
 LAB = """
@@ -27,6 +29,14 @@ sensing: {keypoint_noise: 0.002, drop_rate: 0.2, measurement_delay: 0.1}
 """
 LONGER = 0.308
 """[m]; by more than the 2% that a recorded cable may be off."""
+
+
+@pytest.mark.parametrize("name", ["very-hard", "rough-grasp", "obstacles-moved", "all-faults", "fault-moves"])
+def test_a_plant_is_written_as_it_is_read(name: str, tmp_path: Path):
+    task = load_task("multi-obstacle-1")
+    wanted, path = named_perturbation(name, task), tmp_path / "plant.yaml"
+    path.write_text(perturbation_text(wanted))
+    assert replace(read_perturbation(path, task), notes=()) == wanted
 
 
 @pytest.fixture

@@ -143,6 +143,18 @@ def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: St
     cable = pixel(studio, page, *plan.shapes[0, plan.shapes.shape[1] // 2], 0.006)
     # A slow page is drawn coarsely, and the cable is two pixels wide: it is darker than the table, by how much is open.
     until(lambda: patch(page, cable).max(axis=1).min() < 215, page)
+    page.get_by_role("tab", name="Run").click()
+    page.get_by_role("button", name="Run").click()
+
+    def running() -> Any:
+        return session.running
+
+    until(lambda: running() is not None and len(running().seen) > 2, page)
+    page.get_by_role("button", name="Stop").click()
+    until(lambda: not running().live, page)
+    assert running().run.rollout.steps >= 2
+    page.get_by_text("The run was cancelled.").wait_for(timeout=1000 * PATIENCE)
+    page.get_by_role("tab", name="Plan").click()
     assert wrong == []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,19 @@ from problems import free
 
 from cableway.core.errors import InputError
 from cableway.geometry import polyline
-from cableway.records import Plan
+from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import as_draft, load_task
+from cableway.scene.obstacles import Disc
+from cableway.simulation.perturbations.reading import read_perturbation
 from cableway.studio import ends, replanner
 from cableway.studio.obstacles import knobs, middle_of, new_obstacle, placed, pulled, turned, with_obstacle
+from cableway.studio.pace import Pace
 from cableway.studio.replanner import Answer
+from cableway.studio.running import Running, Wanted
 from cableway.studio.session import Session
-from cableway.workflow.events import CANCEL, Progress
+from cableway.studio.watch import Watch
+from cableway.tracking import Row
+from cableway.workflow.events import CANCEL, Event, Finished, Planned, Progress, Stepped
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 
@@ -29,12 +36,14 @@ class Recorder:
 
     def __init__(self, on_answer: Any) -> None:
         self.on_answer, self.asked = on_answer, []
+        self.options: list[tuple[SolveOptions, float]] = []
 
     def start(self) -> None:
         pass
 
-    def request(self, task: Any, options: SolveOptions) -> int:
+    def request(self, task: Any, options: SolveOptions, since: float = 0.0) -> int:
         self.asked.append(task)
+        self.options.append((options, since))
         return len(self.asked)
 
     def cancel(self) -> None:
@@ -57,6 +66,16 @@ def begun(source: Any = "multi-obstacle-1") -> tuple[Session, Recorder]:
 @pytest.fixture(scope="module")
 def found() -> Run:
     return solve(free(), SolveOptions(track=False))
+
+
+@pytest.fixture(scope="module")
+def ran(found: Run) -> tuple[Run, list[Event]]:
+    heard: list[Event] = []
+    return solve(free(), SolveOptions(plan=found.plan, controller="open-loop"), heard.append), heard
+
+
+def rows_of(heard: list[Event]) -> tuple[Row, ...]:
+    return tuple(event.row for event in heard if isinstance(event, Stepped))
 
 
 def poses_of(session: Session, end: Any) -> np.ndarray:
@@ -218,6 +237,121 @@ def test_a_plan_under_way_is_given_up_for_the_next_request(monkeypatch: pytest.M
 
     monkeypatch.setattr(replanner, "solve", solved)
     assert replanner._answer(theirs, 1, found.task, SolveOptions(track=False)).run is found
+
+
+def test_the_rows_of_a_run_are_the_rollout(ran: tuple[Run, list[Event]]):
+    run, heard = ran
+    rows, rollout = rows_of(heard), run.rollout
+    assert rollout is not None
+    np.testing.assert_array_equal([row.time for row in rows], rollout.times)
+    np.testing.assert_array_equal([row.measured.centreline for row in rows], rollout.centreline)
+    np.testing.assert_array_equal([row.observed for row in rows], rollout.observed)
+    np.testing.assert_array_equal([row.reference for row in rows], rollout.reference)
+    assert [row.status for row in rows] == ["", *rollout.status]
+
+
+def test_a_run_is_watched_and_kept_as_files(tmp_path: Path, found: Run, ran: tuple[Run, list[Event]]):
+    session, planner = begun(found.task)
+    with pytest.raises(InputError, match="no plan to run yet"):
+        session.run(Wanted())
+    planner.on_answer(Answer(1, found))
+    session.run(Wanted(controller="open-loop", plant="noise-1", stiffness=2.0, delay=0.1))
+    number, (options, since) = len(planner.asked), planner.options[-1]
+    assert (options.track, options.plan, options.controller, since) == (True, found.plan, "open-loop", 0.0)
+    wanted = options.perturbation
+    assert wanted.true_cable(found.task).bending_stiffness == 2 * found.task.cable.bending_stiffness
+    assert (wanted.sensing.keypoint_noise, wanted.sensing.measurement_delay) == (0.001, 0.1)
+    for row in rows_of(ran[1])[:3]:
+        planner.on_answer(Answer(number, row=row))
+        assert session.running is not None
+        assert session.running.seen[-1] is row
+    assert session.running is not None
+    assert session.running.live
+    assert session.planning.plans == (found.plan,)
+    planner.on_answer(Answer(number, ran[0]))
+    assert not session.running.live
+    names = {path.name for path in session.save(tmp_path)}
+    assert names == {"task.yaml", "plan.npz", "report.json", "rollout.npz", "plant.yaml"}
+    assert ran[0].rollout is not None
+    np.testing.assert_array_equal(Rollout.load(tmp_path / "rollout.npz").centreline, ran[0].rollout.centreline)
+    assert replace(read_perturbation(tmp_path / "plant.yaml", found.task), notes=()) == wanted
+    session.hold()
+    assert session.running is None  # an edit ends it
+
+
+def test_a_plan_and_a_rollout_are_opened_with_their_task(tmp_path: Path, found: Run, ran: tuple[Run, list[Event]]):
+    session, planner = begun(found.task)
+    planner.on_answer(Answer(1, found))
+    session.begin(Running(task=found.task, plan=found.plan))
+    planner.on_answer(Answer(2, ran[0]))
+    session.save(tmp_path)
+    other, idle = begun(tmp_path / "rollout.npz")
+    assert idle.asked == [None]  # nothing is planned until there is an edit
+    assert other.draft.checked() == found.task
+    assert other.running is not None
+    for mine, row in zip(other.running.seen, rows_of(ran[1]), strict=True):
+        assert (mine.time, mine.status) == (row.time, row.status)
+        np.testing.assert_array_equal(mine.measured.centreline, row.measured.centreline)
+    assert found.plan is not None
+    np.testing.assert_array_equal(other.planning.plans[0].shapes, found.plan.shapes)
+    other.open(tmp_path / "plan.npz")
+    assert other.running is None
+    other.open_content("mine.npz", (tmp_path / "plan.npz").read_bytes())  # of the task that is open
+    other.open("single-obstacle-2")
+    with pytest.raises(InputError, match=r"^mine\.npz: begins or ends .* from where single-obstacle-2 does"):
+        other.open_content("mine.npz", (tmp_path / "plan.npz").read_bytes())
+    (tmp_path / "task.yaml").unlink()
+    with pytest.raises(InputError, match=r"is to lie beside it, as task\.yaml"):
+        other.open(tmp_path / "plan.npz")
+
+
+def test_an_obstacle_is_pushed_into_the_way_and_the_run_begun_anew(found: Run, ran: tuple[Run, list[Event]]):
+    assert found.plan is not None
+    aside = Disc(center=(0.05, 0.05), radius=0.008)
+    rows, task = rows_of(ran[1])[:60], free().in_scene(replace(free().scene, obstacles=(aside,)))
+    running = Running(task=task, plan=found.plan, rows=rows)
+    x, y = rows[30].measured.centreline[len(rows[30].measured.centreline) // 2] - aside.center
+    with pytest.raises(InputError, match="have been there: it would overlap them"):
+        running.pushed(0, (x, y))
+    pushed = running.pushed(0, (0.0, 0.01))
+    assert pushed.perturbation.obstacles == ((0.0, 0.01),)
+    assert pushed.perturbation.revealed == rows[-1].time
+    assert pushed.seen == rows  # as long as the run anew is shorter
+    with pytest.raises(InputError, match="one push a run"):
+        replace(pushed, rows=rows).pushed(0, (0.0, 0.01))
+    session, planner = begun(task)
+    session.begin(running)
+    session.push(0, (0.0, 0.01))
+    assert planner.options[-1][1] == rows[-1].time
+    for row in rows[:-1]:
+        planner.on_answer(Answer(len(planner.asked), row=row))
+        assert session.running is not None
+        assert session.running.seen == rows
+
+
+def test_rows_take_the_time_that_they_say():
+    waits: list[float] = []
+    pace = Pace(0.2, waits.append)
+    for time in (0.0, 0.1, 0.2, 0.3, 0.4, 0.0, 0.1):
+        pace.keep(time)
+    np.testing.assert_allclose(waits, [0.1, 0.2], atol=0.05)  # from 0.2 s on; another start is not waited for
+
+
+def test_a_run_from_elsewhere_is_watched_and_not_edited(found: Run, ran: tuple[Run, list[Event]]):
+    pytest.importorskip("viser")
+    run, heard = ran
+    with Watch(found.task, SolveOptions(controller="open-loop"), patience=0.0) as watch:
+        for event in (*heard[:-1][:1], Planned(found), *(each for each in heard if isinstance(each, Stepped))):
+            if not isinstance(event, Stepped) or event.row.time < 0.25:
+                watch(event)
+        running = watch.session.running
+        assert running is not None
+        assert running.seen == rows_of(heard)[:3]
+        watch(Finished(run))
+        assert watch.session.running is not None
+        assert watch.session.running.run is run
+        with pytest.raises(InputError, match="watches a run from elsewhere"):
+            watch.session.hold()
 
 
 def test_what_is_saved_is_what_there_was(tmp_path: Path, found: Run):

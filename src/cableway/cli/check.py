@@ -16,7 +16,7 @@ from cableway.cli.terminal import Terminal, columns
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from cableway.records import Plan, Rollout, Verdict
+    from cableway.records import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +35,7 @@ class Check(TaskOptions):
         """Carry the command out and return its exit status."""
         from cableway.core.errors import InputError
         from cableway.verification import kind_of, verify_record
+        from cableway.workflow.reading import read_record
 
         if self.file is None:
             return self._check_ends()
@@ -67,27 +68,6 @@ class Check(TaskOptions):
         self.keep("check", report)
         Terminal(self).result(report, _ends_table(kept))
         return 0
-
-
-def read_record(file: Path) -> Plan | Rollout:
-    """The plan or the rollout in a file.
-
-    Raises:
-        FileFormatError: It is neither a plan nor a rollout.
-    """
-    from cableway.core.errors import FileFormatError
-    from cableway.core.reading import read_arrays
-    from cableway.records import Plan, Rollout
-
-    arrays = read_arrays(file)
-    if "centreline" in arrays:
-        return Rollout.from_arrays(arrays, str(file))
-    if "shapes" in arrays:
-        return Plan.from_arrays(arrays, str(file))
-    raise FileFormatError(
-        f"{file}: neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); "
-        f"it has {', '.join(sorted(arrays)) or 'nothing'}"
-    )
 
 
 def _ends_table(kept: Mapping[str, Mapping[str, float]]) -> Table:

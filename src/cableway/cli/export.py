@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from cableway.cli.check import read_record
 from cableway.cli.export_data import KINDS as DATA
 from cableway.cli.export_data import export_data
 from cableway.cli.options import Flag, Maybe, Options, option
@@ -72,6 +71,7 @@ class Export(Options):
         """Carry the command out and return its exit status."""
         if self.format in DATA:
             return export_data(self, self.format)
+        from cableway.workflow.reading import read_record
         from cableway.workflow.trajectory import Trajectory
 
         kind = self._kind()

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from cableway.figures.style import Figure
     from cableway.planning.moved_ends import MovedEnds
     from cableway.scene.task import Task
-    from cableway.workflow.events import OnEvent
-    from cableway.workflow.run import Run
+    from cableway.studio.watch import Watch
+    from cableway.workflow.events import Event, OnEvent
+    from cableway.workflow.run import Run, SolveOptions
 
 CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + ",package.module:Class}"
 PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
@@ -103,13 +104,26 @@ class PlanOptions(PictureOptions, TaskOptions):
         pivot: Any = replace(planner.config.pivot, method=self.pivot)
         return replace(planner, config=replace(planner.config, pivot=pivot))
 
-    def solve(self, task: Task, *, since: float, video: bool = False, **options: Any) -> int:
+    @staticmethod
+    def _opened(task: Task, options: SolveOptions, terminal: Terminal) -> Watch:
+        """The page that shows a run."""
+        import webbrowser
+
+        from cableway.studio.watch import Watch
+
+        watch = Watch(task, options)
+        terminal.note(f"{watch.address} (closing that page ends the command)")
+        webbrowser.open(watch.address)
+        return watch
+
+    def solve(self, task: Task, *, since: float, video: bool = False, watch: bool = False, **options: Any) -> int:
         """Solve the task, leave its files in the folder, show the report and return the exit status.
 
         Args:
             task: The task.
             since: When reading it began, by `time.perf_counter`.
             video: Whether a video is made of the rollout.
+            watch: Whether the run is shown on a page; the command then goes on until that is closed.
             options: Of `SolveOptions`.
         """
         from cableway.core.files import only_writer
@@ -119,8 +133,10 @@ class PlanOptions(PictureOptions, TaskOptions):
         terminal, folder = Terminal(self), self.folder(task.name)
         left = max(self.time_limit - (time.perf_counter() - since), LEAST_TIME)
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=left, **options)
+        page = self._opened(task, chosen, terminal) if watch else None
         with only_writer(folder), terminal.progress() as progress:
-            run = solve(self.moved, chosen, _shown(terminal, progress, folder, self.draw, tracked=chosen.track))
+            shown = _shown(terminal, progress, folder, self.draw, tracked=chosen.track)
+            run = solve(self.moved, chosen, shown if page is None else _both(shown, page))
             INTERRUPTS.release()
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video
@@ -128,7 +144,20 @@ class PlanOptions(PictureOptions, TaskOptions):
                 write_video(folder / outputs.VIDEO, task, run.rollout, run.insertion, plan=run.plan, progress=progress)
         outputs.announce(terminal, folder, run.report)
         terminal.result(run.report.as_dict(), pairs(run.report.rows()))
+        if page is not None:
+            page.linger()
+            page.close()
         return 0 if run.success else 1
+
+
+def _both(first: OnEvent, second: OnEvent) -> OnEvent:
+    """Tells both of each event; what the first returns counts."""
+
+    def on_event(event: Event) -> Any:
+        second(event)
+        return first(event)
+
+    return on_event
 
 
 def _shown(terminal: Terminal, progress: OnProgress, folder: Path, draw: Draw, *, tracked: bool) -> OnEvent:
@@ -137,7 +166,7 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path, draw: Draw, *
     The folder stays as it was until there is something to write, so that an interrupt costs nothing. From then on an
     interrupt cancels the run, so that what was tracked until then is kept.
     """
-    from cableway.workflow.events import CANCEL, Event, Finished, Note, Planned, Progress
+    from cableway.workflow.events import CANCEL, Finished, Note, Planned, Progress
 
     def on_event(event: Event) -> str | None:
         match event:

@@ -67,6 +67,10 @@ class Run(PlanOptions):
     no_video: Flag = False
     """Do not make a video."""
 
+    watch: Flag = False
+    """Show the run on a page in the browser (extra studio), until that is closed: the true cable, where it should be,
+    what is seen, estimates and clearance. What is simulated takes the time that it says."""
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.tracker is not None and self.camera is None:
@@ -104,6 +108,7 @@ class Run(PlanOptions):
             task,
             since=since,
             video=not self.no_video,
+            watch=self.watch,
             plan=self.plan_file,
             controller=self.controller or (DEFAULT_CONTROLLER if self.model is None else "neural-mpc"),
             model=self.model,

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from rich.text import Text
 
-from cableway.cli.check import read_record
 from cableway.cli.options import VECTOR, PictureOptions, TaskOptions, option
 from cableway.cli.outputs import CELL_PICTURE
 from cableway.cli.terminal import Terminal
@@ -61,6 +60,7 @@ class Show(PictureOptions, TaskOptions):
 
     def _show_arms(self, file: Path) -> int:
         from cableway.figures.cell import cell_figure
+        from cableway.workflow.reading import read_record
 
         task, record = self.load(), read_record(file)
         try:

@@ -19,7 +19,8 @@ class Studio(Options):
     tasks in, each in one of its own; by default, runs/studio. Ends with ctrl-c."""
 
     task: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="[TASK]")] = "single-obstacle-2"
-    """Name in the catalogue, or a YAML file, also of a task that no cable can do."""
+    """Name in the catalogue, or a YAML file, also of a task that no cable can do; or a plan.npz or rollout.npz with
+    its task.yaml beside it, as commands leave them."""
 
     host: str = "127.0.0.1"
     """Address to listen on; another than this machine's own lets everybody in who can reach it."""

@@ -1,4 +1,4 @@
-"""Planning beside the page: a process that plans what it is asked for last, and drops what it is at for that."""
+"""Planning and running beside the page: a process that does what it is asked for last, and drops what it is at."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from cableway.core.errors import CablewayError, said
 from cableway.core.executors import begin_worker, deaf_to_interrupts
 from cableway.core.logs import log_file
 from cableway.scene.task import Task
-from cableway.workflow.events import CANCEL, Event, Progress
+from cableway.studio.pace import Pace
+from cableway.tracking import Row
+from cableway.workflow.events import CANCEL, Event, Progress, Stepped
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
 
@@ -30,12 +32,14 @@ class Answer:
         run: What became of it; None where it could not be tried, or is under way.
         problem: Why it could not be tried; "" where it was.
         stage: What it is at; "" once it is over.
+        row: Of the run; None at all other times.
     """
 
     number: int
     run: Run | None = None
     problem: str = ""
     stage: str = ""
+    row: Row | None = None
 
 
 class Replanner:
@@ -67,12 +71,15 @@ class Replanner:
             listening = threading.Thread(target=self._listen, args=(self._connection,), daemon=True)
             listening.start()
 
-    def request(self, task: Task, options: SolveOptions) -> int:
-        """Have a task solved, in place of what is under way; returns the number of the request."""
+    def request(self, task: Task, options: SolveOptions, since: float = 0.0) -> int:
+        """Have a task solved, in place of what is under way; returns the number of the request.
+
+        Where it is run, rows come in the time that they take, from the time `since` [s] of the run on.
+        """
         with self._lock:
             self.start()
             self._number += 1
-            self._send((self._number, task, options))
+            self._send((self._number, task, options, since))
             return self._number
 
     def cancel(self) -> None:
@@ -80,7 +87,13 @@ class Replanner:
         with self._lock:
             self._number += 1
             if self._process is not None:
-                self._send((self._number, None, None))
+                self._send((self._number, None, None, 0.0))
+
+    def stop(self) -> None:
+        """End what is under way; it is answered with what there is."""
+        with self._lock:
+            if self._process is not None:
+                self._send((self._number, None, None, 0.0))
 
     def close(self) -> None:
         """End the process."""
@@ -118,23 +131,24 @@ def _work(connection: Connection, log: str | None) -> None:
     begin_worker(log)
     with contextlib.suppress(EOFError, OSError):
         while True:
-            number, task, options = connection.recv()
+            number, task, options, since = connection.recv()
             while connection.poll():
-                number, task, options = connection.recv()
+                number, task, options, since = connection.recv()
             if task is not None:
-                answer = _answer(connection, number, task, options)
-                if not connection.poll():
-                    connection.send(answer)
+                connection.send(_answer(connection, number, task, options, since))
 
 
-def _answer(connection: Connection, number: int, task: Task, options: SolveOptions) -> Answer:
-    last = ""
+def _answer(connection: Connection, number: int, task: Task, options: SolveOptions, since: float = 0.0) -> Answer:
+    last, pace = "", Pace(since, connection.poll)
 
     def on_event(event: Event) -> str | None:
         nonlocal last
         if isinstance(event, Progress) and event.stage != last:
             last = event.stage
             connection.send(Answer(number, stage=last))
+        elif isinstance(event, Stepped):
+            pace.keep(event.row.time)
+            connection.send(Answer(number, row=event.row))
         return CANCEL if connection.poll() else None
 
     def time() -> float:

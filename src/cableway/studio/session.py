@@ -8,38 +8,34 @@ from __future__ import annotations
 import tempfile
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, Point
-from cableway.core.files import only_writer, write_json
-from cableway.core.quantities import quantity
-from cableway.records import Plan
-from cableway.scene.files.loading import as_draft, task_names
 from cableway.scene.files.saving import save_task
-from cableway.scene.task import CONTROL_STEP, ENDS, Draft, End
+from cableway.scene.task import ENDS, Draft, End
 from cableway.studio import ends
 from cableway.studio.inspection import Inspection, inspect
 from cableway.studio.obstacles import with_obstacle
+from cableway.studio.opening import Opened, opened
+from cableway.studio.planning import PLANNING, Planning, planning_from, planning_of
 from cableway.studio.replanner import Answer, Replanner
-from cableway.tasks.generation import KINDS, random_task
-from cableway.workflow.run import Run, SolveOptions
+from cableway.studio.running import Running, Wanted
+from cableway.studio.saving import TASK, write_files
+from cableway.tasks.generation import random_task
+from cableway.workflow.run import SolveOptions
 
 REMEMBERED = 200
 """Edits that can be undone."""
-
-PLANNING = "Planning ..."
-"""Said while it is not known yet at what stage."""
 
 WAYS = 4
 """Plans sought that go round the obstacles in different ways."""
 
 Shapes = Mapping[End, Float[np.ndarray, "6"] | None]
-Status = Literal["planning", "found", "none", "invalid"]
 
 
 class Moment(NamedTuple):
@@ -49,25 +45,6 @@ class Moment(NamedTuple):
     shapes: Shapes
 
 
-@dataclass(frozen=True)
-class Planning:
-    """How far planning is.
-
-    Attributes:
-        status: "invalid" where the draft is no task; "none" where no plan was found.
-        sentence: The same in words, with the reason.
-        plans: What was found, best first.
-        run: All there is of it.
-        at: Where on the table [m] the reason is why there is no plan; None where it is nowhere in particular.
-    """
-
-    status: Status
-    sentence: str
-    plans: tuple[Plan, ...] = ()
-    run: Run | None = None
-    at: Point | None = None
-
-
 class Session:
     """A task that is edited; every change is told to all who listen.
 
@@ -75,11 +52,13 @@ class Session:
         source: A task or a draft, or the name or the file of one.
         options: How it is planned.
         planner: Makes what plans, of what is to be told the answers; see `Replanner`.
+        watched: Whether what is shown comes from elsewhere: it is not edited.
 
     Attributes:
         moment: The draft as it is now, also in the midst of a drag.
         inspection: What is known of it.
         planning: How far its plan is.
+        running: How far its run is, until the next edit; None where there is none.
         options: How it is planned.
 
     Raises:
@@ -87,20 +66,26 @@ class Session:
     """
 
     def __init__(
-        self, source: Any, options: SolveOptions | None = None, planner: Callable[..., Any] = Replanner
+        self,
+        source: Any,
+        options: SolveOptions | None = None,
+        planner: Callable[..., Any] = Replanner,
+        *,
+        watched: bool = False,
     ) -> None:
+        self.watched = watched
+        self.running: Running | None = None
         self.options = SolveOptions(track=False) if options is None else options
         self._lock = threading.RLock()
         self.planning = Planning("planning", PLANNING)
         self._listeners: list[Callable[[], Any]] = []
         self._past: list[Moment] = []
         self._future: list[Moment] = []
-        draft = (source if isinstance(source, Draft) else as_draft(source)).unchecked()
+        found = opened(source)
         self._asked = 0
         self._replanner = planner(self._hear)
         self._replanner.start()
-        self._show(_moment(draft))
-        self._plan()
+        self._take(found)
 
     # ------------------------------------------------------------------------------------------ what there is
     @property
@@ -125,15 +110,34 @@ class Session:
 
     # ------------------------------------------------------------------------------------------ opening
     def open(self, source: Any) -> None:
-        """Edit another task: a name of the catalogue, a file, or a task.
+        """Edit another task, or look at a plan or a rollout of one, see `opened`.
 
         Raises:
-            InputError: There is none, or its values make none.
+            InputError: There is none, its values make none, or a record is not of the task beside it.
         """
-        self._commit(_moment(as_draft(source).unchecked()))
+        self.look_at(opened(source))
+
+    def look_at(self, found: Opened) -> None:
+        """Edit a task, which is planned for where nothing of it was opened besides."""
+        with self._lock:
+            self._require_own()
+            before = self.moment
+            self._take(found)
+            self._remember(before)
+        self._tell()
+
+    def _take(self, found: Opened) -> None:
+        self._show(_moment(found.draft))
+        if found.plan is None and found.rollout is None:
+            self._plan()
+            return
+        self._drop()
+        self.planning = planning_from(found.plan, found.name)
+        if found.rollout is not None:
+            self.running = Running.of_rollout(found.draft.checked(), found.plan, found.rollout, found.name)
 
     def open_content(self, name: str, content: bytes) -> None:
-        """Edit the task of a file with that name and content.
+        """Edit the task of a file with that name and content, or look at a plan or rollout (.npz) of the task here.
 
         Raises:
             InputError: It is none.
@@ -141,6 +145,8 @@ class Session:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / (Path(name).name or "task.yaml")
             path.write_bytes(content)
+            if path.suffix == ".npz":
+                save_task(self.draft, path.with_name(TASK))
             try:
                 self.open(path)
             except InputError as error:
@@ -155,30 +161,23 @@ class Session:
         self.open(random_task(seed, kind))
 
     def save(self, folder: Path) -> tuple[Path, ...]:
-        """Write task.yaml, and where there is a plan plan.npz, plan-2.npz, ... and report.json to a folder.
+        """Write what there is to a folder, see `write_files`; once a run is over, that and the plan that it followed.
 
         Raises:
             InputError: The draft is no task.
         """
         with self._lock:
-            draft, planning = self.draft, self.planning
-        paths = [folder / "task.yaml"]
-        with only_writer(folder):
-            for path in (*folder.glob("plan*.npz"), folder / "report.json"):  # of another task
-                path.unlink(missing_ok=True)
-            save_task(draft, paths[0])
-            for place, plan in enumerate(planning.plans, start=1):
-                paths.append(folder / ("plan.npz" if place == 1 else f"plan-{place}.npz"))
-                plan.save(paths[-1])
-            if planning.run is not None:
-                paths.append(folder / "report.json")
-                write_json(paths[-1], planning.run.report.as_dict())
-        return tuple(paths)
+            draft, planning, running = self.draft, self.planning, self.running
+        if running is not None and running.run is not None:
+            plans = () if running.plan is None else (running.plan,)
+            return write_files(folder, draft, plans, running.run, running.perturbation)
+        return write_files(folder, draft, planning.plans, planning.run)
 
     # ------------------------------------------------------------------------------------------ editing
     def hold(self) -> Moment:
         """Begin an edit that is previewed as it goes, such as a drag; the plan under way is dropped."""
         with self._lock:
+            self._require_own()
             self._drop()
             return self.moment
 
@@ -263,7 +262,46 @@ class Session:
     def seek_ways(self) -> None:
         """Look for plans that go round the obstacles in different ways."""
         with self._lock:
+            self._require_own()
             self._plan(alternatives=WAYS)
+
+    # ------------------------------------------------------------------------------------------ running
+    def run(self, wanted: Wanted, place: int = 0) -> None:
+        """Run the plan at a place, 0 for the best, in a plant.
+
+        Raises:
+            InputError: There is no plan yet, or no such controller or plant.
+        """
+        with self._lock:
+            self._require_own()
+            if self.planning.status != "found":
+                raise InputError("there is no plan to run yet")
+            task, plan = self.draft.checked(), self.planning.plans[place]
+            perturbation = wanted.perturbation(task, self.options.seed)
+            self.begin(Running(task=task, plan=plan, controller=wanted.controller, perturbation=perturbation))
+
+    def push(self, index: int, by: Point) -> None:
+        """Push an obstacle by (dx, dy) [m] while it is run, see `Running.pushed`.
+
+        Raises:
+            InputError: It cannot stand there, something has been there, or none can be pushed now.
+        """
+        with self._lock:
+            self._require_own()
+            if self.running is not None:
+                self.begin(self.running.pushed(index, by))
+
+    def stop(self) -> None:
+        """End the run, if there is one; what there is of it is kept."""
+        self._replanner.stop()
+
+    def begin(self, running: Running) -> None:
+        """Begin a run, or watch one that begins."""
+        with self._lock:
+            self.running = running
+            since = running.kept[-1].time if running.kept else 0.0
+            self._asked = self._replanner.request(running.task, running.options(self.options), since)
+        self._tell()
 
     def close(self) -> None:
         """End planning for good."""
@@ -279,12 +317,17 @@ class Session:
                 self.planning = Planning("planning", "Let go to plan.")
         self._tell()
 
+    def _require_own(self) -> None:
+        if self.watched:
+            raise InputError("this page watches a run from elsewhere; tasks are edited and run by: cableway studio")
+
     def _remember(self, moment: Moment) -> None:
         self._past = [*self._past, moment][-REMEMBERED:]
         self._future.clear()
 
     def _commit(self, moment: Moment) -> None:
         with self._lock:
+            self._require_own()
             before = self.moment
             self._show(moment)
             self._remember(before)
@@ -292,7 +335,7 @@ class Session:
 
     def _turn(self, source: list[Moment], other: list[Moment]) -> None:
         with self._lock:
-            if not source:
+            if not source or self.watched:
                 return
             other.append(self.moment)
             self._show(source.pop())
@@ -300,6 +343,7 @@ class Session:
 
     def _plan(self, **changes: Any) -> None:
         with self._lock:
+            self.running = None
             if self.inspection.faults:
                 self._drop()
             else:
@@ -309,14 +353,16 @@ class Session:
 
     def _drop(self) -> None:
         """Wait for no answer any more."""
-        self._asked = 0
+        self._asked, self.running = 0, None
         self._replanner.cancel()
 
     def _hear(self, answer: Answer) -> None:
         with self._lock:
             if answer.number != self._asked:
                 return
-            if answer.stage:
+            if self.running is not None:
+                self.running = self.running.heard(answer)
+            elif answer.stage:
                 self.planning = replace(self.planning, sentence=f"Planning: {answer.stage} ...")
             elif answer.run is None:
                 self.planning = Planning("none", f"No plan: {answer.problem}.")
@@ -327,28 +373,6 @@ class Session:
     def _tell(self) -> None:
         for listener in tuple(self._listeners):
             listener()
-
-
-def planning_of(run: Run) -> Planning:
-    """What a run that is over comes to."""
-    if run.plan is None:
-        at = None if run.attempt is None else run.attempt.at
-        return Planning("none", f"No plan: {run.report.failure or run.report.outcome.sentence}", run=run, at=at)
-    clearance, plan = run.report.min_clearance, run.plan
-    room = "" if clearance is None else f", {quantity(clearance)} clear at least"
-    took = "" if run.report.planning_time is None else f" Found in {run.report.planning_time:.1f} s."
-    sentence = f"A verified plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s{room}.{took}"
-    return Planning("found", sentence, (plan, *run.alternatives), run)
-
-
-def known_tasks() -> tuple[str, ...]:
-    """Names of the catalogue's tasks."""
-    return task_names()
-
-
-def known_kinds() -> tuple[str, ...]:
-    """Names of the kinds of random tasks."""
-    return tuple(KINDS)
 
 
 def _moment(draft: Draft) -> Moment:

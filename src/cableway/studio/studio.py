@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cableway.core.extras import require
-from cableway.scene.files.loading import as_draft
+from cableway.studio.opening import opened
 from cableway.studio.session import Session
 from cableway.workflow.run import SolveOptions
 
@@ -20,11 +20,12 @@ class Studio:
     """Serves pages until it is stopped.
 
     Args:
-        task: What a new page opens: a task, its name or its file, also one that no cable can do.
+        task: What a new page opens: a task, its name or its file, also one that no cable can do; or a plan or rollout.
         host: Address to listen on.
         port: Port, 0 for any free one.
         out: Folder in which tasks are saved, each in one of its own.
         seed: For planning.
+        session: What every page shows; one of its own where None.
 
     Attributes:
         address: Where a new page is to be had.
@@ -36,20 +37,26 @@ class Studio:
     """
 
     def __init__(
-        self, task: Any, host: str = "127.0.0.1", port: int = 0, out: Path = Path("runs/studio"), seed: int = 0
+        self,
+        task: Any,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        out: Path = Path("runs/studio"),
+        seed: int = 0,
+        session: Session | None = None,
     ) -> None:
         require("studio", "cableway studio")
         from cableway.studio.view.page import Page
         from cableway.studio.view.server import Server
 
         self._lock = threading.Lock()
-        draft = as_draft(task)
-        self._begin = lambda: Session(draft, SolveOptions(track=False, seed=seed))
+        source = opened(task)
+        self._begin = lambda: session or Session(source, SolveOptions(track=False, seed=seed))
         self._sessions: dict[str, Session] = {}
         self._pages: dict[int, tuple[str, Page]] = {}
         self._spare: Session | None = self._begin()
 
-        def opened(client: Any, key: str) -> None:
+        def shown(client: Any, key: str) -> None:
             page = Page(client, self._session(key), out)
             with self._lock:
                 self._pages[client.client_id] = key, page
@@ -64,7 +71,7 @@ class Studio:
             self._drop()
 
         try:
-            self.server = Server(host, port, opened, gone)
+            self.server = Server(host, port, shown, gone)
         except BaseException:
             self._spare.close()
             raise

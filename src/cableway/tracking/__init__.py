@@ -3,6 +3,7 @@
 from cableway.core.deprecation import renamed
 from cableway.tracking.closed_loop import Progress, track
 from cableway.tracking.insertion import insert_plug, may_insert
+from cableway.tracking.logbook import Row
 from cableway.tracking.loop import BLOCKED, LOST
 from cableway.tracking.plant import Plant
 from cableway.tracking.real_time import RealTimePlant, track_in_real_time
@@ -19,6 +20,7 @@ __all__ = [
     "RealTimePlant",
     "Recovery",
     "Robot",
+    "Row",
     "TrackConfig",
     "Watchdog",
     "insert_plug",

@@ -17,6 +17,7 @@ from cableway.core.provenance import describe
 from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout
 from cableway.tracking.answers import AnsweringPlant
+from cableway.tracking.logbook import OnRow
 from cableway.tracking.loop import Loop
 from cableway.tracking.plant import Plant
 from cableway.tracking.recovering import Recovery
@@ -42,6 +43,7 @@ def track(
     recovery: Recovery | None = None,
     watchdog: Watchdog | None = None,
     progress: Progress | None = None,
+    on_row: OnRow | None = None,
     seed: int = 0,
 ) -> Rollout:
     """Lead the plant along the plan until the cable has settled.
@@ -56,6 +58,8 @@ def track(
         watchdog: When a controller's step counts as missed, and what then; no deadline where None.
         progress: Called after every control step with the share of the plan that is done; a `Cancelled` that it raises
             ends the run there.
+        on_row: Called with each row of the rollout as it comes, the start first; once more with a start where arms took
+            hold of the cable.
         seed: For the record.
 
     Returns:
@@ -82,7 +86,7 @@ def track(
             f"the controller steps every {controller.control_step:.4g} s, "
             f"but the plant every {plant.control_step:.4g} s"
         )
-    loop = Loop(plant, controller, plan, config, watchdog or Watchdog())
+    loop = Loop(plant, controller, plan, config, watchdog or Watchdog(), on_row)
     watch = Watch(recovery, plant.control_step) if recovery is not None else None
     settings = _settings(controller, config, recovery, seed)
     LOGGER.info("tracking: %s", json.dumps(settings))

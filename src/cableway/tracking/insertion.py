@@ -16,6 +16,7 @@ from cableway.records import INSERTION, Observation, Plan, Rollout
 from cableway.scene.task import Task
 from cableway.tracking.answers import AnsweringPlant
 from cableway.tracking.closed_loop import Progress, track
+from cableway.tracking.logbook import OnRow
 from cableway.tracking.plant import Plant
 from cableway.tracking.stopping import TrackConfig
 from cableway.tracking.watchdog import Watchdog
@@ -38,6 +39,7 @@ def insert_plug(
     config: TrackConfig | None = None,
     watchdog: Watchdog | None = None,
     progress: Progress | None = None,
+    on_row: OnRow | None = None,
     seed: int = 0,
 ) -> Rollout:
     """Insert the plug into the port.
@@ -49,6 +51,7 @@ def insert_plug(
         config: When to end, the defaults where None.
         watchdog: As for `track`.
         progress: Called with the share of the insertion that is done.
+        on_row: As for `track`.
         seed: For the record.
 
     Returns:
@@ -61,7 +64,7 @@ def insert_plug(
     try:
         return _inserting(track(
             cast(Plant, _GoingOn(plant)), controller or InsertionController(), plan, config=config, watchdog=watchdog,
-            progress=progress, seed=seed,
+            progress=progress, on_row=on_row, seed=seed,
         ))  # fmt: skip
     except TrackingInterrupted as stop:
         raise TrackingInterrupted(_inserting(stop.rollout)) from None

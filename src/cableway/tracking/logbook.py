@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.core.errors import GraspError, PressedError, SimulationError
 from cableway.geometry.groups import SE2
@@ -18,10 +19,40 @@ from cableway.tracking.stopping import Ending
 LOGGER = logging.getLogger(__name__)
 
 
-class Log:
-    """What was observed and done so far."""
+@dataclass(frozen=True)
+class Row:
+    """One row of the rollout that is being made.
 
-    def __init__(self) -> None:
+    Attributes:
+        time: [s] since the start.
+        observed: (n, 2) keypoints as the controller gets them [m], NaN where nothing.
+        measured: The truth, as far as the plant knows it.
+        reference: (n, 2) keypoints wanted now [m].
+        status: Of the step that led here; "" at the start.
+        estimates: What the controller took the cable for in that step, by name.
+    """
+
+    time: float
+    observed: Float[np.ndarray, "n 2"]
+    measured: Measurement
+    reference: Float[np.ndarray, "n 2"]
+    status: str = ""
+    estimates: Mapping[str, Estimate] = field(default_factory=dict)
+
+
+OnRow = Callable[[Row], Any]
+"""Called with each row as it comes."""
+
+
+class Log:
+    """What was observed and done so far.
+
+    Args:
+        on_row: Told of each row.
+    """
+
+    def __init__(self, on_row: OnRow | None = None) -> None:
+        self._on_row = on_row
         self.times: list[float] = []
         self.observed: list[np.ndarray] = []
         self.measured: list[Measurement] = []
@@ -37,6 +68,9 @@ class Log:
         self.observed.append(observation.keypoints)
         self.measured.append(measurement)
         self.reference.append(reference)
+        if self._on_row is not None:
+            status, estimates = (self.status[-1], self.estimates[-1]) if self.status else ("", {})
+            self._on_row(Row(time, observation.keypoints, measurement, reference, status, estimates))
 
     def act(self, action: np.ndarray, solve_time: float, status: str, estimates: Mapping[str, Estimate]) -> None:
         """Add a row of what is done about it and of the controller's estimates."""

@@ -23,7 +23,7 @@ from cableway.scene.obstacles import Disc
 from cableway.scene.scene import Scene
 from cableway.scene.task import Task
 from cableway.tracking import hands
-from cableway.tracking.logbook import Log
+from cableway.tracking.logbook import Log, OnRow
 from cableway.tracking.plant import Plant
 from cableway.tracking.robot import Attachment, FollowingError, MessageGate, Silence
 from cableway.tracking.slack import Slack
@@ -89,9 +89,15 @@ class Loop:
     """A run: plant and controller, what was observed last, and the record."""
 
     def __init__(
-        self, plant: Plant, controller: Controller[Any], plan: Plan, config: TrackConfig, watchdog: Watchdog
+        self,
+        plant: Plant,
+        controller: Controller[Any],
+        plan: Plan,
+        config: TrackConfig,
+        watchdog: Watchdog,
+        on_row: OnRow | None = None,
     ) -> None:
-        self.plant, self._controller, self._config = plant, controller, config
+        self.plant, self._controller, self._config, self._on_row = plant, controller, config, on_row
         self.guard = Guard(watchdog, controller, plant.task, plant.control_step)
         self._scene: Scene | None = None
         self._followed = -1
@@ -111,7 +117,7 @@ class Loop:
 
     def _begin(self, message: Observation) -> None:
         """The start as it is now."""
-        self._gate, self.log = MessageGate(), Log()
+        self._gate, self.log = MessageGate(), Log(self._on_row)
         self._see(message)
         start = self.observation.poses if poses_usable(self.observation) else self.plan.poses[0]
         self._robot = FollowingError(SE2.continued(start, self.plan.poses[0]), self.plant.control_step)

@@ -38,6 +38,7 @@ from cableway.scene.clearance import clearances
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tracking.answers import usable_observation
 from cableway.tracking.closed_loop import Progress, track
+from cableway.tracking.logbook import OnRow
 from cableway.tracking.recovering import Recovery
 from cableway.tracking.robot import SILENT_CAMERA, SILENT_ROBOT
 from cableway.tracking.sender import RATES, Robot, Sender, spread
@@ -211,6 +212,7 @@ def track_in_real_time(
     recovery: Recovery | None = None,
     watchdog: Watchdog | None = None,
     progress: Progress | None = None,
+    on_row: OnRow | None = None,
     seed: int = 0,
 ) -> Rollout:
     """Lead a robot along a plan: `track`, with commands at the robot's own rate and the controller in its own thread.
@@ -229,6 +231,7 @@ def track_in_real_time(
         recovery: As for `track`.
         watchdog: As for `track`; its `deadline` and `threaded` are not used.
         progress: As for `track`.
+        on_row: As for `track`; what it takes is missing to the control step.
         seed: For the record.
 
     Returns:
@@ -245,7 +248,7 @@ def track_in_real_time(
         try:
             rollout = track(
                 plant, controller, plan, config=config, recovery=recovery, watchdog=watchdog, progress=progress,
-                seed=seed,
+                on_row=on_row, seed=seed,
             )  # fmt: skip
         except TrackingInterrupted as stop:
             raise TrackingInterrupted(_timed(stop.rollout, plant)) from None

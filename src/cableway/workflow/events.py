@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from cableway.core.errors import Cancelled
 
 if TYPE_CHECKING:
+    from cableway.tracking import Row
     from cableway.workflow.run import Run
 
 CANCEL = "cancel"
@@ -56,6 +57,17 @@ class Planned:
 
 
 @dataclass(frozen=True)
+class Stepped:
+    """The plant has made a control step, or is at the start; each run along a plan begins with a start.
+
+    Attributes:
+        row: What the rollout has of it.
+    """
+
+    row: Row
+
+
+@dataclass(frozen=True)
 class Finished:
     """The run is over.
 
@@ -66,14 +78,14 @@ class Finished:
     run: Run
 
 
-Event = Progress | Note | Planned | Finished
+Event = Progress | Note | Planned | Stepped | Finished
 OnEvent = Callable[[Event], Any]
 
 LOGGER = logging.getLogger(__name__)
 
 
 def _log(event: Event) -> None:
-    """Log an event that is not one of many, since progress comes at every step."""
+    """Log an event that is not one of many, as those of every control step are."""
     match event:
         case Note(text):
             LOGGER.info("%s", text)
@@ -82,7 +94,7 @@ def _log(event: Event) -> None:
             LOGGER.info("stages: %s", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in run.timings.items()))
         case Finished(run):
             LOGGER.info("finished: %r", run.report)
-        case Progress():
+        case Progress() | Stepped():
             pass
 
 
@@ -120,3 +132,7 @@ class Listener:
         self.emit(Progress(stage, share))
         if self.cancelled:
             raise Cancelled(f"cancelled in the stage {stage!r}")
+
+    def row(self, row: Row) -> None:
+        """Pass a row of a rollout on."""
+        self.emit(Stepped(row))

@@ -84,12 +84,13 @@ def follow(
             plant = AnsweringPlant(eyes)
         rollout = track(
             plant, controller, run.plan, recovery=_recovery(options, run.plan), watchdog=watchdog,
-            progress=listener.progress, seed=options.seed,
+            progress=listener.progress, on_row=listener.row, seed=options.seed,
         )  # fmt: skip
         if run.insertion_plan is not None and may_insert(rollout, task):
             insertion = insert_plug(
                 plant, run.insertion_plan, controller=InsertionController(known=rollout.estimated()),
                 watchdog=watchdog, seed=options.seed, progress=lambda _, share: listener.progress("insertion", share),
+                on_row=listener.row,
             )  # fmt: skip
     except (SimulationError, ControlError) as error:
         failed = Outcome.NOT_HELD if isinstance(error, GraspError) else Outcome.PLANT_FAILED

@@ -1,4 +1,4 @@
-"""Perturbations from YAML files."""
+"""Perturbations from YAML files, and to them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from cableway.core.checks import shown
 from cableway.core.configuration import faults, from_mapping
 from cableway.core.errors import InputError, SimulationError, TaskError
+from cableway.core.provenance import describe
 from cableway.scene.cable import Cable
-from cableway.scene.files.document import read_document
+from cableway.scene.files.document import Dumper, read_document
 from cableway.scene.files.presets import preset_names, preset_values
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.perturbation import Perturbation
@@ -53,6 +56,23 @@ def read_perturbation(path: Path, task: Task) -> Perturbation:
     except (InputError, SimulationError) as error:
         raise InputError(f"{path}: with start, obstacles and pegs as here, {error}") from None
     return replace(perturbation, notes=(note,))
+
+
+def perturbation_text(perturbation: Perturbation) -> str:
+    """A YAML file from which `read_perturbation` gives the same perturbation, but for what is said of it."""
+    nominal = describe(Perturbation())
+    content: dict[str, Any] = {"cableway": FORMAT_VERSION}
+    for section in SECTIONS:
+        value = describe(getattr(perturbation, section))
+        if isinstance(value, Mapping) and isinstance(usual := nominal[section], Mapping):
+            value = {key: each for key, each in value.items() if each != usual[key]}
+            if not value:
+                continue
+        if value != nominal[section]:
+            content[section] = value
+    if perturbation.cable is not None:
+        content["cable"] = {key: each for key, each in content["cable"].items() if each is not None}
+    return yaml.dump(content, Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)
 
 
 def _cable(nominal: Cable, given: Any, where: str) -> dict[str, Any]:

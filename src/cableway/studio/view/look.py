@@ -34,6 +34,15 @@ window.setTimeout = (what, time, ...rest) => later(what, time === 50 ? {DRAG_INT
 // viser's page turns and moves the view by these keys, farther the slower it draws, besides what they are here for.
 const moving = /^(Arrow(Up|Down|Left|Right)|Key[WASDQE])$/;
 document.addEventListener("keydown", (event) => moving.test(event.code) && event.stopImmediatePropagation());
+// A processor that draws in place of graphics hardware is a third faster without smooth edges.
+const asked = HTMLCanvasElement.prototype.getContext;
+const by = asked.call(document.createElement("canvas"), "webgl");
+const named = by?.getParameter(by.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? by.RENDERER);
+by?.getExtension("WEBGL_lose_context")?.loseContext();
+const rough = /swiftshader|llvmpipe|software|basic render/i.test(named);
+HTMLCanvasElement.prototype.getContext = function (kind, options) {{
+  return asked.call(this, kind, rough && /^webgl/.test(kind) ? {{ ...options, antialias: false }} : options);
+}};
 </script>
 """
 """Comes before all that viser's page has in its head."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,8 @@ from cableway.core.errors import CablewayError, Point
 from cableway.figures import style
 from cableway.records import Plan
 from cableway.scene.files.saving import task_text
-from cableway.scene.task import CONTROL_STEP, End
+from cableway.scene.obstacles import Obstacle
+from cableway.scene.task import CONTROL_STEP, Draft, End
 from cableway.studio import obstacles as hands
 from cableway.studio.curves import Curves, curves_of
 from cableway.studio.film import film_page
@@ -24,6 +27,7 @@ from cableway.studio.view import look, table
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.events import in_order
 from cableway.studio.view.panel import WIDTH, PlanPanel, TaskPanel
+from cableway.studio.view.run_panel import RunPanel
 
 TILT = 0.2
 """By which the page looks at the table from aside [rad]."""
@@ -50,6 +54,8 @@ class Page:
         self._held: Moment | None = None
         self._grabs = 0
         self._offset = np.zeros(2)
+        self._pushed: tuple[int, Obstacle] | None = None
+        self._run_row: int | None = None
         self._plan: Plan | None = None
         self._drawn: tuple[Any, ...] = ()
         self._curves: Curves | None = None
@@ -84,10 +90,10 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(WIDTH)
         right = gui.add_panel()
-        with right.add_tab("Plan"):
-            self._plan_panel = PlanPanel(
-                gui, self._session, self._do, self._scrub, self._play, self._choose, self._export
-            )
+        tabs = [("Plan", self._build_plan), ("Run", self._build_run)]
+        for name, build in reversed(tabs) if self._session.watched else tabs:  # the first is open
+            with right.add_tab(name):
+                build(gui)
         right.dock_right()
         right.set_width(WIDTH)
         for label, key, modifier, what in (
@@ -100,6 +106,12 @@ class Page:
         ):
             command: Any = gui.add_command(label, hotkey=key, modifier=modifier)  # pyright: ignore[reportArgumentType]
             command.on_trigger(in_order(lambda _, what=what: self._do(what)))
+
+    def _build_plan(self, gui: viser.GuiApi) -> None:
+        self._plan_panel = PlanPanel(gui, self._session, self._do, self._scrub, self._play, self._choose, self._export)
+
+    def _build_run(self, gui: viser.GuiApi) -> None:
+        self._run_panel = RunPanel(gui, self._do, self._run, self._scrub_run, self._export_run, self._film)
 
     def _look(self) -> None:
         """Look at the whole table."""
@@ -136,19 +148,38 @@ class Page:
                 self._size = draft.scene.size
                 table.draw_table(self._canvas, self._size)
                 self._look()
-            table.draw_obstacles(self._canvas, draft, self._selected)
+            table.draw_obstacles(self._canvas, self._as_it_stands(), self._selected)
             table.draw_ends(self._canvas, moment, inspection)
             wrong = [fault.at[:2] for fault in inspection.faults if fault.at is not None]
             table.draw_faults(self._canvas, wrong if planning.at is None else [*wrong, planning.at])
             if (plan, draft.cable.radius) != self._drawn:
                 self._drawn = (plan, draft.cable.radius)
                 table.draw_plan(self._canvas, draft, plan)
-            table.draw_moment(self._canvas, draft, plan, self._row)
+            table.draw_moment(self._canvas, draft, None if self._session.running else plan, self._row)
+            self._show_run()
             self._task_panel.show(moment, inspection, self._selected)
             stale = planning.status != "found"
             self._plan_panel.show(planning, self._curves, chosen, stale)
             self._plan_panel.show_row(self._row, self._playing)
         self._client.flush()
+
+    def _show_run(self) -> None:
+        """The newest row of the run, or that which was chosen."""
+        running, draft = self._session.running, self._session.draft
+        if running is None:
+            self._run_row = None
+        rows = () if running is None else running.seen
+        last = len(rows) - 1
+        row = last if self._run_row is None else min(self._run_row, last)
+        table.draw_run(self._canvas, draft.cable.radius, draft.grippers.radius, rows[row] if rows else None)
+        self._run_panel.show(running, row, self._session.planning.status == "found")
+
+    def _as_it_stands(self) -> Draft:
+        """The draft with what was pushed, or is being pushed, in its place."""
+        draft, running = self._session.draft, self._session.running
+        if running is not None:
+            draft = replace(draft, scene=running.scene)
+        return draft if self._pushed is None else hands.with_obstacle(draft, *self._pushed)
 
     def _complain(self, sentence: str) -> None:
         self._client.add_notification("Not possible", sentence, color="red", auto_close_seconds=8.0)
@@ -159,7 +190,8 @@ class Page:
             return
         self._row = min(max(int(row), 0), self._plan.steps)
         with self._client.atomic():
-            table.draw_moment(self._canvas, self._session.draft, self._plan, self._row)
+            shown = None if self._session.running else self._plan
+            table.draw_moment(self._canvas, self._session.draft, shown, self._row)
             self._plan_panel.show_row(self._row, self._playing)
         self._client.flush()
 
@@ -189,6 +221,52 @@ class Page:
         self._chosen = place
         self._show()
 
+    # ------------------------------------------------------------------------------------------ running
+    def _run(self) -> None:
+        """Begin a run of the plan that is chosen, or end the one under way."""
+        running = self._session.running
+        if running is not None and running.live:
+            self._session.stop()
+            return
+        self._run_row, self._playing = None, False
+        self._session.run(self._run_panel.wanted, self._chosen)
+
+    def _scrub_run(self, row: int) -> None:
+        running = self._session.running
+        last = 0 if running is None else len(running.seen) - 1
+        self._run_row = None if row >= last else int(row)
+        with self._client.atomic():
+            self._show_run()
+        self._client.flush()
+
+    def _export_run(self) -> None:
+        """A page that plays the run, by itself."""
+        running = self._session.running
+        if running is not None and running.rollout is not None:
+            page = film_page(replace(running.task, scene=running.scene), running.rollout, running.sentence)
+            self._client.send_file_download(f"{running.task.name}-run.html", page.encode(), save_immediately=True)
+
+    def _film(self) -> None:
+        """A video of the run, made beside the page, which it would keep for seconds."""
+        running = self._session.running
+        if running is None or running.rollout is None:
+            return
+        rollout, insertion = running.rollout, None if running.run is None else running.run.insertion
+        film, waits = Inbox(self._complain), self._client.add_notification("A video is made", "", loading=True)
+
+        def make() -> None:
+            from cableway.figures.video import write_video
+
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "rollout.mp4"
+                write_video(path, running.task, rollout, insertion, plan=running.plan)
+                name = f"{running.task.name}.mp4"
+                self._client.send_file_download(name, path.read_bytes(), save_immediately=True)
+
+        film.post(make)
+        film.post(waits.remove)
+        film.post(film.close)
+
     # ------------------------------------------------------------------------------------------ hands
     def _select(self, index: int | None) -> None:
         self._selected = index
@@ -206,6 +284,12 @@ class Page:
             self._do(self._let_go)
 
     def _grab(self, name: str, to: Point) -> None:
+        running = self._session.running
+        if name.startswith("/obstacles/") and running is not None and running.live:
+            index = int(name.split("/")[2])
+            self._pushed = index, running.scene.obstacles[index]
+            self._offset = hands.middle_of(running.scene.obstacles[index]) - np.array(to)
+            return
         self._held = self._session.hold()
         place = self._place_of(name)
         if name.startswith("/obstacles/"):
@@ -228,6 +312,11 @@ class Page:
         return table.turn_knob(obstacle) if which == "turn" else hands.knobs(obstacle)[int(which)]
 
     def _drag(self, name: str, pointer: Point) -> None:
+        if self._pushed is not None:
+            x, y = np.array(pointer) + self._offset
+            self._pushed = self._pushed[0], hands.placed(self._pushed[1], (float(x), float(y)))
+            self._show()
+            return
         if self._held is None:
             return
         what, which, *more = re.split("[/-]", name)[1:]
@@ -268,6 +357,15 @@ class Page:
                                           color="orange", auto_close_seconds=4.0)  # fmt: skip
 
     def _let_go(self) -> None:
+        pushed, self._pushed = self._pushed, None
+        if pushed is not None:
+            index, obstacle = pushed[0], hands.with_obstacle(self._session.draft, *pushed).scene.obstacles[pushed[0]]
+            x, y = hands.middle_of(obstacle) - hands.middle_of(self._session.draft.scene.obstacles[index])
+            try:
+                self._session.push(index, (float(x), float(y)))
+            finally:
+                self._show()
+            return
         held, self._held = self._held, None
         if held is not None:
             self._session.release(held)

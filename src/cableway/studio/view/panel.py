@@ -15,14 +15,17 @@ from viser import uplot
 
 from cableway.core.quantities import quantity
 from cableway.figures import style
+from cableway.scene.files.loading import task_names
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.task import ENDS, Draft, End
 from cableway.studio import obstacles as hands
 from cableway.studio.curves import Curves
 from cableway.studio.inspection import Inspection
-from cableway.studio.session import Moment, Planning, Session, known_kinds, known_tasks
+from cableway.studio.planning import Planning
+from cableway.studio.session import Moment, Session
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
+from cableway.tasks.generation import KINDS
 
 WIDTH = 292
 """Of a panel in pixels: both leave a table that is as wide as high on a page of 1280 x 800."""
@@ -122,18 +125,20 @@ class TaskPanel:
 
     def _add_files(self, gui: viser.GuiApi, save: Do, download: Do) -> None:
         session, do = self._session, self._do
-        names = gui.add_dropdown("Catalogue", ("choose one", *known_tasks()))
+        names = gui.add_dropdown("Catalogue", ("choose one", *task_names()))
 
         def choose(event: Any) -> None:
-            if event.client is not None and names.value in known_tasks():
+            if event.client is not None and names.value in task_names():
                 do(partial(session.open, names.value))
 
         names.on_update(choose)
-        kinds = gui.add_dropdown("Random", known_kinds())
+        kinds = gui.add_dropdown("Random", tuple(KINDS))
         seed = gui.add_number("Seed", 0, min=0, step=1)
         draw = gui.add_button("Draw a random task", color=LOUD)
         draw.on_click(in_order(lambda _: do(partial(session.draw, kinds.value, int(seed.value)))))
-        upload = gui.add_upload_button("Open a task file ...", color=QUIET, mime_type=".yaml,.yml")
+        upload = gui.add_upload_button(
+            "Open a task, or a plan or rollout of it ...", color=QUIET, mime_type=".yaml,.yml,.npz"
+        )
         upload.on_upload(lambda _: do(partial(session.open_content, upload.value.name, upload.value.content)))
         gui.add_button("Save task, plan and report", color=LOUD).on_click(in_order(lambda _: do(save)))
         gui.add_button("Download the task file", color=QUIET).on_click(in_order(lambda _: do(download)))
@@ -143,10 +148,10 @@ class TaskPanel:
         """Show a draft and what is wrong with it."""
         self._selected = selected
         draft = moment.draft
-        _set(self.heading, "content", look.heading(draft.name, draft.description))
+        set_changed(self.heading, "content", look.heading(draft.name, draft.description))
         wrong = inspection.sentences
         text = look.sentences(wrong[:6], style.BAD, numbered=True) if wrong else ""
-        _set(self.wrong, "content", text)
+        set_changed(self.wrong, "content", text)
         if time.monotonic() - self._typed < 2 * TYPED:
             return
         self._show_obstacle(draft, selected)
@@ -154,25 +159,25 @@ class TaskPanel:
             q = moment.shapes[end]
             if q is not None:
                 x, y, angle = draft.cable.rod.end_poses(q[None])[0, side]
-                _set(field, "value", _rounded(1000 * x, 1000 * y, math.degrees(math.remainder(angle, math.tau))))
+                set_changed(field, "value", _rounded(1000 * x, 1000 * y, math.degrees(math.remainder(angle, math.tau))))
 
     def _show_obstacle(self, draft: Draft, selected: int | None) -> None:
         there = dict(enumerate(draft.scene.obstacles))
         obstacle = None if selected is None else there.get(selected)
-        _set(self._no_obstacle, "visible", obstacle is None)
+        set_changed(self._no_obstacle, "visible", obstacle is None)
         for field in (self._middle, self._height, self._remove):
-            _set(field, "visible", obstacle is not None)
-        _set(self._size, "visible", isinstance(obstacle, Box | Disc))
-        _set(self._angle, "visible", obstacle is not None and not isinstance(obstacle, Disc))
+            set_changed(field, "visible", obstacle is not None)
+        set_changed(self._size, "visible", isinstance(obstacle, Box | Disc))
+        set_changed(self._angle, "visible", obstacle is not None and not isinstance(obstacle, Disc))
         if obstacle is None:
             return
-        _set(self._middle, "value", _rounded(*(1000 * hands.middle_of(obstacle))))
-        _set(self._height, "value", round(1000 * (obstacle.height or 0.0), 2))
-        _set(self._angle, "value", round(math.degrees(hands.angle_of(obstacle)), 2))
+        set_changed(self._middle, "value", _rounded(*(1000 * hands.middle_of(obstacle))))
+        set_changed(self._height, "value", round(1000 * (obstacle.height or 0.0), 2))
+        set_changed(self._angle, "value", round(math.degrees(hands.angle_of(obstacle)), 2))
         if isinstance(obstacle, Box):
-            _set(self._size, "value", _rounded(*(1000 * np.array(obstacle.size))))
+            set_changed(self._size, "value", _rounded(*(1000 * np.array(obstacle.size))))
         elif isinstance(obstacle, Disc):
-            _set(self._size, "value", _rounded(2000 * obstacle.radius, 2000 * obstacle.radius))
+            set_changed(self._size, "value", _rounded(2000 * obstacle.radius, 2000 * obstacle.radius))
 
     def _number(self, index: int | None) -> None:
         """Make the obstacle that was selected when the numbers were typed as they say."""
@@ -233,27 +238,27 @@ class PlanPanel:
         self._export = gui.add_button("Download a page that plays it", color=QUIET)
         self._export.on_click(in_order(lambda _: do(export)))
         cable, sides = (("cable", style.INK), ("grippers", style.RIGHT)), (("left", style.LEFT), ("right", style.RIGHT))
-        self._clear, self._speed = _plot(gui, "Clearance [mm]", cable), _plot(gui, "Of the grippers' limits [%]", sides)
+        self._clear, self._speed = plot(gui, "Clearance [mm]", cable), plot(gui, "Of the grippers' limits [%]", sides)
         self._curves: Curves | None = None
 
     def show(self, planning: Planning, curves: Curves | None, chosen: int, stale: bool) -> None:
         """Show how far planning is, and the curves of the plan that is chosen."""
-        _set(self.said, "content", look.sentences([planning.sentence], SAY[planning.status]))
+        set_changed(self.said, "content", look.sentences([planning.sentence], SAY[planning.status]))
         there = curves is not None
-        _set(self._hint, "visible", not there)
+        set_changed(self._hint, "visible", not there)
         for field in (self.step, self.play, self.now, self._export, *self._clear, *self._speed):
-            _set(field, "visible", there)
-        _set(self._ways, "visible", there and not stale and len(planning.plans) == 1)
+            set_changed(field, "visible", there)
+        set_changed(self._ways, "visible", there and not stale and len(planning.plans) == 1)
         count = len(planning.plans)
-        _set(self.way, "visible", count > 1)
+        set_changed(self.way, "visible", count > 1)
         if count > 1:
             options = tuple(f"{k + 1} of {count}: {plan.steps / 10:.1f} s" for k, plan in enumerate(planning.plans))
             if tuple(self.way.options) != options:
                 self.way.options = options
-            _set(self.way, "value", options[min(chosen, count - 1)])
+            set_changed(self.way, "value", options[min(chosen, count - 1)])
         if curves is not None and curves is not self._curves:
             self._curves = curves
-            _set(self.step, "max", len(curves.times) - 1)
+            set_changed(self.step, "max", len(curves.times) - 1)
             self._clear[1].data = (curves.times, 1000 * curves.cable, 1000 * curves.grippers)
             self._speed[1].data = (curves.times, *(100 * curves.speed.T))
 
@@ -262,11 +267,11 @@ class PlanPanel:
         if self._curves is None:
             return
         row = min(row, len(self._curves.times) - 1)
-        _set(self.step, "value", row)
-        _set(self.play, "label", "Pause" if playing else "Play")
+        set_changed(self.step, "value", row)
+        set_changed(self.play, "label", "Pause" if playing else "Play")
         cable, grippers = self._curves.cable[row], self._curves.grippers[row]
         text = f"{self._curves.times[row]:.1f} s: cable {quantity(cable)} clear, grippers {quantity(grippers)}"
-        _set(self.now, "content", look.hint(text))
+        set_changed(self.now, "content", look.hint(text))
 
 
 def _numbered(there: Obstacle, middle: Any, size: Any, angle: float, height: float) -> Obstacle:
@@ -280,7 +285,7 @@ def _numbered(there: Obstacle, middle: Any, size: Any, angle: float, height: flo
     return hands.turned(wanted, math.radians(angle)) if angle else wanted
 
 
-def _plot(gui: viser.GuiApi, title: str, curves: tuple[tuple[str, str], ...]) -> tuple[Any, Any]:
+def plot(gui: viser.GuiApi, title: str, curves: tuple[tuple[str, str], ...]) -> tuple[Any, Any]:
     """Title and plot of curves over time, given by name and colour."""
     look_of: Any = {
         "stroke": style.MUTED, "font": "11px cableway, sans-serif", "grid": {"stroke": style.GRID, "width": 1},
@@ -302,7 +307,7 @@ def _rounded(*values: float) -> tuple[float, ...]:
     return tuple(round(float(value), 1) + 0.0 for value in values)
 
 
-def _set(handle: Any, name: str, value: Any) -> None:
+def set_changed(handle: Any, name: str, value: Any) -> None:
     """Change what is shown, if it changes."""
     if getattr(handle, name) != value:
         setattr(handle, name, value)

@@ -17,6 +17,7 @@ from cableway.studio.session import Moment
 from cableway.studio.view.canvas import Canvas, along, outline, path
 from cableway.studio.view.look import mixed
 from cableway.studio.view.meshes import circle, prism, ring, tube
+from cableway.tracking import Row
 
 FLAT = 0.010
 """Height [m] at which an obstacle is drawn that nothing passes above."""
@@ -32,6 +33,9 @@ SHAPES = 14
 
 GRID_STEP = 0.1
 """Between the lines of the grid [m]."""
+
+SEEN = 0.003
+"""Half the width of the cross of a keypoint that was seen [m]."""
 
 MARKED = 6
 """Most faults marked."""
@@ -154,6 +158,25 @@ def draw_moment(canvas: Canvas, draft: Draft, plan: Plan | None, row: int) -> No
             disc = prism(circle(max(draft.grippers.radius, 0.006)), 0.0, 3.2 * radius)
             canvas.solid(f"/moment/{side}", disc, color, at=(float(x), float(y)))
     canvas.sweep("/moment")
+
+
+def draw_run(canvas: Canvas, radius: float, gripper: float, row: Row | None) -> None:
+    """A row of a run: the true cable and its grippers, where it should be, and crosses where it was seen."""
+    if row is not None:
+        canvas.solid("/run/cable", tube(row.measured.centreline, radius, 1.6 * radius), style.INK)
+        wanted = polyline.spline(row.reference, SPLINE_PIECES)
+        canvas.lines("/run/reference", path(wanted, 3.0 * radius), style.REFERENCE, 2.0)
+        for side, color in enumerate((style.LEFT, style.RIGHT)):
+            x, y = row.measured.poses[side, :2]
+            disc = prism(circle(max(gripper, 0.006)), 0.0, 3.2 * radius)
+            canvas.solid(f"/run/{side}", disc, color, at=(float(x), float(y)))
+        seen = row.observed[np.isfinite(row.observed[:, 0])]
+        if len(seen):
+            arms = SEEN * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
+            crosses = (seen[:, None, None] + arms).reshape(-1, 2, 2)
+            raised = np.concatenate([crosses, np.full((len(crosses), 2, 1), 3.3 * radius)], axis=2)
+            canvas.lines("/run/seen", raised, style.GREEN, 1.6)
+    canvas.sweep("/run")
 
 
 def _local(obstacle: Obstacle) -> Float[np.ndarray, "k 2"]:

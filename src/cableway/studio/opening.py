@@ -1,0 +1,63 @@
+"""What a page opens: a task, or the plan or rollout of one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cableway.core.errors import InputError
+from cableway.core.quantities import quantity
+from cableway.records import Plan, Rollout
+from cableway.scene.files.loading import as_draft, load_planar_task
+from cableway.scene.task import Draft
+from cableway.studio.saving import PLAN, TASK
+from cableway.workflow.reading import read_record
+
+ELSEWHERE = 0.02
+"""Distance [m] of a keypoint at the start or the goal of a plan beyond which it is that of another task."""
+
+
+class Opened(NamedTuple):
+    """What there was.
+
+    Attributes:
+        draft: The task.
+        name: Of the file of plan or rollout; "" where there is none.
+        plan: Of the task, if one was opened, or lies beside a rollout.
+        rollout: Of the task, if one was opened.
+    """
+
+    draft: Draft
+    name: str = ""
+    plan: Plan | None = None
+    rollout: Rollout | None = None
+
+
+def opened(source: Any) -> Opened:
+    """A task, its name or file, or the file (.npz) of a plan or a rollout with that of its task beside it.
+
+    Raises:
+        InputError: There is no such task, its values make none, or the record is not of it.
+        FileFormatError: The file is neither a plan nor a rollout.
+    """
+    if isinstance(source, Opened):
+        return source
+    if not (isinstance(source, str | Path) and str(source).lower().endswith(".npz")):
+        return Opened(as_draft(source).unchecked())
+    path = Path(source)
+    record, beside = read_record(path), path.with_name(TASK)
+    if not beside.is_file():
+        raise InputError(f"{path}: the task of it is to lie beside it, as {TASK}")
+    task = load_planar_task(beside)
+    shapes = record.shapes if isinstance(record, Plan) else record.reference
+    if shapes.shape[1:] != task.start.shape:
+        raise InputError(f"{path}: has {shapes.shape[1]} keypoints, not {len(task.start)} as {task.name}")
+    off = max(float(np.abs(shapes[0] - task.start).max()), float(np.abs(shapes[-1] - task.goal).max()))
+    if isinstance(record, Plan):
+        if off > ELSEWHERE:
+            raise InputError(f"{path}: begins or ends {quantity(off)} from where {task.name} does, of which it is not")
+        return Opened(task.unchecked(), path.name, record)
+    plan = path.with_name(PLAN)
+    return Opened(task.unchecked(), path.name, Plan.load(plan) if plan.is_file() else None, record)

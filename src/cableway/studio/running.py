@@ -1,0 +1,189 @@
+"""A run that is watched: what it is asked for, and how far it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cableway.core.errors import InputError, Point
+from cableway.core.quantities import quantity
+from cableway.records import Measurement, Plan, Rollout
+from cableway.scene.scene import Scene
+from cableway.scene.task import Task
+from cableway.simulation.perturbations.perturbation import Perturbation
+from cableway.simulation.perturbations.variants import VARIANTS, named_perturbation
+from cableway.studio.replanner import Answer
+from cableway.tracking import Row
+from cableway.workflow.registry import DEFAULT_CONTROLLER
+from cableway.workflow.run import Run, SolveOptions
+
+PLANTS = tuple(name for name in VARIANTS if name != "drawn")
+"""Names of the plants to choose from; that which draws from a preset's ranges asks for a preset."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What a run is asked for.
+
+    Attributes:
+        controller: Name of the controller.
+        plant: Name of the plant, one of `PLANTS`.
+        stiffness: Factor on the bending stiffness of the plant's cable.
+        length: Factor on its length.
+        friction: Its coefficient on the table; None for the plant's.
+        noise: Of keypoints [m]; None for the plant's.
+        delay: Of keypoints [s]; None for the plant's.
+    """
+
+    controller: str = DEFAULT_CONTROLLER
+    plant: str = PLANTS[0]
+    stiffness: float = 1.0
+    length: float = 1.0
+    friction: float | None = None
+    noise: float | None = None
+    delay: float | None = None
+
+    def perturbation(self, task: Task, seed: int) -> Perturbation:
+        """How the plant differs from the task.
+
+        Raises:
+            UnknownNameError: There is no such plant; the message lists them.
+            InputError: A value is out of range, or the plant does not fit the task.
+        """
+        found = named_perturbation(self.plant, task, seed)
+        cable, sensing = found.true_cable(task), found.sensing
+        changed = replace(
+            cable,
+            bending_stiffness=self.stiffness * cable.bending_stiffness,
+            length=self.length * cable.length,
+            friction=cable.friction if self.friction is None else self.friction,
+        )
+        if changed != cable:
+            found = replace(found, cable=changed)
+        sensed = replace(
+            sensing,
+            keypoint_noise=sensing.keypoint_noise if self.noise is None else self.noise,
+            measurement_delay=sensing.measurement_delay if self.delay is None else self.delay,
+        )
+        found = replace(found, sensing=sensed)
+        found.true_task(task)  # checks it
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Running:
+    """How far a run is.
+
+    Attributes:
+        task: What is run.
+        plan: What is followed; None where that is not known.
+        controller: What follows.
+        perturbation: How the plant differs from the task.
+        rows: So far.
+        sentence: What it is at, or how it ended.
+        run: All there is of it, once it is over.
+        rollout: What was recorded.
+        kept: Rows seen before it was begun anew, for something that was pushed; shown until `rows` is as long.
+        live: Whether it goes on.
+    """
+
+    task: Task
+    plan: Plan | None
+    controller: Any = DEFAULT_CONTROLLER
+    perturbation: Perturbation = field(default_factory=Perturbation)
+    rows: tuple[Row, ...] = ()
+    sentence: str = "The run begins ..."
+    run: Run | None = None
+    rollout: Rollout | None = None
+    kept: tuple[Row, ...] = ()
+    live: bool = True
+
+    @classmethod
+    def of_rollout(cls, task: Task, plan: Plan | None, rollout: Rollout, name: str) -> Running:
+        """A run that was recorded in the file of that name."""
+        plant = rollout.metadata.get("plant", {})
+        where = Perturbation(
+            obstacles=tuple(tuple(each) for each in plant.get("obstacles", ())),
+            pegs=tuple(tuple(each) for each in plant.get("pegs", ())),
+        )
+        rows = _rows(rollout)
+        told = f"{name}: {rollout.outcome}{f' ({rollout.detail})' if rollout.detail else ''}."
+        return cls(task=task, plan=plan, perturbation=where, rows=rows, sentence=told, rollout=rollout, live=False)
+
+    @property
+    def seen(self) -> tuple[Row, ...]:
+        """The rows to show."""
+        return self.rows if len(self.rows) >= len(self.kept) else self.kept
+
+    @property
+    def scene(self) -> Scene:
+        """Where the obstacles truly are."""
+        return self.perturbation.known_task(self.task).scene
+
+    def options(self, others: SolveOptions) -> SolveOptions:
+        """What makes the run, by `workflow.solve.solve`."""
+        return replace(
+            others, track=True, alternatives=1, plan=self.plan, controller=self.controller,
+            perturbation=self.perturbation,
+        )  # fmt: skip
+
+    def heard(self, answer: Answer) -> Running:
+        """One answer on."""
+        if answer.row is not None:
+            rows, row = (*self.rows, answer.row), answer.row
+            told = f"{row.time:.1f} s: {row.status or 'at the start'}" if len(rows) >= len(self.kept) else self.sentence
+            return replace(self, rows=rows, sentence=told)
+        if answer.stage:
+            return self if self.seen else replace(self, sentence=f"The run begins: {answer.stage} ...")
+        run = answer.run
+        if run is None:
+            return replace(self, sentence=f"No run: {answer.problem}.", live=False)
+        told = "Success." if run.success else f"{run.report.failure or run.report.outcome.sentence}."
+        return replace(self, run=run, rollout=run.rollout, sentence=told[0].upper() + told[1:], live=False)
+
+    def pushed(self, index: int, by: Point) -> Running:
+        """The same run, an obstacle pushed by (dx, dy) [m] now; it is to be begun anew.
+
+        The obstacle stands there from the start, and the controller learns of it now: a file holds that, and until now
+        nothing is different, since nothing has been at that place.
+
+        Raises:
+            InputError: It cannot stand there, something has been there, or it is not the first push of this run.
+        """
+        if not self.live or not self.rows:
+            raise InputError("no run is under way: an obstacle is pushed while there is one")
+        if self.perturbation.obstacles or self.perturbation.pegs:
+            raise InputError("one push a run: a file holds where obstacles are, and from when on that is known")
+        moved = [(0.0, 0.0)] * len(self.task.scene.obstacles)
+        moved[index] = (float(by[0]), float(by[1]))
+        pushed = replace(self.perturbation, obstacles=tuple(moved), revealed=self.rows[-1].time)
+        scene = pushed.true_task(self.task).scene
+        alone = replace(scene, obstacles=(scene.obstacles[index],))
+        lines = np.stack([row.measured.centreline for row in self.rows])
+        grippers = np.stack([row.measured.poses[:, :2] for row in self.rows])
+        room = min(
+            float(alone.clearance(lines, self.task.cable.radius).min()),
+            float(alone.signed_distance(grippers).min()) - self.task.grippers.radius,
+        )
+        if room < 0:
+            raise InputError(f"cable or grippers have been there: it would overlap them by {quantity(-room)}")
+        anew = "The obstacle is pushed: the run begins anew, up to here ..."
+        return replace(self, perturbation=pushed, rows=(), kept=self.seen, sentence=anew)
+
+
+def _rows(rollout: Rollout) -> tuple[Row, ...]:
+    """The rows of a rollout, as they came."""
+    rows: list[Row] = []
+    for k, time in enumerate(rollout.times):
+        measured = Measurement(
+            keypoints=rollout.keypoints[k],
+            poses=rollout.poses[k],
+            centreline=rollout.centreline[k],
+            clearance=float(rollout.clearance[k]),
+            gripper_clearance=float(rollout.gripper_clearance[k]),
+        )
+        status = str(rollout.status[k - 1]) if k else ""
+        rows.append(Row(float(time), rollout.observed[k], measured, rollout.reference[k], status))
+    return tuple(rows)
