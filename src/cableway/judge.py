@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.outcome import SUCCESS_ERROR, Outcome, stacked_limit
 from cableway.records import Rollout, Verdict
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import Task
 
 
@@ -37,7 +39,7 @@ def judge(
     if rollout is None:
         if plan_verdict is None or not plan_verdict.passed:
             return Outcome.NOT_VERIFIED, f"the plan does not verify: {plan_verdict}"
-    elif (failed := _run_failure(task, rollout, rollout_verdict)) is not None:
+    elif (failed := _run_failure(task.goal, rollout, rollout_verdict)) is not None:
         return failed
     if task.port is None:
         return Outcome.SUCCESS, ""
@@ -48,6 +50,11 @@ def judge(
     if insertion_verdict is None:
         return Outcome.NOT_INSERTED, "the plug was not inserted"
     return Outcome.NOT_INSERTED, f"the plug is not inserted: {insertion_verdict}"
+
+
+def judge_in_space(task: SpatialTask, rollout: Rollout, verdict: Verdict) -> tuple[Outcome, str]:
+    """The same of a run in space, by its rollout and the checks of it."""
+    return _run_failure(task.keypoints("goal"), rollout, verdict) or (Outcome.SUCCESS, "")
 
 
 LAST_LOOK = 1.0
@@ -68,13 +75,15 @@ def _went_on_blindly(rollout: Rollout) -> str | None:
     return None
 
 
-def _run_failure(task: Task, rollout: Rollout, verdict: Verdict | None) -> tuple[Outcome, str] | None:
-    """Why a run did not lead the cable to its goal; the worst outcome with all reasons, None where it did."""
+def _run_failure(
+    goal: Float[np.ndarray, "n space"], rollout: Rollout, verdict: Verdict | None
+) -> tuple[Outcome, str] | None:
+    """Why a run did not lead the keypoints to their goal; the worst outcome with all reasons, None where it did."""
     found: list[tuple[Outcome, str]] = []
     if not rollout.outcome.finished:
         found.append((rollout.outcome, f"{rollout.outcome}: {rollout.detail}" if rollout.detail else rollout.outcome))
-    error = rollout.shape_error(task.goal)
-    if not error < (most := stacked_limit(SUCCESS_ERROR, len(task.goal))):
+    error = rollout.shape_error(goal)
+    if not error < (most := stacked_limit(SUCCESS_ERROR, len(goal))):
         text = f"the final shape error is {told_apart(error, most)}, not below {limit_text(most)}"
         found.append((Outcome.MISSED_GOAL, text))
     if (blind := _went_on_blindly(rollout)) is not None:

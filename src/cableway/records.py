@@ -113,8 +113,7 @@ class Plan(Shown, ArrayRecord):
     def __post_init__(self) -> None:
         check_shapes(self)
         rows = len(self.shapes)
-        sizes = self.shapes.shape[2], self.poses.shape[2]
-        _require(sizes in ((2, 3), (3, 7)), f"points of {sizes[0]} numbers do not go with poses of {sizes[1]}")
+        _require_sizes(self.shapes, self.poses)
         _require(rows >= 2, f"a plan needs at least 2 rows, got {rows}")
         _require_finite(self, "shapes", "poses", "q", "joints", "approach", "retreat")
         if self.stages is not None:
@@ -227,16 +226,16 @@ class Observation(Brief):
 
     Attributes:
         time: [s] since the start of the run.
-        keypoints: (n, 2) measured keypoints [m], NaN where nothing was observed.
-        poses: (2, 3) measured gripper poses [m, m, rad].
+        keypoints: (n, 2) measured keypoints [m], NaN where nothing was observed; in space (n, 3).
+        poses: (2, 3) measured gripper poses [m, m, rad]; in space (2, 7).
         taken: [s] when the frame was taken, on the same clock as `time`; None where unknown, it is then estimated.
         confidence: (n,) from 0 (not observed) to 1, by which each keypoint counts; None where all count the same. Where
             all are 0 the grippers stand still, and while an observed one is below 0.13 the cable has not settled.
     """
 
     time: float
-    keypoints: Float[np.ndarray, "n 2"]
-    poses: Float[np.ndarray, "2 3"]
+    keypoints: Float[np.ndarray, "n space"]
+    poses: Float[np.ndarray, "2 pose"]
     taken: float | None = None
     confidence: Float[np.ndarray, "n"] | None = None
 
@@ -246,17 +245,17 @@ class Measurement(Brief):
     """What a plant that knows the truth reports after one control step; for the record, not for controllers.
 
     Attributes:
-        keypoints: (n, 2) true keypoints [m].
-        poses: (2, 3) true gripper poses [m, m, rad].
-        centreline: (M, 2) the whole cable [m].
+        keypoints: (n, 2) true keypoints [m]; in space (n, 3).
+        poses: (2, 3) true gripper poses [m, m, rad]; in space (2, 7).
+        centreline: (M, 2) the whole cable [m]; in space (M, 3).
         clearance: Least clearance [m] of the cable's surface during the step, negative by the penetration.
         gripper_clearance: Least clearance [m] of grippers, and of arms that carry them, during the step.
         joints: (2, j) joint angles [rad] of these arms, left then right; None where there are none.
     """
 
-    keypoints: Float[np.ndarray, "n 2"]
-    poses: Float[np.ndarray, "2 3"]
-    centreline: Float[np.ndarray, "M 2"]
+    keypoints: Float[np.ndarray, "n space"]
+    poses: Float[np.ndarray, "2 pose"]
+    centreline: Float[np.ndarray, "M space"]
     clearance: float
     gripper_clearance: float
     joints: Float[np.ndarray, "2 j"] | None = None
@@ -265,6 +264,8 @@ class Measurement(Brief):
 @dataclass(frozen=True, repr=False)
 class Rollout(Shown, ArrayRecord):
     """What happened: row 0 is the start, row k the state after k control steps.
+
+    In space points have 3 numbers, poses 7 and actions 6, see `Plan` and `cableway.geometry.groups.SE3`.
 
     Attributes:
         times: (K+1,) [s].
@@ -288,12 +289,12 @@ class Rollout(Shown, ArrayRecord):
     kind: ClassVar[str] = "rollout"
 
     times: Float[np.ndarray, "K+1"]
-    keypoints: Float[np.ndarray, "K+1 n 2"]
-    observed: Float[np.ndarray, "K+1 n 2"]
-    poses: Float[np.ndarray, "K+1 2 3"]
-    centreline: Float[np.ndarray, "K+1 M 2"]
-    actions: Float[np.ndarray, "K 2 3"]
-    reference: Float[np.ndarray, "K+1 n 2"]
+    keypoints: Float[np.ndarray, "K+1 n space"]
+    observed: Float[np.ndarray, "K+1 n space"]
+    poses: Float[np.ndarray, "K+1 2 pose"]
+    centreline: Float[np.ndarray, "K+1 M space"]
+    actions: Float[np.ndarray, "K 2 step"]
+    reference: Float[np.ndarray, "K+1 n space"]
     solve_time: Float[np.ndarray, "K"]
     status: np.ndarray
     clearance: Float[np.ndarray, "K+1"]
@@ -306,6 +307,7 @@ class Rollout(Shown, ArrayRecord):
     def __post_init__(self) -> None:
         check_shapes(self)
         _require(len(self.times) >= 1, "a rollout needs at least one row")
+        _require_sizes(self.keypoints, self.poses, self.actions)
         _require(self.centreline.shape[1] >= 2, f"a centreline needs 2 points, got {self.centreline.shape[1]}")
         _require(len(self.status) == self.steps, f"status has {len(self.status)} rows, not {self.steps}")
         _require(self.status.dtype.kind not in "biufc", "status holds numbers, not short texts")
@@ -383,6 +385,14 @@ class Rollout(Shown, ArrayRecord):
 def _require(condition: bool, message: str) -> None:
     if not condition:
         raise InputError(message)
+
+
+def _require_sizes(points: np.ndarray, *others: np.ndarray) -> None:
+    """Points, poses and actions are all of the plane, or all of space."""
+    sizes = tuple(array.shape[2] for array in (points, *others))
+    known = [each[: len(sizes)] for each in ((2, 3, 3), (3, 7, 6))]
+    words = " and ".join(map(str, sizes[1:]))
+    _require(sizes in known, f"points of {sizes[0]} numbers do not go with poses and actions of {words}")
 
 
 def _require_finite(record: Any, *names: str) -> None:

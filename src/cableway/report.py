@@ -322,8 +322,15 @@ def _figures(task: Task, rollout: Rollout, verdict: Verdict, cable: Cable) -> di
     return {
         "plug_clearance": next((check.value for check in verdict.checks if check.name == "plug clearance"), None),
         "least_achievable_error": least_achievable_error(cable, task.goal),
-        "shape_error": rollout.shape_error(task.goal),
-        "mean_keypoint_error": float(np.linalg.norm(rollout.keypoints[-1] - task.goal, axis=1).mean()),
+        **rollout_figures(rollout, task.goal),
+    }
+
+
+def rollout_figures(rollout: Rollout, goal: Float[np.ndarray, "n space"]) -> dict[str, Any]:
+    """The figures of a rollout, on the table or in space, that was to lead the keypoints to `goal` [m]."""
+    return {
+        "shape_error": rollout.shape_error(goal),
+        "mean_keypoint_error": float(np.linalg.norm(rollout.keypoints[-1] - goal, axis=1).mean()),
         "min_clearance": float(rollout.clearance.min()),
         "gripper_clearance": float(rollout.gripper_clearance.min()),
         "largest_deviation": float(rollout.deviations_from_reference.max()),

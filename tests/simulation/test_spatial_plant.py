@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -12,40 +11,41 @@ from cableway.core.errors import SimulationError
 from cableway.geometry import rotations
 from cableway.geometry.groups import SE3
 from cableway.rod.continuation import lead
-from cableway.rod.spatial import SpatialRod
-from cableway.simulation.spatial_chain import SpatialChain
-from cableway.simulation.spatial_plant import SpatialConfig, SpatialPlant
-from cableway.simulation.surroundings import CABLE, CONTACT, SURROUNDINGS
+from cableway.scene.obstacles import Box
+from cableway.scene.spatial.cable import SpatialCable
+from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, SpatialObstacle, Sphere
+from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.spatial.task import SpatialTask
+from cableway.simulation.spatial_plant import SpatialConfig, SpatialPlant, nearest_start
 
-ROD = SpatialRod(0.5, 13, 0.4, 18.5)
-STIFFNESS = 1e-3
-STABLE, UNSTABLE = (*[0.3] * 3, *[1.2] * 3, *[8.0] * 3, *[2.0] * 3), (*[0.3] * 3, *[1.2] * 3, *[25.0] * 6)
-
-
-def chain(rod: SpatialRod = ROD, links: int = 41) -> SpatialChain:
-    density = rod.weight * STIFFNESS / (9.81 * rod.length**3)
-    return SpatialChain(
-        length=rod.length, radius=0.004, bending_stiffness=STIFFNESS, twist=rod.twist, damping_time=0.1,
-        linear_density=density, links=links,
-    )  # fmt: skip
+CABLE = SpatialCable(length=0.5, twist_ratio=0.4, linear_density=0.01508, keypoints=13)
+MIDDLE = np.array([1.0, 1.0, 1.0, *[0.0] * 9])
+HANGING = MIDDLE + [0.0, 0.0, 0.0, *[0.0] * 7, -4.0, 0.0]
 
 
-def drawn(stable: bool, rod: SpatialRod = ROD) -> np.ndarray:
-    """Coordinates that are stable, or that are not."""
-    rows = np.random.default_rng(7).normal(0, STABLE if stable else UNSTABLE, (400, 12))
-    margins = rod.stability(rows, ceiling=20.0)[0]
-    return rows[margins > 5 if stable else (margins < -10) & (np.abs(rows[:, 9]) < 12)]
+def task(q: np.ndarray, cable: SpatialCable = CABLE, *obstacles: SpatialObstacle) -> SpatialTask:
+    """In the middle of a large room."""
+    scene = SpatialScene(size=(2.0, 2.0, 2.0), obstacles=obstacles)
+    return SpatialTask(name="room", scene=scene, cable=cable, start=q, goal=q)
+
+
+def drawn(cable: SpatialCable = CABLE) -> np.ndarray:
+    """Coordinates of stable shapes about the middle."""
+    spread = [*[0.3] * 3, *[1.2] * 3, *[8.0] * 3, *[2.0] * 3]
+    rows = MIDDLE + np.random.default_rng(7).normal(0, spread, (400, 12))
+    return rows[cable.rod.stability(rows, ceiling=20.0)[0] > 5]
 
 
 def firm() -> np.ndarray:
     """Coordinates with a margin of 20 and more."""
-    rows = drawn(stable=True)
-    return rows[np.argmax(ROD.stability(rows, ceiling=20.0)[0])]
+    rows = drawn()
+    return rows[np.argmax(CABLE.rod.stability(rows, ceiling=20.0)[0])]
 
 
-def off(plant: SpatialPlant, q: np.ndarray, rod: SpatialRod = ROD) -> float:
+def off(plant: SpatialPlant, q: np.ndarray) -> float:
     """Distance [m] of the keypoints from those of coordinates."""
-    return float(np.linalg.norm(plant.measure().keypoints - rod.shapes(q[None])[0][0, :: rod.stride], axis=1).max())
+    rod = plant.cable.rod
+    return float(np.linalg.norm(plant.measure().keypoints - rod.at_keypoints(rod.shapes(q[None])[0])[0], axis=1).max())
 
 
 def led(plant: SpatialPlant, action: np.ndarray, times: int) -> None:
@@ -53,16 +53,23 @@ def led(plant: SpatialPlant, action: np.ndarray, times: int) -> None:
         plant.step(action)
 
 
-def test_stable_shapes_of_a_cable_that_twists_easily_stay_and_others_leave():
+def test_a_cable_that_twists_easily_stays_in_the_shape_of_its_rod():
     q = firm()
-    assert off(SpatialPlant(chain(), ROD, q), q) < 0.001
-    q = drawn(stable=False)[0]
-    assert off(SpatialPlant(chain(), ROD, q), q) > 0.03
+    assert off(SpatialPlant(task(q)), q) < 0.001
+
+
+def test_another_cable_held_askew_comes_to_rest_in_its_own_shape():
+    q, longer = firm(), replace(CABLE, length=0.51)
+    askew = np.tile([0.003, 0.0, 0.0, np.cos(0.05), 0.0, np.sin(0.05), 0.0], (2, 1))
+    plant = SpatialPlant(task(q), longer, askew)
+    ends = SE3.compose(task(q).gripper_poses("start"), askew)
+    assert off(plant, nearest_start(task(q), longer, ends)) < 0.001
+    assert off(plant, q) > 0.003
 
 
 def test_an_arch_twisted_by_one_gripper_snaps_where_the_rod_does():
-    rod = replace(ROD, twist=1.0)
-    q = drawn(stable=True, rod=rod)[5]
+    cable = replace(CABLE, twist_ratio=1.0)
+    rod, q = cable.rod, drawn(cable)[5]
     pose = rod.end_poses(q[None])[0]
     turns = rotations.from_vector(np.linspace(0, 4, 17)[:, None] * [1.0, 0.0, 0.0])
     poses = np.repeat(pose[None], len(turns), axis=0)
@@ -70,20 +77,20 @@ def test_an_arch_twisted_by_one_gripper_snaps_where_the_rod_does():
     found = lead(rod, q, poses)
     assert found.snap is not None
     last = len(found.q) - 1
-    plant = SpatialPlant(chain(rod), rod, found.q[last - 2])
-    assert off(plant, found.q[last - 2], rod) < 0.002
+    plant = SpatialPlant(task(found.q[last - 2], cable))
+    assert off(plant, found.q[last - 2]) < 0.002
     for row in range(last - 2, last + 3):
         plant.step(SE3.minus(poses[row + 1], poses[row]))
     led(plant, np.zeros((2, 6)), 12)
-    assert off(plant, found.q[last], rod) > 0.05
+    assert off(plant, found.q[last]) > 0.05
 
 
 def test_it_takes_the_shapes_of_the_rod_that_it_is_led_along():
     q = firm()
-    line = ROD.between(q, q + [0.0, 0.02, 0.02, *[0.1] * 3, *[0.8] * 6], np.linspace(0, 1, 30))
-    assert ROD.stability(line, ceiling=10.0)[0].min() == 10.0
-    _, poses = ROD.shapes(line)
-    plant = SpatialPlant(chain(), ROD, line[0], config=SpatialConfig(servo_time=0.0))
+    line = CABLE.rod.between(q, q + [0.0, 0.02, 0.02, *[0.1] * 3, *[0.8] * 6], np.linspace(0, 1, 30))
+    assert CABLE.rod.stability(line, ceiling=10.0)[0].min() == 10.0
+    poses = CABLE.rod.end_poses(line)
+    plant = SpatialPlant(task(line[0]), config=SpatialConfig(servo_time=0.0))
     for row in range(len(line) - 1):
         plant.step(SE3.minus(poses[row + 1], poses[row]))
         assert off(plant, line[row + 1]) < 0.002
@@ -91,23 +98,47 @@ def test_it_takes_the_shapes_of_the_rod_that_it_is_led_along():
     assert plant.time == pytest.approx(2.9)
 
 
-def test_contacts_are_measured_and_a_cable_pulled_too_hard_is_lost():
-    q = np.zeros(12)
-    q[10] = -4.0  # hanging in a U
+OBSTACLES = {
+    "box": Cuboid(center=(1.0, 1.0, 0.93), size=(0.1, 0.1, 0.1)),
+    "cylinder": Cylinder(center=(1.0, 1.0, 0.93), radius=0.05, height=0.2, axis=(0.0, 1.0, 0.0)),
+    "sphere": Sphere(center=(1.0, 1.0, 0.93), radius=0.05),
+    "mesh": ConvexMesh(points=[[0.95, 0.95, 0.98], [1.05, 0.95, 0.98], [1.0, 1.05, 0.98], [1.0, 1.0, 0.8]]),
+    "prism": Prism(section=Box(center=(1.0, 1.0), size=(0.1, 0.1), height=0.98)),
+}
 
-    def floor(spec: mujoco.MjSpec) -> None:
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX, pos=[0.0, 0.0, -0.06], size=[0.2, 0.2, 0.02],
-            contype=SURROUNDINGS, conaffinity=CABLE, condim=3, **CONTACT,
-        )  # fmt: skip
 
-    plant = SpatialPlant(chain(links=21), ROD, q, floor)
+@pytest.mark.parametrize("kind", OBSTACLES)
+def test_a_cable_lowered_onto_an_obstacle_touches_it_at_its_height(kind: str):
+    """It hangs in a U, 16 mm above what is 980 mm high, and comes down by 5 mm a step."""
+    plant = SpatialPlant(task(HANGING, CABLE, OBSTACLES[kind]), config=SpatialConfig(links=21, servo_time=0.0))
     down = np.tile([0.0, 0.0, -0.005, 0.0, 0.0, 0.0], (2, 1))
-    measured = [plant.step(down).contact for _ in range(12)]
-    assert measured[0] == np.inf
-    assert min(measured) < 0
+    left = [plant.measure().clearance]
+    for _ in range(6):
+        plant.step(down)
+        left.append(plant.measure().clearance)
+    np.testing.assert_allclose(left[:3], [0.016, 0.011, 0.006], atol=0.001)
+    assert -0.001 < left[-1] < 0
+
+
+def test_what_cannot_be_is_refused_and_a_cable_pulled_too_hard_is_lost():
+    plant = SpatialPlant(task(HANGING), config=SpatialConfig(links=21))
     with pytest.raises(SimulationError, match="finite"):
         plant.step(np.full((2, 6), np.nan))
     apart = np.array([[-0.02, 0.0, 0.0, 0.0, 0.0, 0.0], [0.02, 0.0, 0.0, 0.0, 0.0, 0.0]])
     with pytest.raises(SimulationError, match="pulled too hard"):
         led(plant, apart, 30)
+    with pytest.raises(SimulationError, match="no stable shape"):
+        SpatialPlant(task(HANGING), replace(CABLE, length=0.2))
+
+
+def test_what_is_seen_is_late_and_noisy_as_said():
+    seen = SpatialConfig(links=21, keypoint_noise=0.001, measurement_delay=2)
+    plant, up = SpatialPlant(task(HANGING), config=seen, seed=3), np.tile([0.0, 0.0, 0.01, 0.0, 0.0, 0.0], (2, 1))
+    first, true = plant.reset(), [plant.measure().keypoints]
+    for _ in range(3):
+        last = plant.step(up)
+        true.append(plant.measure().keypoints)
+    assert (first.taken, last.taken, last.time) == (0.0, pytest.approx(0.1), pytest.approx(0.3))
+    assert 0.0005 < (last.keypoints - true[1]).std() < 0.0015
+    with pytest.raises(SimulationError, match="one run"):
+        plant.reset()

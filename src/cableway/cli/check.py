@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class Check(TaskOptions):
     """Check a plan.npz or rollout.npz independently of the code that made it; or what both ends of a task in space
-    keep. In space there are no rollouts."""
+    keep."""
 
     out: Maybe[Path] = None
     """Folder for report.json; by default, none is written."""

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from cableway.cli.planning import PlanOptions
 from cableway.core.errors import InputError
-from cableway.workflow.registry import DEFAULT_PLANNER
 
 if TYPE_CHECKING:
     from cableway.scene.spatial.task import SpatialTask
@@ -38,16 +37,7 @@ class Plan(PlanOptions):
         return self.solve(self.load(), since=since, track=False, rehearse=False, alternatives=self.alternatives)
 
     def _in_space(self, task: SpatialTask, since: float) -> int:
-        from cableway.cli.plan_in_space import leave_plan
+        from cableway.cli.in_space import leave_in_space, refuse
 
-        chosen = {
-            "--planner": self.planner != DEFAULT_PLANNER,
-            "--pivot": self.pivot is not None,
-            "--cell": self.cell is not None,
-            "--move-ends": self.move_ends,
-            "--alternatives": self.alternatives != 1,
-        }
-        if any(chosen.values()):
-            names = ", ".join(name for name, given in chosen.items() if given)
-            raise InputError(f"the task {task.name!r} is in space, where there is no {names} yet")
-        return leave_plan(self, task, since)
+        refuse(task, self.planar_options() | {"--alternatives": self.alternatives != 1})
+        return leave_in_space(self, task, since)

@@ -92,6 +92,15 @@ class PlanOptions(PictureOptions, TaskOptions):
         except TaskError as error:
             raise InputError(f"{self.task} in the cell {cell.name}: {error}") from None
 
+    def planar_options(self) -> dict[str, bool]:
+        """Which options are given that tasks in space do not have."""
+        return {
+            "--planner": self.planner != DEFAULT_PLANNER,
+            "--pivot": self.pivot is not None,
+            "--cell": self.cell is not None,
+            "--move-ends": self.move_ends,
+        }
+
     def chosen_planner(self) -> Planner:
         """The planner that the options ask for.
 

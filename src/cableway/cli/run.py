@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cableway.cli.options import Flag, Maybe, option
 from cableway.cli.planning import CONTROLLER_NAMES, PlanOptions
-from cableway.core.errors import InputError
+from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.plugins import is_plugin
 from cableway.workflow.registry import DEFAULT_CONTROLLER
 
 if TYPE_CHECKING:
+    from cableway.scene.spatial.task import SpatialTask
     from cableway.tracking.eyes import EyesConfig
 
 
@@ -99,10 +100,15 @@ class Run(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.scene.task import Task
         from cableway.simulation.perturbations.perturbation import Perturbation
         from cableway.simulation.perturbations.reading import read_perturbation
 
-        since, task = time.perf_counter(), self.load()
+        since = time.perf_counter()
+        spatial = self.load_any()
+        if not isinstance(spatial, Task):
+            return self._in_space(spatial, since)
+        task = self.load()
         own = self.plant if self.plant is not None and is_plugin(self.plant) else None
         return self.solve(
             task,
@@ -121,6 +127,21 @@ class Run(PlanOptions):
             dry_run=self.dry_run,
             rehearse=not self.no_rehearsal,
         )
+
+    def _in_space(self, task: SpatialTask, since: float) -> int:
+        from cableway.cli.in_space import leave_in_space, refuse
+        from cableway.workflow.spatial_run import CONTROLLERS
+
+        default = {field.name: field.default for field in fields(self)}
+        chosen = {
+            f"--{name.replace('_', '-')}": getattr(self, name) != default[name]
+            for name in ("model", "adapt", "plant", "camera", "watch", "deadline", "speed", "dry_run")
+        }
+        refuse(task, self.planar_options() | chosen)
+        controller = self.controller or next(iter(CONTROLLERS))
+        if controller not in CONTROLLERS:
+            raise UnknownNameError("controller in space", controller, CONTROLLERS)
+        return leave_in_space(self, task, since, controller=controller, plan=self.plan_file)
 
     def _eyes(self) -> EyesConfig | None:
         """The cameras that the options ask for."""

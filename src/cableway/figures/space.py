@@ -20,6 +20,7 @@ from cableway.figures import style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.figures.perspective import pale
 from cableway.figures.scene import TASKS_SHOWN, small_panels, smooth
+from cableway.records import Rollout
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, Picture, render
@@ -47,6 +48,9 @@ FINE = 250
 
 BEHIND = 0.004
 """Depth [m] by which a point is behind what is seen there before it counts as hidden; added to the radius."""
+
+CURVES, GAP = 2.4, 0.35
+"""Width [inch] of a panel with curves, and the height between two."""
 
 COLORS: dict[End, str] = dict(zip(ENDS, (style.START, style.GOAL), strict=True))
 
@@ -182,6 +186,48 @@ def spatial_plan_figure(
     style.title(ax, task.name)
     write_lines(figure, 0.1, lines)
     _legend(figure, tall, 0.12)
+    return figure
+
+
+def spatial_rollout_figure(task: SpatialTask, rollout: Rollout, failure: str | None = None) -> Figure:
+    """The picture of a run in space: (a) shapes of the cable on its way; over time (b) its stacked error to the goal,
+    (c) the largest deviation of a keypoint from the plan, (d) the clearance of cable and grippers.
+
+    Args:
+        task: The task.
+        rollout: What happened.
+        failure: Why it did not succeed.
+    """
+    width = WIDE + CURVES + 0.95
+    view, lines = SpaceView(task, WIDE), sentence_lines([failure] if failure else [], width, "Failed: ")
+    below = 0.1 + LINE * len(lines) if lines else 0.0
+    height, bottom = WIDE * TALL, 0.45 + below
+    figure = style.new_figure(width, bottom + height + 0.3)
+    ax = style.add_axes(figure, 0.1, bottom, WIDE, height)
+    rows = np.linspace(0, rollout.steps, SHAPES + 2).round().astype(int)
+    colors = [to_hex(style.TIME(row / max(rollout.steps, 1))) for row in rows]
+    view.draw(
+        ax,
+        [(task.stations("goal"), style.MUTED), *zip(rollout.centreline[rows], colors, strict=True)],
+        [(rollout.poses[rows[0]], colors[0]), (rollout.poses[rows[-1]], colors[-1])],
+    )
+    style.title(ax, "(a) " + task.name)
+    curves = {
+        "(b) error [mm]": np.linalg.norm(rollout.keypoints - task.keypoints("goal"), axis=(1, 2)),
+        "(c) deviation [mm]": rollout.deviations_from_reference,
+        "(d) clearance [mm]": np.minimum(rollout.clearance, rollout.gripper_clearance),
+    }
+    tall = (height - 2 * GAP) / 3
+    for place, (name, values) in enumerate(reversed(curves.items())):
+        panel = style.add_axes(figure, WIDE + 0.75, bottom + place * (tall + GAP), CURVES, tall)
+        panel.plot(rollout.times, 1000 * values, color=style.INK, linewidth=1.2)
+        panel.set_ylim(bottom=min(0.0, 1000 * float(values.min())))
+        style.title(panel, name)
+        if place == 0:
+            panel.set_xlabel("time [s]")
+        else:
+            panel.tick_params(labelbottom=False)
+    write_lines(figure, 0.1, lines)
     return figure
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.geometry import rotations
+from cableway.scene.spatial.cable import SpatialCable
 
 ACROSS = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Axes of the hinges that bend a joint, in the frame of its link; x is along the cable."""
@@ -29,27 +30,17 @@ ACROSS = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ALONG = (1.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SpatialChain:
     """A chain as a model has it.
 
     Attributes:
-        length: Of the cable [m].
-        radius: Of the cable [m].
-        bending_stiffness: B [N m^2].
-        twist: Twisting stiffness by bending stiffness.
-        damping_time: Damping over stiffness of all hinges [s].
-        linear_density: [kg/m].
+        cable: Length, radius, stiffnesses, damping time and density.
         links: How many, the first and the last half as long.
     """
 
-    length: float
-    radius: float
-    bending_stiffness: float
-    twist: float
-    damping_time: float
-    linear_density: float
-    links: int = 41
+    cable: SpatialCable
+    links: int
 
     @property
     def joints(self) -> Float[np.ndarray, "v"]:
@@ -69,25 +60,25 @@ class SpatialChain:
             spec: The model; the chain is to be the first in it.
             surface: How the capsules meet other things.
         """
-        joints, body, before = self.joints, spec.worldbody, 0.0
-        stiffness = self.bending_stiffness * (self.links - 1) / self.length
-        for index, share in enumerate(np.diff(joints) * self.length):
+        cable, body, before = self.cable, spec.worldbody, 0.0
+        stiffness = cable.bending_stiffness * (self.links - 1) / cable.length
+        for index, share in enumerate(np.diff(self.joints) * cable.length):
             name = f"segment {index}"
             body, before = body.add_body(name=name, pos=[before, 0.0, 0.0]), float(share)
             if index == 0:
                 body.add_freejoint()
             else:
                 across = ACROSS if index % 2 else ACROSS[::-1]
-                for axis, factor in (*((axis, 1.0) for axis in across), (ALONG, self.twist)):
+                for axis, factor in (*((axis, 1.0) for axis in across), (ALONG, cable.twist_ratio)):
                     joint = body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
                     joint.stiffness[0] = factor * stiffness
-                    joint.damping[0] = factor * stiffness * self.damping_time
+                    joint.damping[0] = factor * stiffness * cable.damping_time
             body.add_geom(
                 name=name,
                 type=mujoco.mjtGeom.mjGEOM_CAPSULE,
                 fromto=[0.0, 0.0, 0.0, before, 0.0, 0.0],
-                size=[self.radius, 0.0, 0.0],
-                mass=self.linear_density * before,
+                size=[cable.radius, 0.0, 0.0],
+                mass=cable.linear_density * before,
                 **surface,
             )
 
@@ -118,7 +109,7 @@ class SpatialChain:
         """Both ends and all joints now [m]."""
         first = data.model.body("segment 0").id
         last = first + self.links - 1
-        reach = self.length / (2 * (self.links - 1))
+        reach = self.cable.length / (2 * (self.links - 1))
         tip = data.xpos[last] + reach * data.xmat[last].reshape(3, 3)[:, 0]
         return np.vstack([data.xpos[first : last + 1], tip])
 

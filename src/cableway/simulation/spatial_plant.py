@@ -1,10 +1,10 @@
 """A cable in space between two grippers with servos, simulated in MuJoCo: bending, twist, weight, damping and contact.
 
 It shares nothing with the rod of the planner but the shape that it begins in. Each gripper is a first-order servo that
-follows the commanded motion; a weld holds the end of the cable in it.
+follows the commanded motion; a weld holds the end of the cable in it. A camera reports keypoints with noise and late.
 
 Note:
-    The cable does not touch itself, and the grippers have no bodies: their clearance is to be judged by their poses.
+    The cable does not touch itself, and grippers touch nothing: the clearance of the balls about them is measured.
 """
 
 # MuJoCo's bindings are compiled and carry no type information
@@ -13,9 +13,8 @@ Note:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any
 
 import mujoco
 import numpy as np
@@ -25,13 +24,30 @@ from cableway.core.checks import Bounds, Checked
 from cableway.core.errors import InputError, SimulationError
 from cableway.core.quantities import quantity
 from cableway.geometry.groups import SE3
-from cableway.rod.spatial import SpatialRod
+from cableway.geometry.spatial_convex import chain_distance, signed_distance
+from cableway.records import Measurement, Observation
+from cableway.rod.inverse import equilibria_at, meet_poses
+from cableway.scene.spatial.cable import SpatialCable
+from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Sphere
+from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
 from cableway.simulation.chain import collected_warnings
+from cableway.simulation.drives import NAMES
 from cableway.simulation.spatial_chain import SpatialChain
-from cableway.simulation.surroundings import CABLE, CONTACT, SURROUNDINGS, add_free_gripper, hold
+from cableway.simulation.surroundings import (
+    CABLE,
+    CONTACT,
+    SURROUNDINGS,
+    add_free_gripper,
+    add_hull,
+    add_obstacle,
+    add_plane,
+    hold,
+)
 
-NAMES = ("left", "right")
+SAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""The pose of a frame in itself."""
 
 HOLD = {"solref": [0.005, 1.0], "solimp": [0.99, 0.9999, 0.001, 0.5, 2.0]}
 """Stiffness of a grasp: a time constant of two time steps."""
@@ -41,6 +57,9 @@ SLIP_DISTANCE = 0.010
 
 REST = 0.001
 """Speed [m/s] of the centreline that counts as rest."""
+
+EVERY = 4
+"""Time steps between two looks at the clearance."""
 
 LONGEST_SETTLING = 20.0
 """[s] that the cable may take to come to rest at the start."""
@@ -55,6 +74,8 @@ class SpatialConfig(Checked):
         time_step: Of MuJoCo [s]; must divide the control step.
         servo_time: Time constant of the grippers [s].
         friction: Coefficient between cable and obstacles.
+        keypoint_noise: Standard deviation of each coordinate of a keypoint [m].
+        measurement_delay: Control steps from when a frame is taken until it arrives.
 
     Raises:
         InputError: A value is out of range.
@@ -64,6 +85,8 @@ class SpatialConfig(Checked):
     time_step: Annotated[float, Bounds(5e-4, 5e-3)] = 0.0025
     servo_time: Annotated[float, Bounds(0, 1)] = 0.05
     friction: Annotated[float, Bounds(0, 3)] = 0.3
+    keypoint_noise: Annotated[float, Bounds(0, 1)] = 0.0
+    measurement_delay: Annotated[int, Bounds(0, 100)] = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,36 +99,18 @@ class SpatialConfig(Checked):
         return round(CONTROL_STEP / self.time_step)
 
 
-class SpatialMeasurement(NamedTuple):
-    """The truth after a control step.
-
-    Attributes:
-        line: Both ends and all joints of the chain [m].
-        keypoints: At equal arc length, both ends included [m].
-        poses: Of the grippers: position [m] and unit quaternion (w, x, y, z).
-        contact: Distance [m] of the deepest contact of the cable during the step; infinite without one.
-    """
-
-    line: Float[np.ndarray, "v 3"]
-    keypoints: Float[np.ndarray, "n 3"]
-    poses: Float[np.ndarray, "2 7"]
-    contact: float
-
-
 class SpatialPlant:
-    """A cable between two grippers in space.
+    """A task's cable between two grippers in space.
 
     Args:
-        chain: The true cable.
-        rod: The rod whose shape the cable begins in; it comes to rest between the same grippers.
-        start: (12,) coordinates of that shape.
-        surround: Adds what the cable can touch to a model; nothing where None. Geoms for the cable are to have
-            `SURROUNDINGS` as their `contype` and `CABLE` as their `conaffinity`.
+        task: Scene, start and cable.
+        cable: The true cable; the task's where None. It comes to rest between the grippers of the start.
         grasps: (2, 7) poses of the cable's ends in the gripper frames; none off where None.
         config: Everything else.
+        seed: Of the noise.
 
     Raises:
-        SimulationError: The cable does not come to rest, or touches something then.
+        SimulationError: The cable has no stable shape there, does not come to rest, or touches something then.
     """
 
     control_step = CONTROL_STEP
@@ -113,32 +118,44 @@ class SpatialPlant:
 
     def __init__(
         self,
-        chain: SpatialChain,
-        rod: SpatialRod,
-        start: Float[np.ndarray, "12"],
-        surround: Callable[[mujoco.MjSpec], None] | None = None,
+        task: SpatialTask,
+        cable: SpatialCable | None = None,
         grasps: Float[np.ndarray, "2 7"] | None = None,
         config: SpatialConfig | None = None,
+        seed: int = 0,
     ) -> None:
-        self.config, self._chain = config or SpatialConfig(), chain
-        self._places, self._steps = np.linspace(0.0, 1.0, rod.keypoints), 0
-        still = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
-        self._grasps = still if grasps is None else grasps
-        self.model = self._built(surround)
+        self.task, self.cable, self.config = task, cable or task.cable, config or SpatialConfig()
+        self._chain, self._steps = SpatialChain(self.cable, self.config.links), 0
+        self._rng, self._clearances = np.random.default_rng(seed), (math.inf, math.inf)
+        self._grasps = np.tile(SAME, (2, 1)) if grasps is None else np.array(grasps, float)
+        self.model = self._built()
         self._data = mujoco.MjData(self.model)
         self._is_cable = self.model.geom_contype == CABLE
-        stations, poses = rod.shapes(start[None])
-        self._commanded, self._reached = poses[0].copy(), poses[0].copy()
-        left = SE3.compose(poses[0, 0], self._grasps[0])
-        self._data.qpos[: chain.coordinates] = chain.laid(stations[0], left, start[9] / rod.twist)
+        self._commanded = task.gripper_poses("start").copy()
+        self._reached = self._commanded.copy()
+        ends = SE3.compose(self._reached, self._grasps)
+        start = nearest_start(task, self.cable, ends)
+        line = self.cable.rod.shapes(start[None])[0][0]
+        self._data.qpos[: self._chain.coordinates] = self._chain.laid(line, ends[0], start[9] / self.cable.twist_ratio)
         self._settle()
+        self._frames = [self._keypoints()]
 
     @property
     def time(self) -> float:
         """[s] since the start."""
         return self._steps * self.control_step
 
-    def step(self, action: Float[np.ndarray, "2 6"]) -> SpatialMeasurement:
+    def reset(self) -> Observation:
+        """What is seen at the start, where this plant is as long as no step was made.
+
+        Raises:
+            SimulationError: One was.
+        """
+        if self._steps:
+            raise SimulationError("a plant in space makes one run")
+        return self._observe()
+
+    def step(self, action: Float[np.ndarray, "2 6"]) -> Observation:
         """Move the targets of the grippers at constant speed by `action` [m, rad] in one control step.
 
         Raises:
@@ -146,29 +163,42 @@ class SpatialPlant:
         """
         if not np.isfinite(action).all():
             raise SimulationError(f"an action must be finite, got {np.asarray(action).tolist()}")
-        measured = self._lead(SE3.plus(self._commanded, action))
+        self._clearances = self._lead(SE3.plus(self._commanded, action))
         self._steps += 1
-        return measured
+        self._frames.append(self._keypoints())
+        return self._observe()
 
-    def measure(self) -> SpatialMeasurement:
-        """The truth now; no contact was looked for."""
-        line = self._chain.line(self._data)
-        return SpatialMeasurement(line, self._chain.at(line, self._places), self._reached.copy(), math.inf)
+    def measure(self) -> Measurement:
+        """The truth after the last step, with the least clearances during it."""
+        return Measurement(
+            self._keypoints(), self._reached.copy(), self._chain.line(self._data), *map(float, self._clearances)
+        )
+
+    def _observe(self) -> Observation:
+        """The frame that arrives now, and the poses of the grippers now."""
+        at = max(0, self._steps - self.config.measurement_delay)
+        keypoints = self._frames[at] + self.config.keypoint_noise * self._rng.standard_normal(self._frames[at].shape)
+        return Observation(self.time, keypoints, self._reached.copy(), taken=at * self.control_step)
+
+    def _keypoints(self) -> Float[np.ndarray, "n 3"]:
+        return self._chain.at(self._chain.line(self._data), np.linspace(0.0, 1.0, self.cable.keypoints))
 
     def _settle(self) -> None:
         """Let the cable come to rest between the grippers as they are."""
         for _ in range(round(LONGEST_SETTLING / self.control_step)):
             before = self._chain.line(self._data)
-            measured = self._lead(self._commanded)
-            if np.abs(measured.line - before).max() < REST * self.control_step:
+            self._clearances = self._lead(self._commanded)
+            if np.abs(self._chain.line(self._data) - before).max() < REST * self.control_step:
                 break
         else:
             raise SimulationError(f"the cable did not come to rest in {LONGEST_SETTLING:g} s between still grippers")
-        if measured.contact <= 0:
-            raise SimulationError(f"the cable touches something at the start, {quantity(-measured.contact)} deep")
+        if min(self._clearances) <= 0:
+            what = "the cable" if self._clearances[0] <= 0 else "a gripper"
+            raise SimulationError(f"{what} touches something at the start, {quantity(-min(self._clearances))} deep")
 
-    def _lead(self, target: Float[np.ndarray, "2 7"]) -> SpatialMeasurement:
-        data, count, deepest = self._data, self.config.substeps, math.inf
+    def _lead(self, target: Float[np.ndarray, "2 7"]) -> tuple[float, float]:
+        """Move the grippers' targets at constant speed in one control step; clearances of cable and grippers [m]."""
+        data, count, deepest, lines, poses = self._data, self.config.substeps, math.inf, [], []
         kept = 1.0 - math.exp(-self.config.time_step / self.config.servo_time) if self.config.servo_time else 1.0
         data.warning.number[:] = 0
         with collected_warnings() as messages:
@@ -179,14 +209,19 @@ class SpatialPlant:
                 data.mocap_pos[:], data.mocap_quat[:] = ends[:, :3], ends[:, 3:]
                 mujoco.mj_step(self.model, data)
                 deepest = min(deepest, self._contact())
+                if substep % EVERY == 0:
+                    lines.append(self._chain.line(data))
+                    poses.append(self._reached[:, :3])
         if data.warning.number.any() or not np.isfinite(data.qpos).all():
             raise SimulationError(f"the simulation diverged: {' '.join(messages[:1]) or 'a state is not finite'}")
-        self._commanded, measured = target, self.measure()
-        held = SE3.compose(self._reached, self._grasps)[:, :3]
-        slip = float(np.linalg.norm(measured.line[[0, -1]] - held, axis=1).max())
+        self._commanded, held = target, SE3.compose(self._reached, self._grasps)[:, :3]
+        slip = float(np.linalg.norm(lines[-1][[0, -1]] - held, axis=1).max())
         if slip > SLIP_DISTANCE:
             raise SimulationError(f"the cable slipped in a gripper by {quantity(slip)}, pulled too hard")
-        return measured._replace(contact=deepest)
+        world = self.task.scene.world
+        cable = float(chain_distance(np.array(lines), world)[0].min()) - self.cable.radius
+        balls = float(signed_distance(np.array(poses), world)[0].min()) - self.task.grippers.radius
+        return min(cable, deepest), balls
 
     def _contact(self) -> float:
         """Distance [m] of the deepest contact of the cable with anything; infinite without one."""
@@ -195,7 +230,7 @@ class SpatialPlant:
         touching = self._is_cable[self._data.contact.geom].any(axis=1)
         return float(self._data.contact.dist[touching].min()) if touching.any() else math.inf
 
-    def _built(self, surround: Callable[[mujoco.MjSpec], None] | None) -> mujoco.MjModel:
+    def _built(self) -> mujoco.MjModel:
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         option = spec.option
@@ -204,12 +239,61 @@ class SpatialPlant:
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         # the approximate diagonal makes the grasps of a long chain soft
         option.enableflags |= mujoco.mjtEnableBit.mjENBL_DIAGEXACT
-        friction = [self.config.friction, 0.005, 0.0001]
-        self._chain.add(spec, contype=CABLE, conaffinity=SURROUNDINGS, condim=3, friction=friction, **CONTACT)
-        last, share = self._chain.links - 1, self._chain.length / (2 * (self._chain.links - 1))
+        surface = {"condim": 3, "friction": [self.config.friction, 0.005, 0.0001], **CONTACT}
+        self._chain.add(spec, contype=CABLE, conaffinity=SURROUNDINGS, **surface)
+        last, share = self._chain.links - 1, self.cable.length / (2 * (self._chain.links - 1))
         for name, link, along in zip(NAMES, (0, last), (0.0, share), strict=True):
             add_free_gripper(spec, name)
             hold(spec, name, f"segment {link}", along, **HOLD)
-        if surround is not None:
-            surround(spec)
+        add_spatial_scene(spec, self.task.scene, contype=SURROUNDINGS, conaffinity=CABLE, **surface)
         return spec.compile()
+
+
+def nearest_start(task: SpatialTask, cable: SpatialCable, ends: Float[np.ndarray, "2 7"]) -> Float[np.ndarray, "12"]:
+    """The stable shape of a cable between its ends whose keypoints are nearest to those of the task's start.
+
+    Raises:
+        SimulationError: There is none.
+    """
+    rod, keypoints = cable.rod, task.keypoints("start")
+    try:
+        found = meet_poses(rod, ends, task.start[None])
+        found = found[rod.stability(found)[0] > 0] if len(found) else found
+        found = found if len(found) else equilibria_at(rod, ends)
+    except InputError:
+        found = np.empty((0, 12))
+    if not len(found):
+        raise SimulationError("the cable has no stable shape between the grippers of the start")
+    places = np.linspace(0, 1, len(keypoints))
+    shapes = rod.shapes(found)[0]
+    at = np.linspace(0, shapes.shape[1] - 1, len(places)).round().astype(int)
+    return found[int(np.argmin(np.linalg.norm(shapes[:, at] - keypoints, axis=(1, 2))))]
+
+
+def add_spatial_scene(spec: mujoco.MjSpec, scene: SpatialScene, **surface: Any) -> None:
+    """Obstacles, walls, ceiling and table; what never ends goes as high as the ceiling."""
+    world, top = spec.worldbody, scene.size[2]
+    for index, obstacle in enumerate(scene.obstacles):
+        named: dict[str, Any] = {"name": f"obstacle {index}", **surface}
+        match obstacle:
+            case Cuboid():
+                size = [edge / 2 for edge in obstacle.size]
+                at = {"pos": list(obstacle.center), "quat": list(obstacle.orientation)}
+                world.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, **at, **named)
+            case Cylinder():
+                size, at = [obstacle.radius, obstacle.height / 2, 0.0], {"pos": list(obstacle.center)}
+                kind = mujoco.mjtGeom.mjGEOM_CYLINDER
+                world.add_geom(type=kind, size=size, zaxis=list(obstacle.axis), **at, **named)
+            case Sphere():
+                size, at = [obstacle.radius, 0.0, 0.0], {"pos": list(obstacle.center)}
+                world.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=size, **at, **named)
+            case ConvexMesh():
+                add_hull(spec, world, obstacle.points, **named)
+            case _:
+                height = obstacle.section.height
+                faces = (0.0, top if height is None else height)
+                add_obstacle(spec, obstacle.section, faces, mujoco.mjtGeom.mjGEOM_CYLINDER, **named)
+    for axis in range(3):
+        inward = np.eye(3)[axis]
+        for name, point, normal in (("low", np.zeros(3), inward), ("high", np.array(scene.size), -inward)):
+            add_plane(spec, point.tolist(), normal.tolist(), name=f"wall {axis} {name}", **surface)

@@ -37,7 +37,7 @@ def add_scene(
         surface: How all of these meet the cable.
     """
     for index, (obstacle, faces) in enumerate(zip(scene.obstacles, heights, strict=True)):
-        _add_obstacle(spec, obstacle, faces, disc, name=f"obstacle {index}", **surface)
+        add_obstacle(spec, obstacle, faces, disc, name=f"obstacle {index}", **surface)
     corner = [*scene.size, 0.0]
     inward = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0])
     for name, point, normal in zip(WALLS, ([0.0] * 3, [0.0] * 3, corner, corner), inward, strict=True):
@@ -50,9 +50,10 @@ def add_plane(spec: mujoco.MjSpec, point: list[float], normal: list[float], **su
     spec.worldbody.add_geom(type=kind, pos=point, zaxis=normal, size=size, **surface)
 
 
-def _add_obstacle(
+def add_obstacle(
     spec: mujoco.MjSpec, obstacle: Obstacle, heights: tuple[float, float], disc: mujoco.mjtGeom, **surface: Any
 ) -> None:
+    """An obstacle from one height [m] to another; see `add_scene`."""
     middle, half = (heights[0] + heights[1]) / 2, (heights[1] - heights[0]) / 2
     match obstacle:
         case Disc():
@@ -74,8 +75,12 @@ def add_prism(
     **surface: Any,
 ) -> None:
     """A convex outline [m] between two heights [m], in the frame of a body."""
-    corners = [[*vertex, height] for height in heights for vertex in outline]
-    spec.add_mesh(name=surface["name"], uservert=np.ravel(corners).tolist())
+    add_hull(spec, body, np.array([[*vertex, height] for height in heights for vertex in outline]), **surface)
+
+
+def add_hull(spec: mujoco.MjSpec, body: mujoco.MjsBody, points: Float[np.ndarray, "k 3"], **surface: Any) -> None:
+    """The convex hull of points [m] in the frame of a body."""
+    spec.add_mesh(name=surface["name"], uservert=np.ravel(points).tolist())
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=surface["name"], **surface)
 
 

@@ -35,16 +35,20 @@ def verify_record(
     """
     inserts = kind_of(record).startswith("insertion")
     if isinstance(task, SpatialTask):
-        if inserts or not isinstance(record, Plan):
-            raise InputError(f"of a task in space, only plans can be checked, not a {kind_of(record)}")
-        return verify_plan(record, task)
+        if inserts:
+            raise InputError(f"a task in space has no port for an {kind_of(record)}")
+        if isinstance(record, Plan):
+            return verify_plan(record, task)
+        from cableway.verification.spatial_rollout import verify_spatial_rollout  # which most tasks do without
+
+        return verify_spatial_rollout(record, task, same_cable=not record.metadata.get("another_cable", False))
     if isinstance(record, Plan):
         return (verify_insertion_plan if inserts else verify_plan)(record, task, limits)
     return (verify_insertion if inserts else verify_rollout)(record, task, length=plant_length(record, task))
 
 
 def require_verified(
-    record: Plan | Rollout, task: Task, source: str, limits: VerificationLimits | None = None
+    record: Plan | Rollout, task: Task | SpatialTask, source: str, limits: VerificationLimits | None = None
 ) -> Verdict:
     """The verdict on a record, which must pass; `source` names the record in the error, the others are as above.
 

@@ -81,6 +81,8 @@ def _farthest(rollout: Rollout, goal: Float[np.ndarray, "n 2"]) -> Point:
 
 def _physics(rollout: Rollout, task: Task, length: float | None) -> list[Check]:
     """What any rollout must keep, wherever it begins and ends."""
+    if rollout.keypoints.shape[2] != 2:
+        raise InputError(f"the task {task.name!r} is on the table, the rollout is not")
     if rollout.keypoints.shape[1] != task.cable.keypoints:
         raise InputError(f"the rollout has {rollout.keypoints.shape[1]} keypoints, the task {task.cable.keypoints}")
     return [

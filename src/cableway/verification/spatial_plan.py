@@ -90,7 +90,7 @@ def verify_spatial_plan(plan: Plan, task: SpatialTask, limits: SpatialVerificati
     clearance = ends.clearance(limits.clearance, lines, to_cable, task.cable.radius)
     keypoints = followed.stations[::2, ::PIECES]
     checks = [
-        _clearance("cable clearance", lines, task, to_cable, task.cable.radius, clearance, "the cable"),
+        swept_clearance("cable clearance", lines, task, to_cable, task.cable.radius, clearance, "the cable"),
         *_balls(plan.poses, task, to_balls, ends, limits.clearance),
         *_hands(plan.poses, task, limits.clearance),
         _off_cable(lines, plan.poses, task),
@@ -98,7 +98,7 @@ def verify_spatial_plan(plan: Plan, task: SpatialTask, limits: SpatialVerificati
         self_clearance(with_halves(lines), task.cable.radius),
         grasp_check(plan, limits.grasp),
         separation(plan.poses[..., :3], task.grippers.least_span),
-        *_gripper_motion(plan.poses, task),
+        *gripper_motion(plan.poses, task),
         *_following(followed, plan, task, limits, ends),
         *_rod_coordinates(plan, task, limits),
         *_ends(plan, task, limits),
@@ -107,7 +107,9 @@ def verify_spatial_plan(plan: Plan, task: SpatialTask, limits: SpatialVerificati
         rows = np.arange(len(followed.stations)) / 2
         wanted = np.maximum(0.0, np.interp(rows, np.arange(len(lines)), clearance) - limits.clearance)
         wanted = wanted + limits.rod_clearance
-        found = _clearance("rod clearance", followed.stations, task, to_cable, task.cable.radius, wanted, "the cable")
+        found = swept_clearance(
+            "rod clearance", followed.stations, task, to_cable, task.cable.radius, wanted, "the cable"
+        )
         checks.append(replace(found, row=(found.row or 0.0) / 2))
     return Verdict.of(checks, CONTROL_STEP * np.arange(len(plan.shapes)))
 
@@ -137,10 +139,11 @@ def _between(a: np.ndarray, b: np.ndarray, share: np.ndarray | float) -> np.ndar
     return np.concatenate([(1 - share) * a[..., :3] + share * b[..., :3], turn], axis=-1)
 
 
-def _clearance(
+def swept_clearance(
     name: str, lines: np.ndarray, task: SpatialTask, measure: Measure, radius: float, limit: np.ndarray | float,
     who: str,
 ) -> Check:  # fmt: skip
+    """The clearance [m] of moving lines of a radius [m] from the scene, swept; and whether it keeps a limit [m]."""
     found = closest_approach(lines, measure, limit + radius)
     value, least = found.distance - radius, found.wanted - radius
     where = f"{who} and {task.scene.name_of(found.obstacle)}"
@@ -153,7 +156,7 @@ def _balls(poses: np.ndarray, task: SpatialTask, measure: ToScene, ends: Ends, l
     for side, name in enumerate(("the left gripper", "the right gripper")):
         places = poses[:, side : side + 1, :3]
         wanted = ends.clearance(limit, places, measure, radius)
-        found.append(_clearance("gripper clearance", places, task, measure, radius, wanted, name))
+        found.append(swept_clearance("gripper clearance", places, task, measure, radius, wanted, name))
     return [min(found, key=lambda check: check.value - check.limit)]
 
 
@@ -224,7 +227,8 @@ def _fine_poses(
     return _between(poses[first], poses[first + 1], (at - first)[:, None, None]), at
 
 
-def _gripper_motion(poses: np.ndarray, task: SpatialTask) -> list[Check]:
+def gripper_motion(poses: np.ndarray, task: SpatialTask) -> list[Check]:
+    """Steps and turns of the grippers from row to row."""
     move, turn = _pose_distance(poses[:-1], poses[1:])
     return [
         at_most("gripper step", move.max(1), "m", task.grippers.max_step),

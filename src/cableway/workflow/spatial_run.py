@@ -1,0 +1,63 @@
+"""A run in space: a plan, and the simulated cable led along it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cableway.control.spatial_feedback import SpatialFeedback, SpatialFeedbackConfig
+from cableway.core.errors import SimulationError, UnknownNameError
+from cableway.core.provenance import describe
+from cableway.judge import judge_in_space
+from cableway.outcome import Outcome
+from cableway.records import Plan, Rollout, Verdict
+from cableway.scene.spatial.task import SpatialTask
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
+from cableway.tracking.spatial_loop import track_in_space
+from cableway.verification.spatial_rollout import verify_spatial_rollout
+
+CONTROLLERS = {"rod-jacobian": SpatialFeedbackConfig(), "open-loop": SpatialFeedbackConfig(gain=0.0)}
+"""Controllers in space, the first one the default."""
+
+
+def follow_in_space(
+    task: SpatialTask,
+    plan: Plan,
+    *,
+    controller: str = "rod-jacobian",
+    perturbation: SpatialPerturbation | None = None,
+    seed: int = 0,
+) -> tuple[Rollout | None, Verdict | None, Outcome, str]:
+    """Lead the simulated cable along a plan, and judge what became of it.
+
+    Args:
+        task: The task.
+        plan: Its plan.
+        controller: One of `CONTROLLERS`.
+        perturbation: How the cable differs; not at all where None.
+        seed: Of the noise.
+
+    Returns:
+        The rollout and its checks, None where the plant cannot start; the outcome and a sentence on why it is no
+        success.
+
+    Raises:
+        UnknownNameError: There is no such controller.
+        MissingExtraError: Coal, which the judge needs, is not installed.
+    """
+    if controller not in CONTROLLERS:
+        raise UnknownNameError("controller in space", controller, CONTROLLERS)
+    perturbation, config = perturbation or SpatialPerturbation(), CONTROLLERS[controller]
+    try:
+        plant = perturbation.build(task, seed)
+    except SimulationError as error:
+        return None, None, Outcome.PLANT_FAILED, f"the plant cannot start: {error}"
+    rollout = track_in_space(task, plant, SpatialFeedback(config), plan)
+    made_by = {
+        "seed": seed,
+        "controller": controller,
+        "another_cable": perturbation.cable is not None,
+        "configuration": describe({"controller": config, "plant": perturbation.config}),
+    }
+    rollout = replace(rollout, metadata={**rollout.metadata, **made_by})
+    verdict = verify_spatial_rollout(rollout, task, same_cable=perturbation.cable is None)
+    return rollout, verdict, *judge_in_space(task, rollout, verdict)

@@ -1,0 +1,101 @@
+"""Runs in space: plans of random tasks, led open loop on the nominal cable, and with feedback on cables that differ.
+
+    .venv/bin/python studies/space_runs.py KIND [--seeds 3000:3030] [--out runs/space-runs]
+
+Each task is planned with a time limit of 30 s of processor time. Its plan is led open loop, by grippers without lag, on
+the nominal cable of the plant in MuJoCo; then by both controllers on a cable of `SpatialPerturbation.drawn`: up to 2%
+longer or shorter, 30% stiffer or less stiff, held up to 3 mm and 5 degrees askew, seen with 1 mm of noise and 0.1 s
+late. Results are kept in the folder, so that an interrupted study goes on. Prints Markdown; tasks without a plan count.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cableway.benchmark.statistics import share
+from cableway.core.errors import CablewayError
+from cableway.core.files import write_json
+from cableway.planning.planner import plan
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
+from cableway.simulation.spatial_plant import SpatialConfig
+from cableway.tasks.space.generation import random_spatial_task
+from cableway.workflow.spatial_run import CONTROLLERS, follow_in_space
+
+LIMIT = 30.0
+"""Processor time [s] of a search."""
+
+
+def runs_of(kind: str, seed: int) -> dict[str, Any]:
+    """What became of a task, by run."""
+    task, begun = random_spatial_task(seed, kind), time.process_time()
+    found: dict[str, Any] = {"weight": task.rod.weight}
+    try:
+        made = plan(task, seed=0, expired=lambda: time.process_time() - begun > LIMIT)
+    except CablewayError as error:
+        return found | {"no plan": str(error)}
+    exact = SpatialPerturbation(config=SpatialConfig(servo_time=0.0))
+    cases = {"nominal": ("open-loop", exact)}
+    cases |= {name: (name, SpatialPerturbation.drawn(task, seed)) for name in CONTROLLERS}
+    for name, (controller, perturbation) in cases.items():
+        rollout, _, outcome, why = follow_in_space(
+            task, made, controller=controller, perturbation=perturbation, seed=seed
+        )
+        found[name] = {"outcome": str(outcome), "why": why}
+        if rollout is not None:
+            found[name] |= {
+                "error": rollout.shape_error(task.keypoints("goal")),
+                "deviation": float(rollout.deviations_from_reference.max()),
+                "clearance": rollout.least_clearance,
+            }
+    return found
+
+
+def line(name: str, rows: list[dict[str, Any]]) -> str:
+    """A row of the table."""
+    runs = [row[name] for row in rows if name in row]
+    good = [run["outcome"] == "success" for run in runs] + [False] * (len(rows) - len(runs))
+    succeeded = share(good, [str(number) for number in range(len(good))])
+    assert succeeded is not None
+    cells = [f"{100 * succeeded.value:.0f} ({100 * succeeded.low:.0f} to {100 * succeeded.high:.0f})"]
+    cells.append(str(sum(run.get("clearance", 1.0) <= 0 for run in runs)))
+    for what in ("error", "deviation", "clearance"):
+        values = 1000 * np.array([run[what] for run in runs if what in run])
+        if not len(values):
+            cells.append("-")
+            continue
+        worst = values.min() if what == "clearance" else values.max()
+        tail = np.percentile(values, 5 if what == "clearance" else 95)
+        cells.append(f"{np.median(values):.1f} / {tail:.1f} / {worst:.1f}")
+    return f"| {name} | {len(rows)} | {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind")
+    parser.add_argument("--seeds", default="3000:3030")
+    parser.add_argument("--out", type=Path, default=Path("runs/space-runs"))
+    given = parser.parse_args()
+    first, end = map(int, given.seeds.split(":"))
+    rows = []
+    for seed in range(first, end):
+        file = given.out / f"{given.kind}-{seed}.json"
+        if not file.exists():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_json(file, runs_of(given.kind, seed))
+        rows.append(json.loads(file.read_text()))
+        print(seed, {name: run["outcome"] for name, run in rows[-1].items() if isinstance(run, dict)}, flush=True)
+    print("\n| run | tasks | success [%] | contacts | error [mm] | deviation [mm] | clearance [mm] |")
+    print("|---|---|---|---|---|---|---|")
+    for name in ("nominal", *CONTROLLERS):
+        print(line(name, rows))
+
+
+if __name__ == "__main__":
+    main()

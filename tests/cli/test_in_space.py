@@ -1,0 +1,52 @@
+"""`plan`, `run` and `check` of a task in space: what they leave, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import Command
+from spatial_problems import ball_task
+
+from cableway.records import Plan, Rollout
+from cableway.scene.files.saving import save_task
+
+pytest.importorskip("coal")
+
+
+@pytest.fixture
+def ball(tmp_path: Path) -> Path:
+    save_task(ball_task(), tmp_path / "ball.yaml")
+    return tmp_path / "ball.yaml"
+
+
+def test_a_cable_is_planned_led_and_checked_in_space(cableway: Command, tmp_path: Path, ball: Path):
+    done = cableway("run", ball, "--out", "led")
+    assert done.status == 0, done.err
+    report, rollout = json.loads(Path("led/report.json").read_text()), Rollout.load(Path("led/rollout.npz"))
+    assert report["outcome"] == "success"
+    assert report["shape_error"] == pytest.approx(rollout.shape_error(ball_task().keypoints("goal")), abs=1e-9)
+    assert report["shape_error"] < 0.01
+    assert rollout.keypoints.shape[2] == 3
+    assert np.linalg.norm(rollout.keypoints[-1] - rollout.keypoints[0], axis=1).min() > 0.3
+    assert {path.name for path in Path("led").iterdir()} >= {"plan.npz", "plan.png", "rollout.png", "task.yaml"}
+    assert cableway("check", ball, "led/rollout.npz").status == 0
+    again = cableway("run", ball, "--from", "led/plan.npz", "--controller", "open-loop", "--out", "again")
+    assert again.status == 0, again.err
+    assert np.array_equal(Plan.load(Path("again/plan.npz")).poses, Plan.load(Path("led/plan.npz")).poses)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("--plant", "hard.yaml"), "in space, where there is no --plant yet"),
+        (("--cell", "dual-ur5e", "--camera", "front"), "no --cell, --camera yet"),
+        (("--controller", "rod-mpc"), "open-loop, rod-jacobian"),
+    ],
+)
+def test_what_there_is_not_in_space_is_refused(cableway: Command, ball: Path, given: tuple[str, ...], words: str):
+    done = cableway("run", ball, *given)
+    assert done.status == 2
+    assert words in done.err
