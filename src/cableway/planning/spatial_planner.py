@@ -6,7 +6,7 @@ The first in the order whose plan verifies is the plan, so that the answer does 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
@@ -123,7 +123,8 @@ class _Search:
         """The first plan that verifies."""
         config, tried = self.config, 0
         most = config.first * 2 ** int(np.log2(config.most / config.first))
-        for source, samples, burst in bursts(SOURCES, config.first, most):
+        searches: Iterator[tuple[Source, int, int]] = bursts(SOURCES, config.first, most)
+        for source, samples, burst in searches:
             if burst == 1 and source == SOURCES[0] and (fault := blocked(self.problem, config.limits.clearance)):
                 attempt = replace(self.best or Attempt(""), reason=fault)
                 raise PlanningError(f"there is no plan: {fault}", attempt, Outcome.INFEASIBLE)
