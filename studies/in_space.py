@@ -3,8 +3,10 @@
     .venv/bin/python studies/in_space.py [--shapes 100] [--seed 0]
     .venv/bin/python studies/in_space.py --speed
     .venv/bin/python studies/in_space.py --followed 30 [--seed 0]
+    .venv/bin/python studies/in_space.py --lines 100 [--seed 1000]
 
-The last one leads the judge's rod (`cableway.verification.spatial_follower`) along straight lines in q.
+`--followed` leads the judge's rod (`cableway.verification.spatial_follower`) along straight lines in q; `--lines`
+counts in how many draws of random tasks such a line meets no obstacle, which are then drawn anew.
 
 Weightless shapes of margin 5 and more are drawn at any orientation, and weight is added little by little with the
 grippers held. *Ended*: the shape became unstable on the way, where a cable bends over to another one; those have no
@@ -15,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import time
+import zlib
 from dataclasses import replace
 from functools import partial
 
@@ -24,6 +27,7 @@ from cableway.rod.planar import PlanarRod
 from cableway.rod.spatial import SpatialRod
 from cableway.rod.spatial_inverse import under_weight
 from cableway.scene.files.presets import preset_names, preset_values
+from cableway.tasks.space.generation import SPATIAL_KINDS, Kind, Rejected, line_is_free, random_cable, random_end
 from cableway.verification.spatial_follower import follow_in_space
 
 SPREAD = (*[0.3] * 3, *[1.2] * 3, *[8.0] * 3, *[2.0] * 3)
@@ -41,7 +45,10 @@ def main() -> None:
     parser.add_argument(
         "--followed", type=int, default=0, help="motions at each weight that the judge's rod is led along"
     )
+    parser.add_argument("--lines", type=int, default=0, help="draws of each kind of random task")
     given = parser.parse_args()
+    if given.lines:
+        return lines(given.lines, given.seed)
     if given.speed:
         return speed(given.seed)
     if given.followed:
@@ -110,6 +117,28 @@ def followed(count: int, seed: int) -> None:
             lost += found.lost_at is not None
             off.append(1000 * found.deviation.max(initial=0.0))
         print(f"| {weight:g} | {count} | {lost} | {np.median(off):.2f}, {max(off):.2f} |", flush=True)
+
+
+def lines(count: int, seed: int) -> None:
+    """Print a Markdown table: in how many of the first draws of tasks the straight line in q meets no obstacle."""
+    print("| kind | draws | straight line free |")
+    print("|---|---|---|")
+    for kind, draw_scene in SPATIAL_KINDS.items():
+        free = sum(_line_of(kind, draw_scene, each) for each in range(seed, seed + count))
+        print(f"| {kind} | {count} | {free} |", flush=True)
+
+
+def _line_of(kind: str, draw_scene: Kind, seed: int) -> bool:
+    """Whether the straight line between the first ends that are drawn for a seed is free."""
+    rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
+    cable = random_cable(rng)
+    while True:
+        draw = draw_scene(rng, seed, None)
+        try:
+            ends = np.array([random_end(rng, draw, cable, part) for part in draw.parts])
+        except Rejected:
+            continue
+        return line_is_free(ends, draw.scene, cable, draw.radius)
 
 
 if __name__ == "__main__":

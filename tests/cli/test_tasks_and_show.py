@@ -141,3 +141,27 @@ def test_show_draws_no_arms_where_there_are_none(cableway: Command, moved_file: 
     assert done.status == 2
     assert f"{plan}: it has no joints of arms" in done.err
     assert [path.name for path in Path().iterdir()] == ["mine.yaml"]
+
+
+def test_tasks_in_space_are_drawn_checked_and_refused_by_what_is_planar(cableway: Command):
+    assert cableway("tasks", "--random", "lift", "--seed", "11", "--picture", "--quiet") == (0, "", "")
+    file = "runs/lift/lift-11.yaml"
+    assert cableway("show", file, "--quiet", "--out", "here") == (0, "", "")
+    for picture in ("runs/lift/tasks.png", "here/task.png"):
+        assert matplotlib.image.imread(picture).std() > 0.05
+    done = cableway("check", file, "--json")
+    assert done.status == 0
+    assert json.loads(done.out)["goal"]["stability"] > 25
+    for command in ("run", "studio"):
+        done = cableway(command, file)
+        assert done.status == 2
+        assert done.err.startswith("cableway: the task 'lift-11' is in space")
+        assert done.err.count("\n") == 1
+    spoilt = yaml.safe_load(Path(file).read_text())
+    spoilt["goal"]["equilibrium"][2] = 0.0
+    Path("bad.yaml").write_text(yaml.safe_dump(spoilt))
+    for command in ("check", "show"):
+        done = cableway(command, "bad.yaml")
+        assert done.status == 2
+        assert "goes through the table" in done.err
+        assert "cableway show bad.yaml draws it" in done.err or "drawn in runs/lift-11/task.png" in done.err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -265,3 +266,15 @@ def test_pieces_lie_outward_of_both_ends():
     left, right = SpatialGrippers(body=(piece,)).bodies[2:]
     assert left.points.tolist() == [[-0.03, 0.0, 0.05]]
     assert right.points.tolist() == [[0.03, 0.0, 0.05]]
+
+
+def test_a_hand_that_stands_on_the_cable_is_named(task: SpatialTask):
+    """The cable is bent to an open ring; a ball reaches from the left gripper to its other half."""
+    ring = replace(task, start=np.array([0.3, 0.4, 0.4, *[0.0] * 7, -5.0, 0.0]))
+    stations, pose = ring.stations("start"), ring.gripper_poses("start")[0]
+    there = stations[round(0.85 * (len(stations) - 1))] - pose[:3]
+    there = rotations.rotate(rotations.conjugate(pose[3:]), there) * (-1, 1, 1)
+    for aside, named in ((0.0, True), (0.03, False)):
+        ball = GripperPiece(points=(there + (0, aside, 0))[None], radius=0.005)
+        held = replace(ring.unchecked(), grippers=SpatialGrippers(body=(ball,)))
+        assert any("left gripper on the cable" in fault.sentence for fault in held.faults()) == named

@@ -73,9 +73,7 @@ class Check(TaskOptions):
 def _ends_table(kept: Mapping[str, Mapping[str, float]]) -> Table:
     from cableway.core.quantities import quantity
 
-    table = columns(
-        "", "least clearance of the cable", "of the grippers", "stability margin", "twist", "grippers apart"
-    )
+    table = columns("", "cable clearance", "gripper clearance", "stability", "twist", "grippers apart")
     for end, each in kept.items():
         table.add_row(
             Text(end),

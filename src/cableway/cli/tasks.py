@@ -12,10 +12,11 @@ from rich.text import Text
 from cableway.cli.interrupts import INTERRUPTS
 from cableway.cli.options import LARGEST_SEED, Flag, Maybe, PictureOptions, option
 from cableway.cli.terminal import Terminal, columns
-from cableway.core.errors import InputError
+from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.quantities import limit_text
 
 if TYPE_CHECKING:
+    from cableway.scene.spatial.task import SpatialTask
     from cableway.scene.task import Task
 
 PICTURE = "tasks.png"
@@ -30,8 +31,8 @@ class Tasks(PictureOptions):
 
     random: Annotated[str | None, option(metavar="KIND")] = None
     """Write random tasks of this kind, blocked, cell, cell-clutter, cell-dense, clutter, corridor, dense, maze,
-    open-far, open-near, posts, s-shaped, serpentine, sizes, slot, straight or table. By default, the catalogue is
-    listed."""
+    open-far, open-near, posts, s-shaped, serpentine, sizes, slot, straight or table; or in space, extruded, lift,
+    space-clutter, space-dense, window or yu. By default, the catalogue is listed."""
 
     count: int = 1
     """Number of random tasks, with seeds from --seed on."""
@@ -69,13 +70,13 @@ class Tasks(PictureOptions):
     def _random(self, kind: str) -> int:
         from cableway.core.files import only_writer
         from cableway.scene.files.saving import save_task
-        from cableway.tasks.generation import random_task
+        from cableway.tasks.space.generation import SPATIAL_KINDS
 
         terminal, folder, tasks, rows = Terminal(self), self.folder(kind), [], []
         INTERRUPTS.kept = lambda: f"{len(tasks)} of {self.count} tasks are in {folder}" if tasks else ""
         with only_writer(folder), terminal.progress() as progress:
             for k in range(self.count):
-                task = random_task((self.seed or 0) + k, kind, width=self.width)
+                task = _drawn((self.seed or 0) + k, kind, self.width)
                 path = folder / f"{task.name}.yaml"
                 save_task(task, path)
                 tasks.append(task)
@@ -83,14 +84,28 @@ class Tasks(PictureOptions):
                 progress("tasks", (k + 1) / self.count)
             if self.picture:
                 from cableway.figures.scene import tasks_figure
+                from cableway.figures.space import spatial_tasks_figure
 
-                self.draw(tasks_figure(tasks), folder / PICTURE)
+                figure = spatial_tasks_figure if kind in SPATIAL_KINDS else tasks_figure
+                self.draw(figure(tasks), folder / PICTURE)
         terminal.note(f"in {folder}")
         terminal.result({"tasks": rows}, _table(tasks))
         return 0
 
 
-def _row(task: Task) -> dict[str, Any]:
+def _drawn(seed: int, kind: str, width: float | None) -> Task | SpatialTask:
+    """The random task of a kind on the table or in space."""
+    from cableway.tasks.generation import KINDS, random_task
+    from cableway.tasks.space.generation import SPATIAL_KINDS, random_spatial_task
+
+    if kind in SPATIAL_KINDS:
+        return random_spatial_task(seed, kind, width=width)
+    if kind not in KINDS:
+        raise UnknownNameError("kind of random task", kind, (*KINDS, *SPATIAL_KINDS))
+    return random_task(seed, kind, width=width)
+
+
+def _row(task: Task | SpatialTask) -> dict[str, Any]:
     return {
         "name": task.name,
         "description": task.description,
@@ -101,7 +116,7 @@ def _row(task: Task) -> dict[str, Any]:
     }
 
 
-def _table(tasks: Sequence[Task]) -> Any:
+def _table(tasks: Sequence[Task | SpatialTask]) -> Any:
     table = columns("task", "cable", "obstacles", "description")
     for task in tasks:
         cable = f"{limit_text(task.cable.length)}, {limit_text(2 * task.cable.radius)}"

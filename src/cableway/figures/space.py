@@ -108,8 +108,9 @@ class SpaceView:
 
     def _dashed(self, ax: Axes, line: Float[np.ndarray, "s 3"], color: str, hidden: Bool[np.ndarray, "s"]) -> None:
         seen = np.where(hidden[:, None], self.at(line), np.nan)
+        thin = min(1.0, self.size[0] / (0.7 * FINE * PANEL))
         for below, width in (("white", 2.2), (color, 1.2)):
-            ax.plot(*seen.T, color=below, linewidth=width, linestyle=(0, (2, 1.5)), zorder=4)
+            ax.plot(*seen.T, color=below, linewidth=thin * width, linestyle=(0, (2, 1.5)), zorder=4)
 
     def _edges(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The edges of the workspace."""

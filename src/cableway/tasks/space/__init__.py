@@ -1,0 +1,1 @@
+"""Random tasks in space by seed and kind."""
