@@ -1,0 +1,158 @@
+"""Random clicking and dragging on a page of the studio: does it fail, and does its memory grow?
+
+    .venv/bin/python studies/studio_hour.py [MINUTES] [SEED]
+
+Drives Chromium by Playwright on `multi-obstacle-1`: 60 minutes and seed 0 by default. Says what went wrong in the
+server's log and in the browser's console, and the memory of the server, its planner and the page, first and last.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Error, sync_playwright
+
+from cableway.studio.studio import Studio
+
+TASK = "multi-obstacle-1"
+SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+SIZE: Any = {"width": 1280, "height": 800}
+BEGUN = 60.0
+"""Time [s] after which memory counts: by then all is loaded."""
+
+OPENING = ("...", "Download", "Make a video")
+"""In the names of buttons that open a window of the system, which nobody closes here."""
+
+NOT_OURS = ("passive event listener", "showSaveFilePicker")
+"""In messages of viser's page that are none of ours: a warning, and that nobody chose a file for a picture of it."""
+
+
+class Wrong(logging.Handler):
+    """Collects what is logged as an error."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.said: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep it."""
+        self.said.append(self.format(record))
+
+
+def drag(page: Any, rng: random.Random) -> None:
+    """From somewhere on the table to near there: an obstacle, a gripper, a knob, or the view."""
+    x, y = rng.uniform(300, 980), rng.uniform(120, 700)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + rng.uniform(-120, 120), y + rng.uniform(-120, 120), steps=rng.randint(1, 6))
+    page.mouse.up()
+
+
+def click(page: Any, rng: random.Random) -> None:
+    """Somewhere on the page."""
+    page.mouse.click(rng.uniform(0, SIZE["width"]), rng.uniform(0, SIZE["height"]))
+
+
+def press(page: Any, rng: random.Random) -> None:
+    """A key that means something."""
+    page.keyboard.press(rng.choice(["ArrowRight", "ArrowLeft", "Space", "Control+z", "Control+y", "Delete", "Escape"]))
+
+
+def button(page: Any, rng: random.Random) -> None:
+    """One of the buttons and tabs that there are now, but for those that open a window of the system."""
+    buttons = page.locator("button:visible:enabled, [role=tab]:visible").all()
+    chosen = rng.choice(buttons) if buttons else None
+    if chosen is not None and not any(each in (chosen.text_content(timeout=2000) or "") for each in OPENING):
+        chosen.click(timeout=2000)
+
+
+def above(page: Any, rng: random.Random) -> None:
+    """The whole table again, and the first task now and then, so that there is something to grasp."""
+    page.get_by_text("Look from above").click(timeout=2000)
+    if rng.random() < 0.3:
+        page.reload()
+        page.get_by_text("Undo").wait_for(timeout=60_000)
+
+
+DEEDS: dict[Callable[[Any, random.Random], None], float] = {drag: 5, click: 1, press: 3, button: 3, above: 0.5}
+"""What is done, and how often."""
+
+
+def memory() -> dict[str, float]:
+    """[MB] of this process, of its planners, and of the browser."""
+    listed = subprocess.run(["ps", "-eo", "pid=,ppid=,rss=,args="], capture_output=True, text=True, check=True).stdout
+    rows = [
+        (int(pid), int(above), int(rss) / 1024, rest) for pid, above, rss, *rest in map(str.split, listed.splitlines())
+    ]
+    ours, found = {os.getpid()}, {"server": 0.0, "planners": 0.0, "browser": 0.0}
+    while more := {pid for pid, above, *_ in rows if above in ours} - ours:
+        ours |= more
+    for pid, _, size, rest in rows:
+        said = " ".join(rest)
+        if pid in ours:
+            kind = "server" if pid == os.getpid() else "browser" if "chrom" in said else "planners"
+            found[kind] += size if kind != "planners" or "multiprocessing" in said else 0.0
+    return found
+
+
+def play(page: Any, rng: random.Random, seconds: float) -> tuple[Counter[str], dict[str, float]]:
+    """Do things for a time; how often each was done, and the memory once all was loaded."""
+    begin, done, first = time.monotonic(), Counter[str](), {}
+    while (passed := time.monotonic() - begin) < seconds:
+        (deed,) = rng.choices(list(DEEDS), list(DEEDS.values()))
+        try:
+            deed(page, rng)
+            done[deed.__name__] += 1
+        except Error:  # what was to be clicked has gone meanwhile
+            done["missed"] += 1
+        page.wait_for_timeout(rng.uniform(0, 300))
+        if not first and passed > min(BEGUN, seconds / 3):
+            first = memory()
+    return done, first
+
+
+def main(minutes: float, seed: int) -> int:
+    """Play and print; 1 where something went wrong."""
+    wrong, console = Wrong(), []
+    logging.getLogger().addHandler(wrong)
+    with sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder:
+        found = shutil.which("chromium") or shutil.which("google-chrome")
+        browser = playwright.chromium.launch(executable_path=found, args=list(SOFTWARE))
+        studio = Studio(TASK, out=Path(folder))
+        page = browser.new_page(viewport=SIZE)
+
+        def hear(said: str) -> None:
+            if not any(each in said for each in NOT_OURS):
+                console.append(said)
+
+        page.on("pageerror", lambda error: hear(str(error)))
+        page.on("console", lambda said: hear(said.text) if said.type == "error" else None)
+        page.goto(studio.address)
+        page.get_by_text("A verified plan").wait_for(timeout=120_000)
+        done, first = play(page, random.Random(seed), 60 * minutes)
+        last = memory()
+        browser.close()
+        studio.stop()
+    print(f"{minutes:g} minutes, seed {seed}: {', '.join(f'{count} x {name}' for name, count in done.most_common())}")
+    print("memory [MB]: " + ", ".join(f"{kind} {first[kind]:.0f} -> {last[kind]:.0f}" for kind in last))
+    for name, said in (("server", wrong.said), ("browser", console)):
+        print(f"errors in the {name}: {len(said)}")
+        for text, count in Counter(said).most_common(5):
+            print(f"  {count} x {text}")
+    return 1 if wrong.said or console else 0
+
+
+if __name__ == "__main__":
+    given = sys.argv[1:]
+    sys.exit(main(float(given[0]) if given else 60.0, int(given[1]) if len(given) > 1 else 0))
