@@ -170,9 +170,8 @@ class SpatialPlant:
 
     def measure(self) -> Measurement:
         """The truth after the last step, with the least clearances during it."""
-        return Measurement(
-            self._keypoints(), self._reached.copy(), self._chain.line(self._data), *map(float, self._clearances)
-        )
+        cable, balls = self._clearances
+        return Measurement(self._keypoints(), self._reached.copy(), self._chain.line(self._data), cable, balls)
 
     def _observe(self) -> Observation:
         """The frame that arrives now, and the poses of the grippers now."""
