@@ -123,7 +123,7 @@ SUITES = {
               "milder cables in space on a table", "plant", (12, 120, 360)),
         Suite("eyes", 2, "obstacles of 5 and 10 cm and the paper's tasks between two arms, the cable known by rendered "
               "pictures alone; the cables of cell", "condition", (6, 56, 168), beside=("true-keypoints",)),
-        Suite("paper-cell", 1, "the catalogue with obstacles of 5 cm between two arms with 2F-85; the cables of cell",
+        Suite("paper-cell", 2, "the catalogue with obstacles of 5 cm between two arms with 2F-85; the cables of cell",
               "task", (2, 33, 33)),
         Suite("lengths", 1, "clutter; cables of 0.15 to 2 m, everything on the table scaled", "cable", (12, 96, 480)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),
