@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from cableway.cli import outputs
 from cableway.cli.interrupts import INTERRUPTS
 from cableway.cli.terminal import OnProgress, Terminal, pairs
-from cableway.core.compiled import clock
+from cableway.core.compiled import clock, is_compiled, mark_compiled
 from cableway.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from cableway.records import Plan, Rollout
     from cableway.report import Report
     from cableway.scene.spatial.task import SpatialTask
+
+
+SPACE = "planning in space"
+"""The stage whose kernels a first plan compiles."""
 
 
 def refuse(task: SpatialTask, chosen: dict[str, bool]) -> None:
@@ -57,6 +61,10 @@ def leave_in_space(
     from cableway.scene.files.saving import save_task
 
     terminal, folder = Terminal(options), options.folder(task.name)
+    if plan is None and not is_compiled(SPACE):
+        from cableway.workflow.compilation import COMPILING
+
+        terminal.note(COMPILING)
     with only_writer(folder), terminal.progress() as progress:
         left = options.time_limit - (time.perf_counter() - since)
         report, found, shapes = _planned(options, task, left, progress) if plan is None else _given(task, plan)
@@ -95,6 +103,7 @@ def _planned(
             task, seed=seed, progress=progress, expired=lambda: clock() - begun > left or bool(INTERRUPTS.came)
         )
         shapes, outcome = found.shapes, Outcome.SUCCESS
+        mark_compiled(SPACE)
     except PlanningError as error:
         failure, outcome = str(error), Outcome(error.outcome)
         shapes = error.attempt.shapes if error.attempt is not None else None
