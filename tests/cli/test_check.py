@@ -96,7 +96,7 @@ def write_wrong_shape(path: Path) -> None:
         (write_empty, "neither a plan (it would have an array 'shapes') nor a rollout ('centreline'); it has nothing"),
         (write_half_a_plan, "not a plan file: there is no array 'poses'"),
         (write_objects, "array 'shapes' holds Python objects, which are never read"),
-        (write_wrong_shape, "poses has shape (4, 2, 3), not (T+1, 2, 3) with T = 2, n = 13"),
+        (write_wrong_shape, "poses has shape (4, 2, 3), not (T+1, 2, pose) with T = 2, n = 13, space = 2"),
     ],
 )
 def test_a_file_of_another_kind_is_status_2_and_one_sentence(cableway: Command, write, sentence: str):
