@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import re
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -170,9 +171,13 @@ def test_a_pools_locks_are_not_taken_away_as_its_threads_end(monkeypatch: pytest
 
     executors._LAST.clear()
     monkeypatch.setattr(synchronize, "sem_unlink", unlink)
+    running = len(sys._current_frames())
     for others in (set[str](), {threading.main_thread().name}):
         with executors.open_executor("local", 2) as executor:
             assert executor.submit(abs, (-3,), None).result() == 3
             assert set(unlinked) == others
             unlinked.clear()
+        until = time.monotonic() + 10
+        while len(sys._current_frames()) > running and time.monotonic() < until:  # its threads are yet to end
+            time.sleep(0.01)
         assert not unlinked
