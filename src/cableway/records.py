@@ -391,8 +391,8 @@ def _require_sizes(points: np.ndarray, *others: np.ndarray) -> None:
     """Points, poses and actions are all of the plane, or all of space."""
     sizes = tuple(array.shape[2] for array in (points, *others))
     known = [each[: len(sizes)] for each in ((2, 3, 3), (3, 7, 6))]
-    words = " and ".join(map(str, sizes[1:]))
-    _require(sizes in known, f"points of {sizes[0]} numbers do not go with poses and actions of {words}")
+    words = " and ".join(f"{name} of {size}" for name, size in zip(("poses", "actions"), sizes[1:], strict=False))
+    _require(sizes in known, f"points of {sizes[0]} numbers do not go with {words}")
 
 
 def _require_finite(record: Any, *names: str) -> None:
