@@ -37,7 +37,6 @@ FINDINGS = {
     "rod deviation": "the cable would stray {value} from the planned shape",
     "error of the rod coordinates": "the plan's rod coordinates are {value} from its shapes",
     "rod stability": "the cable is about to snap, with a stability margin of {value}",
-    "twist": "the cable is twisted by {value} from end to end",
     "gripper body clearance": "{gap}",
     "gripper body from the cable": "{gap}",
     "gripper bodies apart": "{gap}",
