@@ -19,9 +19,9 @@ from models import LONGER, TEST_SETS, model_path
 from pictures import save
 
 from cableway.datasets.reading import load_transitions
+from cableway.datasets.transitions import Transitions
 from cableway.figures import scene, style
 from cableway.figures.learning import AXIS, HEIGHT, LEFT, horizon_figure
-from cableway.records import Transitions
 from cableway.tang2025.models.base import DeformationModel, rollout
 from cableway.tang2025.models.checkpoint import load_model, read_card
 from cableway.tang2025.models.dataset import window_starts

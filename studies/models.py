@@ -27,9 +27,9 @@ import numpy as np
 from cableway.core.configuration import from_mapping
 from cableway.core.files import write_atomically, write_json
 from cableway.datasets.reading import load_transitions
+from cableway.datasets.transitions import Transitions
 from cableway.figures.learning import horizon_figure
 from cableway.figures.style import save_figure
-from cableway.records import Transitions
 from cableway.scene.cable import Cable
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig

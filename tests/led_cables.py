@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.rod.planar import PlanarRod
 
 

@@ -33,13 +33,14 @@ if TYPE_CHECKING:
         UnknownNameError,
     )
     from cableway.datasets.reading import load_transitions, shuffled_batches
+    from cableway.datasets.transitions import Transitions
     from cableway.figures.draw import draw
     from cableway.outcome import Outcome
     from cableway.planning.config import PlannerConfig
     from cableway.planning.insertion import plan_insertion
     from cableway.planning.planner import plan
     from cableway.planning.routes.passages import find_passages
-    from cableway.records import Plan, Rollout, Transitions
+    from cableway.records import Plan, Rollout
     from cableway.report import Report, summarize
     from cableway.scene.cable import Cable
     from cableway.scene.files.loading import load_task, task_names
@@ -88,13 +89,14 @@ _HOME = {
             "UnknownNameError",
         ),
         "datasets.reading": ("load_transitions", "shuffled_batches"),
+        "datasets.transitions": ("Transitions",),
         "figures.draw": ("draw",),
         "outcome": ("Outcome",),
         "planning.config": ("PlannerConfig",),
         "planning.insertion": ("plan_insertion",),
         "planning.planner": ("plan",),
         "planning.routes.passages": ("find_passages",),
-        "records": ("Plan", "Rollout", "Transitions"),
+        "records": ("Plan", "Rollout"),
         "report": ("Report", "summarize"),
         "scene.cable": ("Cable",),
         "scene.files.loading": ("load_task", "task_names"),

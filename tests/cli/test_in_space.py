@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from spatial_problems import ball_task
 
 from cableway.records import Plan, Rollout
 from cableway.scene.files.saving import save_task
+from cableway.scene.spatial.obstacles import Sphere
 
 pytest.importorskip("coal")
 
@@ -33,9 +35,20 @@ def test_a_cable_is_planned_led_and_checked_in_space(cableway: Command, tmp_path
     assert np.linalg.norm(rollout.keypoints[-1] - rollout.keypoints[0], axis=1).min() > 0.3
     assert {path.name for path in Path("led").iterdir()} >= {"plan.npz", "plan.png", "rollout.png", "task.yaml"}
     assert cableway("check", ball, "led/rollout.npz").status == 0
+    for name in ("plan", "rollout"):
+        assert cableway("show", ball, f"led/{name}.npz", "--out", "shown").status == 0
+        assert Path(f"shown/{name}.png").read_bytes() == Path(f"led/{name}.png").read_bytes()
     again = cableway("run", ball, "--from", "led/plan.npz", "--controller", "open-loop", "--out", "again")
     assert again.status == 0, again.err
     assert np.array_equal(Plan.load(Path("again/plan.npz")).poses, Plan.load(Path("led/plan.npz")).poses)
+    larger = replace(
+        ball_task(), scene=replace(ball_task().scene, obstacles=(Sphere(center=(0.4, 0.4, 0.4), radius=0.1),))
+    )
+    save_task(larger, tmp_path / "larger.yaml")
+    for command in (("run", "larger.yaml", "--from", "led/plan.npz"), ("show", "single-obstacle-2", "led/rollout.npz")):
+        refused = cableway(*command, "--out", "refused")
+        assert refused.status == 2
+        assert refused.err.startswith("cableway: led/")
 
 
 @pytest.mark.parametrize(

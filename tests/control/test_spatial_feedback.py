@@ -10,9 +10,12 @@ from spatial_problems import HANGING, ball_task
 
 from cableway.control.base import Status
 from cableway.control.spatial_feedback import BLIND_STEPS, SpatialFeedback, SpatialFeedbackConfig, within_limits
-from cableway.core.errors import InputError
-from cableway.records import Observation, Plan
+from cableway.core.errors import InputError, SimulationError, UnknownNameError
+from cableway.geometry.groups import SE3
+from cableway.records import Measurement, Observation, Plan
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
+from cableway.simulation.spatial_plant import SAME
+from cableway.tracking.spatial_loop import track_in_space
 from cableway.workflow.spatial_run import follow_in_space
 
 TASK = replace(ball_task(), scene=replace(ball_task().scene, obstacles=()))
@@ -38,6 +41,54 @@ def test_a_perturbed_cable_comes_nearer_to_the_goal_with_feedback():
     assert verdict is not None
     assert verdict.passed
     assert outcome == "success"
+
+
+def test_a_drawn_cable_differs_as_said_and_the_same_seed_draws_it_again():
+    drawn = [SpatialPerturbation.drawn(TASK, seed) for seed in range(40)]
+    cables = [each.cable for each in drawn if each.cable is not None]
+    for name, most in (("length", 0.02), ("bending_stiffness", 0.3)):
+        off = np.array([getattr(cable, name) for cable in cables]) / getattr(TASK.cable, name) - 1
+        assert 0.6 * most < np.abs(off).max() <= most
+    off = np.abs(SE3.minus(np.array([each.grasps for each in drawn]), np.tile(SAME, (2, 1))))
+    for part, most in ((off[..., :3], 0.003), (off[..., 3:], np.radians(5.0))):
+        assert 0.6 * most < np.linalg.norm(part, axis=-1).max() <= most
+    assert {each.config.measurement_delay for each in drawn} == {1}
+    assert SpatialPerturbation.drawn(TASK, 3).cable == drawn[3].cable
+
+
+def test_motion_under_way_is_not_asked_for_again():
+    """A late frame shows the cable where it was: what the grippers did since needs no correction."""
+    controller, plan = SpatialFeedback(SpatialFeedbackConfig(hold=0.0)), straight()
+    state = controller.init(TASK, plan)
+    for row in range(4):
+        late = max(0, row - 2)
+        seen = Observation(0.1 * row, plan.shapes[late], plan.poses[row], taken=0.1 * late)
+        action, state = controller.step(state, seen)
+        np.testing.assert_allclose(action, SE3.minus(plan.poses[row + 1], plan.poses[row]), atol=2e-4)
+
+
+def test_a_plant_that_cannot_start_or_fails_on_the_way_is_said():
+    short = SpatialPerturbation(cable=replace(TASK.cable, length=0.1))
+    rollout, _, outcome, why = follow_in_space(TASK, straight(), perturbation=short)
+    assert (rollout, outcome) == (None, "plant failed")
+    assert "no stable shape" in why
+    with pytest.raises(UnknownNameError, match="rod-mpc"):
+        follow_in_space(TASK, straight(), controller="rod-mpc")
+
+    class Failing:
+        control_step = 0.1
+
+        def reset(self) -> Observation:
+            return Observation(0.0, TASK.keypoints("start"), TASK.gripper_poses("start"))
+
+        def step(self, action: np.ndarray) -> Observation:
+            raise SimulationError("a gripper stopped")
+
+        def measure(self) -> Measurement:
+            return Measurement(TASK.keypoints("start"), TASK.gripper_poses("start"), TASK.stations("start"), 0.1, 0.1)
+
+    led = track_in_space(TASK, Failing(), SpatialFeedback(), straight())
+    assert (led.outcome, led.detail, led.steps) == ("plant failed", "a gripper stopped", 0)
 
 
 def test_actions_keep_the_limits_and_do_not_pull_the_cable_taut():

@@ -14,8 +14,8 @@ import yaml
 
 from cableway.core.errors import InputError
 from cableway.datasets.reading import load_transitions
+from cableway.datasets.transitions import Transitions
 from cableway.geometry.projective import mapped, plane_map
-from cableway.records import Transitions
 
 CORNERS = np.array([[0.0, 0.0], [0.7, 0.0], [0.7, 0.7], [0.0, 0.7]])
 SEEN = np.array([[100.0, 900.0], [1200.0, 950.0], [1000.0, 300.0], [250.0, 200.0]])

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cableway.geometry import rotations
-from cableway.geometry.spatial_convex import WALLS, Solid, SpatialWorld, chain_distance, self_distance, signed_distance
+from cableway.geometry.spatial_convex import WALLS, Solid, SpatialWorld, chain_distance, signed_distance
+from cableway.geometry.spatial_convex_kernels import self_distance
 
 RNG = np.random.default_rng(5)
 SIZE = np.array([1.0, 0.9, 0.8])

@@ -12,8 +12,8 @@ import pytest
 
 from cableway.core.errors import InputError, SimulationError
 from cableway.datasets.reading import load_transitions
+from cableway.datasets.transitions import Transitions
 from cableway.geometry import polyline
-from cableway.records import Transitions
 from cableway.rod.inverse import equilibria_at
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import cable_from_preset, load_task

@@ -60,6 +60,9 @@ def test_ends_grippers_and_limits_are_judged():
     poses[30:, 0, 0] += 0.02
     assert failed(replace(over, poses=poses)) == ["gripper step"]
     poses = over.poses.copy()
+    poses[:, 1, :3] += 0.9 * (poses[:, 0, :3] - poses[:, 1, :3])
+    assert "gripper separation" in failed(replace(over, poses=poses))
+    poses = over.poses.copy()
     poses[..., 2] -= 0.2 * np.sin(np.pi * np.linspace(0, 1, 60))[:, None] + 0.38
     assert "gripper clearance" in failed(replace(over, poses=poses))
 

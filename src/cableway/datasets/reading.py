@@ -12,7 +12,7 @@ from cableway.core.errors import FileFormatError, InputError
 from cableway.core.reading import parse_safetensors, read_bytes
 from cableway.datasets.manifest import CABLE, COLUMNS, Column, Manifest, Shard, read_manifest
 from cableway.datasets.recordings import is_recording, load_recording
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 
 BUFFER = 131_072
 """Transitions that are shuffled together by default: 70 MB at 13 keypoints."""

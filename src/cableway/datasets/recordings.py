@@ -16,9 +16,9 @@ from cableway.core.quantities import limit_text
 from cableway.datasets.ends import held_at_ends, require_at_ends
 from cableway.datasets.rows import Rows, read_rows
 from cableway.datasets.steps import stretches, transitions
+from cableway.datasets.transitions import Transitions
 from cableway.geometry.polyline import length, resample
 from cableway.geometry.projective import mapped, plane_map
-from cableway.records import Transitions
 from cableway.scene.cable import Cable
 from cableway.scene.checks import COORDINATE, LENGTH, PER_UNIT, AngleUnit, Quantity, length_unit
 from cableway.scene.files.document import read_document

@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float
 
 from cableway.core.errors import FileFormatError
 from cableway.core.reading import MOST_NUMBERS
+from cableway.datasets.transitions import Transitions
 from cableway.geometry.groups import SE2
-from cableway.records import Transitions
 from cableway.scene.task import CONTROL_STEP
 
 TINY = 1e-6

@@ -16,7 +16,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import ConvexHull
 
 from cableway.geometry import rotations
-from cableway.geometry.spatial_convex import SpatialWorld, self_distance, signed_distance
+from cableway.geometry.spatial_convex import SpatialWorld, signed_distance
+from cableway.geometry.spatial_convex_kernels import self_distance
 from cableway.motion import spatial_kernels
 from cableway.motion.limits import Margins
 from cableway.rod.spatial import SpatialRod

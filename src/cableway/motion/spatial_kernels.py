@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from cableway.core.compiled import inlined, kernel
-from cableway.geometry.spatial_convex import nearest_solid, points_keep, self_distance
+from cableway.geometry.spatial_convex_kernels import nearest_solid, points_keep, self_distance
 from cableway.rod.spatial_kernels import held_shape
 from cableway.rod.spatial_stability import has_margin
 

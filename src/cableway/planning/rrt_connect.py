@@ -142,7 +142,7 @@ def rrt_connect_path(
             met = rrt_connect_kernels.connect(few, trees, shapes, parents, counts, space, config.step)
             if met[0] < 0:
                 continue
-            path = np.vstack([_branch(trees[0], parents[0], met[0])[::-1], _branch(trees[1], parents[1], met[1])[1:]])
+            path = np.vstack([branch(trees[0], parents[0], met[0])[::-1], branch(trees[1], parents[1], met[1])[1:]])
             for pairs in _sliced(rng.uniform(size=(SHORTCUTS, 2))):
                 path = rrt_connect_kernels.shortcut(path, pairs, space, config.step)
             return _dense(path, task, config.step)
@@ -174,7 +174,7 @@ def _loads(task: Task) -> Sampler:
     return draw
 
 
-def _branch(tree: np.ndarray, parents: np.ndarray, node: int) -> np.ndarray:
+def branch(tree: np.ndarray, parents: np.ndarray, node: int) -> np.ndarray:
     """Rows from a node back to the root."""
     rows = []
     while node >= 0:

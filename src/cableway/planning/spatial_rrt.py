@@ -21,6 +21,7 @@ from cableway.core.time_limit import checkpoint
 from cableway.geometry import rotations
 from cableway.motion.spatial import SpatialFreeSpace, SpatialProblem
 from cableway.planning import spatial_rrt_kernels
+from cableway.planning.rrt_connect import branch
 
 Sampler = Callable[[np.random.Generator, int], Float[np.ndarray, "k 12"]]
 """Draws k rod coordinates."""
@@ -77,7 +78,7 @@ class Trees:
             few = drawn[first : first + SLICE]
             met = spatial_rrt_kernels.connect(few, trees, shapes, parents, counts, space, self.step)
             if met[0] >= 0:
-                before, after = _branch(trees[0], parents[0], met[0])[::-1], _branch(trees[1], parents[1], met[1])
+                before, after = branch(trees[0], parents[0], met[0])[::-1], branch(trees[1], parents[1], met[1])
                 return self._shortened(np.vstack([before, after[1:]]), rng), first + len(few)
         return None, samples
 
@@ -150,12 +151,3 @@ def _loads(problem: SpatialProblem) -> Sampler:
         return middle + spread * rng.normal(size=(count, 6))
 
     return draw
-
-
-def _branch(tree: np.ndarray, parents: np.ndarray, node: int) -> np.ndarray:
-    """Rows from a node back to the root."""
-    rows = []
-    while node >= 0:
-        rows.append(tree[node])
-        node = parents[node]
-    return np.array(rows)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from cableway.geometry.spatial_convex import EXTRUDED, SPHERE, Solid
+from cableway.geometry.spatial_convex import Solid
+from cableway.geometry.spatial_convex_kernels import EXTRUDED, SPHERE
 from cableway.rendering.mesh import Mesh, Surface, capsules, circle, flat_normals, prism, tube
 from cableway.scene.spatial.grippers import SpatialBody
 from cableway.scene.spatial.scene import SpatialScene

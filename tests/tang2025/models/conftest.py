@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from led_cables import quasi_static
 
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.tang2025.models.frames import Framing
 from cableway.tang2025.models.learned import LearnedModel, Normalization
 from cableway.tang2025.models.transformer import TransformerConfig

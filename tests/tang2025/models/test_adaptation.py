@@ -12,7 +12,7 @@ import pytest
 from led_cables import quasi_static
 
 from cableway.core.errors import InputError
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.tang2025.models.adaptation import AdaptationConfig, AdaptationState, _explained, adapt, start_adaptation
 from cableway.tang2025.models.base import rollout
 from cableway.tang2025.models.dataset import select

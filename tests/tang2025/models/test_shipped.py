@@ -9,7 +9,7 @@ import pytest
 
 from cableway.core.configuration import from_mapping
 from cableway.datasets.reading import load_transitions
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.scene.cable import Cable
 from cableway.simulation.collection import collect
 from cableway.simulation.episodes import CollectionConfig

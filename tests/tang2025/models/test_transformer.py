@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cableway.core.errors import InputError
+from cableway.datasets.transitions import Transitions
 from cableway.geometry import se2
-from cableway.records import Transitions
 from cableway.tang2025.models.base import Persistence, RigidBlend, rollout
 from cableway.tang2025.models.dataset import window_starts, windows
 from cableway.tang2025.models.frames import Framing

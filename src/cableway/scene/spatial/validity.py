@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from cableway.core.errors import TaskError
 from cableway.core.quantities import limit_text, place, quantity, size_text, told_apart
-from cableway.geometry.spatial_convex import Solid, SpatialWorld, chain_distance, self_distance, signed_distance
+from cableway.geometry.spatial_convex import Solid, SpatialWorld, chain_distance, signed_distance
+from cableway.geometry.spatial_convex_kernels import self_distance
 from cableway.scene.bodies import LEFT
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.grippers import SpatialBody, SpatialGrippers

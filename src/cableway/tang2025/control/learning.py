@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from cableway.datasets.transitions import Transitions
 from cableway.geometry.groups import SE2
-from cableway.records import Estimate, Transitions
+from cableway.records import Estimate
 from cableway.tang2025.models.adaptation import (
     AdaptationConfig,
     AdaptationState,

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.errors import InputError
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.tang2025.models import dataset
 from cableway.tang2025.models.base import rollout
 from cableway.tang2025.models.dataset import Windows

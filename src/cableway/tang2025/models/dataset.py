@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from cableway.core.errors import InputError
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 
 
 class Windows(NamedTuple):

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from cableway.core.bootstrap import intervals
 from cableway.core.errors import InputError
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.tang2025.models.base import DeformationModel, Persistence, RigidBlend, rollout
 from cableway.tang2025.models.dataset import window_starts
 

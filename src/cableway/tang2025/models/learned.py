@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from cableway.core.checks import Bounds, Checked
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.tang2025.models import frames
 from cableway.tang2025.models.base import DeformationModel
 from cableway.tang2025.models.frames import Framing, Inputs

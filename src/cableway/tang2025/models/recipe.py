@@ -13,7 +13,7 @@ from cableway.core.checks import shown
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.core.provenance import describe, versions
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.scene.files.document import read_document
 from cableway.tang2025.models.checkpoint import save_model
 from cableway.tang2025.models.dataset import fingerprint

@@ -29,7 +29,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from cableway.core.checks import Bounds, Checked, NotNegative, Positive
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.tang2025.models import dataset
 from cableway.tang2025.models.base import rollout
 from cableway.tang2025.models.checkpoint import read_metadata, read_tree, write_tree

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cableway.records import Transitions
+from cableway.datasets.transitions import Transitions
 from cableway.scene.files.loading import cable_from_preset
 from cableway.tang2025.reproduction.page import OnProgress
 

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from cableway.core.errors import InputError, TaskError, UnknownNameError
-from cableway.geometry.spatial_convex import self_distance, signed_distance
+from cableway.geometry.spatial_convex import signed_distance
+from cableway.geometry.spatial_convex_kernels import self_distance
 from cableway.rod.material import GRAVITY
 from cableway.scene.files.loading import load_planar_task, task_names
 from cableway.scene.files.presets import preset_names
