@@ -131,6 +131,17 @@ def test_what_cannot_be_is_refused_and_a_cable_pulled_too_hard_is_lost():
         SpatialPlant(task(HANGING), replace(CABLE, length=0.2))
 
 
+def test_grippers_are_measured_and_a_cable_that_touches_at_the_start_is_refused():
+    post = Sphere(center=(0.75, 1.0, 1.3), radius=0.02)
+    plant = SpatialPlant(task(HANGING, CABLE, post), config=SpatialConfig(links=21))
+    away = np.linalg.norm(plant.measure().poses[:, :3] - post.center, axis=1).min()
+    assert plant.measure().gripper_clearance == pytest.approx(away - post.radius - plant.task.grippers.radius)
+    with pytest.raises(SimulationError, match="the cable touches something at the start"):
+        SpatialPlant(
+            task(HANGING, CABLE, OBSTACLES["box"]), replace(CABLE, radius=0.022), config=SpatialConfig(links=21)
+        )
+
+
 def test_what_is_seen_is_late_and_noisy_as_said():
     seen = SpatialConfig(links=21, keypoint_noise=0.001, measurement_delay=2)
     plant, up = SpatialPlant(task(HANGING), config=seen, seed=3), np.tile([0.0, 0.0, 0.01, 0.0, 0.0, 0.0], (2, 1))

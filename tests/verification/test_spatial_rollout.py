@@ -9,6 +9,8 @@ import pytest
 from spatial_problems import ball_task
 
 from cableway.core.errors import InputError
+from cableway.judge import judge_in_space
+from cableway.outcome import Outcome
 from cableway.records import Rollout
 from cableway.verification.spatial_rollout import verify_spatial_rollout
 
@@ -65,6 +67,19 @@ def test_ends_grippers_and_limits_are_judged():
     poses = over.poses.copy()
     poses[..., 2] -= 0.2 * np.sin(np.pi * np.linspace(0, 1, 60))[:, None] + 0.38
     assert "gripper clearance" in failed(replace(over, poses=poses))
+
+
+def test_what_becomes_of_a_run_is_judged_by_the_plant_and_by_the_checks():
+    over, through = rollout(0.2), rollout(0.0)
+    judged = {
+        Outcome.SUCCESS: over,
+        Outcome.CONTACT: replace(over, clearance=np.where(np.arange(60) == 30, -0.001, 1.0)),
+        Outcome.NOT_VERIFIED: through,
+        Outcome.MISSED_GOAL: replace(over, keypoints=over.keypoints + [0.02, 0.0, 0.0]),
+        Outcome.PLANT_FAILED: replace(over, metadata={"outcome": "plant failed"}),
+    }
+    for outcome, given in judged.items():
+        assert judge_in_space(TASK, given, verify_spatial_rollout(given, TASK))[0] is outcome
 
 
 def test_a_rollout_of_the_plane_is_refused_and_numbers_that_do_not_go_together_are():
