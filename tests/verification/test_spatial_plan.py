@@ -12,8 +12,10 @@ from cableway.core.errors import InputError
 from cableway.geometry.spatial_convex import chain_distance
 from cableway.records import Plan
 from cableway.scene.obstacles import Box, Disc
+from cableway.scene.spatial.grippers import GripperPiece
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, Sphere
 from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.spatial.task import SpatialTask
 from cableway.verification import verify_plan, verify_record
 from cableway.verification.spatial_distance import FAR, ToScene
 from cableway.verification.spatial_plan import verify_spatial_plan
@@ -40,6 +42,53 @@ def test_a_larger_obstacle_is_touched_by_the_cable_and_a_wall_by_a_gripper():
     x, y, z = (ball_plan().poses[24, 0, :3] - [0.0, 0.035, 0.0]).tolist()
     post = replace(TASK, scene=SpatialScene((0.8, 0.8, 0.8), (Sphere(center=(x, y, z), radius=0.02),)))
     assert "gripper clearance" in failed(ball_plan(), post)
+
+
+def with_pieces(*pieces: GripperPiece, scene: SpatialScene | None = None) -> SpatialTask:
+    """The task with more on its grippers than balls."""
+    return replace(TASK, grippers=replace(TASK.grippers, body=pieces), scene=scene or TASK.scene)
+
+
+PIECES = {
+    "ball": GripperPiece(points=[[0.08, 0.0, 0.0]], radius=0.015),
+    "hull": GripperPiece(
+        points=[[0.06, -0.01, -0.01], [0.08, -0.01, -0.01], [0.07, 0.01, 0.0], [0.07, 0.0, 0.01]], radius=0.012
+    ),
+}
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("kind", PIECES)
+def test_pieces_of_grippers_are_kept_off_obstacles_by_their_radius(kind: str, side: int):
+    """A ball above the highest corner of a piece in the middle of the way, 60 mm off, then 2 mm inside."""
+    piece, room = PIECES[kind], (0.8, 0.8, 0.8)
+    corners = with_pieces(piece).bodies[2 + side].placed(ball_plan().poses[24, side])
+    top = corners[int(np.argmax(corners[:, 2]))]
+    for gap, passes in ((0.06, True), (-0.002, False)):
+        at = tuple((top + [0.0, 0.0, piece.radius + 0.03 + gap]).tolist())
+        task = with_pieces(piece, scene=SpatialScene(room, (Sphere(center=at, radius=0.03),)))
+        assert ("gripper body clearance" not in failed(ball_plan(), task)) is passes
+
+
+@pytest.mark.parametrize("reach", [0.05, 0.11])
+def test_pieces_of_either_gripper_are_kept_off_the_other_gripper(reach: float):
+    """Balls that reach inward from both, above the cable."""
+    task = with_pieces(GripperPiece(points=[[-reach, 0.0, 0.06]], radius=0.005))
+    left, right = ([body for body in task.bodies if body.side == side] for side in (0, 1))
+    gaps = [
+        np.linalg.norm(
+            a.placed(ball_plan().poses[:, 0])[:, 0] - b.placed(ball_plan().poses[:, 1])[:, 0], axis=1
+        ).min() - a.radius - b.radius
+        for a in left for b in right if a.points.any() or b.points.any()
+    ]  # fmt: skip
+    (apart,) = (each for each in verify_plan(ball_plan(), task).checks if each.name == "gripper bodies apart")
+    assert apart.value == pytest.approx(min(gaps), abs=0.002)
+
+
+def test_a_cable_against_its_own_gripper_is_found():
+    shapes = ball_plan().shapes.copy()
+    shapes[20, 6] = ball_plan().poses[20, 0, :3] + [0.0, 0.0, 0.01]
+    assert "gripper body from the cable" in failed(altered(shapes=shapes))
 
 
 def test_between_rows_things_are_met_too():

@@ -23,6 +23,9 @@ from cableway.scene.spatial.scene import SpatialScene
 FAR = 0.02
 """Distance [m] beyond which none is measured: it is given as this."""
 
+POINT = 1e-6
+"""Radius [m] of what stands for a point."""
+
 BEYOND = 1.0
 """Height [m] by which an obstacle of unlimited height reaches above the workspace."""
 
@@ -173,16 +176,19 @@ def between(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
 
 
 class Hand:
-    """A hull on a gripper, as Coal has it.
-
-    Args:
-        body: The body, of more than one point.
-    """
+    """A body on a gripper, as Coal has it: a hull or a point, without the radius by which it is grown."""
 
     def __init__(self, body: SpatialBody) -> None:
-        self.body, self.solid = body, hull(body.points)
+        self.body = body
+        self._at = body.points[0] if len(body.points) == 1 else np.zeros(3)
+        self.solid = hull(body.points) if len(body.points) > 1 else library().Sphere(POINT)
 
     def place(self, pose: Float[np.ndarray, "7"]) -> Any:
         """Where it is with its gripper at a pose."""
         turn = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()
-        return library().Transform3s(turn, np.array(pose[:3]))
+        return library().Transform3s(turn, pose[:3] + turn @ self._at)
+
+    def gap(self, other: Hand, both: Float[np.ndarray, "2 7"]) -> float:
+        """Distance [m] from a body of the other gripper, with the grippers at two poses."""
+        mine, its = (self.place(both[self.body.side]), other.place(both[other.body.side]))
+        return between(self.solid, mine, other.solid, its) - self.body.radius - other.body.radius

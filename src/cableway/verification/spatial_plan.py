@@ -7,6 +7,7 @@ Coal's. A way between two rows is straight, and turned the short way.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +16,6 @@ from threadpoolctl import threadpool_limits
 from cableway.core.errors import InputError
 from cableway.core.time_limit import checkpoint
 from cableway.records import Check, Plan, Verdict
-from cableway.scene.bodies import LEFT
 from cableway.scene.spatial.grippers import SpatialBody
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP, ENDS
@@ -32,7 +32,7 @@ from cableway.verification.plan import (
     separation,
     with_halves,
 )
-from cableway.verification.spatial_distance import Hand, ToScene, between, capsule, placed
+from cableway.verification.spatial_distance import Hand, ToScene
 from cableway.verification.spatial_follower import FollowedInSpace, follow_in_space
 from cableway.verification.swept import Measure, closest_approach
 
@@ -177,9 +177,12 @@ def _off_cable(lines: np.ndarray, poses: np.ndarray, task: SpatialTask) -> Check
 
 def _hands(poses: np.ndarray, task: SpatialTask, limit: float) -> list[Check]:
     """Clearance of what grippers have beyond their balls: from obstacles, walls and the other gripper."""
-    hands = [Hand(body) for body in task.bodies if len(body.points) > 1]
+    balls, hands = ([Hand(body) for body in bodies] for bodies in (task.bodies[:2], task.bodies[2:]))
     if not hands:
         return []
+    facing = [
+        (a, b) for a, b in combinations((*balls, *hands), 2) if a.body.side != b.body.side and {a, b} != set(balls)
+    ]
     fine, at = _fine_poses(poses, [hand.body for hand in hands])
     scene, other = np.full(len(fine), np.inf), np.full(len(fine), np.inf)
     shapes = ToScene(task.scene, task.grippers.radius)
@@ -187,9 +190,10 @@ def _hands(poses: np.ndarray, task: SpatialTask, limit: float) -> list[Check]:
         checkpoint()
         for hand in hands:
             pose, body = both[hand.body.side], hand.body
-            scene[row] = min(scene[row], shapes.hull_distance(hand.solid, hand.place(pose), body.placed(pose), limit))
-            if body.side == LEFT:
-                other[row] = min(other[row], _to_other(hand, both, hands, task))
+            enough = limit + body.radius
+            away = shapes.hull_distance(hand.solid, hand.place(pose), body.placed(pose), enough) - body.radius
+            scene[row] = min(scene[row], away)
+        other[row] = min(a.gap(b, both) for a, b in facing)
     half = HAND_STEP / 2
     ends = [min(limit, float(values[[0, -1]].min()) - half) for values in (scene, other)]
     checks = [
@@ -201,16 +205,6 @@ def _hands(poses: np.ndarray, task: SpatialTask, limit: float) -> list[Check]:
         replace(check, where=where, row=float(at[int(check.row or 0)]))
         for check, where in zip(checks, words, strict=True)
     ]
-
-
-def _to_other(hand: Hand, both: np.ndarray, hands: list[Hand], task: SpatialTask) -> float:
-    """Distance [m] of a left hand from the right ones and from the right ball."""
-    ball = np.stack([both[1, :3]] * 2)
-    least = between(capsule(ball, task.grippers.radius), placed(ball), hand.solid, hand.place(both[0]))
-    for each in hands:
-        if each.body.side != LEFT:
-            least = min(least, between(hand.solid, hand.place(both[0]), each.solid, each.place(both[1])))
-    return least
 
 
 def _fine_poses(
