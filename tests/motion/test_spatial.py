@@ -68,6 +68,20 @@ def test_a_gripper_that_the_cable_comes_back_to_is_in_its_way():
     assert SpatialFreeSpace((rod, world, loose._replace(bodies_off_cable=-1.0), bodies)).are_free(curl[None])[0]
 
 
+def test_a_cable_that_touches_itself_is_not_free():
+    """A loop whose ends pass each other at 5.8 mm, and it is 8 mm thick."""
+    rod, world, limits, bodies = SPACE.arrays
+    loop = changed(_6=0.0, _9=0.0, _11=6.2)
+    loose = limits._replace(
+        least_span=0.0, most_span=9.0, stability=-1e9, bodies_apart=-1.0, bodies_off_cable=-1.0, most_twist=9.0
+    )
+    stations = PROBLEM.rod.shapes(loop[None])[0][0]
+    gap = np.linalg.norm(stations[0] - stations[-1])
+    assert gap < limits.self_distance
+    assert not SpatialFreeSpace((rod, world, loose, bodies)).are_free(loop[None])[0]
+    assert SpatialFreeSpace((rod, world, loose._replace(self_distance=0.5 * gap), bodies)).are_free(loop[None])[0]
+
+
 def test_the_way_between_two_shapes_is_that_of_the_rod():
     rng, rod = np.random.default_rng(0), PROBLEM.rod
     a, b = rng.normal(0, 1.5, (2, 12))
