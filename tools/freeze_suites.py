@@ -19,7 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from cableway.benchmark.conditions import CONDITIONS
-from cableway.benchmark.suites import SUITES, frozen_episodes, make_task, task_digest
+from cableway.benchmark.suites import (
+    SUITES,
+    frozen_episodes,
+    is_in_space,
+    make_spatial_task,
+    make_task,
+    task_digest,
+)
 from cableway.core.errors import InputError, SimulationError
 from cableway.geometry.convex import polyline_distance
 from cableway.scene.files.loading import task_names
@@ -34,6 +41,7 @@ from cableway.simulation.perturbations.variants import (
     VARIANTS,
     named_perturbation,
 )
+from cableway.tasks.space.generation import LENGTH, WINDOWS
 
 FOLDER = Path(__file__).parents[1] / "src/cableway/benchmark/frozen"
 FIRST, NEXT = 20000, 10000
@@ -86,6 +94,7 @@ PATTERNS = {
     "cell": tuple(kind for kind in ("cell-{}", "cell-clutter-{}", "cell-dense-{}") for _ in CELL_SUITE),
     "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
     "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
+    "windows": tuple(f"window-{{}}@{round(share * LENGTH, 4):g}" for share in WINDOWS),
     "lengths": tuple(f"clutter-{{}}^{length}" for length in LENGTHS),
     "unconstrained": ("open-near-{}", "open-far-{}"),
     "lab-unconstrained": tuple(f"open-{way}-{{}}~{cable}" for way in ("near", "far") for cable in LONG),
@@ -169,6 +178,8 @@ def checked(task: str, plant: str, seed: int) -> str:
         InputError: There is no such task, or its ends are too near to something for a plan.
         SimulationError: The plant can't take its start.
     """
+    if is_in_space(task):  # whose ends keep what they should
+        return task_digest(task, make_spatial_task(task))
     made = make_task(task)
     shapes = made.cable.rod.shapes(np.array([made.start_equilibrium, made.goal_equilibrium]))[0]
     room = float(polyline_distance(shapes, made.scene.world)[0].min()) - max(made.cable.radius, made.grippers.radius)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
@@ -10,14 +10,15 @@ from sphinx.application import Sphinx
 
 from cableway.benchmark.conditions import CONDITIONS
 from cableway.benchmark.methods import BUILT_IN
-from cableway.benchmark.suites import PLANNER_SUITES, SIZES, SUITES, Suite
+from cableway.benchmark.suites import PLANNER_SUITES, SIZES, SPACE_SUITES, SUITES, Suite
 
 Row = Sequence[str]
 
 
-def suite_rows(planners: bool) -> list[Row]:
-    """Head and rows of the suites that judge planners, or of the others."""
-    chosen = [suite for name, suite in SUITES.items() if (name in PLANNER_SUITES) == planners]
+def suite_rows(names: Iterable[str]) -> list[Row]:
+    """Head and rows of suites, in the order in which they are registered."""
+    wanted = set(names)
+    chosen = [suite for name, suite in SUITES.items() if name in wanted]
     return [("suite", "contents", f"episodes: {', '.join(SIZES)}"), *map(_suite_row, chosen)]
 
 
@@ -30,8 +31,9 @@ def _suite_row(suite: Suite) -> Row:
 
 
 TABLES = {
-    "planner-suites": lambda: suite_rows(planners=True),
-    "controller-suites": lambda: suite_rows(planners=False),
+    "planner-suites": lambda: suite_rows(PLANNER_SUITES),
+    "controller-suites": lambda: suite_rows(SUITES.keys() - PLANNER_SUITES - SPACE_SUITES),
+    "space-suites": lambda: suite_rows(SPACE_SUITES),
     "methods": lambda: [("method", "what it is"), *((name, method.description) for name, method in BUILT_IN.items())],
     "conditions": lambda: [("condition", "what differs"), *((name, it.description) for name, it in CONDITIONS.items())],
 }

@@ -115,6 +115,9 @@ METRICS = {
                value=_strict_where_reachable,
                definition=f"The same over the episodes whose least achievable error is below {1000 * REACHABLE:.0f} mm "
                "with the plant's cable, and those that ended before it was known."),
+        Metric(key="planned", title="planned", unit="1", better="higher", value=_first("planned"),
+               definition="In space, the share of episodes with a plan, found within 30 s of processor time, that the "
+               "independent judge accepts."),
         Metric(key="contact", title="contact", unit="1", better="lower", value=_first("contact"),
                definition="Share of episodes in which cable or grippers touched an obstacle or a wall."),
         Metric(key="avoidable_contact", title="avoidable contact", unit="1", better="lower", value=_avoidable,
@@ -172,7 +175,8 @@ METRICS = {
         Metric(key="gripper_travel", title="travel", unit="m", better="lower", value=_first("gripper_travel"),
                shown=("m", 1.0), definition="Way of both grippers together; none where nothing moved."),
         Metric(key="planning_time", title="planning", unit="s", better="lower", value=_first("planning_time"),
-               tolerance=2.0, definition="Wall time of planning. It depends on the machine."),
+               tolerance=2.0, definition="Wall time of planning; in space processor time, with that of judging. It "
+               "depends on the machine."),
         Metric(key="control_time", title="step", unit="s", better="lower", value=_first("control_median"),
                field="control_median", tolerance=2.0, shown=("ms", 1000.0),
                definition="Median over an episode of the wall time of a control step. It depends on the machine."),

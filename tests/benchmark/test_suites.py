@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from cableway.benchmark.conditions import CONDITIONS, condition_of
-from cableway.benchmark.suites import SIZES, SUITES, episode_name, frozen_episodes, get_suite, make_task
+from cableway.benchmark.suites import (
+    SIZES,
+    SPACE_SUITES,
+    SUITES,
+    episode_name,
+    frozen_episodes,
+    get_suite,
+    kind_of,
+    make_task,
+)
 from cableway.core.errors import TaskError, UnknownNameError
 from cableway.simulation.perturbations.variants import VARIANTS, named_perturbation, variant
 
@@ -30,6 +39,17 @@ def test_a_larger_size_begins_with_the_smaller_one():
     assert standard[: len(quick)] == quick
     assert own[: len(standard)] == standard
     assert len(own) == 250
+
+
+def test_suites_in_space_hold_tasks_in_space_and_a_window_its_width():
+    for name in SPACE_SUITES:
+        assert all(episode.in_space for episode in frozen_episodes(name))
+    assert not any(episode.in_space for episode in frozen_episodes("clutter"))
+    (wide,) = {kind_of(episode.task) for episode in frozen_episodes("windows")[::3]}
+    assert wide == "window 119 mm"
+    changed = replace(frozen_episodes("yu")[0], task="yu-1")
+    with pytest.raises(TaskError, match="yu-1 has the digest"):
+        changed.load()
 
 
 def test_unknown_names_list_what_there_is():

@@ -13,17 +13,19 @@ from cableway.benchmark.conditions import condition_of
 from cableway.benchmark.contacts import is_unavoidable
 from cableway.benchmark.faulty import FAULTS, FaultyController
 from cableway.benchmark.methods import DEFAULT, Method, load_method, made_by
+from cableway.benchmark.spatial_episode import require_in_space, run_in_space, warm_up_in_space
 from cableway.benchmark.suites import Episode
 from cableway.commands import stopping_time
 from cableway.control.base import Controller
 from cableway.core.errors import InputError, TaskError
 from cableway.core.provenance import commit
 from cableway.core.quantities import quantity
-from cableway.outcome import Outcome
+from cableway.outcome import Outcome, stacked_limit
 from cableway.planning.planner import plan as find_plan
 from cableway.records import Attempt, Plan
 from cableway.report import Report
 from cableway.scene.files.loading import load_planar_task
+from cableway.scene.task import Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.sensing import SensingConfig
 from cableway.simulation.perturbations.variants import FAULTS_SUITE, named_perturbation
@@ -68,6 +70,7 @@ class Result:
         detail: Why it was no success, in a sentence.
         success: As `cableway.report.judge` has it; of a blocked task: the planner said that no plan exists.
         strict: The same with 1 cm.
+        planned: In space, whether a plan was found that the judge accepts; None on the table.
         contact: Whether something was touched.
         unavoidable: Whether that was the first touch of something unknown and nothing else, see `benchmark.contacts`;
             None where the plant has no faults.
@@ -82,7 +85,7 @@ class Result:
         gripper_travel: Way of both grippers together.
         steps: Control steps.
         recovered: How many times a new plan was made.
-        planning_time: Wall time.
+        planning_time: Wall time; in space, where it includes judging the plan, processor time.
         control_median: Of the wall times of control steps.
         control_p99: Of the same.
         control_max: Of the same.
@@ -110,6 +113,7 @@ class Result:
     detail: str = ""
     success: bool = False
     strict: bool = False
+    planned: bool | None = None
     contact: bool = False
     unavoidable: bool | None = None
     verified: bool | None = None
@@ -176,11 +180,15 @@ def jobs_of(source: str, episodes: Iterable[Episode], deadline: float | None = N
 
     Raises:
         InputError: The method cannot be loaded, or the deadline is not positive.
-        MissingExtraError: The method needs an extra that is not installed.
+        MissingExtraError: The method, or an episode in space, needs an extra that is not installed.
+        UnknownNameError: An episode is in space, where there is no such method.
     """
     Watchdog(deadline=deadline)  # checks it
     method, maker = load_method(source), made_by(source) + ("" if deadline is None else f", deadline {deadline:g} s")
     require_extras(*(name for name in (method.planner, method.controller) if isinstance(name, str)))
+    episodes = list(episodes)
+    if any(episode.in_space for episode in episodes):
+        require_in_space(source, deadline)
     return [Job(episode, source, method.name, maker, commit(), deadline) for episode in episodes]
 
 
@@ -191,14 +199,26 @@ def run_job(job: Job) -> Scored:
         CablewayError: The method or the task cannot be loaded. What a method raises comes through.
     """
     LOGGER.info("%s, %s of %s", job.method, job.episode.name, job.episode.suite)
-    warm_up(job.source)
+    if job.episode.in_space:
+        warm_up_in_space()
+    else:
+        warm_up(job.source)
     reference = reference_time()
-    scored = _score(job)
+    scored = _score_in_space(job) if job.episode.in_space else _score(job)
     return replace(scored, result=replace(scored.result, reference_time=reference))
 
 
+def _score_in_space(job: Job) -> Scored:
+    task = job.episode.load_spatial()
+    run = run_in_space(task, job.source, job.episode.seed)
+    error, success = run.figures.get("shape_error"), run.figures.get("success", False)
+    strict = success and error is not None and error < stacked_limit(STRICT_ERROR, task.cable.keypoints)
+    result = Result(**_known(job), **run.figures, strict=strict)
+    return Scored(result, None if success else run.draw())
+
+
 def _score(job: Job) -> Scored:
-    episode, task = job.episode, job.episode.load()
+    episode, task = job.episode, job.episode.load_planar()
     perturbation = named_perturbation(episode.plant, task, episode.seed)
     eyes = None
     if episode.condition:  # the noise and latency of the plant's keypoints are those of another way to know the cable
@@ -218,7 +238,7 @@ def _score(job: Job) -> Scored:
         clock=time.process_time,  # as others may work on this machine
     )
     run = solve(task, options)
-    if task != episode.load():
+    if task != episode.load_planar():
         raise InputError(f"the method {job.method} overwrote the task")
     if episode.suite == BLOCKED:
         return Scored(_certified(job, run))
@@ -247,11 +267,14 @@ def warm_up(source: str = DEFAULT) -> None:
 def died(job: Job, outcome: Outcome, detail: str) -> Scored:
     """The outcome of an episode in which the method died: the cable was not moved."""
     from cableway.figures.scene import task_figure
+    from cableway.figures.space import spatial_task_figure
     from cableway.figures.style import figure_png
 
-    task = job.episode.load()
-    picture = figure_png(task_figure(task, [TaskError(f"{outcome}: {detail}")]))
-    return Scored(Result(**_known(job), outcome=outcome, detail=detail), picture)
+    task, fault = job.episode.load(), TaskError(f"{outcome}: {detail}")
+    figure = task_figure(task, [fault]) if isinstance(task, Task) else spatial_task_figure(task, [fault])
+    picture = figure_png(figure)
+    planned = False if job.episode.in_space else None
+    return Scored(Result(**_known(job), outcome=outcome, detail=detail, planned=planned), picture)
 
 
 @cache

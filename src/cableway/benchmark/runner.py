@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from cableway.benchmark.episode import Job, Result, Scored, died, run_job, warm_up
+from cableway.benchmark.spatial_episode import warm_up_in_space
 from cableway.core.configuration import from_mapping
 from cableway.core.errors import FileFormatError, InputError
 from cableway.core.executors import Pending, open_executor
@@ -80,7 +81,8 @@ def run_jobs(
     """
     if not time_limit > 0:
         raise InputError(f"the time limit must be positive, got {time_limit!r}")
-    begin = warm_up if executor == "local" else None
+    begin = warm_up_in_space if all(job.episode.in_space for job in jobs) else warm_up
+    begin = begin if executor == "local" else None
     with _one_thread(), open_executor(executor, workers, isolated=True, begin=begin) as pool:
         for (job,), ended in pool.as_they_end(run_job, ((job,) for job in jobs), time_limit):
             scored = _scored(job, ended, time_limit)

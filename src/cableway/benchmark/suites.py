@@ -12,6 +12,7 @@ import hashlib
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,10 +22,14 @@ from cableway.planning.moved_ends import set_up
 from cableway.scene.cable import Cable
 from cableway.scene.files.loading import cable_from_preset, catalogue_file, load_planar_task, task_names
 from cableway.scene.files.saving import task_text
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import Task
 from cableway.simulation.perturbations.variants import RENAMED
 from cableway.tasks.generation import END_DECIMALS, random_task
 from cableway.tasks.scaling import scaled
+from cableway.tasks.space.generation import SPATIAL_KINDS, random_spatial_task
+
+T = TypeVar("T", Task, SpatialTask)
 
 SIZES = ("quick", "standard", "full")
 """Names of the sizes."""
@@ -55,13 +60,28 @@ class Episode:
     digest: str
     condition: str = ""
 
-    def load(self) -> Task:
+    @property
+    def in_space(self) -> bool:
+        """Whether its task is one in space."""
+        return is_in_space(self.task)
+
+    def load(self) -> Task | SpatialTask:
         """The task.
 
         Raises:
             TaskError: It is no longer the one that was frozen.
         """
-        task = make_task(self.task)
+        return self.load_spatial() if self.in_space else self.load_planar()
+
+    def load_planar(self) -> Task:
+        """The same of a planar task."""
+        return self._as_frozen(make_task(self.task))
+
+    def load_spatial(self) -> SpatialTask:
+        """The same of a task in space."""
+        return self._as_frozen(make_spatial_task(self.task))
+
+    def _as_frozen(self, task: T) -> T:
         if (digest := task_digest(self.task, task)) != self.digest:
             raise TaskError(f"task {self.task} has the digest {digest}, not the {self.digest} of suite {self.suite}")
         return task
@@ -134,9 +154,21 @@ SUITES = {
         Suite("lab-drawn", 1, "as lab-constrained, with cables drawn from the ranges of their kinds", "cable",
               (21, 84, 1008)),
         Suite("blocked", 1, "infeasible tasks, to be reported as such", "kind", (10, 100, 1000)),
+        Suite("space-clutter", 1, "in space; three to ten obstacles", "kind", (4, 50, 170)),
+        Suite("space-dense", 1, "in space; thirty obstacles", "kind", (4, 50, 170)),
+        Suite("windows", 1, "in space; windows of 0.35, 0.25 and 0.18 cable lengths", "kind", (3, 51, 171)),
+        Suite("yu", 1, "in space; the four public scenes of Yu et al., boxes alone, with ends of our making", "kind",
+              (4, 48, 168)),
+        Suite("extruded", 1, "in space; the catalogue's obstacles with heights of 5 to 30 cm, and endless", "kind",
+              (4, 44, 176)),
+        Suite("lift", 1, "in space; from close to the table over a ridge, past three to eight obstacles", "kind",
+              (4, 50, 170)),
     )
 }  # fmt: skip
 """Suites by name."""
+
+SPACE_SUITES = frozenset({"space-clutter", "space-dense", "windows", "yu", "extruded", "lift"})
+"""Suites in space; "all" is all others."""
 
 PLANNER_SUITES = frozenset({"paper", "clutter", "dense", "corridors", "mazes", "sensing", "unconstrained", "blocked"})
 """Suites that judge planners alone: the cable is the nominal one, so that a plan succeeds in open loop, too, or there
@@ -198,8 +230,28 @@ def cable_of(task: str) -> str:
     return f"{length} m" if length else task.partition("~")[2].rpartition("-")[0]
 
 
+def is_in_space(reference: str) -> bool:
+    """Whether what `Episode.task` names is a task in space.
+
+    >>> is_in_space("window-20001@0.085"), is_in_space("clutter-20001")
+    (True, False)
+    """
+    return reference.partition("@")[0].rpartition("-")[0] in SPATIAL_KINDS
+
+
+def make_spatial_task(reference: str) -> SpatialTask:
+    """The task in space that `Episode.task` names.
+
+    Raises:
+        InputError: There is none.
+    """
+    name, _, width = reference.partition("@")
+    kind, _, seed = name.rpartition("-")
+    return random_spatial_task(int(seed), kind, width=float(width) if width else None)
+
+
 def make_task(reference: str) -> Task:
-    """The task that `Episode.task` names.
+    """The planar task that `Episode.task` names.
 
     Raises:
         InputError: There is none.
@@ -230,7 +282,7 @@ def _with_cable(task: Task, cable: Cable, name: str) -> Task:
     return replace(task, name=name, cable=cable, start=start, goal=goal, start_poses=None, goal_poses=None)
 
 
-def task_digest(reference: str, task: Task) -> str:
+def task_digest(reference: str, task: Task | SpatialTask) -> str:
     """See `Episode.digest`; of a task in the catalogue that of its file, whose end shapes may be left to the rod."""
     text = catalogue_file(reference).read_text() if reference in task_names() else task_text(task)
     return hashlib.sha256(text.encode()).hexdigest()[:32]

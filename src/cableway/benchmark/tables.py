@@ -9,9 +9,9 @@ from typing import Any
 from cableway.benchmark.suites import PLANNER_SUITES, SUITES
 from cableway.metrics import METRICS, Metric
 
-COLUMNS = ("success", "strict", "strict_reachable", "survived", "contact", "avoidable_contact", "shape_error",
-           "above_least_achievable", "deviation", "clearance", "tracking_error", "tracking_p99", "hidden", "unknown",
-           "lost", "planning_time", "control_time", "control_p99", "missed")  # fmt: skip
+COLUMNS = ("planned", "success", "strict", "strict_reachable", "survived", "contact", "avoidable_contact",
+           "shape_error", "above_least_achievable", "deviation", "clearance", "tracking_error", "tracking_p99",
+           "hidden", "unknown", "lost", "planning_time", "control_time", "control_p99", "missed")  # fmt: skip
 """Metrics of the tables."""
 
 COMPARED = ("success", "strict", "contact", "shape_error", "deviation", "clearance", "planning_time", "control_time")

@@ -39,7 +39,8 @@ class Bench(EpisodeOptions):
     """Names, separated by commas, or all. Suites that judge planners, as open loop succeeds in them too: paper,
     clutter, dense, corridors, mazes, sensing, unconstrained, blocked. Suites that judge controllers: plants,
     plants-rough, table, limp, faults, cell, eyes, paper-cell, lengths, lab-constrained, lab-unconstrained,
-    lab-drawn."""
+    lab-drawn. In space, and not among all: space-clutter, space-dense, windows, yu, extruded, lift, with the
+    methods cableway, rod-jacobian and open-loop."""
 
     size: Annotated[str, tyro.conf.arg(metavar="{quick,standard,full}")] = "quick"
     """How many episodes of each suite."""
@@ -64,13 +65,14 @@ class Bench(EpisodeOptions):
         """Carry the command out and return its exit status."""
         from cableway.benchmark.gate import read_baseline, regressions
         from cableway.benchmark.methods import load_method
-        from cableway.benchmark.suites import SUITES, get_suite
+        from cableway.benchmark.suites import SPACE_SUITES, SUITES, get_suite
         from cableway.benchmark.summary import each_of
         from cableway.core.files import only_writer
 
         terminal, folder = Terminal(self), self.folder("bench")
         before = None if self.against is None else read_baseline(self.against)
-        suites = [get_suite(name) for name in (SUITES if self.suites == "all" else self.suites.split(","))]
+        planar = [name for name in SUITES if name not in SPACE_SUITES]
+        suites = [get_suite(name) for name in (planar if self.suites == "all" else self.suites.split(","))]
         beside = [source for suite in suites for source in suite.beside]
         methods = {source: load_method(source) for source in dict.fromkeys([*beside, *self.methods.split(",")])}
         jobs = self._jobs(suites, methods)

@@ -37,7 +37,7 @@ class EpisodeOptions(PictureOptions, WorkerOptions):
         INTERRUPTS.kept = partial(_kept, jobs, folder)
         missing = [job for job in jobs if read_result(job, folder) is None]
         ended, failed = len(jobs) - len(missing), 0
-        if missing:
+        if any(not job.episode.in_space for job in missing):
             compile_all(progress)  # here, so that no episode's time limit has it in it
 
         def done(result: Result) -> None:
