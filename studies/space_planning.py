@@ -1,6 +1,9 @@
 """Plan random tasks in space of a kind and print how many are solved and how long it takes.
 
     .venv/bin/python studies/space_planning.py KIND [--seeds FIRST:END] [--width W] [--limit S]
+    .venv/bin/python studies/space_planning.py SUITE --frozen COUNT [--limit S]
+
+The second form takes the first tasks of a suite of the benchmark.
 
 A task counts as solved where a plan was found within the limit and the judge accepts it. Times are those of the
 processor, on one core, without compiling; "search" is without the judge, which each plan ends with. Failures count with
@@ -11,10 +14,12 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from cableway.benchmark.suites import SPACE_SUITES, frozen_episodes
 from cableway.core.errors import PlanningError
 from cableway.planning import spatial_planner
 from cableway.scene.spatial.task import SpatialTask
@@ -49,21 +54,31 @@ def solve(task: SpatialTask, clock: Clock, limit: float) -> tuple[str, float, fl
     return said, time.process_time() - since, clock.judged
 
 
+def tasks(given: argparse.Namespace) -> Iterator[SpatialTask]:
+    """The tasks that are asked for."""
+    if given.frozen is not None:
+        yield from (episode.load_spatial() for episode in frozen_episodes(given.kind)[: given.frozen])
+        return
+    first, end = map(int, given.seeds.split(":"))
+    for seed in range(first, end):
+        yield random_spatial_task(seed, given.kind, width=given.width)
+
+
 def main() -> None:
     """Print a line for each task, then a row of a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=SPATIAL_KINDS)
+    parser.add_argument("kind", choices=dict.fromkeys([*SPATIAL_KINDS, *sorted(SPACE_SUITES)]))
     parser.add_argument("--seeds", default="0:20")
     parser.add_argument("--width", type=float, help="of windows [m]")
     parser.add_argument("--limit", type=float, default=30.0, help="processor time for each task [s]")
+    parser.add_argument("--frozen", type=int, help="so many tasks of the suite")
     given = parser.parse_args()
-    first, end = map(int, given.seeds.split(":"))
     clock = Clock()
     spatial_planner.verify_spatial_plan = clock.verify
-    solve(random_spatial_task(first, given.kind, width=given.width), clock, WARM_UP)
+    for seed in (1, 2, 3):  # each source of samples has kernels of its own
+        solve(random_spatial_task(seed, "window"), clock, WARM_UP)
     whole, search, solved = [], [], 0
-    for seed in range(first, end):
-        task = random_spatial_task(seed, given.kind, width=given.width)
+    for task in tasks(given):
         said, spent, judged = solve(task, clock, given.limit)
         solved += not said.startswith("no plan")
         whole.append(spent)
@@ -71,7 +86,8 @@ def main() -> None:
         print(f"{task.name}: weight {task.cable.weight:.1f}, {spent:.2f} s, judge {judged:.2f} s; {said}", flush=True)
     figures = [f"{np.median(each):.2f}, {np.quantile(each, 0.95):.2f}, {max(each):.2f}" for each in (search, whole)]
     name = given.kind if given.width is None else f"{given.kind} {given.width:g} m"
-    print(f"| {name} | {given.seeds} | {solved}/{end - first} | {figures[0]} | {figures[1]} |")
+    which = given.seeds if given.frozen is None else f"first {given.frozen}"
+    print(f"| {name} | {which} | {solved}/{len(whole)} | {figures[0]} | {figures[1]} |")
 
 
 if __name__ == "__main__":

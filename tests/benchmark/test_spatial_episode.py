@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from spatial_problems import ball_task, walled_task
 
-from cableway.benchmark import episode, suites
+from cableway.benchmark import episode, spatial_episode, suites
 from cableway.benchmark.episode import Result, died, jobs_of, run_job
 from cableway.benchmark.suites import frozen_episodes
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.outcome import Outcome
 from cableway.scene.spatial.task import SpatialTask
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
+from cableway.workflow.spatial_run import follow_in_space
 
 EPISODE = frozen_episodes("space-clutter")[0]
 
 
 def result_of(task: SpatialTask, monkeypatch: pytest.MonkeyPatch, method: str = "open-loop") -> tuple[Result, bytes]:
-    """What an episode with another task comes to."""
+    """What an episode with another task, and a coarse cable in simulation, comes to."""
+    coarse = SpatialPerturbation()
+    coarse = replace(coarse, config=replace(coarse.config, links=21))
+    monkeypatch.setattr(spatial_episode, "follow_in_space", partial(follow_in_space, perturbation=coarse))
     monkeypatch.setattr(suites, "make_spatial_task", lambda reference: task)
     monkeypatch.setattr(episode, "warm_up_in_space", lambda: None)
     (job,) = jobs_of(method, [replace(EPISODE, digest=suites.task_digest(EPISODE.task, task))])
@@ -48,7 +54,7 @@ def test_a_task_without_a_plan_is_a_failure_with_a_reason_and_a_picture(monkeypa
 
 
 def test_planning_ends_with_its_limit(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("cableway.benchmark.spatial_episode.PLANNING_LIMIT", 0.0)
+    monkeypatch.setattr(spatial_episode, "PLANNING_LIMIT", 0.0)
     result, _ = result_of(ball_task(), monkeypatch)
     assert (result.outcome, result.planned) == (Outcome.TIMED_OUT, False)
 
