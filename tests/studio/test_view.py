@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cableway.core.errors import InputError
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.studio.inbox import Inbox
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
@@ -123,7 +123,9 @@ def test_two_drags_of_one_thing_are_two():
     assert done == ["", "drag 1", "drag 1", "drag 1", "", "", "drag 2", "drag 2", "drag 2", ""]
 
 
-@pytest.mark.parametrize("color", [style.OBSTACLE, style.START, style.GOAL, style.INK, style.LEFT, style.ORANGE])
+@pytest.mark.parametrize(
+    "color", [palette.OBSTACLE, palette.START, palette.GOAL, palette.INK, palette.LEFT, palette.ORANGE]
+)
 def test_a_painted_colour_comes_out_as_that_of_the_figures(color: str):
     """Through the light and the tone curve of the page, as three.js has them."""
     linear = look._linear(np.array(look.painted(color)) / 255) * sum(look.LIGHT) / np.pi

@@ -24,7 +24,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from cableway.core.errors import InputError
-from cableway.figures.style import FONT_FILE
+from cableway.figures.palette import FONT_FILE
 from cableway.studio.view.look import FONT, HEAD
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]", "::1")
