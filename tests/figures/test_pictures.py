@@ -378,3 +378,9 @@ def test_a_logarithmic_axis_has_plain_numbers_however_short_it_is(errors: tuple[
     shown = [tick.label1.get_text() for tick in ticks if low <= tick.get_loc() <= high and tick.label1.get_text()]
     assert len({float(text) for text in shown}) >= 2
     assert all("e" not in text for text in shown)
+
+
+def test_the_colour_of_time_of_pages_is_that_of_pictures():
+    for share in np.linspace(0.0, 1.0, 7):
+        page = np.array(palette.rgb(palette.color_of_time(share)))
+        np.testing.assert_allclose(page, 255 * np.array(style.TIME(share)[:3]), atol=2)  # of which Matplotlib has 256

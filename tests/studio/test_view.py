@@ -7,7 +7,10 @@ import http.client
 import inspect
 import socket
 import threading
+import time
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +18,14 @@ import pytest
 from cableway.core.errors import InputError
 from cableway.figures import palette
 from cableway.studio.inbox import Inbox
+from cableway.studio.studio import Studio
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
-from cableway.studio.view.meshes import circle, prism, ring, tube
-from cableway.studio.view.page import Page
+from cableway.studio.view.meshes import circle, prism, ribbon, ring, tube
+from cableway.studio.view.page import TELL, Page
 from cableway.studio.view.server import Server
+
+LINE = np.array([[0.0, 0], [1, 0], [2, 1]])
 
 UPGRADE = {
     "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
@@ -41,6 +47,45 @@ def status(server: Server, path: str, **headers: str) -> tuple[int, dict[str, st
     found = answer.status, dict(answer.getheaders())
     connection.close()
     return found
+
+
+def test_a_browser_is_answered_before_there_is_a_session():
+    """Which then has time to load the page while what plans is imported; of a task that is none nobody is told."""
+    told: list[int] = []
+
+    def announce(address: str) -> None:
+        connection = http.client.HTTPConnection(address.removeprefix("http://"), timeout=10)
+        connection.request("GET", "/s/abcdefghij")
+        told.append(connection.getresponse().status)
+        assert not made
+
+    class Made(Studio):
+        def _session(self, key: str) -> Any:
+            raise AssertionError(key)
+
+    made: list[Any] = []
+    session: Any = SimpleNamespace(close=lambda: made.append("closed"))
+    with pytest.raises(InputError, match="unknown task"):
+        Made("nowhere", session=session, announce=announce)
+    assert told == []
+    Made("single-obstacle-1", session=session, announce=announce).stop()
+    assert told == [200]
+    assert made == ["closed"]
+
+
+def test_in_a_drag_the_numbers_are_told_now_and_then(monkeypatch: pytest.MonkeyPatch):
+    """And all of them once nothing is held."""
+    page, told = Page.__new__(Page), []
+    page._told, page._selected, page._task_panel = (
+        0.0,
+        None,
+        SimpleNamespace(show=lambda *_: told.append(time.monotonic())),
+    )
+    held: Any = object()
+    for page._held, now in ((held, 9.0), (held, 9.0 + 0.9 * TELL), (held, 9.0 + 1.1 * TELL), (None, 9.3), (None, 9.3)):
+        monkeypatch.setattr("time.monotonic", lambda now=now: now)
+        page._show_task(held, held)
+    assert told == [9.0, 9.0 + 1.1 * TELL, 9.3, 9.3]
 
 
 def test_every_page_gets_a_key_of_its_own(server: Server):
@@ -136,7 +181,7 @@ def test_a_painted_colour_comes_out_as_that_of_the_figures(color: str):
 
 
 @pytest.mark.parametrize(
-    "mesh", [prism(circle(0.1), 0.0, 0.02), ring(0.1, 0.2, 0.0), tube(np.array([[0.0, 0], [1, 0], [2, 1]]), 0.1, 0.2)]
+    "mesh", [prism(circle(0.1), 0.0, 0.02), ring(0.1, 0.2, 0.0), tube(LINE, 0.1, 0.2), ribbon(LINE, 0.1, 0.2)]
 )
 def test_solids_are_seen_from_above(mesh: object):
     """What faces up, or the page would show holes."""

@@ -122,8 +122,8 @@ def draw_routes(
         handles += ax.plot(*paths.T, **look, label="keypoint paths")[:1]
     if passages is not None and len(passages):
         handles += ax.plot(
-            *passages.T, color=palette.PASSAGE, linewidth=1.2, linestyle=(0, (3, 2)), marker="o", markersize=2, zorder=5,
-            label="traversed passage",
+            *passages.T, color=palette.PASSAGE, linewidth=1.2, linestyle=(0, (3, 2)), marker="o", markersize=2,
+            zorder=5, label="traversed passage",
         )[:1]  # fmt: skip
     if pivot is not None:
         handles += ax.plot(*pivot.T, color=palette.PIVOT, linewidth=1.5, zorder=5, label="pivot path")

@@ -36,6 +36,10 @@ history.replaceState = () => {{}};
 // How often viser's page sends where a pointer is, see DRAG_INTERVAL.
 const later = window.setTimeout;
 window.setTimeout = (what, time, ...rest) => later(what, time === 50 ? {DRAG_INTERVAL} : time, ...rest);
+// viser's page would first decode a picture of surroundings that no page of ours shows.
+const fetched = window.fetch;
+window.fetch = (what, ...rest) =>
+  /^data:image.jpe?g/.test(what?.url ?? what) ? new Promise(() => {{}}) : fetched(what, ...rest);
 // viser's page turns and moves the view by these keys, farther the slower it draws, besides what they are here for.
 const moving = /^(Arrow(Up|Down|Left|Right)|Key[WASDQE])$/;
 document.addEventListener("keydown", (event) => moving.test(event.code) && event.stopImmediatePropagation());

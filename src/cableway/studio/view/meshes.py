@@ -63,7 +63,9 @@ def ribbon(line: Float[np.ndarray, "m 2"], width: float, height: float) -> Mesh:
     aside = 0.5 * width * _normals(line)
     flat = np.vstack([line - aside, line + aside])
     here = np.arange(m - 1)
-    faces = np.vstack([np.column_stack([here, here + 1, m + here]), np.column_stack([here + 1, m + here + 1, m + here])])
+    faces = np.vstack(
+        [np.column_stack([here, here + 1, m + here]), np.column_stack([here + 1, m + here + 1, m + here])]
+    )
     return Mesh(np.column_stack([flat, np.full(2 * m, height)]), faces.astype(int))
 
 

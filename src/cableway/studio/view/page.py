@@ -81,13 +81,7 @@ class Page:
 
     # ------------------------------------------------------------------------------------------ what is shown
     def _build(self) -> None:
-        client, gui = self._client, self._client.gui
-        client.scene.configure_default_lights(enabled=False)
-        client.scene.configure_environment_map(None)
-        client.scene.add_light_ambient("/light/all", intensity=look.LIGHT[0])
-        client.scene.add_light_directional("/light/sun", intensity=look.LIGHT[1], position=(0, 0, 2), cast_shadow=False)
-        gui.set_panel_label("cableway studio")
-        gui.configure_theme(brand_color=look.rgb(palette.BLUE), show_logo=False, show_share_button=False)
+        gui = self._client.gui
         self._task_panel = TaskPanel(gui, self._session, self._do, self._select, self._save, self._download)
         above = gui.add_button("Look from above", icon=viser.Icon.CAMERA, color=look.rgb(palette.MUTED))
         above.on_click(in_order(lambda _: self._do(self._look)))
@@ -168,7 +162,7 @@ class Page:
         self._client.flush()
 
     def _show_task(self, moment: Moment, inspection: Inspection) -> None:
-        """The panel of the task; while something is dragged only now and then, since letters take longer than shapes."""
+        """The panel of the task; in a drag only now and then, since letters take a page longer than shapes."""
         now = time.monotonic()
         if self._held is None or now - self._told >= TELL:
             self._told = now
