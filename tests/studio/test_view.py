@@ -76,11 +76,8 @@ def test_a_browser_is_answered_before_there_is_a_session():
 def test_in_a_drag_the_numbers_are_told_now_and_then(monkeypatch: pytest.MonkeyPatch):
     """And all of them once nothing is held."""
     page, told = Page.__new__(Page), []
-    page._told, page._selected, page._task_panel = (
-        0.0,
-        None,
-        SimpleNamespace(show=lambda *_: told.append(time.monotonic())),
-    )
+    panel: Any = SimpleNamespace(show=lambda *_: told.append(time.monotonic()))
+    page._told, page._selected, page._task_panel = 0.0, None, panel
     held: Any = object()
     for page._held, now in ((held, 9.0), (held, 9.0 + 0.9 * TELL), (held, 9.0 + 1.1 * TELL), (None, 9.3), (None, 9.3)):
         monkeypatch.setattr("time.monotonic", lambda now=now: now)
