@@ -1,4 +1,4 @@
-"""The directive `api`: what docstrings say of names below `cableway.`, one a line."""
+"""The directives `api` and `docstrings`: what docstrings say of names below `cableway.`, one a line."""
 
 from __future__ import annotations
 
@@ -44,7 +44,24 @@ class Api(Directive):
         return [*group.children]
 
 
+class Docstrings(Directive):
+    """A line is a module, whose docstring is shown as it stands, formulas in plain text."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        """A section for each line."""
+        return [self._section(name) for name in self.content]
+
+    def _section(self, name: str) -> nodes.section:
+        text = inspect.getdoc(resolved(name)) or ""
+        section = nodes.section(ids=[nodes.make_id(name)], names=[name])
+        section += [nodes.title("", name), nodes.literal_block(text, text, language="text")]
+        return section
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Called by Sphinx."""
     app.add_directive("api", Api)
+    app.add_directive("docstrings", Docstrings)
     return {"parallel_read_safe": True}
