@@ -14,7 +14,7 @@ project = "cableway"
 author = "The cableway authors"
 version = release = versions()["cableway"]
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "api", "command_line", "registries"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "command_line", "registries"]
 exclude_patterns = ["_extensions"]
 
 myst_heading_anchors = 3

@@ -2,7 +2,7 @@
 
 An observation is predicted as the equilibrium of the adapted rod (`cableway.rod.material`) between the grippers as
 they were when it was taken, h(theta) = s(q(theta); theta): between gripper poses y with grasps g its shape q solves
-e(q; theta) = y o g for the end poses e, so that
+e(q; theta) = y o g for the end poses e, so that ::
 
     dh/dtheta = ds/dtheta - ds/dq (de/dq)^-1 (de/dtheta - d(y o g)/dtheta).
 
