@@ -111,7 +111,7 @@ def whole_files() -> list[str]:
 
 
 def test_every_file_shown_can_be_read(tmp_path: Path):
-    """A task, which has a start, or a collection, or a recording, or a cell, which has arms, or a plant, in space or not."""
+    """A task, which has a start, a collection, a recording, a cell, which has arms, or a plant, in space or not."""
     path, tasks, plants, collections, recordings, cells, spatial = tmp_path / "shown.yaml", 0, 0, 0, 0, 0, 0
     for block in whole_files():
         path.write_text(block)
