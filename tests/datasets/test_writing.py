@@ -11,7 +11,7 @@ import pytest
 from written_sets import ORIGIN, SIZES, rows, write_set
 
 from cableway.core.errors import InputError, StorageError
-from cableway.datasets.manifest import read_manifest
+from cableway.datasets.manifest import read_manifest, write_manifest
 from cableway.datasets.reading import read_shard
 from cableway.datasets.writing import open_writer
 
@@ -68,6 +68,14 @@ def test_another_data_set_is_not_mixed_with(whole, change, said):
         f"{whole}: contains a data set with another {said}; use another folder, or remove this one"
     )
     assert contents(whole) == before
+
+
+def test_packages_of_extras_do_not_make_another_data_set(whole):
+    """As where one is installed between an interruption and its continuation."""
+    manifest = read_manifest(whole)
+    write_manifest(whole, replace(manifest, versions={**manifest.versions, "viser": "1.1"}))
+    with open_writer(whole, ORIGIN) as writer:
+        assert writer.shard(0) is not None
 
 
 def test_two_writers_do_not_share_a_folder(tmp_path):

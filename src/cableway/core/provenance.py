@@ -25,12 +25,17 @@ WITH_CHANGES = " with changes"
 """After a commit from which the source differs."""
 
 
-def versions() -> dict[str, str]:
-    """Versions by name: cableway, Python, each package that it requires, and those of its extras that are installed."""
+def required_versions() -> dict[str, str]:
+    """Versions by name: cableway, Python and each package that it requires."""
     found = {PACKAGE: _version(PACKAGE), "python": platform.python_version()}
-    found |= {name: _version(name) for name in _requirements()}
+    return found | {name: _version(name) for name in _requirements()}
+
+
+def versions() -> dict[str, str]:
+    """`required_versions`, and those of its extras' packages that are installed."""
     optional = {name: _version(name) for packages in EXTRAS.values() for name in packages}
-    return found | {name: version for name, version in sorted(optional.items()) if version != NOT_INSTALLED}
+    installed = {name: version for name, version in sorted(optional.items()) if version != NOT_INSTALLED}
+    return required_versions() | installed
 
 
 @cache

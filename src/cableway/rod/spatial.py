@@ -4,21 +4,21 @@ The uniform, isotropic, inextensible rod has bending stiffness B, twisting stiff
 in B/L^2, moments in B/L, lengths in L; then it is told by kappa = C/B and its weight gamma = rho A g L^3/B. As in the
 plane (`cableway.rod.planar`) it is a chain of N hinges, N even, whose first and last link are half as long.
 
-Let n_c and m_c be force and moment at the middle of the centre link, and t_i the direction of link i. Going outward,
+Let n_c and m_c be force and moment at the middle of the centre link, and t_i the direction of link i. Going outward, ::
 
     n(s) = n_c + gamma s e_z,     m <- m - l t x n over a length l,     tau = m . t the same everywhere,
     m = N kb + tau (t + t')/(1 + t . t') at a hinge,    kb = 2 t x t'/(1 + t . t'),
 
-with n at the middle of each link's piece. The hinge's equation has the closed solution
+with n at the middle of each link's piece. The hinge's equation has the closed solution ::
 
     t' = ((1 - |w|^2) t + 2 w)/(1 + |w|^2),    w = (tau (m - tau t) -+ 2N t x m)/(tau^2 + 4 N^2)
 
-to the right (-) and to the left (+), so one pass without trigonometry gives an exact equilibrium of the energy
+to the right (-) and to the left (+), so one pass without trigonometry gives an exact equilibrium of the energy ::
 
     -2N sum log((1 + t . t')/2) + kappa/2 Theta^2 + gamma sum l z,    Theta = tau/kappa.
 
 Frames are carried along without twist (Bergou et al. 2008, "Discrete elastic rods"), and turned by -+ tau/(2 kappa) at
-the ends. The coordinates are
+the ends. The coordinates are ::
 
     q = (c, v, n, m)      centre [m], rotation vector of its frame [rad], force and moment there in this frame [-, -]
 

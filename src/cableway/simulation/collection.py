@@ -23,7 +23,7 @@ import numpy as np
 
 from cableway.core.errors import SimulationError
 from cableway.core.executors import open_executor
-from cableway.core.provenance import describe, versions
+from cableway.core.provenance import describe, required_versions
 from cableway.datasets.manifest import CABLE, Manifest, Shard, columns_for
 from cableway.datasets.writing import DatasetWriter, Origin, open_writer
 from cableway.scene.files.loading import load_planar_task
@@ -166,7 +166,7 @@ class _Job:
         scene = None if config.task is None else load_planar_task(config.task).scene
         resolved: dict[str, Any] = {**describe(config), "scene": describe(scene)}
         columns = columns_for(config.cable_at(np.random.default_rng(config.seed)), config.drawn)
-        origin = Origin(config.seed, resolved, versions(), columns)
+        origin = Origin(config.seed, resolved, required_versions(), columns)
         return cls(config, scene, origin, hashlib.sha256(json.dumps(resolved).encode()).hexdigest())
 
 
