@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from cableway.core.errors import InputError
 from cableway.geometry import rotations
 from cableway.rod.continuation import lead
 from cableway.rod.spatial import SpatialRod
+from cableway.verification import spatial_follower_kernels as kernels
 from cableway.verification.spatial_follower import FollowedInSpace, follow_in_space
 
 
@@ -61,6 +64,69 @@ def test_what_the_rod_does_not_do_shows_as_deviation():
     stations, poses = rod.shapes(line_of(rod, 2, 2))
     light = follow_in_space(stations, poses, length=0.5, twist=0.8, weight=0.0)
     assert light.deviation.max() > 0.004
+
+
+def energy(rows: np.ndarray, force: np.ndarray, links: np.ndarray, stiffness: np.ndarray, hanging: np.ndarray) -> float:
+    """Of bending, twist and weight, and the work of the force that closes the chain; written apart from the kernels."""
+    turns = rotations.product(rows[:-1] * [1, -1, -1, -1], rows[1:])[:, 1:]
+    along = rotations.rotate(rows, np.array([1.0, 0.0, 0.0]))
+    return float(np.sum(stiffness * turns**2) / 2 + np.sum(along * (links[:, None] * force)) + hanging @ along[:, 2])
+
+
+def twisted_chain(links: int) -> tuple[np.ndarray, tuple[Any, Any, Any, Any]]:
+    """A coiled, twisted chain of links that is no equilibrium, and its force, lengths, stiffness and weights."""
+    rng, count = np.random.default_rng(3), links - 1
+    turns = rotations.from_vector(0.1 * rng.normal(size=(links, 3)) + [0.05, 0.0, 0.02])
+    rows = [turns[0]]
+    for turn in turns[1:]:
+        rows.append(rotations.product(rows[-1], turn))
+    lengths = np.full(links, 1 / count)
+    return np.array(rows), (np.array([5.0, -8.0, 3.0]), lengths, 4 * count * np.array([0.7, 1.0, 1.0]), 20 * lengths)
+
+
+def test_slope_and_second_derivative_are_those_of_the_energy():
+    """By finite differences in the turns of the inner links, of the energy and of its slope."""
+    rows, load = twisted_chain(6)
+    free, step = 12, 1e-5
+
+    def derivatives(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        right, band = np.empty((free, 4)), np.empty((free, kernels.BANDS))
+        kernels.derivatives(rows, *load, right, band)
+        return right, band
+
+    def turned(j: int, angle: float) -> np.ndarray:
+        out, turn = rows.copy(), np.zeros(3)
+        turn[j % 3] = angle
+        out[1 + j // 3] = rotations.product(rows[1 + j // 3], rotations.from_vector(turn))
+        return out
+
+    right, band = derivatives(rows)
+    slope = [(energy(turned(j, step), *load) - energy(turned(j, -step), *load)) / (2 * step) for j in range(free)]
+    np.testing.assert_allclose(right[:, 0], slope, atol=1e-6)
+    change = np.array([derivatives(turned(j, step))[0] - derivatives(turned(j, -step))[0] for j in range(free)])
+    second = change[..., 0] / (2 * step)
+    for j in range(free):  # slopes are by turns in a frame that turns along: half of the rotated slope is taken off
+        own = slice(3 * (j // 3), 3 * (j // 3) + 3)
+        second[j, own] -= np.cross(right[own, 0], np.eye(3)[j % 3]) / 2
+    full = np.zeros((free, free + kernels.BANDS))
+    for j in range(free):
+        full[j, j : j + kernels.BANDS] = band[j]
+    upper = full[:, :free]
+    np.testing.assert_allclose(upper + np.triu(upper, 1).T, second, atol=1e-5)
+
+
+def test_the_margin_is_the_least_eigenvalue_on_what_the_closure_allows():
+    """A dense eigenvalue problem in place of counted pivots; 0 where that is negative."""
+    for scale, stable in ((0.2, True), (6.0, False)):
+        rows, (force, *material) = twisted_chain(12)
+        load, free = (scale * force, *material), 30
+        right, band = np.empty((free, 4)), np.empty((free, kernels.BANDS))
+        kernels.derivatives(rows, *load, right, band)
+        upper = sum(np.diag(band[: free - k, k], k) for k in range(kernels.BANDS))
+        kept = np.linalg.svd(right[:, 1:].T)[2][3:]
+        least = 11 * np.linalg.eigvalsh(kept @ (upper + np.triu(upper, 1).T) @ kept.T)[0]
+        assert bool(least > 0) is stable
+        assert kernels.margin(rows, *load) == pytest.approx(max(0.0, least), abs=2e-5)
 
 
 @pytest.mark.wrong_types

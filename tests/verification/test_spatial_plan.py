@@ -17,7 +17,7 @@ from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
 from cableway.verification import verify_plan, verify_record
-from cableway.verification.spatial_distance import FAR, ToScene
+from cableway.verification.spatial_distance import FAR, Shape, ToScene
 from cableway.verification.spatial_plan import verify_spatial_plan
 
 TASK = ball_task()
@@ -141,10 +141,9 @@ def test_plans_of_the_plane_and_of_space_are_told_apart():
         Plan(np.zeros((3, 13, 3)), np.zeros((3, 2, 3)))
 
 
-def test_coal_measures_as_the_planner_does():
-    rng = np.random.default_rng(4)
-    axis = np.array([0.6, 0.0, 0.8])
-    scene = SpatialScene(
+def many_kinds(rng: np.random.Generator) -> SpatialScene:
+    """An obstacle of every kind."""
+    return SpatialScene(
         (1.0, 1.0, 1.0),
         (
             Cuboid(center=(0.3, 0.3, 0.3), size=(0.1, 0.2, 0.3), orientation=(0.8, 0.6, 0.0, 0.0)),
@@ -155,7 +154,53 @@ def test_coal_measures_as_the_planner_does():
             Prism(section=Disc(center=(0.5, 0.9), radius=0.05, height=0.4)),
         ),
     )
-    assert np.linalg.norm(axis) == pytest.approx(1)
+
+
+def bent_lines(count: int, points: int) -> np.ndarray:
+    """Lines (count, points, 3) of 30 cm or so that bend, in `many_kinds`."""
+    rng, along = np.random.default_rng(5), np.linspace(0, 1, points)[:, None]
+    begin, bend = rng.uniform(0.15, 0.85, (count, 1, 3)), 0.2 * rng.normal(size=(2, count, 1, 3))
+    return np.clip(begin + along * bend[0] + np.sin(np.pi * along) * bend[1], 0.001, 0.999)
+
+
+def test_a_line_is_as_far_as_its_nearest_piece_and_few_pieces_are_measured(monkeypatch: pytest.MonkeyPatch):
+    """The nearest one is found whatever planes the search begins with."""
+    scene, lines, radius = many_kinds(np.random.default_rng(4)), bent_lines(40, 31), 0.004
+    measure, count = ToScene(scene, radius), 0
+    ends = np.stack([lines[:, :-1], lines[:, 1:]], axis=2)
+    each = np.array(
+        [[[measure._measured(piece, shape)[0] for piece in row] for row in ends] for shape in measure._shapes]
+    )
+    walls = np.minimum(lines.min((1, 2)), (1.0 - lines).min((1, 2)))
+    expected = np.minimum(np.minimum(each.min((0, 2)), walls), FAR + radius)
+    assert (expected < 0).sum() > 3
+    assert (np.abs(expected - FAR / 2) < FAR / 2).sum() > 3
+    measured = measure._measured
+
+    def counted(piece: np.ndarray, shape: Shape) -> tuple[float, np.ndarray]:
+        nonlocal count
+        count += 1
+        return measured(piece, shape)
+
+    monkeypatch.setattr(measure, "_measured", counted)
+    np.testing.assert_allclose(measure(lines)[0], expected, atol=2e-6)
+    near = np.sum(each.min(2) < FAR + radius)
+    assert near <= count < 8 * near
+
+
+def test_planes_that_touch_an_obstacle_are_never_farther_from_a_line_than_the_obstacle():
+    measure, lines = ToScene(many_kinds(np.random.default_rng(4)), 0.004), bent_lines(20, 8)
+    normals = np.random.default_rng(6).normal(size=(30, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    for shape in measure._shapes:
+        for line in lines:
+            true = [measure._measured(piece, shape)[0] for piece in np.stack([line[:-1], line[1:]], axis=1)]
+            assert np.all(shape.beyond(line, normals) <= np.array(true) + 2e-6)
+
+
+def test_coal_measures_as_the_planner_does():
+    rng = np.random.default_rng(4)
+    scene = many_kinds(rng)
     lines = rng.uniform(0.1, 0.9, (150, 1, 3)) + np.linspace(0, 0.1, 4)[:, None] * rng.normal(size=(150, 1, 3))
     expected, index = chain_distance(lines, scene.world)
     found, which = ToScene(scene, 0.004)(lines)

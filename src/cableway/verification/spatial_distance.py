@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,12 @@ FAR = 0.02
 
 POINT = 1e-6
 """Radius [m] of what stands for a point."""
+
+CLOSE = 1e-6
+"""Within which [m] the nearest piece of a line is found."""
+
+NORMALS = 4
+"""Planes kept from a line to the next."""
 
 BEYOND = 1.0
 """Height [m] by which an obstacle of unlimited height reaches above the workspace."""
@@ -45,21 +52,38 @@ def library() -> Any:
 
 @dataclass(frozen=True)
 class Shape:
-    """A convex shape of Coal at a place, and the box about it [m]."""
+    """A convex shape of Coal at a place, the box about it [m], and what it is spanned by.
+
+    It is the hull of `corners` (k, 3), each of which stands for a ball of `radius` [m], or for a disc across `axis`.
+    """
 
     solid: Any
     place: Any
     low: Float[np.ndarray, "3"]
     high: Float[np.ndarray, "3"]
+    corners: Float[np.ndarray, "k 3"]
+    radius: float
+    axis: Float[np.ndarray, "3"]
 
     @classmethod
-    def of(cls, solid: Any, turn: Float[np.ndarray, "3 3"], at: Float[np.ndarray, "3"]) -> Shape:
-        """A shape turned by a matrix and put at a point."""
-        coal = library()
-        box = coal.CollisionObject(solid, coal.Transform3s(turn, np.asarray(at, float)))
+    def of(
+        cls, solid: Any, turn: Float[np.ndarray, "3 3"], at: Float[np.ndarray, "3"], corners: Float[np.ndarray, "k 3"],
+        radius: float = 0.0, axis: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Shape:  # fmt: skip
+        """A shape turned by a matrix and put at a point; corners and axis are given in its own frame."""
+        place = library().Transform3s(turn, np.asarray(at, float))
+        box = library().CollisionObject(solid, place)
         box.computeAABB()
         bounds = box.getAABB()
-        return cls(solid, coal.Transform3s(turn, np.asarray(at, float)), np.array(bounds.min_), np.array(bounds.max_))
+        placed = np.asarray(corners, float) @ turn.T + at
+        return cls(solid, place, np.array(bounds.min_), np.array(bounds.max_), placed, radius, turn @ axis)
+
+    def beyond(self, line: Float[np.ndarray, "m 3"], normals: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "pieces"]:
+        """What the pieces of a line, or its only point, are at least away [m]: how far they are beyond the planes that
+        touch this shape and have it behind them, whose unit normals are given; the largest of these."""
+        disc = np.sqrt(np.maximum(0.0, 1.0 - (normals @ self.axis) ** 2))
+        along = line @ normals.T - (self.corners @ normals.T).max(0) - self.radius * disc
+        return (along if len(line) == 1 else np.minimum(along[:-1], along[1:])).max(1)
 
 
 def hull(points: Float[np.ndarray, "k 3"]) -> Any:
@@ -75,24 +99,30 @@ def shape_of(obstacle: SpatialObstacle, top: float) -> Shape:
     coal = library()
     if isinstance(obstacle, Cuboid):
         turn = Rotation.from_quat(obstacle.orientation, scalar_first=True).as_matrix()
-        return Shape.of(coal.Box(*obstacle.size), turn, np.array(obstacle.center))
+        corners = np.array(list(product((-0.5, 0.5), repeat=3))) * obstacle.size
+        return Shape.of(coal.Box(*obstacle.size), turn, np.array(obstacle.center), corners)
     if isinstance(obstacle, Cylinder):
         turn = Rotation.align_vectors([obstacle.axis], [[0.0, 0.0, 1.0]])[0].as_matrix()
-        return Shape.of(coal.Cylinder(obstacle.radius, obstacle.height), turn, np.array(obstacle.center))
+        return _cylinder(obstacle.radius, obstacle.height, turn, np.array(obstacle.center))
     if isinstance(obstacle, Sphere):
-        return Shape.of(coal.Sphere(obstacle.radius), np.eye(3), np.array(obstacle.center))
+        middle = np.array(obstacle.center)
+        return Shape.of(coal.Sphere(obstacle.radius), np.eye(3), middle, np.zeros((1, 3)), obstacle.radius)
     if isinstance(obstacle, ConvexMesh):
-        return Shape.of(hull(obstacle.points), np.eye(3), np.zeros(3))
+        return Shape.of(hull(obstacle.points), np.eye(3), np.zeros(3), obstacle.points)
     return _prism(obstacle, top)
 
 
 def _prism(obstacle: Prism, top: float) -> Shape:
     section, height = obstacle.section, top if obstacle.section.height is None else obstacle.section.height
     if len(section.vertices) == 1:
-        middle = np.array([*section.vertices[0], height / 2])
-        return Shape.of(library().Cylinder(section.rounding, height), np.eye(3), middle)
-    corners = [[x, y, z] for x, y in section.vertices for z in (0.0, height)]
-    return Shape.of(hull(np.array(corners)), np.eye(3), np.zeros(3))
+        return _cylinder(section.rounding, height, np.eye(3), np.array([*section.vertices[0], height / 2]))
+    corners = np.array([[x, y, z] for x, y in section.vertices for z in (0.0, height)])
+    return Shape.of(hull(corners), np.eye(3), np.zeros(3), corners)
+
+
+def _cylinder(radius: float, height: float, turn: np.ndarray, at: np.ndarray) -> Shape:
+    corners = np.array([[0.0, 0.0, -height / 2], [0.0, 0.0, height / 2]])
+    return Shape.of(library().Cylinder(radius, height), turn, at, corners, radius, (0.0, 0.0, 1.0))
 
 
 class ToScene:
@@ -114,23 +144,43 @@ class ToScene:
         walls = np.concatenate([lines.min(1), self._size - lines.max(1)], axis=1)
         distance, nearest = walls.min(1), len(self._shapes) + walls.argmin(1)
         distance = np.minimum(distance, FAR + self._radius)
-        ends = np.stack([lines, lines] if lines.shape[1] == 1 else [lines[:, :-1], lines[:, 1:]], axis=2)
-        low, high = ends.min(2), ends.max(2)
-        gaps = np.maximum(self._low - high.max(1)[:, None], low.min(1)[:, None] - self._high).max(2)
-        for row, index in np.argwhere(gaps < distance[:, None]):
-            if gaps[row, index] >= distance[row]:
-                continue
-            checkpoint()
-            apart = np.linalg.norm(
-                np.maximum(0.0, np.maximum(self._low[index] - high[row], low[row] - self._high[index])), axis=1
-            )
-            for piece in np.argsort(apart):
-                if apart[piece] >= distance[row]:
-                    break
-                gap = self._distance(ends[row, piece], self._shapes[index])
+        gaps = np.maximum(self._low - lines.max(1)[:, None], lines.min(1)[:, None] - self._high).max(2)
+        for index, shape in enumerate(self._shapes):
+            normals = np.zeros((0, 3))
+            for row in np.flatnonzero(gaps[:, index] < distance):
+                checkpoint()
+                gap, normals = self._nearest(lines[row], shape, distance[row], normals)
                 if gap < distance[row]:
                     distance[row], nearest[row] = gap, index
         return distance, nearest
+
+    def _nearest(
+        self, line: Float[np.ndarray, "m 3"], shape: Shape, enough: float, normals: Float[np.ndarray, "k 3"]
+    ) -> tuple[float, Float[np.ndarray, "h 3"]]:
+        """Distance [m] of a line, or `enough` where it is no nearer, and normals of planes between the two.
+
+        Coal measures piece after piece, the one that could be nearest first, until the planes between those measured
+        and the shape have all others behind what is found.
+
+        Args:
+            line: Its points [m].
+            shape: The shape.
+            enough: As above [m].
+            normals: Of planes to begin with, such as those of a line nearby.
+        """
+        if not len(normals):
+            away = line.mean(0) - (shape.low + shape.high) / 2
+            size = float(np.linalg.norm(away))
+            normals = np.array([away / size if size > POINT else [0.0, 0.0, 1.0]])
+        least = shape.beyond(line, normals)
+        while least[piece := int(least.argmin())] < enough - CLOSE:
+            gap, normal = self._measured(line[[piece, min(piece + 1, len(line) - 1)]], shape)
+            enough = min(enough, gap)
+            if abs(normal @ normal - 1.0) < CLOSE:
+                normals = np.concatenate([normal[None], normals[: NORMALS - 1]])
+                least = np.maximum(least, shape.beyond(line, normals[:1]))
+            least[piece] = np.inf
+        return enough, normals
 
     def hull_distance(self, solid: Any, place: Any, corners: Float[np.ndarray, "k 3"], enough: float) -> float:
         """Distance [m] of a hull with these corners from walls and obstacles; what is beyond `FAR` or `enough` from
@@ -144,8 +194,13 @@ class ToScene:
                 least = min(least, between(solid, place, shape.solid, shape.place))
         return least
 
-    def _distance(self, ends: np.ndarray, shape: Shape) -> float:
-        return between(capsule(ends, self._radius), placed(ends), shape.solid, shape.place) + self._radius
+    def _measured(self, ends: np.ndarray, shape: Shape) -> tuple[float, np.ndarray]:
+        """Distance [m] between a piece of a line and a shape, and the unit vector from the shape to it."""
+        coal = library()
+        result = coal.DistanceResult()
+        solid, place = capsule(ends, self._radius), placed(ends)
+        gap = coal.distance(solid, place, shape.solid, shape.place, coal.DistanceRequest(), result)
+        return float(gap) + self._radius, -np.array(result.normal)
 
 
 def capsule(ends: Float[np.ndarray, "2 3"], radius: float) -> Any:

@@ -6,9 +6,9 @@ the turn at hinge i, the energy [B/L] is
 
     sum_i 2N (kappa r_x^2 + r_y^2 + r_z^2) + gamma sum_i l_i z_i,
 
-stationary under the closure of the chain, sum_i l_i t_i. The direction t_i of a link is a quadratic form of a_i, so
-all derivatives are short polynomials; Newton's method on the spheres of unit quaternions continues the shape from pose
-to pose, in smaller steps where it does not converge. A shape whose energy is not a minimum has snapped.
+stationary under the closure of the chain, sum_i l_i t_i. Newton's method on the spheres of unit quaternions continues
+the shape from pose to pose, in smaller steps where it does not converge. A shape whose energy is not a minimum has
+snapped.
 """
 
 from __future__ import annotations
@@ -19,40 +19,17 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.linalg import eigvalsh, solve_banded
 from scipy.spatial.transform import Rotation
-from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import InputError
 from cableway.core.time_limit import checkpoint
+from cableway.verification import spatial_follower_kernels as kernels
 
 HINGES = 48
 """Twice as many as the rod of `cableway.rod.spatial` has where it is short."""
 
-ITERATIONS = 30
-"""Most Newton steps to an equilibrium; four are usual."""
-
-LARGEST_TURN = 0.3
-"""Of a link in one Newton step [rad]."""
-
 JUMP = 0.3
 """Turn of a link [rad] above which a solved step is another branch."""
-
-STIFF = 1e3
-"""Second derivative given to what the held ends do not allow: far above the least."""
-
-LEVEL = 1e-9
-"""Largest slope of the energy [B/L] and largest gap [L] of what counts as solved."""
-
-# r_k = a' TURNS[k] b of conj(a) b, and t_k = a' ALONG[k] a
-TURNS = np.zeros((3, 4, 4))
-for _k, (_i, _j) in enumerate([(2, 3), (3, 1), (1, 2)]):
-    TURNS[_k, 0, _k + 1], TURNS[_k, _k + 1, 0], TURNS[_k, _i, _j], TURNS[_k, _j, _i] = 1.0, -1.0, -1.0, 1.0
-ALONG = np.zeros((3, 4, 4))
-ALONG[0] = np.diag([1.0, 1.0, -1.0, -1.0])
-ALONG[1, 1, 2] = ALONG[1, 2, 1] = ALONG[1, 0, 3] = ALONG[1, 3, 0] = 1.0
-ALONG[2, 1, 3] = ALONG[2, 3, 1] = 1.0
-ALONG[2, 0, 2] = ALONG[2, 2, 0] = -1.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +51,6 @@ class FollowedInSpace:
     lost_at: int | None
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # systems so small that threads wait longer than they work
 def follow_in_space(
     stations: Float[np.ndarray, "t s 3"],
     poses: Float[np.ndarray, "t 2 7"],
@@ -103,7 +79,7 @@ def follow_in_space(
         raise InputError(f"a motion needs as many shapes as poses, of 3 points or more, got {stations.shape}")
     chain = _Chain(length, twist, weight)
     state, pose = chain.first(stations[0], poses[0], twisted), poses[0]
-    reached, margins, twists, lost_at = [], [], [], None
+    reached, margins, lost_at = [], [], None
     for t, target in enumerate(poses):
         found = _continued(chain, state, pose, target, halvings)
         if found is None:
@@ -111,11 +87,11 @@ def follow_in_space(
             break
         (state, margin), pose = found, target
         margins.append(margin)
-        twists.append(chain.twist(state[0]))
-        reached.append(chain.stations(state[0], target, stations.shape[1]))
-    lines = np.array(reached).reshape(-1, *stations.shape[1:])
+        reached.append(state[0])
+    rows = np.array(reached).reshape(-1, HINGES + 1, 4)
+    lines = chain.stations(rows, poses[: len(rows)], stations.shape[1])
     deviation = np.linalg.norm(lines - stations[: len(lines)], axis=2).max(axis=1, initial=0.0)
-    return FollowedInSpace(lines, deviation, np.array(margins), np.array(twists), lost_at)
+    return FollowedInSpace(lines, deviation, np.array(margins), chain.twist(rows), lost_at)
 
 
 State = tuple[Float[np.ndarray, "links 4"], Float[np.ndarray, "3"]]
@@ -176,12 +152,15 @@ class _Chain:
             row *= 1.0 if before @ row > 0 else -1.0
         return rows, np.zeros(3)
 
-    def stations(self, rows: np.ndarray, pose: np.ndarray, count: int) -> np.ndarray:
-        """Points [m] at equal arc length."""
+    def stations(self, rows: Float[np.ndarray, "k links 4"], poses: np.ndarray, count: int) -> np.ndarray:
+        """Points (k, count, 3) [m] at equal arc length."""
         arc = np.concatenate([[0.0], np.cumsum(self._links)])
-        corners = np.vstack([np.zeros(3), np.cumsum(self._links[:, None] * _directions(rows), axis=0)])
+        corners = np.zeros((len(rows), HINGES + 2, 3))
+        np.cumsum(self._links[:, None] * _directions(rows), axis=1, out=corners[:, 1:])
         at = np.linspace(0, 1, count)
-        return pose[0, :3] + self._length * np.stack([np.interp(at, arc, column) for column in corners.T], axis=1)
+        first = np.clip(np.searchsorted(arc, at, side="right") - 1, 0, HINGES)
+        share = ((at - arc[first]) / self._links[first])[:, None]
+        return poses[:, None, 0, :3] + self._length * ((1 - share) * corners[:, first] + share * corners[:, first + 1])
 
     def turned(self, before: np.ndarray, after: np.ndarray) -> float:
         """Largest turn of a link [rad]."""
@@ -194,100 +173,24 @@ class _Chain:
         for side in (0, -1):
             rows[side] = pose[side, 3:] * (1.0 if pose[side, 3:] @ rows[side] > 0 else -1.0)
         chord = (pose[1, :3] - pose[0, :3]) / self._length
-        for _ in range(ITERATIONS):
-            slope, blocks, beside, closure = self._derivatives(rows, force)
-            gap = self._links @ _directions(rows) - chord
-            if max(np.abs(slope).max(), np.abs(gap).max()) < LEVEL:
-                return (rows, force), self._margin(blocks, beside, closure)
-            try:
-                moved = solve_banded((5, 5), _banded(blocks, beside), np.column_stack([slope, closure.T]))
-                pull = np.linalg.solve(closure @ moved[:, 1:], gap - closure @ moved[:, 0])
-            except np.linalg.LinAlgError:
+        try:
+            if not kernels.settle(rows, force, chord, *self._material):
                 return None
-            step = np.concatenate([-moved[:, 0] - moved[:, 1:] @ pull, pull])
-            share = min(1.0, LARGEST_TURN / max(np.abs(step[:-3]).max(), 1e-12))
-            moved = np.einsum("iak,ik->ia", _tangents(rows[1:-1]), step[:-3].reshape(-1, 3)) / 2
-            rows[1:-1] += share * moved
-            rows[1:-1] /= np.linalg.norm(rows[1:-1], axis=1, keepdims=True)
-            force += share * step[-3:]
-        return None
+        except np.linalg.LinAlgError:
+            return None
+        return (rows, force), kernels.margin(rows, force, *self._material)
 
-    def _margin(self, blocks: np.ndarray, beside: np.ndarray, closure: np.ndarray) -> float:
-        """Least eigenvalue of N times the second derivative, on turns that keep the ends."""
-        second = _dense(blocks, beside)
-        held, kept, _ = np.linalg.svd(closure.T, full_matrices=False)
-        held = held[:, kept > 1e-9 * kept[0]]
-        along = second @ held
-        second -= along @ held.T + held @ along.T - held @ (held.T @ along) @ held.T - STIFF * held @ held.T
-        return float(HINGES * eigvalsh(second, subset_by_index=[0, 0], check_finite=False)[0])
-
-    def twist(self, rows: np.ndarray) -> float:
+    def twist(self, rows: Float[np.ndarray, "k links 4"]) -> Float[np.ndarray, "k"]:
         """From end to end [rad]."""
-        turn = np.einsum("kij,hi,hj->hk", TURNS, rows[:-1], rows[1:])
-        return float(2 * np.sum(np.arctan2(turn[:, 0], np.sum(rows[:-1] * rows[1:], axis=1))))
+        (w, x, y, z), (a, b, c, d) = rows[:, :-1].transpose(2, 0, 1), rows[:, 1:].transpose(2, 0, 1)
+        return 2 * np.sum(np.arctan2(w * b - x * a - y * d + z * c, w * a + x * b + y * c + z * d), axis=1)
 
-    def _derivatives(
-        self, rows: np.ndarray, force: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Slope and second derivative of the energy with its constraint, by turns [rad] of the inner links, and the
-        derivative of the closure. Of the second derivative, the blocks (l, 3, 3) of links and of neighbours."""
-        a, b = rows[:-1], rows[1:]
-        by_a, by_b = _times(TURNS, b), _times(TURNS.swapaxes(1, 2), a)
-        turn = np.matmul(by_a, a[:, :, None])[..., 0]
-        stiff = 4 * HINGES * self._stiffness
-        slope, blocks = np.zeros((HINGES + 1, 4)), np.zeros((HINGES + 1, 4, 4))
-        stiff_a, moment = (stiff[:, None] * by_a).swapaxes(1, 2), stiff * turn
-        slope[:-1] += np.matmul(moment[:, None], by_a)[:, 0]
-        slope[1:] += np.matmul(moment[:, None], by_b)[:, 0]
-        blocks[:-1] += np.matmul(stiff_a, by_a)
-        blocks[1:] += np.matmul((stiff[:, None] * by_b).swapaxes(1, 2), by_b)
-        across = np.matmul(stiff_a, by_b) + (moment @ TURNS.reshape(3, -1)).reshape(-1, 4, 4)
-        pull = self._links[:, None] * force + self._hanging[:, None] * [0.0, 0.0, 1.0]
-        quadratic = 2 * (pull @ ALONG.reshape(3, -1)).reshape(-1, 4, 4)
-        slope += np.matmul(quadratic, rows[:, :, None])[..., 0]
-        blocks += quadratic
-        inner, tangents = rows[1:-1], _tangents(rows[1:-1]) / 2
-        blocks[1:-1] -= np.sum(slope[1:-1] * inner, axis=1)[:, None, None] * np.eye(4)
-        own = np.matmul(tangents.swapaxes(1, 2), np.matmul(blocks[1:-1], tangents))
-        beside = np.matmul(tangents[:-1].swapaxes(1, 2), np.matmul(across[1:-1], tangents[1:]))
-        closure = np.matmul(_times(ALONG, (2 * self._links[1:-1])[:, None] * inner), tangents).swapaxes(0, 1)
-        flat = np.matmul(slope[1:-1, None], tangents).ravel()
-        return flat, own, beside, closure.reshape(3, -1)
+    @property
+    def _material(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self._links, 4 * HINGES * self._stiffness, self._hanging
 
 
-def _times(forms: Float[np.ndarray, "3 4 4"], rows: Float[np.ndarray, "l 4"]) -> Float[np.ndarray, "l 3 4"]:
-    """Three bilinear forms with their second argument given."""
-    return (rows @ forms.reshape(12, 4).T).reshape(-1, 3, 4)
-
-
-def _dense(blocks: Float[np.ndarray, "l 3 3"], beside: Float[np.ndarray, "l-1 3 3"]) -> np.ndarray:
-    """The symmetric matrix with these blocks on its diagonal and above it."""
-    count = len(blocks)
-    second, i = np.zeros((count, 3, count, 3)), np.arange(count)
-    second[i, :, i] = blocks
-    second[i[:-1], :, i[1:]] = beside
-    second[i[1:], :, i[:-1]] = beside.swapaxes(1, 2)
-    return second.reshape(3 * count, -1)
-
-
-def _banded(blocks: Float[np.ndarray, "l 3 3"], beside: Float[np.ndarray, "l-1 3 3"]) -> np.ndarray:
-    """The same in the form of `solve_banded`, with five diagonals on either side."""
-    count = len(blocks)
-    banded = np.zeros((11, count, 3))
-    for i in range(3):
-        for j in range(3):
-            banded[5 + i - j, :, j] = blocks[:, i, j]
-            banded[2 + i - j, 1:, j] = beside[:, i, j]
-            banded[8 + i - j, :-1, j] = beside[:, j, i]
-    return banded.reshape(11, -1)
-
-
-def _directions(rows: np.ndarray) -> np.ndarray:
-    """Directions (l, 3) of links."""
-    return np.matmul(_times(ALONG, rows), rows[:, :, None])[..., 0]
-
-
-def _tangents(rows: np.ndarray) -> np.ndarray:
-    """Changes (l, 4, 3) of unit quaternions, twice those by turns about the axes of their own frames."""
-    w, x, y, z = rows.T
-    return np.stack([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]]).transpose(2, 0, 1)
+def _directions(rows: Float[np.ndarray, "... 4"]) -> Float[np.ndarray, "... 3"]:
+    """Directions of links."""
+    w, x, y, z = np.moveaxis(rows, -1, 0)
+    return np.stack([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
