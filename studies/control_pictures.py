@@ -15,7 +15,7 @@ import shapely
 from matplotlib.axes import Axes
 from pictures import save
 
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.figures.rollout import draw_motion
 from cableway.planning.planner import plan
 from cableway.records import Rollout
@@ -83,7 +83,7 @@ def main() -> None:
         error = 1000 * run.shape_error(task.goal)
         text = f"{error:.1f} mm at the goal\n{1000 * run.deviations_from_reference.max():.0f} mm on the way"
         style.title(ax, name)
-        ax.text(0.04, 0.95, text, transform=ax.transAxes, va="top", fontsize=style.NOTE, color=style.INK)
+        ax.text(0.04, 0.95, text, transform=ax.transAxes, va="top", fontsize=style.NOTE, color=palette.INK)
         panels.append(ax)
         said = f"{name}: {', '.join(text.splitlines())}, clearance {1000 * run.clearance.min():.1f} mm"
         print(f"{said}, {run.metadata['outcome']}")

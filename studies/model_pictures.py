@@ -20,7 +20,7 @@ from pictures import save
 
 from cableway.datasets.reading import load_transitions
 from cableway.datasets.transitions import Transitions
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.learning import AXIS, HEIGHT, LEFT, horizon_figure
 from cableway.tang2025.models.base import DeformationModel, rollout
 from cableway.tang2025.models.checkpoint import load_model, read_card
@@ -52,9 +52,9 @@ def draw_prediction(ax: Axes, model: DeformationModel, data: Transitions, row: i
     actions = data.actions[row : row + AHEAD[-1]]
     predicted = np.asarray(rollout(model, data.keypoints[row], data.poses[row], actions))
     true = data.next_keypoints[row : row + AHEAD[-1]]
-    scene.draw_cable(ax, scene.smooth(data.keypoints[row]), radius, style.INK)
+    scene.draw_cable(ax, scene.smooth(data.keypoints[row]), radius, palette.INK)
     for steps in AHEAD:
-        scene.draw_cable(ax, scene.smooth(true[steps - 1]), radius, style.OBSTACLE)
+        scene.draw_cable(ax, scene.smooth(true[steps - 1]), radius, palette.OBSTACLE)
         color = style.TIME(steps / AHEAD[-1])
         ax.plot(*scene.smooth(predicted[steps - 1]).T, color=color, linewidth=1.2, zorder=6)
         ax.plot(*predicted[steps - 1].T, ".", color=color, markersize=4, zorder=7)
@@ -101,7 +101,7 @@ def training_figure(folder: Path, name: str = "T, plain") -> Figure:
     paths = {5: model_path(folder, name, 0)} | {
         epochs: model_path(folder, f"{name}-{epochs}", 0) for epochs, wanted in LONGER.items() if name in wanted
     }
-    for (epochs, path), color in zip(paths.items(), style.SERIES, strict=False):
+    for (epochs, path), color in zip(paths.items(), palette.SERIES, strict=False):
         errors = [entry["validation_error"] for entry in read_card(str(path))["history"]]
         ax.plot(range(1, len(errors) + 1), errors, color=color, linewidth=1.0, label=f"{epochs} epochs")
     style.log_axis(ax.xaxis)
@@ -117,14 +117,14 @@ def adaptation_figure(draws: dict[str, Sequence[Sequence[float]]]) -> Figure:
     style.curve_axes(ax, "", "stacked error after 20 steps [mm]")
     for place, pairs in enumerate(draws.values()):
         for before, after in pairs:
-            ax.plot((place - 0.15, place + 0.15), (before, after), color=style.MUTED, linewidth=0.8)
-            ax.plot(place - 0.15, before, ".", color=style.START, label="before")
-            ax.plot(place + 0.15, after, ".", color=style.GOAL, label="after 100 transitions")
+            ax.plot((place - 0.15, place + 0.15), (before, after), color=palette.MUTED, linewidth=0.8)
+            ax.plot(place - 0.15, before, ".", color=palette.START, label="before")
+            ax.plot(place + 0.15, after, ".", color=palette.GOAL, label="after 100 transitions")
     ax.set_xticks(range(len(draws)), list(draws))
     style.log_axis(ax.yaxis)
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(
-        handles[:2], labels[:2], frameon=False, fontsize=style.TICK, labelcolor=style.INK, loc="upper center",
+        handles[:2], labels[:2], frameon=False, fontsize=style.TICK, labelcolor=palette.INK, loc="upper center",
         bbox_to_anchor=(0.5, -0.1), ncols=2,
     )  # fmt: skip
     return figure

@@ -22,7 +22,7 @@ from PIL import Image
 
 import cableway as cw
 from cableway.core.files import write_atomically
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.moving import MovingScene
 from cableway.figures.plan import spread_rows
 from cableway.figures.replanning import EXPECTED, LEFT, STILL, UNSEEN, Stop, stops_of
@@ -93,7 +93,7 @@ class Picture:
         ]  # fmt: skip
         self._side.legend(
             handles=handles, loc="lower left", bbox_to_anchor=(0, 0.34), frameon=False, fontsize=10.5, borderpad=0,
-            borderaxespad=0, handlelength=1.6, labelcolor=style.MUTED,
+            borderaxespad=0, handlelength=1.6, labelcolor=palette.MUTED,
         )  # fmt: skip
 
     def draw(self, moment: Moment) -> Image.Image:
@@ -118,7 +118,7 @@ class Picture:
         y = 0.98
         for number, name in enumerate(STEPS):
             now = number == moment.step
-            color = style.BAD if now and number == 2 else style.INK if now else "#a9b1ba"
+            color = palette.BAD if now and number == 2 else palette.INK if now else "#a9b1ba"
             self._side.text(0, y, name, fontsize=13, fontweight="bold" if now else None, color=color, va="top")
             y -= 0.115 if "\n" in name else 0.075
         row, run = moment.row, self._run
@@ -130,9 +130,9 @@ class Picture:
         )
         for place, (name, value) in enumerate(facts):
             height = 0.25 - 0.07 * place
-            self._side.text(0, height, name, fontsize=11, color=style.MUTED)
-            self._side.text(1, height, value, fontsize=12, color=style.INK, ha="right")
-        self._side.text(0, 0.0, f"simulation, {SPEED} x real time", fontsize=10, color=style.MUTED)
+            self._side.text(0, height, name, fontsize=11, color=palette.MUTED)
+            self._side.text(1, height, value, fontsize=12, color=palette.INK, ha="right")
+        self._side.text(0, 0.0, f"simulation, {SPEED} x real time", fontsize=10, color=palette.MUTED)
 
 
 def write_gif(path: Path, frames: list[Image.Image], seconds: list[float]) -> None:
@@ -141,8 +141,8 @@ def write_gif(path: Path, frames: list[Image.Image], seconds: list[float]) -> No
     sheet = Image.new("RGB", (every[0].width, every[0].height * len(every)))
     for place, frame in enumerate(every):
         sheet.paste(frame, (0, place * frame.height))
-    palette = sheet.quantize(COLORS, method=Image.Quantize.MAXCOVERAGE)
-    first, *rest = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    shared = sheet.quantize(COLORS, method=Image.Quantize.MAXCOVERAGE)
+    first, *rest = (frame.quantize(palette=shared, dither=Image.Dither.NONE) for frame in frames)
     durations = [round(1000 * value) for value in seconds]
     write_atomically(
         path,

@@ -23,7 +23,7 @@ from PIL import Image
 import cableway as cw
 from cableway.core.errors import PlanningError, TaskError
 from cableway.core.files import write_atomically
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.cell import cell_figure
 from cableway.figures.plan import (
     alternatives_figure,
@@ -54,7 +54,7 @@ EXAMPLE = "multi-obstacle-1"
 PIXELS, TALL, DOTS_PER_INCH = 1200, 1500, 160
 """Most pixels across a picture, up it, and in an inch of it."""
 
-WEIGHTS = ((0.0, style.INK), (0.01, style.LEFT), (0.1, style.RIGHT), (1.0, style.PIVOT))
+WEIGHTS = ((0.0, palette.INK), (0.01, palette.LEFT), (0.1, palette.RIGHT), (1.0, palette.PIVOT))
 """Clearance weights k_c [m] of the pivot paths shown, with their colours."""
 
 
@@ -68,7 +68,7 @@ def pivot() -> Figure:
     figure, (left, right) = scene.panel_row(task, 2)
     style.title(left, "passages")
     draw_routes(left, task, passages=np.array([passage.ends for passage in cw.find_passages(task.scene)]))
-    style.legend_below(left, [*scene.end_handles(), _line(style.PASSAGE, "passage")], 3)
+    style.legend_below(left, [*scene.end_handles(), _line(palette.PASSAGE, "passage")], 3)
     style.title(right, "pivot paths")
     scene.draw_scene(right, task)
     handles = []
@@ -147,7 +147,7 @@ def tracking() -> Figure:
     led = runs["rod-mpc"]
     draw_tracking(left, task, led)
     style.title(left, "tracking")
-    for (name, run), colour in zip(runs.items(), (style.INK, style.GOAL), strict=True):
+    for (name, run), colour in zip(runs.items(), (palette.INK, palette.GOAL), strict=True):
         deviation = 1000 * run.deviations_from_reference
         right.plot(run.times, deviation, color=colour, linewidth=1.3, label=f"{name}, final {deviation[-1]:.1f} mm")
     style.title(right, "deviation, worst keypoint", legend=True)

@@ -14,6 +14,7 @@ from typing import Any
 import accuracy.pictures
 import pictures
 import pytest
+from spatial_problems import ball_task
 
 import cableway
 from cableway.cli.collect import Collect
@@ -26,6 +27,8 @@ from cableway.scene.files.schema import GrippersSection, TaskFile, WorkspaceSect
 from cableway.scene.grippers import Plug, Port
 from cableway.simulation.episodes import CollectionConfig
 from cableway.simulation.perturbations.reading import read_perturbation
+from cableway.simulation.perturbations.spatial_reading import read_spatial_perturbation
+from cableway.simulation.spatial_plant import SpatialConfig
 from cableway.simulation.table_plant import TableConfig
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -108,8 +111,8 @@ def whole_files() -> list[str]:
 
 
 def test_every_file_shown_can_be_read(tmp_path: Path):
-    """A task, which has a start, or a collection, or a recording, or a cell, which has arms, or a plant."""
-    path, tasks, plants, collections, recordings, cells = tmp_path / "shown.yaml", 0, 0, 0, 0, 0
+    """A task, which has a start, a collection, a recording, a cell, which has arms, or a plant, in space or not."""
+    path, tasks, plants, collections, recordings, cells, spatial = tmp_path / "shown.yaml", 0, 0, 0, 0, 0, 0
     for block in whole_files():
         path.write_text(block)
         if "\nstart:" in block:
@@ -120,10 +123,14 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
             recordings += Path(validate(read_document(path), Description)["file"]).suffix == ".csv"
         elif "\narms:" in block:
             cells += len(load_cell(path).arms) == 2
+        elif "\nspatial:" in block:
+            shown = read_spatial_perturbation(path, ball_task())
+            assert (shown.cable is None, shown.config) == (False, SpatialConfig()), "all keys, with their defaults"
+            spatial += 1
         else:
             plants += read_perturbation(path, cableway.load_task("multi-obstacle-1")).cable != cableway.Cable()
-    assert tasks + plants + collections + recordings + cells == len(whole_files())
-    assert min(tasks, plants, collections, recordings, cells) > 0
+    assert tasks + plants + collections + recordings + cells + spatial == len(whole_files())
+    assert min(tasks, plants, collections, recordings, cells, spatial) > 0
 
 
 def blocks(page: str, first: str) -> list[str]:

@@ -79,6 +79,12 @@ def test_importing_and_help_touch_nothing_heavy(statement: str):
     assert not loaded & HEAVY
 
 
+def test_a_page_of_the_studio_is_served_before_what_plans_and_draws_is_imported():
+    loaded = set(run(LOADED_BY.format(statement="import cableway.studio.studio, cableway.studio.view.server")).split())
+    assert "viser" in loaded
+    assert loaded & HEAVY == {"numba", "scipy", "shapely"}  # by which a task is checked
+
+
 def test_importing_every_module_changes_nothing_global():
     assert run(CHANGED_BY_IMPORT).split() == []
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from accuracy import shapes
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.geometry import polyline
 
 Results = dict[str, dict[str, Any]]
@@ -28,18 +28,18 @@ def settled(results: Results) -> Figure:
     for place, (line, dots) in enumerate(_shown(results["any-poses"])):
         middle = (line.max(axis=0) + line.min(axis=0)) / 2
         offset = np.array([0.36 * (place % 2), -0.19 * (place // 2)]) - middle
-        left.plot(*polyline.spline(line + offset, 8).T, color=style.MUTED, linewidth=1.2)
-        left.plot(*(dots + offset).T, "o", color=style.START, markersize=3.2)
+        left.plot(*polyline.spline(line + offset, 8).T, color=palette.MUTED, linewidth=1.2)
+        left.plot(*(dots + offset).T, "o", color=palette.START, markersize=3.2)
         text = f"{1000 * np.linalg.norm(dots - line, axis=1).max():.2f} mm"
         left.text(
-            *(offset + middle - [0.0, 0.09]), text, ha="center", va="center", fontsize=style.NOTE, color=style.MUTED
+            *(offset + middle - [0.0, 0.09]), text, ha="center", va="center", fontsize=style.NOTE, color=palette.MUTED
         )
     left.set_aspect("equal", anchor="NW")
     left.set_axis_off()
     for name, colour, label in (
-        ("any-poses", style.GOAL, "any gripper poses"),
-        ("along-plans", style.PATHS, "along plans"),
-        ("after-motions", style.START, "after random motions"),
+        ("any-poses", palette.GOAL, "any gripper poses"),
+        ("along-plans", palette.PATHS, "along plans"),
+        ("after-motions", palette.START, "after random motions"),
     ):
         worst = 1000 * shapes.errors(results[name]).max(axis=1)
         radius = 1000 * np.array(results[name]["radius"])
@@ -59,13 +59,13 @@ def closed_form(results: Results) -> Figure:
     figure, (left, right) = _panels(2)
     style.title(left, "pushed together: settled (dots), closed form")
     for plant, exact in zip(result["plant"], result["elastica"], strict=True):
-        left.plot(*polyline.spline(np.array(exact), 8).T, color=style.MUTED, linewidth=1.2)
-        left.plot(*np.array(plant).T, "o", color=style.START, markersize=3.2)
+        left.plot(*polyline.spline(np.array(exact), 8).T, color=palette.MUTED, linewidth=1.2)
+        left.plot(*np.array(plant).T, "o", color=palette.START, markersize=3.2)
     left.set_aspect("equal", anchor="NW")
     style.curve_axes(left, "x/L", "y/L")
     style.title(right, "worst keypoint")
     off = 100 * np.linalg.norm(np.array(result["plant"]) - result["elastica"], axis=-1).max(axis=1)
-    right.plot(result["shortening"], off, "o-", color=style.START, markersize=4)
+    right.plot(result["shortening"], off, "o-", color=palette.START, markersize=4)
     _limit(right, 0.3, "required")
     style.curve_axes(right, "pushed together by d/L", "distance [% of L]")
     right.set_ylim(0, None)
@@ -79,10 +79,10 @@ def convergence(results: Results) -> Figure:
     figure, (left, right) = _panels(2, 0.85)
     style.title(left, "links")
     hinges, errors = np.array(links["hinges"]), 1000 * np.array(links["errors"])
-    left.loglog(hinges, np.median(errors, axis=1), "o-", color=style.START, markersize=4, label="median")
-    left.loglog(hinges, errors.max(axis=1), "o-", color=style.GOAL, markersize=4, label="worst shape")
+    left.loglog(hinges, np.median(errors, axis=1), "o-", color=palette.START, markersize=4, label="median")
+    left.loglog(hinges, errors.max(axis=1), "o-", color=palette.GOAL, markersize=4, label="worst shape")
     slope = np.median(errors[0]) * (hinges / hinges[0]) ** -2.0
-    left.loglog(hinges, 0.7 * slope, "--", color=style.MUTED, linewidth=1, label="second order")
+    left.loglog(hinges, 0.7 * slope, "--", color=palette.MUTED, linewidth=1, label="second order")
     style.curve_axes(left, "hinges N", "mean over keypoints [mm]")
     _plain_ticks(left.xaxis, hinges)
     _plain_ticks(left.yaxis, [0.01, 0.03, 0.1, 0.3, 1])
@@ -90,13 +90,13 @@ def convergence(results: Results) -> Figure:
     style.title(right, f"time step, against {1000 * steps['time_step'][-1]:g} ms")
     sizes, off = 1000 * np.array(steps["time_step"][:-1]), 1000 * np.array(steps["to_finest"][:-1])
     for values, colour, label in (
-        (off.mean(axis=1), style.START, "mean"),
-        (np.percentile(off, 95, axis=1), style.PATHS, "95%"),
-        (off.max(axis=1), style.GOAL, "worst"),
+        (off.mean(axis=1), palette.START, "mean"),
+        (np.percentile(off, 95, axis=1), palette.PATHS, "95%"),
+        (off.max(axis=1), palette.GOAL, "worst"),
     ):
         right.loglog(sizes, values, "o-", color=colour, markersize=4, label=label)
     slope = 0.7 * off[0].mean() * sizes / sizes[0]
-    right.loglog(sizes, slope, "--", color=style.MUTED, linewidth=1, label="first order")
+    right.loglog(sizes, slope, "--", color=palette.MUTED, linewidth=1, label="first order")
     style.curve_axes(right, "time step [ms]", "distance of keypoints [mm]")
     _plain_ticks(right.xaxis, sizes)
     _plain_ticks(right.yaxis, [0.001, 0.01, 0.1, 1])
@@ -112,7 +112,11 @@ def lag(results: Results) -> Figure:
     moving = [1000 * np.concatenate(rows) for rows in result["moving"]]
     figure, (left, right) = _panels(2, 0.85)
     style.title(left, "lag at full speed")
-    for share, colour, label in ((50, style.START, "median"), (95, style.PATHS, "95%"), (100, style.GOAL, "worst")):
+    for share, colour, label in (
+        (50, palette.START, "median"),
+        (95, palette.PATHS, "95%"),
+        (100, palette.GOAL, "worst"),
+    ):
         values = [np.percentile(each, share) for each in moving]
         left.loglog(taus, values, "o-", color=colour, markersize=4, label=label)
     style.curve_axes(left, "damping time τ [s]", "mean over keypoints [mm]")
@@ -127,7 +131,7 @@ def lag(results: Results) -> Figure:
         times = result["control_step"] * np.arange(len(share)) / tau
         right.semilogy(times, share, color=colour, linewidth=1.4, label=f"τ = {tau:g} s")
     times = np.linspace(0, 6, 50)
-    right.semilogy(times, np.exp(-times), "--", color=style.MUTED, linewidth=1, label="exp(-t/τ)")
+    right.semilogy(times, np.exp(-times), "--", color=palette.MUTED, linewidth=1, label="exp(-t/τ)")
     right.set_xlim(0, 6)
     right.set_ylim(3e-3, 1.2)
     style.curve_axes(right, "t/τ", "share of the first")
@@ -195,15 +199,15 @@ def _strips(ax: Axes, rows: Sequence[Float[np.ndarray, "k"]]) -> None:
     """One column of points for each row, spread sideways by rank so that none hides another, and its median."""
     for place, values in enumerate(rows):
         spread = 0.5 * ((np.arange(len(values)) * 0.618) % 1 - 0.5)
-        ax.plot(place + spread, values, "o", color=style.START, markersize=2.8, alpha=0.6)
-        ax.plot([place - 0.3, place + 0.3], [np.median(values)] * 2, color=style.INK, linewidth=1.5)
+        ax.plot(place + spread, values, "o", color=palette.START, markersize=2.8, alpha=0.6)
+        ax.plot([place - 0.3, place + 0.3], [np.median(values)] * 2, color=palette.INK, linewidth=1.5)
 
 
 def _limit(ax: Axes, value: float, text: str) -> None:
-    ax.axhline(value, color=style.BAD, linewidth=1, linestyle="--")
+    ax.axhline(value, color=palette.BAD, linewidth=1, linestyle="--")
     ax.annotate(
         text, (0, value), xycoords=("axes fraction", "data"), xytext=(3, 3), textcoords="offset points",
-        fontsize=style.NOTE, color=style.BAD,
+        fontsize=style.NOTE, color=palette.BAD,
     )  # fmt: skip
 
 

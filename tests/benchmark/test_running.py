@@ -23,7 +23,7 @@ from cableway.cli import main
 from cableway.cli.bench import Bench
 from cableway.core.errors import FileFormatError, InputError, UnknownNameError
 from cableway.core.provenance import commit
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.metrics import METRICS
 
 FILE = Path(__file__).with_name("methods_for_tests.py")
@@ -239,7 +239,9 @@ def test_the_command_runs_resumes_and_leaves_everything(
     assert f"--episodes {EPISODE.name}" in page
     assert commits_text(shown["commits"]) in page
     drawn = matplotlib.image.imread(folder / "failures/unconstrained/raises" / f"{EPISODE.name}.png")[..., :3]
-    assert (np.abs(drawn - to_rgb(style.BAD)).max(axis=2) < 0.02).any(), "what went wrong stands above the task, in red"
+    assert (np.abs(drawn - to_rgb(palette.BAD)).max(axis=2) < 0.02).any(), (
+        "what went wrong stands above the task, in red"
+    )
     assert f"failures/unconstrained/raises/{EPISODE.name}.png" in page
     rows = (folder / "results.csv").read_text().splitlines()
     assert len(rows) == 3

@@ -38,8 +38,14 @@ def test_a_cable_is_planned_led_and_checked_in_space(cableway: Command, tmp_path
     for name in ("plan", "rollout"):
         assert cableway("show", ball, f"led/{name}.npz", "--out", "shown").status == 0
         assert Path(f"shown/{name}.png").read_bytes() == Path(f"led/{name}.png").read_bytes()
-    again = cableway("run", ball, "--from", "led/plan.npz", "--controller", "open-loop", "--out", "again")
+    Path("long.yaml").write_text("cableway: 1\ncable: {length: 0.302}\n")
+    again = cableway(
+        "run", ball, "--from", "led/plan.npz", "--controller", "open-loop", "--plant", "long.yaml", "--out", "again"
+    )
     assert again.status == 0, again.err
+    plant = json.loads(Path("again/report.json").read_text())["configuration"]["rollout"]["plant"]
+    assert plant["cable"]["length"] == 0.302
+    assert not np.array_equal(Rollout.load(Path("again/rollout.npz")).keypoints[0], rollout.keypoints[0])
     assert np.array_equal(Plan.load(Path("again/plan.npz")).poses, Plan.load(Path("led/plan.npz")).poses)
     larger = replace(
         ball_task(), scene=replace(ball_task().scene, obstacles=(Sphere(center=(0.4, 0.4, 0.4), radius=0.1),))
@@ -54,7 +60,7 @@ def test_a_cable_is_planned_led_and_checked_in_space(cableway: Command, tmp_path
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (("--plant", "hard.yaml"), "in space, where there is no --plant yet"),
+        (("--plant", "package.module:Mine"), "in space the plant is the simulated one; give a YAML file"),
         (("--cell", "dual-ur5e", "--camera", "front"), "no --cell, --camera yet"),
         (("--controller", "rod-mpc"), "open-loop, rod-jacobian"),
     ],

@@ -15,7 +15,7 @@ from commands import Command
 from matplotlib.colors import to_rgb
 
 from cableway.core.errors import TaskError
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.figures.scene import task_figure
 from cableway.scene.files.loading import load_task
 
@@ -183,7 +183,7 @@ def test_what_is_wrong_is_said_marked_and_drawn(
     assert done.err.startswith(f"cableway: {found}")
     assert done.err.endswith("drawn in runs/possible/task.png\n")
     picture = matplotlib.image.imread("runs/possible/task.png")[..., :3]
-    red = np.abs(picture - to_rgb(style.BAD)).max(axis=2) < 0.03
+    red = np.abs(picture - to_rgb(palette.BAD)).max(axis=2) < 0.03
     assert red.sum() > 300, "the sentence, and the ring where there is a place"
     figure = task_figure(found.draft, found.faults)
     said = " ".join(text.get_text() for text in figure.texts)

@@ -25,7 +25,7 @@ from recorded import moved_aside, moved_plan, perfect_rollout
 
 from cableway.core.errors import InputError, PlanningError
 from cableway.core.quantities import place, quantity
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.figures.learning import horizon_figure, learning_figure
 from cableway.figures.plan import alternatives_figure, attempt_figure, plan_figure, spread_rows
 from cableway.figures.rollout import rollout_figure, stacked_errors
@@ -82,7 +82,8 @@ def lab(colour: str, seen: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("seen", BLINDNESS.values(), ids=BLINDNESS.keys())
 @pytest.mark.parametrize(
-    "together", [style.SERIES, (style.START, style.GOAL, style.INK), (style.LEFT, style.RIGHT, style.PIVOT)]
+    "together",
+    [palette.SERIES, (palette.START, palette.GOAL, palette.INK), (palette.LEFT, palette.RIGHT, palette.PIVOT)],
 )
 def test_colours_that_stand_together_are_told_apart_by_the_colour_blind(together: tuple[str, ...], seen: np.ndarray):
     seen_as = [lab(colour, seen) for colour in together]
@@ -105,12 +106,12 @@ def test_obstacle_start_and_goal_are_drawn_where_they_are(task: Task):
     figure = task_figure(task)
     ax = figure.axes[0]
     start, goal = smooth(task.start), smooth(task.goal)
-    assert is_colour(colour_at(figure, ax, 0.34, 0.36), style.OBSTACLE)
-    assert is_colour(colour_at(figure, ax, 0.34 + 0.065, 0.36), style.OBSTACLE)
+    assert is_colour(colour_at(figure, ax, 0.34, 0.36), palette.OBSTACLE)
+    assert is_colour(colour_at(figure, ax, 0.34 + 0.065, 0.36), palette.OBSTACLE)
     assert is_colour(colour_at(figure, ax, 0.34 + 0.075, 0.36), "white")
-    assert is_colour(colour_at(figure, ax, *start[36]), style.START)
-    assert is_colour(colour_at(figure, ax, *goal[36]), style.GOAL)
-    assert is_colour(colour_at(figure, ax, *task.start[0]), style.INK)
+    assert is_colour(colour_at(figure, ax, *start[36]), palette.START)
+    assert is_colour(colour_at(figure, ax, *goal[36]), palette.GOAL)
+    assert is_colour(colour_at(figure, ax, *task.start[0]), palette.INK)
 
 
 @pytest.mark.parametrize("size", [(0.7, 0.7), (1.4, 0.7), (0.7, 1.0)])
@@ -130,8 +131,8 @@ def test_a_cable_covers_its_length_times_its_thickness():
 def test_a_cable_that_closes_on_itself_has_a_hole(task: Task):
     figure = task_figure(replace(task, scene=Scene()))
     turn = np.linspace(0, 2 * np.pi, 60)
-    draw_cable(figure.axes[0], 0.35 + 0.1 * np.column_stack([np.cos(turn), np.sin(turn)]), 0.02, style.BAD)
-    assert is_colour(colour_at(figure, figure.axes[0], 0.46, 0.35), style.BAD)
+    draw_cable(figure.axes[0], 0.35 + 0.1 * np.column_stack([np.cos(turn), np.sin(turn)]), 0.02, palette.BAD)
+    assert is_colour(colour_at(figure, figure.axes[0], 0.46, 0.35), palette.BAD)
     assert is_colour(colour_at(figure, figure.axes[0], 0.35, 0.35), "white")
 
 
@@ -141,11 +142,11 @@ def test_the_picture_of_a_plan_shows_its_parts():
     initial, shapes = figure.axes[0], figure.axes[1]
     names = [text.get_text() for text in initial.get_legend().get_texts()]  # pyright: ignore[reportOptionalMemberAccess]
     assert {"start", "goal", "pivot path", "keypoint paths", "traversed passage", "obstacle"} <= set(names)
-    assert is_colour(colour_at(figure, initial, *STAGES.pivot[20]), style.PIVOT)
+    assert is_colour(colour_at(figure, initial, *STAGES.pivot[20]), palette.PIVOT)
     line = smooth(PLAN.shapes[-1])
     along = (line[31] - line[30]) / np.linalg.norm(line[31] - line[30])
     beside = line[30] + 0.0021 * np.array([-along[1], along[0]])
-    assert is_colour(colour_at(figure, shapes, *beside), style.GOAL), "the last shape has the colour of the goal"
+    assert is_colour(colour_at(figure, shapes, *beside), palette.GOAL), "the last shape has the colour of the goal"
 
 
 def test_the_curves_of_a_plan_are_its_clearance_and_its_gripper_motion():
@@ -212,7 +213,7 @@ def test_what_does_not_verify_is_marked_where_it_is(task: Task):
     attempt = Attempt(str(verdict), PLAN.shapes, PLAN.poses, verdict)
     ax = attempt_figure(moved, attempt).axes[1]
     assert np.linalg.norm(rings(ax) - worst.at, axis=1).min() < 0.001
-    red = [line.get_xydata() for line in ax.lines if line.get_color() == style.BAD and line.get_gid() != "mark"]
+    red = [line.get_xydata() for line in ax.lines if line.get_color() == palette.BAD and line.get_gid() != "mark"]
     assert worst.row is not None
     assert any(np.allclose(line, smooth(PLAN.shapes[round(worst.row)])) for line in red)
 
@@ -377,3 +378,9 @@ def test_a_logarithmic_axis_has_plain_numbers_however_short_it_is(errors: tuple[
     shown = [tick.label1.get_text() for tick in ticks if low <= tick.get_loc() <= high and tick.label1.get_text()]
     assert len({float(text) for text in shown}) >= 2
     assert all("e" not in text for text in shown)
+
+
+def test_the_colour_of_time_of_pages_is_that_of_pictures():
+    for share in np.linspace(0.0, 1.0, 7):
+        page = np.array(palette.rgb(palette.color_of_time(share)))
+        np.testing.assert_allclose(page, 255 * np.array(style.TIME(share)[:3]), atol=2)  # of which Matplotlib has 256

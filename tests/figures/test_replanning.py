@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgba
 from recorded import moved_plan, perfect_rollout
 
 from cableway.core.errors import InputError
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.figures.moving import MovingScene, captions
 from cableway.figures.replanning import change_of, left_of, replanning_figure, stops_of
 from cableway.figures.rollout import rollout_figure
@@ -93,7 +93,7 @@ def test_an_obstacle_is_hatched_until_the_controller_knows_of_it():
         assert bool(moving._actual.get_hatch()) is not known
         expected = moving._expected.get_facecolor()
         assert (len(expected) == 0) is known
-        assert known or np.allclose(expected[0], to_rgba(style.OBSTACLE))  # pyright: ignore[reportIndexIssue]
+        assert known or np.allclose(expected[0], to_rgba(palette.OBSTACLE))  # pyright: ignore[reportIndexIssue]
 
 
 def test_the_way_ahead_is_that_of_the_plan_that_is_followed():

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.studio.obstacles import knobs, middle_of
 from cableway.studio.session import Session
 from cableway.studio.studio import Studio
@@ -120,7 +120,7 @@ def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: St
     inside = knobs(before) + 0.2 * (middle_of(before) - knobs(before))
     corner = inside[1] + 0.2 * (inside[0] - inside[1])
     left = pixel(studio, page, *corner, 0.01)  # the obstacle is to leave it
-    until(lambda: looks(page, start, style.OBSTACLE) and looks(page, left, style.OBSTACLE), page)
+    until(lambda: looks(page, start, palette.OBSTACLE) and looks(page, left, palette.OBSTACLE), page)
     page.mouse.move(*start)
     page.mouse.down()
     page.mouse.move(*end, steps=8)
@@ -128,9 +128,9 @@ def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: St
     until(lambda: session.planning.status == "found" and session.planning.plans[0] is not plan, page)
     moved = session.draft.scene.obstacles[0]
     np.testing.assert_allclose(middle_of(moved) - (x, y), (0.03, -0.02), atol=0.004)
-    until(lambda: not looks(page, left, style.OBSTACLE), page)
+    until(lambda: not looks(page, left, palette.OBSTACLE), page)
     there = pixel(studio, page, *(corner + middle_of(moved) - (x, y)), 0.01)
-    until(lambda: looks(page, there, mixed(style.BLUE, 0.72)), page)  # the colour of what is selected
+    until(lambda: looks(page, there, mixed(palette.BLUE, 0.72)), page)  # the colour of what is selected
     plan = session.planning.plans[0]
     view = pixel(studio, page, 0.0, 0.0)
     for _ in range(3):

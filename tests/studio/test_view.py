@@ -7,19 +7,25 @@ import http.client
 import inspect
 import socket
 import threading
+import time
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cableway.core.errors import InputError
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.studio.inbox import Inbox
+from cableway.studio.studio import Studio
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
-from cableway.studio.view.meshes import circle, prism, ring, tube
-from cableway.studio.view.page import Page
+from cableway.studio.view.meshes import circle, prism, ribbon, ring, tube
+from cableway.studio.view.page import TELL, Page
 from cableway.studio.view.server import Server
+
+LINE = np.array([[0.0, 0], [1, 0], [2, 1]])
 
 UPGRADE = {
     "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
@@ -41,6 +47,42 @@ def status(server: Server, path: str, **headers: str) -> tuple[int, dict[str, st
     found = answer.status, dict(answer.getheaders())
     connection.close()
     return found
+
+
+def test_a_browser_is_answered_before_there_is_a_session():
+    """Which then has time to load the page while what plans is imported; of a task that is none nobody is told."""
+    told: list[int] = []
+
+    def announce(address: str) -> None:
+        connection = http.client.HTTPConnection(address.removeprefix("http://"), timeout=10)
+        connection.request("GET", "/s/abcdefghij")
+        told.append(connection.getresponse().status)
+        assert not made
+
+    class Made(Studio):
+        def _session(self, key: str) -> Any:
+            raise AssertionError(key)
+
+    made: list[Any] = []
+    session: Any = SimpleNamespace(close=lambda: made.append("closed"))
+    with pytest.raises(InputError, match="unknown task"):
+        Made("nowhere", session=session, announce=announce)
+    assert told == []
+    Made("single-obstacle-1", session=session, announce=announce).stop()
+    assert told == [200]
+    assert made == ["closed"]
+
+
+def test_in_a_drag_the_numbers_are_told_now_and_then(monkeypatch: pytest.MonkeyPatch):
+    """And all of them once nothing is held."""
+    page, told = Page.__new__(Page), []
+    panel: Any = SimpleNamespace(show=lambda *_: told.append(time.monotonic()))
+    page._told, page._selected, page._task_panel = 0.0, None, panel
+    held: Any = object()
+    for page._held, now in ((held, 9.0), (held, 9.0 + 0.9 * TELL), (held, 9.0 + 1.1 * TELL), (None, 9.3), (None, 9.3)):
+        monkeypatch.setattr("time.monotonic", lambda now=now: now)
+        page._show_task(held, held)
+    assert told == [9.0, 9.0 + 1.1 * TELL, 9.3, 9.3]
 
 
 def test_every_page_gets_a_key_of_its_own(server: Server):
@@ -123,7 +165,9 @@ def test_two_drags_of_one_thing_are_two():
     assert done == ["", "drag 1", "drag 1", "drag 1", "", "", "drag 2", "drag 2", "drag 2", ""]
 
 
-@pytest.mark.parametrize("color", [style.OBSTACLE, style.START, style.GOAL, style.INK, style.LEFT, style.ORANGE])
+@pytest.mark.parametrize(
+    "color", [palette.OBSTACLE, palette.START, palette.GOAL, palette.INK, palette.LEFT, palette.ORANGE]
+)
 def test_a_painted_colour_comes_out_as_that_of_the_figures(color: str):
     """Through the light and the tone curve of the page, as three.js has them."""
     linear = look._linear(np.array(look.painted(color)) / 255) * sum(look.LIGHT) / np.pi
@@ -134,7 +178,7 @@ def test_a_painted_colour_comes_out_as_that_of_the_figures(color: str):
 
 
 @pytest.mark.parametrize(
-    "mesh", [prism(circle(0.1), 0.0, 0.02), ring(0.1, 0.2, 0.0), tube(np.array([[0.0, 0], [1, 0], [2, 1]]), 0.1, 0.2)]
+    "mesh", [prism(circle(0.1), 0.0, 0.02), ring(0.1, 0.2, 0.0), tube(LINE, 0.1, 0.2), ribbon(LINE, 0.1, 0.2)]
 )
 def test_solids_are_seen_from_above(mesh: object):
     """What faces up, or the page would show holes."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cableway.records import Plan, Rollout
     from cableway.report import Report
     from cableway.scene.spatial.task import SpatialTask
+    from cableway.simulation.spatial_perturbation import SpatialPerturbation
 
 
 SPACE = "planning in space"
@@ -46,6 +47,7 @@ def leave_in_space(
     *,
     controller: str | None = None,
     plan: Path | None = None,
+    perturbation: SpatialPerturbation | None = None,
 ) -> int:
     """Plan, run where there is a controller, leave the files in the folder, show the report; the exit status.
 
@@ -55,6 +57,7 @@ def leave_in_space(
         since: When reading it began, by `time.perf_counter`.
         controller: What leads the simulated cable along the plan; None for a plan alone.
         plan: File of a plan of the task, in place of a new one.
+        perturbation: How the simulated cable differs; not at all where None.
     """
     from cableway.core.files import only_writer
     from cableway.figures.space import spatial_plan_figure, spatial_rollout_figure
@@ -71,7 +74,7 @@ def leave_in_space(
         rollout = None
         if controller is not None and found is not None:
             progress("run", 0.0)
-            report, rollout = _followed(report, task, found, controller, options.seed or 0)
+            report, rollout = _followed(report, task, found, controller, perturbation, options.seed or 0)
         outputs.clear(folder)
         if found is not None:
             found.save(folder / outputs.PLAN)
@@ -131,13 +134,15 @@ def _given(task: SpatialTask, file: Path) -> tuple[Report, Plan, Any]:
 
 
 def _followed(
-    report: Report, task: SpatialTask, plan: Plan, controller: str, seed: int
+    report: Report, task: SpatialTask, plan: Plan, controller: str, perturbation: SpatialPerturbation | None, seed: int
 ) -> tuple[Report, Rollout | None]:
     """The report with what became of the plan, and the rollout if there is one."""
     from cableway.report import rollout_figures
     from cableway.workflow.spatial_run import follow_in_space
 
-    rollout, verdict, outcome, failure = follow_in_space(task, plan, controller=controller, seed=seed)
+    rollout, verdict, outcome, failure = follow_in_space(
+        task, plan, controller=controller, perturbation=perturbation, seed=seed
+    )
     if rollout is None:
         return replace(report, outcome=outcome, failure=failure), None
     figures = rollout_figures(rollout, task.keypoints("goal"))

@@ -130,18 +130,22 @@ class Run(PlanOptions):
 
     def _in_space(self, task: SpatialTask, since: float) -> int:
         from cableway.cli.in_space import leave_in_space, refuse
+        from cableway.simulation.perturbations.spatial_reading import read_spatial_perturbation
         from cableway.workflow.spatial_run import CONTROLLERS
 
         default = {field.name: field.default for field in fields(self)}
         chosen = {
             f"--{name.replace('_', '-')}": getattr(self, name) != default[name]
-            for name in ("model", "adapt", "plant", "camera", "watch", "deadline", "speed", "dry_run")
+            for name in ("model", "adapt", "camera", "watch", "deadline", "speed", "dry_run")
         }
         refuse(task, self.planar_options() | chosen)
         controller = self.controller or next(iter(CONTROLLERS))
         if controller not in CONTROLLERS:
             raise UnknownNameError("controller in space", controller, CONTROLLERS)
-        return leave_in_space(self, task, since, controller=controller, plan=self.plan_file)
+        if self.plant is not None and is_plugin(self.plant):
+            raise InputError(f"--plant {self.plant}: in space the plant is the simulated one; give a YAML file")
+        perturbation = None if self.plant is None else read_spatial_perturbation(Path(self.plant), task)
+        return leave_in_space(self, task, since, controller=controller, plan=self.plan_file, perturbation=perturbation)
 
     def _eyes(self) -> EyesConfig | None:
         """The cameras that the options ask for."""

@@ -35,11 +35,14 @@ class Studio(Options):
         """Carry the command out and return its exit status."""
         from cableway.studio.studio import Studio as Pages
 
-        pages = Pages(self.task, self.host, self.port, self.out or Path("runs/studio"), self.seed or 0)
-        try:
-            Terminal(self).note(f"{pages.address} (ctrl-c to end)")
+        def announce(address: str) -> None:
+            Terminal(self).note(f"{address} (ctrl-c to end)")
             if not self.no_browser:
-                webbrowser.open(pages.address)
+                webbrowser.open(address)
+
+        out = self.out or Path("runs/studio")
+        pages = Pages(self.task, self.host, self.port, out, self.seed or 0, announce=announce)
+        try:
             pages.wait()
         finally:
             pages.stop()

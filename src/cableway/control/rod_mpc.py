@@ -5,7 +5,7 @@ end poses once all that was sent is done, and s_ref,k the plan's shapes:
 
 1. *Fit.* Find the shapes q*_k of the adapted rod nearest to s_ref,k, k = 0..H, with end poses e*_k and loads l*_k. So
    the plan's gripper motion becomes one for this cable.
-2. *Correct.* Find the shapes q_1..q_H, with keypoints s(q), end poses e(q) and loads l(q), that make
+2. *Correct.* Find the shapes q_1..q_H, with keypoints s(q), end poses e(q) and loads l(q), that make ::
 
         sum_k  w_s |s(q_k) + b - s_ref,k|^2                           tracking
              + w_m |e(q_k) - e(q_{k-1}) - (e*_k - e*_{k-1})|_R^2      motion, fed forward from the fit

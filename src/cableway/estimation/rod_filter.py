@@ -1,10 +1,16 @@
 """The rod filter: estimates a few parameters of the rod while it moves, and the output offset they leave unexplained.
 
 An observation is predicted as the equilibrium of the adapted rod (`cableway.rod.material`) between the grippers as
-they were when it was taken, h(theta). The parameters drift towards their prior as an Ornstein-Uhlenbeck process, so
-that no unobservable one runs away, and an extended Kalman filter corrects them by what was measured. Keypoints far
-from their prediction count less (Huber 1964, "Robust estimation of a location parameter"), missing ones not at all.
-What remains of the difference, low-pass filtered, is the output offset.
+they were when it was taken, h(theta) = s(q(theta); theta): between gripper poses y with grasps g its shape q solves
+e(q; theta) = y o g for the end poses e, so that ::
+
+    dh/dtheta = ds/dtheta - ds/dq (de/dq)^-1 (de/dtheta - d(y o g)/dtheta).
+
+The parameters drift towards their prior (theta_0, P_0) as an Ornstein-Uhlenbeck process, so that no unobservable one
+runs away: with rho = e^(-dt/T), theta <- theta_0 + rho (theta - theta_0) and P <- rho^2 P + (1 - rho^2) P_0. An
+extended Kalman filter corrects them by what was measured. Keypoints far from their prediction count less (Huber 1964,
+"Robust estimation of a location parameter"), missing ones not at all. What remains of the difference, low-pass
+filtered, is the output offset.
 """
 
 from __future__ import annotations

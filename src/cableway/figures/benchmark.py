@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from cableway.figures.style import DOUBLE, INK, MUTED, NOTE, SINGLE, curve_axes, log_axis, new_figure, series, title
+from cableway.figures.palette import INK, MUTED
+from cableway.figures.style import DOUBLE, NOTE, SINGLE, curve_axes, log_axis, new_figure, series, title
 
 Share = tuple[float, float, float]
 """A share with the ends of its interval."""

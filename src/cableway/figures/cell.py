@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, PathPatch
 
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.perspective import ARMS, CellView, as_it_was, way_of
 from cableway.records import Plan, Rollout
 from cableway.robot.cell_kinematics import CellKinematics
@@ -61,15 +61,15 @@ def cell_figure(task: Task, record: Plan | Rollout) -> Figure | None:
         scene.draw_scene(ax, shown)
         ax.set_xlim(low[0], high[0])
         ax.set_ylim(low[1], high[1])
-        scene.draw_cable(ax, scene.smooth(task.goal), task.cable.radius, style.GOAL, zorder=3, alpha=0.6)
+        scene.draw_cable(ax, scene.smooth(task.goal), task.cable.radius, palette.GOAL, zorder=3, alpha=0.6)
         _draw_arms(ax, [(ends[place], radius) for ends, radius in links])
         curve = record.centreline[row] if isinstance(record, Rollout) else scene.smooth(record.shapes[row])
-        scene.draw_cable(ax, curve, task.cable.radius, style.INK, zorder=10)
+        scene.draw_cable(ax, curve, task.cable.radius, palette.INK, zorder=10)
         style.title(ax, "from above")
         panels.append(ax)
     names = [f"arm {arm} holds the {side} end" for arm, side in zip(way.holders, ("left", "right"), strict=True)]
     entries = [Patch(facecolor=color, alpha=0.6, label=name) for color, name in zip(ARMS, names, strict=True)]
-    entries.append(Patch(facecolor=style.GOAL, alpha=0.6, label="goal"))
+    entries.append(Patch(facecolor=palette.GOAL, alpha=0.6, label="goal"))
     style.legend_below(panels[4], entries, 3)
     scene.finish_row(panels)
     return figure

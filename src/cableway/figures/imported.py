@@ -13,14 +13,14 @@ from matplotlib.lines import Line2D
 from cableway.core.errors import printable
 from cableway.core.quantities import quantity, size_text
 from cableway.drawings.arrangement import Arrangement
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.figures.scene import ABOVE, BELOW, LEFT, PANEL, draw_end_shapes, draw_scene, end_handles, panel_size
 from cableway.scene.task import Draft
 
 LINE, WIDE, SHOWN = 0.13, 74, 8
 """Height of a line [inch], letters in it, and lines of what was left out."""
 
-FOUND, GONE = style.GREEN, style.PURPLE
+FOUND, GONE = palette.GREEN, palette.PURPLE
 """Colours of outlines, and of what is not among the obstacles."""
 
 
@@ -55,7 +55,7 @@ def imported_figure(task: Draft, found: Arrangement, unit: str) -> Figure:
     ]
     style.legend_below(ax, [*end_handles()[:2], *handles], 4)
     place = (LEFT / figure.get_figwidth(), 0.08 / figure.get_figheight())
-    figure.text(*place, "\n".join(lines), fontsize=style.NOTE, color=style.MUTED, va="bottom", parse_math=False)
+    figure.text(*place, "\n".join(lines), fontsize=style.NOTE, color=palette.MUTED, va="bottom", parse_math=False)
     return figure
 
 

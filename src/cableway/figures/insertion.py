@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.plan import AXIS
 from cableway.figures.replanning import change_of, draw_actual_scene
 from cableway.outcome import PORT_ANGLE, PORT_LATERAL
@@ -44,16 +44,16 @@ def insertion_figure(task: Task, rollout: Rollout) -> Figure:
     for bottom, name, what, unit, values, limit in curves:
         below = style.add_axes(figure, left, bottom, style.DOUBLE - scene.RIGHT - left, half)
         panels.append(below)
-        below.plot(1000 * found.depth, values, color=style.LEFT, linewidth=1.3)
-        below.plot([0.0, 1000 * task.port.depth], [limit, limit], color=style.BAD, linewidth=1.0, linestyle="--")
-        below.axvline(0.0, color=style.INK, linewidth=1.0, linestyle=":")
+        below.plot(1000 * found.depth, values, color=palette.LEFT, linewidth=1.3)
+        below.plot([0.0, 1000 * task.port.depth], [limit, limit], color=palette.BAD, linewidth=1.0, linestyle="--")
+        below.axvline(0.0, color=palette.INK, linewidth=1.0, linestyle=":")
         style.title(below, f"tip {name}, {values[-1]:.2f} {unit} at the end")
         style.curve_axes(below, "depth of the tip in the port [mm], negative before it", f"{what} [{unit}]")
         top = 1.15 * max(float(values.max()), limit)
         below.set_ylim(0, top)
         for x, y, text, color in (
-            (0.5, limit, "allowed", style.BAD),
-            (0.0, 0.5 * top, " mouth of the port", style.INK),
+            (0.5, limit, "allowed", palette.BAD),
+            (0.0, 0.5 * top, " mouth of the port", palette.INK),
         ):
             below.text(x, y, text, fontsize=style.NOTE, color=color, va="bottom")
     style.letter_panels(*panels)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cableway.figures import style
+from cableway.figures import palette, style
 
 WIDTH, HEIGHT = 2.9, 2.0
 """Size [inch] of a panel."""
@@ -28,7 +28,7 @@ def learning_figure(losses: Sequence[float], errors: Sequence[float]) -> Figure:
     for ax, values, (heading, name) in zip(panels, (losses, errors), texts, strict=True):
         style.title(ax, heading)
         style.curve_axes(ax, "epoch", name, whole=True)
-        ax.plot(epochs, values, color=style.START, linewidth=1.3, marker="o", markersize=2.5)
+        ax.plot(epochs, values, color=palette.START, linewidth=1.3, marker="o", markersize=2.5)
         style.log_axis(ax.yaxis)
     style.letter_panels(*panels)
     return figure

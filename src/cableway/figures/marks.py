@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cableway.core.errors import Point
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.verdict import Verdict
 
 RING = 8.0
@@ -56,7 +56,7 @@ def draw_marks(ax: Axes, marks: Sequence[Mark]) -> None:
     """
     for mark in marks[:SENTENCES]:
         if mark.line is not None:
-            for color, width in (("white", 3.0), (style.BAD, 1.4)):
+            for color, width in (("white", 3.0), (palette.BAD, 1.4)):
                 ax.plot(*mark.line.T, color=color, linewidth=width, zorder=10)
     places = [mark.at for mark in marks[:SENTENCES]]
     low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
@@ -74,7 +74,7 @@ def draw_marks(ax: Axes, marks: Sequence[Mark]) -> None:
         else:
             ring[1].append(number)
     for at, numbers in rings:
-        for color, width in (("white", 4.6), (style.BAD, 2.2)):
+        for color, width in (("white", 4.6), (palette.BAD, 2.2)):
             ax.plot(
                 *at, marker="o", markersize=2 * RING, markerfacecolor="none", markeredgecolor=color,
                 markeredgewidth=width, zorder=11, clip_on=False, gid="mark",
@@ -85,7 +85,7 @@ def draw_marks(ax: Axes, marks: Sequence[Mark]) -> None:
                 ", ".join(map(str, numbers)), (float(at[0]), float(at[1])), textcoords="offset points",
                 xytext=(1.05 * RING * x, 1.05 * RING * y), ha="left" if x > 0 else "right",
                 va="bottom" if y > 0 else "top", fontsize=style.NOTE, fontweight="bold", color="white", zorder=12,
-                bbox={"boxstyle": "round,pad=0.25", "facecolor": style.BAD, "edgecolor": "white", "linewidth": 1.0},
+                bbox={"boxstyle": "round,pad=0.25", "facecolor": palette.BAD, "edgecolor": "white", "linewidth": 1.0},
             )  # fmt: skip
 
 
@@ -111,4 +111,4 @@ def write_lines(figure: Figure, left: float, lines: Sequence[str]) -> None:
     wide, tall = figure.get_size_inches()
     for row, line in enumerate(lines):
         place = (left / wide, 1 - (0.14 + row * LINE) / tall)
-        figure.text(*place, line, fontsize=style.LABEL, color=style.BAD, va="top", parse_math=False)
+        figure.text(*place, line, fontsize=style.LABEL, color=palette.BAD, va="top", parse_math=False)

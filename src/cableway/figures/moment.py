@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.records import Measurement
 from cableway.scene.task import Task
 
@@ -20,9 +20,9 @@ def picture(task: Task, truth: Measurement) -> np.ndarray:
     ax = style.add_axes(figure, 0.0, 0.0, width, height)
     scene.draw_scene(ax, task)
     scene.draw_bodies(ax, task, truth.poses[None])
-    scene.draw_cable(ax, truth.centreline, task.cable.radius, style.BLUE)
+    scene.draw_cable(ax, truth.centreline, task.cable.radius, palette.BLUE)
     scene.draw_grippers(ax, truth.poses[:, :2], task.grippers.radius)
-    ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=0.9, linestyle=":")
+    ax.plot(*scene.smooth(task.goal).T, color=palette.INK, linewidth=0.9, linestyle=":")
     scene.leave_bare(ax)
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.path import Path as Outline
 
-from cableway.figures import scene, style
+from cableway.figures import palette, scene
 from cableway.figures.replanning import EXPECTED, LEFT, STILL, UNSEEN, change_of, left_of, stops_of
 from cableway.records import Plan, Rollout
 from cableway.scene.bodies import outer_bodies
@@ -22,11 +22,11 @@ REMEMBERED = 3.0
 """Time [s] for which a plan that was given up is still drawn, and the new one called new."""
 
 SEEN: dict[str, Any] = {
-    "facecolor": style.OBSTACLE, "edgecolor": style.OBSTACLE_EDGE, "hatch": "", "linestyle": "-",
+    "facecolor": palette.OBSTACLE, "edgecolor": palette.OBSTACLE_EDGE, "hatch": "", "linestyle": "-",
 }  # fmt: skip
 """How an obstacle is drawn that the controller knows of."""
 
-AHEAD: dict[str, Any] = {"color": style.REFERENCE, "linewidth": 1.0, "alpha": 0.8}
+AHEAD: dict[str, Any] = {"color": palette.REFERENCE, "linewidth": 1.0, "alpha": 0.8}
 """How the gripper paths to come are drawn."""
 
 
@@ -54,17 +54,17 @@ class MovingScene:
             )
             obstacles = [self._expected, self._actual]
         radius = task.cable.radius
-        scene.draw_cable(ax, scene.smooth(task.start), radius, style.START, alpha=0.3)
-        scene.draw_cable(ax, scene.smooth(task.goal), radius, style.GOAL, alpha=0.5)
-        self._trails = [ax.plot([], [], color=style.MUTED, linewidth=0.9, zorder=3)[0] for _ in (0, 1)]
+        scene.draw_cable(ax, scene.smooth(task.start), radius, palette.START, alpha=0.3)
+        scene.draw_cable(ax, scene.smooth(task.goal), radius, palette.GOAL, alpha=0.5)
+        self._trails = [ax.plot([], [], color=palette.MUTED, linewidth=0.9, zorder=3)[0] for _ in (0, 1)]
         self._ahead = [ax.plot([], [], zorder=3, **AHEAD)[0] for _ in (0, 1)]
         self._left = [ax.plot([], [], zorder=3, **LEFT)[0] for _ in (0, 1)]
-        self._cable = scene.draw_cable(ax, run.centreline[0], radius, style.INK, zorder=5)
-        self._reference = ax.plot([], [], color=style.REFERENCE, linewidth=1.2, linestyle=(0, (3, 2)), zorder=6)[0]
+        self._cable = scene.draw_cable(ax, run.centreline[0], radius, palette.INK, zorder=5)
+        self._reference = ax.plot([], [], color=palette.REFERENCE, linewidth=1.2, linestyle=(0, (3, 2)), zorder=6)[0]
         self._grippers = scene.draw_grippers(ax, run.poses[0, :, :2], task.grippers.radius, linewidths=1.1)
-        self._plug = ax.fill([0, 0, 0], [0, 0, 0], color=style.MUTED, zorder=4)[0] if task.plug is not None else None
+        self._plug = ax.fill([0, 0, 0], [0, 0, 0], color=palette.MUTED, zorder=4)[0] if task.plug is not None else None
         self._bodies = [
-            (body, ax.fill([0, 0, 0], [0, 0, 0], color=style.MUTED, alpha=0.3, linewidth=0, zorder=4)[0])
+            (body, ax.fill([0, 0, 0], [0, 0, 0], color=palette.MUTED, alpha=0.3, linewidth=0, zorder=4)[0])
             for body in outer_bodies(task.grippers.pieces, [None])
         ]
         lines = [*self._trails, *self._ahead, *self._left]
@@ -118,10 +118,10 @@ def moving_handles(task: Task, run: Rollout) -> list[Patch | Line2D]:
     """Legend entries of what `MovingScene` draws."""
     change = change_of(task, run)
     handles: list[Patch | Line2D] = [
-        Patch(facecolor=style.INK, label="cable"),
-        Line2D([], [], color=style.REFERENCE, linewidth=1.6, linestyle=(0, (3, 2)), label="reference"),
-        Patch(facecolor=style.GOAL, alpha=0.5, label="goal"),
-        Patch(facecolor=style.START, alpha=0.3, label="start"),
+        Patch(facecolor=palette.INK, label="cable"),
+        Line2D([], [], color=palette.REFERENCE, linewidth=1.6, linestyle=(0, (3, 2)), label="reference"),
+        Patch(facecolor=palette.GOAL, alpha=0.5, label="goal"),
+        Patch(facecolor=palette.START, alpha=0.3, label="start"),
         Line2D([], [], label="way ahead", **AHEAD),
     ]
     if stops_of(run):

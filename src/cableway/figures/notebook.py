@@ -18,7 +18,7 @@ from cableway.core.checks import shown
 from cableway.core.errors import InputError, printable
 from cableway.core.files import write_bytes
 from cableway.core.quantities import limit_text, quantity, size_text
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.plan import SHAPES_SHOWN, spread_rows
 from cableway.figures.scene import task_figure
 from cableway.figures.space import spatial_task_figure
@@ -164,6 +164,6 @@ def _shapes_figure(shapes: Float[np.ndarray, "t n 2"], curves: Float[np.ndarray,
     lines = scene.smooth(shapes[rows]) if curves is None else curves[rows]
     scene.draw_cables(ax, lines, Cable.radius, style.TIME(rows / max(len(shapes) - 1, 1)))
     for end in (0, -1):
-        ax.plot(*shapes[:, end].T, color=style.INK, linewidth=0.7, alpha=0.7, zorder=5)
+        ax.plot(*shapes[:, end].T, color=palette.INK, linewidth=0.7, alpha=0.7, zorder=5)
     style.legend_below(ax, [Patch(facecolor=style.TIME(0.5), label="cable, coloured by time")], 1)
     return figure

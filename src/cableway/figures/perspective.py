@@ -9,7 +9,7 @@ from jaxtyping import Float, UInt8
 from matplotlib.colors import to_rgb
 
 from cableway.core.errors import InputError
-from cableway.figures import scene, style
+from cableway.figures import palette, scene
 from cableway.figures.replanning import change_of
 from cableway.records import Plan, Rollout
 from cableway.rendering.camera import Camera
@@ -19,7 +19,7 @@ from cableway.rendering.picture import Light, render
 from cableway.scene.cell import Cell, Way
 from cableway.scene.task import Task
 
-ARMS = (style.BLUE, style.ORANGE)
+ARMS = (palette.BLUE, palette.ORANGE)
 """Of the arms that hold the left and the right end."""
 
 VIEW = math.radians(32)
@@ -42,13 +42,13 @@ def pale(color: str, share: float) -> Color:
 
 
 LOOK = Look(
-    table=pale(style.OBSTACLE, 0.3),
-    wall=pale(style.INK, 1.0),
-    obstacle=pale(style.OBSTACLE_EDGE, 0.85),
-    cable=pale(style.INK, 1.0),
-    grippers=(pale(style.MUTED, 0.9), pale(style.MUTED, 0.9)),
+    table=pale(palette.OBSTACLE, 0.3),
+    wall=pale(palette.INK, 1.0),
+    obstacle=pale(palette.OBSTACLE_EDGE, 0.85),
+    cable=pale(palette.INK, 1.0),
+    grippers=(pale(palette.MUTED, 0.9), pale(palette.MUTED, 0.9)),
     joints=(pale(ARMS[0], 0.7), pale(ARMS[1], 0.8)),
-    links=pale(style.OBSTACLE, 0.6),
+    links=pale(palette.OBSTACLE, 0.6),
 )
 
 
@@ -76,7 +76,7 @@ class CellView:
         self._light = Light(position=(task.scene.size[0] / 2 + x, task.scene.size[1] / 2 + y, z), ambient=AMBIENT)
         goal, radius = scene.smooth(task.goal), WITHIN * task.cable.radius
         lying = np.column_stack([goal, np.full(len(goal), radius)])
-        self._goal = tube(lying, radius).painted(pale(style.GOAL, 0.9), Label.TABLE)
+        self._goal = tube(lying, radius).painted(pale(palette.GOAL, 0.9), Label.TABLE)
 
     def image(self, row: int) -> UInt8[np.ndarray, "h w 3"]:
         """The picture of a row, with the goal of the cable on the table."""

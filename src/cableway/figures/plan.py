@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from cableway.core.quantities import quantity
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.marks import LINE, Mark, draw_marks, marks_of, sentence_lines, write_lines
 from cableway.records import Attempt, PaperStages, Plan
 from cableway.scene.clearance import pieces_clearance
@@ -72,7 +72,7 @@ def alternatives_figure(task: Task, motions: Sequence[Float[np.ndarray, "k n 2"]
         handles = _draw_moving(ax, task, shapes)
         style.title(ax, f"plan {place}: {(len(shapes) - 1) * CONTROL_STEP:.1f} s")
         if place == 1 + (len(motions) == 3):
-            colors = (("start", style.START), ("end", style.GOAL))
+            colors = (("start", palette.START), ("end", palette.GOAL))
             entries = [*(Patch(facecolor=color, label=name) for name, color in colors), *handles]
             style.legend_below(ax, entries, 5 if len(motions) == 3 else 3)
     scene.finish_row(panels)
@@ -96,9 +96,9 @@ def _draw_paths(ax: Axes, task: Task, shapes: Float[np.ndarray, "t n 2"]) -> Non
     """The paths of both grippers and of the cable's middle, whatever the cable does between them."""
     scene.draw_scene(ax, task)
     paths = (
-        (0, style.LEFT, "left gripper"),
-        (shapes.shape[1] // 2, style.PIVOT, "middle"),
-        (-1, style.RIGHT, "right gripper"),
+        (0, palette.LEFT, "left gripper"),
+        (shapes.shape[1] // 2, palette.PIVOT, "middle"),
+        (-1, palette.RIGHT, "right gripper"),
     )
     handles = scene.end_handles()
     for point, color, name in paths:
@@ -118,14 +118,15 @@ def draw_routes(
     scene.draw_scene(ax, task)
     handles: list[Any] = scene.end_handles()
     if paths is not None:
-        handles += ax.plot(*paths.T, color=style.PATHS, linewidth=0.6, alpha=0.75, zorder=3, label="keypoint paths")[:1]
+        look: dict[str, Any] = {"color": palette.PATHS, "linewidth": 0.6, "alpha": 0.75, "zorder": 3}
+        handles += ax.plot(*paths.T, **look, label="keypoint paths")[:1]
     if passages is not None and len(passages):
         handles += ax.plot(
-            *passages.T, color=style.PASSAGE, linewidth=1.2, linestyle=(0, (3, 2)), marker="o", markersize=2, zorder=5,
-            label="traversed passage",
+            *passages.T, color=palette.PASSAGE, linewidth=1.2, linestyle=(0, (3, 2)), marker="o", markersize=2,
+            zorder=5, label="traversed passage",
         )[:1]  # fmt: skip
     if pivot is not None:
-        handles += ax.plot(*pivot.T, color=style.PIVOT, linewidth=1.5, zorder=5, label="pivot path")
+        handles += ax.plot(*pivot.T, color=palette.PIVOT, linewidth=1.5, zorder=5, label="pivot path")
     scene.draw_end_shapes(ax, task)
     style.legend_below(ax, handles, 4)
 
@@ -162,11 +163,11 @@ def _draw_moving(
     handles: list[Any] = []
     for end, dashes, name in ways:
         handles += ax.plot(
-            *shapes[:, end].T, color=style.INK, linewidth=0.7, linestyle=dashes, alpha=0.7, zorder=5, label=name
+            *shapes[:, end].T, color=palette.INK, linewidth=0.7, linestyle=dashes, alpha=0.7, zorder=5, label=name
         )
         scene.draw_grippers(ax, shapes[rows, end], task.grippers.radius, zorder=6, linewidths=0.3)
     goal = scene.smooth(task.goal)
-    return handles + ax.plot(*goal.T, color=style.INK, linewidth=0.9, linestyle=":", zorder=7, label="goal shape")
+    return handles + ax.plot(*goal.T, color=palette.INK, linewidth=0.9, linestyle=":", zorder=7, label="goal shape")
 
 
 def spread_rows(shapes: Float[np.ndarray, "k n 2"], count: int) -> Int[np.ndarray, "r"]:
@@ -184,9 +185,9 @@ def add_time_bar(ax: Axes, duration: float) -> None:
     inch = 1 / figure.get_size_inches()[0]
     place = figure.add_axes((box.x1 + 0.08 * inch, box.y0 + 0.15 * box.height, 0.1 * inch, 0.7 * box.height))
     bar = figure.colorbar(ScalarMappable(Normalize(0, max(duration, CONTROL_STEP)), style.TIME), cax=place)
-    bar.set_label("time [s]", fontsize=style.LABEL, color=style.MUTED, labelpad=2)
+    bar.set_label("time [s]", fontsize=style.LABEL, color=palette.MUTED, labelpad=2)
     bar.locator = MaxNLocator("auto", steps=[1, 2, 5, 10])
-    place.tick_params(labelsize=style.TICK, colors=style.MUTED, length=0, pad=2)
+    place.tick_params(labelsize=style.TICK, colors=palette.MUTED, length=0, pad=2)
     for spine in place.spines.values():
         spine.set_visible(False)
 
@@ -201,10 +202,10 @@ def _draw_profiles(above: Axes, below: Axes, task: Task, plan: Plan) -> None:
     step = np.diff(plan.poses, axis=0)
     move = 100 * np.linalg.norm(step[:, :, :2], axis=2) / task.grippers.max_step
     turn = 100 * np.abs(step[:, :, 2]) / task.grippers.max_turn
-    for i, (name, color) in enumerate((("left", style.LEFT), ("right", style.RIGHT))):
+    for i, (name, color) in enumerate((("left", palette.LEFT), ("right", palette.RIGHT))):
         below.plot(times[1:], move[:, i], color=color, linewidth=1.2, label=f"{name}, move")
         below.plot(times[1:], turn[:, i], color=color, linewidth=1.0, linestyle=":", label=f"{name}, turn")
-    below.axhline(100, color=style.BAD, linewidth=1.0, linestyle="--")
+    below.axhline(100, color=palette.BAD, linewidth=1.0, linestyle="--")
     below.set_ylim(0, 1.05 * max(100.0, move.max(), turn.max()))
     style.curve_axes(below, "time [s]", "share of the limit [%]")
     style.title(below, "gripper motion", legend=True)
@@ -218,10 +219,10 @@ def draw_clearance(
     grippers: Float[np.ndarray, "k"],
 ) -> None:
     """Clearance [m] of the cable's surface and of the gripper discs over time [s], in millimetres."""
-    curves = ((grippers, style.RIGHT, 1.2, "grippers"), (cable, style.INK, 1.4, "cable"))
+    curves = ((grippers, palette.RIGHT, 1.2, "grippers"), (cable, palette.INK, 1.4, "cable"))
     for curve, color, width, name in curves:
         ax.plot(times, 1000 * curve, color=color, linewidth=width, label=f"{name}, least {quantity(curve.min())}")
-    ax.axhline(0, color=style.BAD, linewidth=1.0, linestyle="--")
+    ax.axhline(0, color=palette.BAD, linewidth=1.0, linestyle="--")
     low, high = min(0.0, cable.min(), grippers.min()), max(cable.max(), grippers.max(), 0.01)
     ax.set_ylim(1000 * (low - 0.05 * (high - low)), 1000 * (high + 0.05 * (high - low)))
     style.curve_axes(ax, "time [s]", "clearance [mm]")

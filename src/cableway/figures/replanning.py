@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from cableway.core.errors import CablewayError, InputError
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.plan import spread_rows
 from cableway.records import Plan, Rollout
 from cableway.scene.scene import Scene
@@ -29,11 +29,11 @@ STOPS_SHOWN = 3
 SHAPES_SHOWN = 14
 """Most shapes of a plan in a panel."""
 
-UNSEEN: dict[str, Any] = {"facecolor": "white", "edgecolor": style.BAD, "hatch": "////", "linestyle": (0, (3, 2))}
-EXPECTED: dict[str, Any] = {"facecolor": "none", "edgecolor": style.MUTED, "linestyle": (0, (3, 2))}
+UNSEEN: dict[str, Any] = {"facecolor": "white", "edgecolor": palette.BAD, "hatch": "////", "linestyle": (0, (3, 2))}
+EXPECTED: dict[str, Any] = {"facecolor": "none", "edgecolor": palette.MUTED, "linestyle": (0, (3, 2))}
 """How an obstacle is drawn that the controller does not know of yet, and the place where the plan has one."""
 
-LEFT: dict[str, Any] = {"color": style.BAD, "linewidth": 1.1, "linestyle": (0, (2, 2))}
+LEFT: dict[str, Any] = {"color": palette.BAD, "linewidth": 1.1, "linestyle": (0, (2, 2))}
 """How the gripper paths of a plan that was given up are drawn."""
 
 
@@ -162,7 +162,7 @@ def _draw_stop(
     if given_up is not None:
         handles += draw_left(ax, given_up)
     _draw_cable(ax, task, rollout, stop.after)
-    style.legend_below(ax, [Patch(facecolor=style.INK, label="cable"), *handles], 2)
+    style.legend_below(ax, [Patch(facecolor=palette.INK, label="cable"), *handles], 2)
 
 
 def _draw_new_plan(ax: Axes, task: Task, rollout: Rollout, change: Change | None, rows: Sequence[int]) -> None:
@@ -173,26 +173,28 @@ def _draw_new_plan(ax: Axes, task: Task, rollout: Rollout, change: Change | None
     colors = style.TIME(np.array(shown) / max(len(shapes) - 1, 1))
     scene.draw_cables(ax, scene.smooth(shapes[shown]), task.cable.radius, colors)
     for end in (0, -1):
-        ax.plot(*shapes[:, end].T, color=style.INK, linewidth=0.7, alpha=0.7, zorder=5)
+        ax.plot(*shapes[:, end].T, color=palette.INK, linewidth=0.7, alpha=0.7, zorder=5)
         scene.draw_grippers(ax, shapes[shown, end], task.grippers.radius, zorder=6, linewidths=0.3)
-    style.legend_below(ax, [Patch(facecolor=style.START, label="begin"), Patch(facecolor=style.GOAL, label="end")], 2)
+    style.legend_below(
+        ax, [Patch(facecolor=palette.START, label="begin"), Patch(facecolor=palette.GOAL, label="end")], 2
+    )
 
 
 def _draw_end(ax: Axes, task: Task, rollout: Rollout, change: Change | None) -> None:
     draw_actual_scene(ax, task, change)
     style.title(ax, f"{rollout.times[-1]:.1f} s: {rollout.outcome}")
     _draw_way(ax, rollout, rollout.steps)
-    goal = ax.plot(*scene.smooth(task.goal).T, color=style.GOAL, linewidth=3.5, alpha=0.5, zorder=3, label="goal")
+    goal = ax.plot(*scene.smooth(task.goal).T, color=palette.GOAL, linewidth=3.5, alpha=0.5, zorder=3, label="goal")
     _draw_cable(ax, task, rollout, rollout.steps)
-    style.legend_below(ax, [*goal, Line2D([], [], color=style.MUTED, linewidth=0.9, label="gripper paths")], 2)
+    style.legend_below(ax, [*goal, Line2D([], [], color=palette.MUTED, linewidth=0.9, label="gripper paths")], 2)
 
 
 def _draw_way(ax: Axes, rollout: Rollout, row: int) -> None:
     """The gripper paths up to a row."""
     for side in (0, 1):
-        ax.plot(*rollout.poses[: row + 1, side, :2].T, color=style.MUTED, linewidth=0.9, zorder=3)
+        ax.plot(*rollout.poses[: row + 1, side, :2].T, color=palette.MUTED, linewidth=0.9, zorder=3)
 
 
 def _draw_cable(ax: Axes, task: Task, rollout: Rollout, row: int) -> None:
-    scene.draw_cable(ax, rollout.centreline[row], task.cable.radius, style.INK, zorder=5)
+    scene.draw_cable(ax, rollout.centreline[row], task.cable.radius, palette.INK, zorder=5)
     scene.draw_grippers(ax, rollout.poses[row, :, :2], task.grippers.radius)

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from cableway.core.quantities import limit_text, quantity
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.marks import LINE, draw_marks, marks_of, sentence_lines, write_lines
 from cableway.figures.plan import AXIS, HEADED, add_time_bar, draw_clearance, spread_rows
 from cableway.figures.replanning import change_of, draw_actual_scene, draw_left, left_of, stops_of
@@ -98,9 +98,9 @@ def draw_tracking(ax: Axes, task: Task, rollout: Rollout, plan: Plan | None = No
     add_time_bar(ax, float(rollout.times[-1]))
     handles: list[Any] = [
         Patch(facecolor=style.TIME(0.5), label="cable, coloured by time"),
-        Line2D([], [], color=style.OBSTACLE_EDGE, linewidth=1.0, linestyle=(0, (3, 2)), label="reference"),
-        Line2D([], [], color=style.INK, linewidth=0.7, label="gripper paths"),
-        Line2D([], [], color=style.INK, linewidth=1.0, linestyle=":", label="goal shape"),
+        Line2D([], [], color=palette.OBSTACLE_EDGE, linewidth=1.0, linestyle=(0, (3, 2)), label="reference"),
+        Line2D([], [], color=palette.INK, linewidth=0.7, label="gripper paths"),
+        Line2D([], [], color=palette.INK, linewidth=1.0, linestyle=":", label="goal shape"),
     ]
     style.legend_below(ax, handles + changed, 3 if changed else 2, wide=bool(changed))
 
@@ -123,9 +123,9 @@ def draw_motion(ax: Axes, task: Task, rollout: Rollout) -> list[Any]:
     for row in rows:
         ax.plot(*scene.smooth(rollout.reference[row]).T, color="white", linewidth=0.6, linestyle=(0, (3, 2)), zorder=5)
     for side in (0, 1):
-        ax.plot(*rollout.poses[:, side, :2].T, color=style.INK, linewidth=0.6, alpha=0.6, zorder=5)
+        ax.plot(*rollout.poses[:, side, :2].T, color=palette.INK, linewidth=0.6, alpha=0.6, zorder=5)
         scene.draw_grippers(ax, rollout.poses[rows, side, :2], task.grippers.radius, zorder=6, linewidths=0.3)
-    ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=0.9, linestyle=":", zorder=7)
+    ax.plot(*scene.smooth(task.goal).T, color=palette.INK, linewidth=0.9, linestyle=":", zorder=7)
     return changed
 
 
@@ -140,14 +140,14 @@ def draw_errors(
     `to_goal` may end before the others do, as where an insertion leads the cable away from its goal.
     """
     least = 1e-4
-    curves = ((to_reference, style.LEFT, 1.2, "to the reference"), (to_goal, style.INK, 1.4, "to the goal"))
+    curves = ((to_reference, palette.LEFT, 1.2, "to the reference"), (to_goal, palette.INK, 1.4, "to the goal"))
     for curve, color, width, name in curves:
         label = f"{name}, final {quantity(curve[-1])}"
         ax.plot(times[: len(curve)], 1000 * np.maximum(curve, least), color=color, linewidth=width, label=label)
-    ax.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=1.0, linestyle="--")
+    ax.axhline(1000 * SUCCESS_ERROR, color=palette.BAD, linewidth=1.0, linestyle="--")
     ax.annotate(
         f"success below {limit_text(SUCCESS_ERROR)}", (0, 1000 * SUCCESS_ERROR), xycoords=("axes fraction", "data"),
-        xytext=(3, 2), textcoords="offset points", fontsize=style.NOTE, color=style.BAD,
+        xytext=(3, 2), textcoords="offset points", fontsize=style.NOTE, color=palette.BAD,
     )  # fmt: skip
     ax.set_yscale("log")
     ax.set_ylim(1000 * least, 2000 * max(to_goal.max(), to_reference.max(), SUCCESS_ERROR))

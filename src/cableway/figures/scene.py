@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator
 
 from cableway.core.errors import TaskError, printable
 from cableway.core.quantities import limit_text, size_text
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.geometry import polyline, se2
 from cableway.scene.bodies import outer_bodies
@@ -48,7 +48,7 @@ def draw_scene(ax: Axes, task: Draft) -> None:
     width, height = task.scene.size
     frame(ax, np.zeros(2), np.array(task.scene.size))
     draw_solids(ax, task.scene)
-    walls = Rectangle((0, 0), width, height, fill=False, edgecolor=style.INK, linewidth=1.4, zorder=8, clip_on=False)
+    walls = Rectangle((0, 0), width, height, fill=False, edgecolor=palette.INK, linewidth=1.4, zorder=8, clip_on=False)
     ax.add_patch(walls)
     if task.port is not None:
         _draw_port(ax, task)
@@ -60,11 +60,11 @@ def frame(ax: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     for axis, name in ((ax.xaxis, "x"), (ax.yaxis, "y")):
-        axis.set_label_text(f"{name} [mm]", fontsize=style.LABEL, color=style.MUTED)
+        axis.set_label_text(f"{name} [mm]", fontsize=style.LABEL, color=palette.MUTED)
         axis.labelpad = 2
         axis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 5, 10]))
         axis.set_major_formatter(lambda metres, _: f"{1000 * metres:g}")
-    ax.tick_params(colors=style.MUTED, labelsize=style.TICK, length=2, pad=2)
+    ax.tick_params(colors=palette.MUTED, labelsize=style.TICK, length=2, pad=2)
     for spine in ax.spines.values():
         spine.set_visible(False)
 
@@ -72,7 +72,13 @@ def frame(ax: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -
 def draw_solids(ax: Axes, scene: Scene, **options: Any) -> PathCollection:
     """The obstacles; `options` go to Matplotlib's collection."""
     solids = [polygon_path(solid) for solid in scene.solids]
-    settings = {"facecolor": style.OBSTACLE, "edgecolor": style.OBSTACLE_EDGE, "linewidth": 0.9, "zorder": 2, **options}
+    settings = {
+        "facecolor": palette.OBSTACLE,
+        "edgecolor": palette.OBSTACLE_EDGE,
+        "linewidth": 0.9,
+        "zorder": 2,
+        **options,
+    }
     return _add_paths(ax, solids, **settings)
 
 
@@ -83,7 +89,7 @@ def _draw_port(ax: Axes, task: Draft) -> None:
     local = np.array([[0.0, half], [task.port.depth, half], [task.port.depth, -half], [0.0, -half]])
     outline = se2.transform(local, np.array(task.port.position), task.port.angle)
     ax.fill(*outline.T, color="white", zorder=3, linewidth=0)
-    ax.plot(*outline.T, color=style.INK, linewidth=1.6, zorder=3, solid_capstyle="butt")
+    ax.plot(*outline.T, color=palette.INK, linewidth=1.6, zorder=3, solid_capstyle="butt")
 
 
 def polygon_path(polygon: shapely.Polygon) -> Path:
@@ -122,14 +128,14 @@ def draw_cables(
 def draw_grippers(ax: Axes, points: Float[np.ndarray, "k 2"], radius: float, **options: Any) -> PathCollection:
     """Grippers as discs of their footprint [m]."""
     discs = [Path.circle((float(x), float(y)), radius) for x, y in points]
-    return _add_paths(ax, discs, facecolors=style.INK, **{"linewidths": 0.8, "zorder": 7, **options})
+    return _add_paths(ax, discs, facecolors=palette.INK, **{"linewidths": 0.8, "zorder": 7, **options})
 
 
 def draw_bodies(ax: Axes, task: Draft, poses: Float[np.ndarray, "k 2 3"], **options: Any) -> None:
     """What the grippers at `poses` [m, m, rad] have beyond their discs, seen from above."""
     for body in outer_bodies(task.grippers.pieces, [None]):
         outlines = [Path(outline, closed=True) for outline in body.placed(poses[:, body.side])]
-        settings = {"facecolors": style.MUTED, "alpha": 0.05, "linewidths": 0.0, "zorder": 3.5, **options}
+        settings = {"facecolors": palette.MUTED, "alpha": 0.05, "linewidths": 0.0, "zorder": 3.5, **options}
         _add_paths(ax, outlines, **settings)
 
 
@@ -147,7 +153,7 @@ def plug_corners(task: Draft, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray,
 
 def draw_end_shapes(ax: Axes, task: Draft, letters: bool = True) -> None:
     """Start and goal of the cable with their grippers (L, R) and the plug, as far as they are known."""
-    for end, color in zip(ENDS, (style.START, style.GOAL), strict=True):
+    for end, color in zip(ENDS, (palette.START, palette.GOAL), strict=True):
         shape: np.ndarray | None = getattr(task, end)
         poses: np.ndarray | None = getattr(task, f"{end}_poses")
         if shape is not None and len(shape) > 1:
@@ -186,10 +192,10 @@ def _draw_letters(ax: Axes, shape: np.ndarray, color: str, aside: bool) -> None:
 def end_handles() -> list[Any]:
     """Legend entries of what `draw_end_shapes` and `draw_scene` draw."""
     return [
-        Patch(facecolor=style.START, label="start"),
-        Patch(facecolor=style.GOAL, label="goal"),
-        Line2D([], [], marker="o", color="none", markerfacecolor=style.INK, markersize=5, label="gripper"),
-        Patch(facecolor=style.OBSTACLE, edgecolor=style.OBSTACLE_EDGE, label="obstacle"),
+        Patch(facecolor=palette.START, label="start"),
+        Patch(facecolor=palette.GOAL, label="goal"),
+        Line2D([], [], marker="o", color="none", markerfacecolor=palette.INK, markersize=5, label="gripper"),
+        Patch(facecolor=palette.OBSTACLE, edgecolor=palette.OBSTACLE_EDGE, label="obstacle"),
     ]
 
 
@@ -197,9 +203,9 @@ def _plug_handles(task: Draft) -> list[Any]:
     """Legend entries of plug and port, where there are any."""
     handles: list[Any] = []
     if task.plug is not None:
-        handles.append(Patch(facecolor=style.GOAL, alpha=0.65, label="plug"))
+        handles.append(Patch(facecolor=palette.GOAL, alpha=0.65, label="plug"))
     if task.port is not None:
-        handles.append(Patch(facecolor="white", edgecolor=style.INK, linewidth=1.4, label="port"))
+        handles.append(Patch(facecolor="white", edgecolor=palette.INK, linewidth=1.4, label="port"))
     return handles
 
 
@@ -270,7 +276,7 @@ def task_figure(task: Draft, faults: Sequence[TaskError] = ()) -> Figure:
     draw_marks(ax, [Mark(fault.sentence, fault.at and fault.at[:2]) for fault in faults])
     write_lines(figure, LEFT, lines)
     place = (LEFT / style.SINGLE, 0.08 / tall)
-    figure.text(*place, "\n".join(text), fontsize=style.NOTE, color=style.MUTED, va="bottom", parse_math=False)
+    figure.text(*place, "\n".join(text), fontsize=style.NOTE, color=palette.MUTED, va="bottom", parse_math=False)
     return figure
 
 
@@ -304,7 +310,7 @@ def small_panels(titles: Sequence[str], across: int, side: float) -> tuple[Figur
     for k, name in enumerate(titles):
         row, column = divmod(k, across)
         ax = style.add_axes(figure, gap + column * (side + gap), gap + (down - 1 - row) * (side + above), side, side)
-        ax.set_title(name, loc="left", fontsize=style.NOTE, color=style.INK, pad=3)
+        ax.set_title(name, loc="left", fontsize=style.NOTE, color=palette.INK, pad=3)
         panels.append(ax)
     return figure, panels
 

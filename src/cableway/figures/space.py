@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 
 from cableway.core.errors import Point, TaskError, printable
 from cableway.core.quantities import limit_text, size_text
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.figures.perspective import pale
 from cableway.figures.scene import TASKS_SHOWN, small_panels, smooth
@@ -52,7 +52,7 @@ BEHIND = 0.004
 CURVES, GAP = 2.4, 0.35
 """Width [inch] of a panel with curves, and the height between two."""
 
-COLORS: dict[End, str] = dict(zip(ENDS, (style.START, style.GOAL), strict=True))
+COLORS: dict[End, str] = dict(zip(ENDS, (palette.START, palette.GOAL), strict=True))
 
 
 class SpaceView:
@@ -71,7 +71,7 @@ class SpaceView:
         self._camera = Camera.framing(corners, np.array(DIRECTION), size=self.size, view=VIEW, margin=0.02)
         x, y, z = (LAMP * max(scene.size)).tolist()
         self._light = Light(position=(x, y, z), ambient=AMBIENT)
-        self._solid = scene_mesh(scene, pale(style.OBSTACLE, 0.3), pale(style.OBSTACLE_EDGE, 0.75))
+        self._solid = scene_mesh(scene, pale(palette.OBSTACLE, 0.3), pale(palette.OBSTACLE_EDGE, 0.75))
 
     def draw(
         self,
@@ -98,7 +98,7 @@ class SpaceView:
             shown = np.where(
                 self._hidden(line, picture, BEHIND, OBSTACLE, CABLE, GRIPPER)[:, None], np.nan, self.at(line)
             )
-            ax.plot(*shown.T, color=style.MUTED, linewidth=0.5, alpha=0.7, zorder=3)
+            ax.plot(*shown.T, color=palette.MUTED, linewidth=0.5, alpha=0.7, zorder=3)
 
     def at(self, points: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2"]:
         """Where points [m] are in the panel."""
@@ -155,7 +155,7 @@ def spatial_task_figure(task: SpatialDraft, faults: Sequence[TaskError] = ()) ->
     write_lines(figure, left, lines)
     _legend(figure, tall, 0.12 + 0.13 * len(text))
     place = (left / style.SINGLE, 0.08 / tall)
-    figure.text(*place, "\n".join(text), fontsize=style.NOTE, color=style.MUTED, va="bottom", parse_math=False)
+    figure.text(*place, "\n".join(text), fontsize=style.NOTE, color=palette.MUTED, va="bottom", parse_math=False)
     return figure
 
 
@@ -182,7 +182,7 @@ def spatial_plan_figure(
     view.draw(ax, cables, [(task.gripper_poses(end), COLORS[end]) for end in ENDS])
     if shapes is not None:
         for keypoint in range(0, shapes.shape[1], (shapes.shape[1] - 1) // 2):
-            ax.plot(*view.at(shapes[:, keypoint]).T, color=style.INK, linewidth=0.6, alpha=0.6, zorder=5)
+            ax.plot(*view.at(shapes[:, keypoint]).T, color=palette.INK, linewidth=0.6, alpha=0.6, zorder=5)
     style.title(ax, task.name)
     write_lines(figure, 0.1, lines)
     _legend(figure, tall, 0.12)
@@ -208,7 +208,7 @@ def spatial_rollout_figure(task: SpatialTask, rollout: Rollout, failure: str | N
     colors = [to_hex(style.TIME(row / max(rollout.steps, 1))) for row in rows]
     view.draw(
         ax,
-        [(task.stations("goal"), style.MUTED), *zip(rollout.centreline[rows], colors, strict=True)],
+        [(task.stations("goal"), palette.MUTED), *zip(rollout.centreline[rows], colors, strict=True)],
         [(rollout.poses[rows[0]], colors[0]), (rollout.poses[rows[-1]], colors[-1])],
     )
     style.title(ax, "(a) " + task.name)
@@ -220,7 +220,7 @@ def spatial_rollout_figure(task: SpatialTask, rollout: Rollout, failure: str | N
     tall = (height - 2 * GAP) / 3
     for place, (name, values) in enumerate(reversed(curves.items())):
         panel = style.add_axes(figure, WIDE + 0.75, bottom + place * (tall + GAP), CURVES, tall)
-        panel.plot(rollout.times, 1000 * values, color=style.INK, linewidth=1.2)
+        panel.plot(rollout.times, 1000 * values, color=palette.INK, linewidth=1.2)
         panel.set_ylim(bottom=min(0.0, 1000 * float(values.min())))
         style.title(panel, name)
         if place == 0:
@@ -237,10 +237,10 @@ def _pair(point: Float[np.ndarray, "2"]) -> Point:
 
 def _legend(figure: Figure, tall: float, bottom: float) -> None:
     entries = [
-        Patch(facecolor=style.START, label="start"),
-        Patch(facecolor=style.GOAL, label="goal"),
-        Patch(facecolor=style.OBSTACLE_EDGE, label="obstacle"),
-        Line2D([], [], color=style.INK, linewidth=1.2, linestyle=(0, (2, 1.5)), label="hidden"),
+        Patch(facecolor=palette.START, label="start"),
+        Patch(facecolor=palette.GOAL, label="goal"),
+        Patch(facecolor=palette.OBSTACLE_EDGE, label="obstacle"),
+        Line2D([], [], color=palette.INK, linewidth=1.2, linestyle=(0, (2, 1.5)), label="hidden"),
     ]
     figure.legend(
         handles=entries, loc="lower center", bbox_to_anchor=(0.5, bottom / tall), ncols=4, frameon=False,

@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.plan import AXIS, draw_routes, draw_shapes, spread_rows
 from cableway.figures.rollout import stacked_errors
 from cableway.outcome import SUCCESS_ERROR
@@ -66,9 +66,9 @@ def draw_progress(ax: Axes, progress: Float[np.ndarray, "t n"]) -> None:
     style.title(ax, "progress σ of the keypoints")
     place = figure.add_axes((1 - room + bar, box.y0 + 0.15 * box.height, bar, 0.7 * box.height))
     scale = figure.colorbar(ScalarMappable(Normalize(1, last + 1), style.TIME), cax=place, ticks=[1, last + 1])
-    scale.set_label("keypoint", fontsize=style.LABEL, color=style.MUTED, labelpad=-4)
+    scale.set_label("keypoint", fontsize=style.LABEL, color=palette.MUTED, labelpad=-4)
     scale.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
-    place.tick_params(labelsize=style.TICK, colors=style.MUTED, length=0, pad=2)
+    place.tick_params(labelsize=style.TICK, colors=palette.MUTED, length=0, pad=2)
 
 
 def followers_figure(task: Task, rollouts: Mapping[str, Rollout]) -> Figure:
@@ -92,7 +92,7 @@ def followers_figure(task: Task, rollouts: Mapping[str, Rollout]) -> Figure:
             scene.draw_cable(ax, rollout.centreline[row], task.cable.radius / 2, look["color"], alpha=0.8)
         errors.plot(rollout.times, 1000 * stacked_errors(task, rollout)[0], label=name, linewidth=1.2, **look)
     for shape in (task.start, task.goal):
-        ax.plot(*scene.smooth(shape).T, color=style.INK, linewidth=0.9, linestyle=":", zorder=7)
+        ax.plot(*scene.smooth(shape).T, color=palette.INK, linewidth=0.9, linestyle=":", zorder=7)
     style.log_axis(errors.yaxis)
     style.curve_axes(errors, "time [s]", "error [mm]")
     style.name_curves(errors)
@@ -113,12 +113,12 @@ def tasks_over_time_figure(rollouts: Sequence[tuple[Task, Rollout]]) -> Figure:
         row, column = divmod(number, columns)
         left, bottom = scene.LEFT + column * pitch, (rows - 1 - row) * tall + AXIS
         below, above = (style.add_axes(figure, left, bottom + up, pitch - scene.LEFT, each) for up in (0.0, each + gap))
-        above.plot(rollout.times, 1000 * stacked_errors(task, rollout)[0], color=style.INK, linewidth=1.2)
-        above.axhline(1000 * SUCCESS_ERROR, color=style.BAD, linewidth=0.8, linestyle="--")
+        above.plot(rollout.times, 1000 * stacked_errors(task, rollout)[0], color=palette.INK, linewidth=1.2)
+        above.axhline(1000 * SUCCESS_ERROR, color=palette.BAD, linewidth=0.8, linestyle="--")
         style.log_axis(above.yaxis)
         above.set_ylim(0.05, 2000 * furthest)
-        below.plot(rollout.times, 1000 * free[number], color=style.BLUE, linewidth=1.2)
-        below.axhline(0, color=style.BAD, linewidth=0.8, linestyle="--")
+        below.plot(rollout.times, 1000 * free[number], color=palette.BLUE, linewidth=1.2)
+        below.axhline(0, color=palette.BAD, linewidth=0.8, linestyle="--")
         below.set_ylim(-50 * freest, 1050 * freest)
         style.title(above, task.name)
         style.curve_axes(above, "", "" if column else "error [mm]")
@@ -145,7 +145,7 @@ def snapshots_figure(runs: Sequence[tuple[str, Task, Rollout]]) -> Figure:
         for row, color in zip(rows, style.TIME(rows / max(rollout.steps, 1)), strict=True):
             ax.plot(*rollout.centreline[row].T, color=color, linewidth=1.5, solid_capstyle="round", zorder=4)
         for side in (0, 1):
-            ax.plot(*rollout.poses[:, side, :2].T, color=style.INK, linewidth=0.4, alpha=0.5, zorder=3)
-        ax.plot(*scene.smooth(task.goal).T, color=style.INK, linewidth=0.8, linestyle=":", zorder=7)
+            ax.plot(*rollout.poses[:, side, :2].T, color=palette.INK, linewidth=0.4, alpha=0.5, zorder=3)
+        ax.plot(*scene.smooth(task.goal).T, color=palette.INK, linewidth=0.8, linestyle=":", zorder=7)
         scene.leave_bare(ax)
     return figure

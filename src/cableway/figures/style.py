@@ -22,33 +22,13 @@ from scipy.optimize import isotonic_regression
 
 from cableway.core.errors import InputError
 from cableway.core.files import write_atomically
-
-FONT_FILE = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-"""Of the letters."""
+from cableway.figures.palette import DASHES, GRID, INK, MUTED, SERIES, TIME_COLORS
 
 SINGLE, DOUBLE = 3.5, 7.16
 """Widths [inch] of a picture in one column and across two, as journals have them (IEEE)."""
 
 HEADING, LABEL, TICK, NOTE = 9.0, 8.0, 7.5, 7.0
 """Sizes [points] of letters: titles of panels; names of axes; numbers and legends; what is written among curves."""
-
-INK = "#1d2733"
-MUTED = "#6b7683"
-GRID = "#e6e9ed"
-OBSTACLE = "#c5cad1"
-OBSTACLE_EDGE = "#868f9b"
-BAD = "#c1272d"
-
-BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9", "#cc79a7"
-"""The palette of Okabe and Ito, whose colours those who see red and green alike tell apart, too."""
-
-START, GOAL = BLUE, VERMILION
-PIVOT, PASSAGE, PATHS = GREEN, ORANGE, OBSTACLE_EDGE
-LEFT, RIGHT = SKY, PURPLE
-REFERENCE = ORANGE
-
-SERIES = (INK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE)
-DASHES = ("-", (0, (4, 2)), (0, (1, 1.5)))
 
 
 def series(number: int) -> dict[str, Any]:
@@ -59,7 +39,7 @@ def series(number: int) -> dict[str, Any]:
     }
 
 
-TIME = LinearSegmentedColormap.from_list("cableway-time", [START, "#6f5fae", "#b8558c", GOAL])
+TIME = LinearSegmentedColormap.from_list("cableway-time", TIME_COLORS)
 """From the colour of the start to the colour of the goal."""
 
 TITLE, LETTER = "title", "letter"

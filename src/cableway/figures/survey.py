@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from cableway.figures import style
+from cableway.figures import palette, style
 from cableway.figures.scene import draw_scene, polygon_path
 from cableway.perception.calibration import CalibratedCamera
 from cableway.perception.survey import Survey
@@ -20,7 +20,7 @@ from cableway.scene.task import Draft
 SIDE, BELOW, GAP, LEFT = 2.9, 0.85, 0.15, 0.55
 """Inches: height of the panels, room below them, between them, and left of the plan."""
 
-FOUND, UNSEEN = style.VERMILION, style.BLUE
+FOUND, UNSEEN = palette.VERMILION, palette.BLUE
 """Colours of obstacles, and of what no camera saw."""
 
 
@@ -60,11 +60,11 @@ def survey_figure(
         x, y = obstacle.vertices.mean(axis=0)
         ax.text(x, y, f"{1000 * (obstacle.height or 0.0):.0f}", fontsize=style.TICK, ha="center", va="center", zorder=9)
     if task.start is not None:
-        ax.plot(*task.start.T, color=style.INK, linewidth=1.2, zorder=4)
+        ax.plot(*task.start.T, color=palette.INK, linewidth=1.2, zorder=4)
     handles = [
         Line2D([], [], color=FOUND, label="obstacle, height [mm]"),
         Patch(facecolor="none", edgecolor=UNSEEN, hatch="////", label="not seen"),
-        Line2D([], [], color=style.INK, label="start"),
+        Line2D([], [], color=palette.INK, label="start"),
     ]
     style.legend_below(ax, handles, 3)
     return figure

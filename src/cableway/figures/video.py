@@ -12,7 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from cableway.figures import scene, style
+from cableway.figures import palette, scene, style
 from cableway.figures.film import write_film
 from cableway.figures.moving import MovingScene, captions, moving_handles
 from cableway.figures.perspective import CellView, way_of
@@ -149,7 +149,7 @@ class _Stage:
     def title(self, speed: int) -> None:
         """Write the title, and keep all that stands still."""
         label = f"{self._task.name}" + (f"   ({speed} x real time)" if speed > 1 else "")
-        self._figure.text(0.6 / 12.8, 0.95, label, fontsize=12, fontweight="bold", color=style.INK)
+        self._figure.text(0.6 / 12.8, 0.95, label, fontsize=12, fontweight="bold", color=palette.INK)
         self._canvas = FigureCanvasAgg(self._figure)
         self._canvas.draw()
         self._still = self._canvas.copy_from_bbox(self._figure.bbox)
@@ -171,7 +171,7 @@ class _Stage:
             self._picture = clock.imshow(self._view.image(0), aspect="auto", interpolation="nearest")
             clock.set_axis_off()
             self._add(clock, self._picture)
-        self._clock = clock.text(0.0, 1.02, "", transform=clock.transAxes, fontsize=11, color=style.INK)
+        self._clock = clock.text(0.0, 1.02, "", transform=clock.transAxes, fontsize=11, color=palette.INK)
         for artist in self._scene.moving:
             self._add(ax, artist)
         self._add(clock, self._clock)
@@ -188,13 +188,13 @@ class _Stage:
         for ax in (above, below):
             ax.set_xlim(0, max(float(run.times[-1]), 1e-3))
             if self._insertion is not None:
-                ax.axvline(self._rollout.times[-1], color=style.MUTED, linewidth=1.0, linestyle=":")
+                ax.axvline(self._rollout.times[-1], color=palette.MUTED, linewidth=1.0, linestyle=":")
                 ax.annotate(
                     f" {INSERTION}", (self._rollout.times[-1], 1), xycoords=("data", "axes fraction"), ha="left",
-                    va="top", fontsize=style.NOTE, color=style.MUTED,
+                    va="top", fontsize=style.NOTE, color=palette.MUTED,
                 )  # fmt: skip
             future = ax.axvspan(0, 1, color="white", alpha=0.75, linewidth=0, zorder=3)
-            cursor = ax.axvline(0, color=style.GOAL, linewidth=1.2, zorder=4)
+            cursor = ax.axvline(0, color=palette.GOAL, linewidth=1.2, zorder=4)
             self._cursors.append((future, cursor))
             self._add(ax, future)
             self._add(ax, cursor)

@@ -1,7 +1,7 @@
 """How far a rod with bending damping trails behind its equilibria while its grippers move.
 
 With bending moments EI (phi + tau dphi/dt) the link angles of a rod that is led slowly are those of the equilibrium
-plus d, where on the changes that keep the ends in place (C d = 0)
+plus d, where on the changes that keep the ends in place (C d = 0) ::
 
     K d = -tau K_0 dtheta/dt,      K_0 = N^2 tridiag(-k_i, k_i + k_{i+1}, -k_{i+1}),      K = K_0 + diag(a . e_i)
 

@@ -2,7 +2,7 @@
 askew.
 
 The estimator, the rod MPC and the rod of the learned models share these coordinates. The equilibria are those of
-`cableway.rod.planar`, with the bend at hinge j
+`cableway.rod.planar`, with the bend at hinge j ::
 
     phi_j = (e^{-b(u_j)} (m + a x (p_j - c)/L) + r(u_j)) / N,      b = sum_k b_k P_k,   r = sum_k r_k P_k,
 

@@ -3,13 +3,13 @@
 The uniform rod of length L is a chain of N hinges at spacing L/N, so N + 1 links of which the first and last are half
 as long. A rod under no load but at its ends carries one force F along its whole length, and the moment at a point p
 is M + F x (p - c), c the rod's centre. With a = F L^2/EI (in the frame of the centre) and m = M L/EI the bend at
-hinge j is
+hinge j is ::
 
     phi_j = (m + a x (p_j - c)/L) / N,
 
 and going outward from the centre link gives the whole shape without solving anything (Bretl & McCarthy 2014,
 "Quasi-static manipulation of a Kirchhoff elastic rod based on a geometric analysis of equilibrium configurations",
-here for a planar chain). So
+here for a planar chain). So ::
 
     q = (c_x, c_y, theta_c, a_x, a_y, m)      [m, m, rad, -, -, -]
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from markupsafe import Markup
 
 from cableway.core.templates import render
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.geometry import polyline
 from cableway.records import Plan, Rollout
 from cableway.scene.clearance import PIECES
@@ -23,9 +23,9 @@ DECIMALS = 4
 """Of a metre: a tenth of a millimetre is less than a page shows."""
 
 COLORS = {
-    "ink": style.INK, "muted": style.MUTED, "obstacle": style.OBSTACLE, "edge": style.OBSTACLE_EDGE,
-    "start": style.START, "goal": style.GOAL, "left": style.LEFT, "right": style.RIGHT, "reference": style.REFERENCE,
-    "green": style.GREEN,
+    "ink": palette.INK, "muted": palette.MUTED, "obstacle": palette.OBSTACLE, "edge": palette.OBSTACLE_EDGE,
+    "start": palette.START, "goal": palette.GOAL, "left": palette.LEFT, "right": palette.RIGHT,
+    "reference": palette.REFERENCE, "green": palette.GREEN,
 }  # fmt: skip
 
 

@@ -12,8 +12,10 @@ from cableway.core.quantities import quantity
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import as_draft, load_planar_task
 from cableway.scene.task import Draft
-from cableway.studio.saving import PLAN, TASK
 from cableway.workflow.reading import read_record
+
+TASK, PLAN = "task.yaml", "plan.npz"
+"""Files of a folder of results: the task and the best plan."""
 
 ELSEWHERE = 0.02
 """Distance [m] of a keypoint at the start or the goal of a plan beyond which it is that of another task."""

@@ -11,10 +11,8 @@ from cableway.scene.files.saving import save_task
 from cableway.scene.task import Draft
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.reading import perturbation_text
+from cableway.studio.opening import PLAN, TASK
 from cableway.workflow.run import Run
-
-TASK, PLAN = "task.yaml", "plan.npz"
-"""The task and the best plan."""
 
 OF_A_RUN = ("report.json", "rollout.npz", "insertion.npz", "plant.yaml")
 """What a run leaves besides the task and its plans."""

@@ -21,11 +21,11 @@ from cableway.scene.task import ENDS, Draft, End
 from cableway.studio import ends
 from cableway.studio.inspection import Inspection, inspect
 from cableway.studio.obstacles import with_obstacle
-from cableway.studio.opening import Opened, opened
+from cableway.studio.opening import TASK, Opened, opened
 from cableway.studio.planning import PLANNING, Planning, planning_from, planning_of
 from cableway.studio.replanner import Answer, Replanner
 from cableway.studio.running import Running, Wanted
-from cableway.studio.saving import TASK, write_files
+from cableway.studio.saving import write_files
 from cableway.tasks.generation import random_task
 from cableway.workflow.run import SolveOptions
 

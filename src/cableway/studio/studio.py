@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cableway.core.extras import require
 from cableway.studio.opening import opened
-from cableway.studio.session import Session
-from cableway.workflow.run import SolveOptions
+
+if TYPE_CHECKING:
+    from cableway.studio.session import Session
+    from cableway.studio.view.page import Page
 
 KEPT = 20
 """Sessions kept of pages that are away; of more, those that were left first are dropped."""
@@ -26,6 +29,8 @@ class Studio:
         out: Folder in which tasks are saved, each in one of its own.
         seed: For planning.
         session: What every page shows; one of its own where None.
+        announce: Told the address as soon as a browser may open it. It loads the page while planner and controllers are
+            imported.
 
     Attributes:
         address: Where a new page is to be had.
@@ -44,38 +49,32 @@ class Studio:
         out: Path = Path("runs/studio"),
         seed: int = 0,
         session: Session | None = None,
+        announce: Callable[[str], Any] = lambda _: None,
     ) -> None:
         require("studio", "cableway studio")
-        from cableway.studio.view.page import Page
         from cableway.studio.view.server import Server
 
         self._lock = threading.Lock()
-        source = opened(task)
-        self._begin = lambda: session or Session(source, SolveOptions(track=False, seed=seed))
+        self._out = out
         self._sessions: dict[str, Session] = {}
         self._pages: dict[int, tuple[str, Page]] = {}
-        self._spare: Session | None = self._begin()
-
-        def shown(client: Any, key: str) -> None:
-            page = Page(client, self._session(key), out)
-            with self._lock:
-                self._pages[client.client_id] = key, page
-            if client.client_id not in self.server.viser.get_clients():  # it went meanwhile
-                gone(client, key)
-
-        def gone(client: Any, key: str) -> None:
-            with self._lock:
-                known = self._pages.pop(client.client_id, None)
-            if known is not None:
-                known[1].close()
-            self._drop()
-
-        try:
-            self.server = Server(host, port, shown, gone)
-        except BaseException:
-            self._spare.close()
-            raise
+        self._spare: Session | None = None
+        self._ready = threading.Event()
+        source = opened(task)
+        self.server = Server(host, port, self._shown, self._gone)
         self.address = self.server.address
+        try:
+            announce(self.address)
+            from cableway.studio.session import Session
+            from cableway.workflow.run import SolveOptions
+
+            self._begin = lambda: session or Session(source, SolveOptions(track=False, seed=seed))
+            self._spare = self._begin()
+        except BaseException:
+            self.server.stop()
+            raise
+        finally:
+            self._ready.set()
 
     @property
     def sessions(self) -> tuple[Session, ...]:
@@ -98,6 +97,26 @@ class Studio:
         spare = [] if self._spare is None else [self._spare]
         for session in (*self._sessions.values(), *spare):
             session.close()
+
+    def _shown(self, client: Any, key: str) -> None:
+        """A page has come; it waits until there is a session for it."""
+        from cableway.studio.view.page import Page
+
+        self._ready.wait()
+        if self._spare is None and not self._sessions:  # the session could not be begun
+            return
+        page = Page(client, self._session(key), self._out)
+        with self._lock:
+            self._pages[client.client_id] = key, page
+        if client.client_id not in self.server.viser.get_clients():  # it went meanwhile
+            self._gone(client, key)
+
+    def _gone(self, client: Any, key: str) -> None:
+        with self._lock:
+            known = self._pages.pop(client.client_id, None)
+        if known is not None:
+            known[1].close()
+        self._drop()
 
     def _session(self, key: str) -> Session:
         """That of a key; the first page takes the one that was begun with the server."""

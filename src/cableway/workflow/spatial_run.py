@@ -56,7 +56,7 @@ def follow_in_space(
         "seed": seed,
         "controller": controller,
         "another_cable": perturbation.cable is not None,
-        "configuration": describe({"controller": config, "plant": perturbation.config}),
+        "configuration": describe({"controller": config, "plant": perturbation}),
     }
     rollout = replace(rollout, metadata={**rollout.metadata, **made_by})
     verdict = verify_spatial_rollout(rollout, task, same_cable=perturbation.cable is None)

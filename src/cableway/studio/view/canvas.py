@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from cableway.core.errors import Point
 from cableway.geometry import se2
-from cableway.studio.view.look import painted, rgb
+from cableway.studio.view.look import lit, painted, rgb
 from cableway.studio.view.meshes import Mesh
 
 OnDrag = Callable[[str, str, Point], Any]
@@ -72,23 +72,24 @@ class Canvas:
         self,
         name: str,
         points: Float[np.ndarray, "k 2 3"],
-        color: str,
+        color: str | Sequence[str],
         width: float,
-        *,
-        at: Point = (0.0, 0.0),
-        angle: float = 0.0,
     ) -> None:
-        """Segments [m], as wide as so many pixels."""
+        """Segments [m], as wide as so many pixels, of one colour or each of its own.
+
+        What belongs together is better one node than several: without graphics hardware, each takes the page a
+        millisecond or more of every picture.
+        """
         self._drawn.add(name)
         handle, known = self._nodes.get(name, (None, None))
         kind = ("lines", points.shape, color, width)
         if known != kind:
-            handle = self._scene.add_line_segments(name, points, rgb(color), thickness=width, thickness_units="screen")
+            one = isinstance(color, str)
+            colors = rgb(color) if one else np.repeat([[lit(each)] for each in color], 2, axis=1)
+            handle = self._scene.add_line_segments(name, points, colors, thickness=width, thickness_units="screen")
             self._nodes[name] = handle, kind
         elif not np.array_equal(handle.points, points.astype(np.float32)):
             handle.points = points.astype(np.float32)
-        _set(handle, "position", (*at, 0.0))
-        _set(handle, "wxyz", (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)))
 
     def words(self, name: str, text: str, at: tuple[float, float, float], anchor: Any = "center-center") -> None:
         """Letters at a place [m], of the same size however near it is."""

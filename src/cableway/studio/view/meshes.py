@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 ROUND = 40
 """Sides of a disc."""
 
-TUBE = 8
-"""Sides of a cable."""
+TUBE = 4
+"""Lines along a cable, from its left to its right side over its top; nothing is seen from below."""
 
 
 class Mesh(NamedTuple):
@@ -44,19 +44,29 @@ def prism(outline: Float[np.ndarray, "k 2"], low: float, high: float) -> Mesh:
 
 
 def tube(line: Float[np.ndarray, "m 2"], radius: float, height: float) -> Mesh:
-    """A cable along a line [m], its middle at a height."""
+    """The upper half of a cable along a line [m], its middle at a height."""
     m = len(line)
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    angles = 2 * np.pi * np.arange(TUBE) / TUBE
+    normal = _normals(line)
+    angles = np.linspace(0.0, np.pi, TUBE)
     across, up = radius * np.cos(angles), height + radius * np.sin(angles)
     ring = line[:, None] + normal[:, None] * across[:, None]
     vertices = np.concatenate([ring, np.broadcast_to(up[:, None], (m, TUBE, 1))], axis=2).reshape(-1, 3)
-    row, column = np.meshgrid(np.arange(m - 1), np.arange(TUBE), indexing="ij")
-    a, b = (TUBE * row + column).ravel(), (TUBE * row + (column + 1) % TUBE).ravel()
+    row, column = np.meshgrid(np.arange(m - 1), np.arange(TUBE - 1), indexing="ij")
+    a, b = (TUBE * row + column).ravel(), (TUBE * row + column + 1).ravel()
     faces = np.vstack([np.column_stack([a, a + TUBE, b + TUBE]), np.column_stack([a, b + TUBE, b])])
     return Mesh(vertices, faces[:, ::-1].astype(int))
+
+
+def ribbon(line: Float[np.ndarray, "m 2"], width: float, height: float) -> Mesh:
+    """A flat stripe along a line [m], seen from above."""
+    m = len(line)
+    aside = 0.5 * width * _normals(line)
+    flat = np.vstack([line - aside, line + aside])
+    here = np.arange(m - 1)
+    faces = np.vstack(
+        [np.column_stack([here, here + 1, m + here]), np.column_stack([here + 1, m + here + 1, m + here])]
+    )
+    return Mesh(np.column_stack([flat, np.full(2 * m, height)]), faces.astype(int))
 
 
 def ring(inner: float, outer: float, height: float) -> Mesh:
@@ -68,3 +78,10 @@ def ring(inner: float, outer: float, height: float) -> Mesh:
         [np.column_stack([here, here + ROUND, there + ROUND]), np.column_stack([here, there + ROUND, there])]
     )
     return Mesh(np.column_stack([flat, np.full(2 * ROUND, height)]), faces.astype(int))
+
+
+def _normals(line: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 2"]:
+    """To the left of a line, of length 1."""
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    return np.column_stack([-tangent[:, 1], tangent[:, 0]])

@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from cableway.core.errors import CablewayError, Point
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.records import Plan
 from cableway.scene.files.saving import task_text
 from cableway.scene.obstacles import Obstacle
@@ -22,6 +22,7 @@ from cableway.studio import obstacles as hands
 from cableway.studio.curves import Curves, curves_of
 from cableway.studio.film import film_page
 from cableway.studio.inbox import Inbox
+from cableway.studio.inspection import Inspection
 from cableway.studio.session import Moment, Session
 from cableway.studio.view import look, table
 from cableway.studio.view.canvas import Canvas
@@ -31,6 +32,9 @@ from cableway.studio.view.run_panel import RunPanel
 
 TILT = 0.2
 """By which the page looks at the table from aside [rad]."""
+
+TELL = 0.25
+"""Time [s] between two changes of the numbers in the panel while something is dragged."""
 
 FOV = 0.35
 """Angle of view [rad]: far away and narrow, so that what is high hides little."""
@@ -54,6 +58,7 @@ class Page:
         self._held: Moment | None = None
         self._grabs = 0
         self._offset = np.zeros(2)
+        self._told = 0.0
         self._pushed: tuple[int, Obstacle] | None = None
         self._run_row: int | None = None
         self._plan: Plan | None = None
@@ -76,16 +81,9 @@ class Page:
 
     # ------------------------------------------------------------------------------------------ what is shown
     def _build(self) -> None:
-        client, gui = self._client, self._client.gui
-        client.scene.configure_default_lights(enabled=False)
-        client.scene.configure_environment_map(None)
-        client.scene.add_light_ambient("/light/all", intensity=look.LIGHT[0])
-        client.scene.add_light_directional("/light/sun", intensity=look.LIGHT[1], position=(0, 0, 2), cast_shadow=False)
-        client.scene.set_background_image(np.full((1, 1, 3), 250, np.uint8))
-        gui.set_panel_label("cableway studio")
-        gui.configure_theme(brand_color=look.rgb(style.BLUE), show_logo=False, show_share_button=False)
+        gui = self._client.gui
         self._task_panel = TaskPanel(gui, self._session, self._do, self._select, self._save, self._download)
-        above = gui.add_button("Look from above", icon=viser.Icon.CAMERA, color=look.rgb(style.MUTED))
+        above = gui.add_button("Look from above", icon=viser.Icon.CAMERA, color=look.rgb(palette.MUTED))
         above.on_click(in_order(lambda _: self._do(self._look)))
         gui.main_panel.dock_left()
         gui.main_panel.set_width(WIDTH)
@@ -157,11 +155,18 @@ class Page:
                 table.draw_plan(self._canvas, draft, plan)
             table.draw_moment(self._canvas, draft, None if self._session.running else plan, self._row)
             self._show_run()
-            self._task_panel.show(moment, inspection, self._selected)
+            self._show_task(moment, inspection)
             stale = planning.status != "found"
             self._plan_panel.show(planning, self._curves, chosen, stale)
             self._plan_panel.show_row(self._row, self._playing)
         self._client.flush()
+
+    def _show_task(self, moment: Moment, inspection: Inspection) -> None:
+        """The panel of the task; in a drag only now and then, since letters take a page longer than shapes."""
+        now = time.monotonic()
+        if self._held is None or now - self._told >= TELL:
+            self._told = now
+            self._task_panel.show(moment, inspection, self._selected)
 
     def _show_run(self) -> None:
         """The newest row of the run, or that which was chosen."""

@@ -14,7 +14,7 @@ import viser
 from viser import uplot
 
 from cableway.core.quantities import quantity
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.scene.files.loading import task_names
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.task import ENDS, Draft, End
@@ -34,17 +34,17 @@ TYPED = 0.7
 """Time [s] after the last key until a number counts."""
 
 SAY = {
-    "planning": style.MUTED,
-    "found": style.GREEN,
-    "none": style.BAD,
-    "invalid": style.BAD,
+    "planning": palette.MUTED,
+    "found": palette.GREEN,
+    "none": palette.BAD,
+    "invalid": palette.BAD,
 }
 """Colours of what is said of planning."""
 
-LOUD = look.rgb(style.BLUE)
+LOUD = look.rgb(palette.BLUE)
 """Colour of the buttons that are pressed most."""
 
-QUIET = look.rgb(style.MUTED)
+QUIET = look.rgb(palette.MUTED)
 """Colour of buttons that are pressed now and then."""
 
 NO_OBSTACLE = "Click an obstacle to see its numbers and knobs, or drag it."
@@ -150,7 +150,7 @@ class TaskPanel:
         draft = moment.draft
         set_changed(self.heading, "content", look.heading(draft.name, draft.description))
         wrong = inspection.sentences
-        text = look.sentences(wrong[:6], style.BAD, numbered=True) if wrong else ""
+        text = look.sentences(wrong[:6], palette.BAD, numbered=True) if wrong else ""
         set_changed(self.wrong, "content", text)
         if time.monotonic() - self._typed < 2 * TYPED:
             return
@@ -237,7 +237,10 @@ class PlanPanel:
         self._ways.on_click(in_order(lambda _: do(session.seek_ways)))
         self._export = gui.add_button("Download a page that plays it", color=QUIET)
         self._export.on_click(in_order(lambda _: do(export)))
-        cable, sides = (("cable", style.INK), ("grippers", style.RIGHT)), (("left", style.LEFT), ("right", style.RIGHT))
+        cable, sides = (
+            (("cable", palette.INK), ("grippers", palette.RIGHT)),
+            (("left", palette.LEFT), ("right", palette.RIGHT)),
+        )
         self._clear, self._speed = plot(gui, "Clearance [mm]", cable), plot(gui, "Of the grippers' limits [%]", sides)
         self._curves: Curves | None = None
 
@@ -288,7 +291,7 @@ def _numbered(there: Obstacle, middle: Any, size: Any, angle: float, height: flo
 def plot(gui: viser.GuiApi, title: str, curves: tuple[tuple[str, str], ...]) -> tuple[Any, Any]:
     """Title and plot of curves over time, given by name and colour."""
     look_of: Any = {
-        "stroke": style.MUTED, "font": "11px cableway, sans-serif", "grid": {"stroke": style.GRID, "width": 1},
+        "stroke": palette.MUTED, "font": "11px cableway, sans-serif", "grid": {"stroke": palette.GRID, "width": 1},
         "ticks": {"show": False},
     }  # fmt: skip
     series = (

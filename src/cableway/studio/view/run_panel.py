@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 from cableway.core.quantities import quantity
-from cableway.figures import style
+from cableway.figures import palette
 from cableway.studio.running import PLANTS, Running, Wanted
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
@@ -16,7 +16,7 @@ from cableway.workflow.registry import CONTROLLERS
 NO_RUN = "Once there is a plan, it can be run here, by a controller in a plant that is not what was planned for."
 PUSH = "Drag an obstacle while it runs to push it into the way, once."
 
-COLORS = {True: style.BLUE, False: style.MUTED}
+COLORS = {True: palette.BLUE, False: palette.MUTED}
 """Of what is said while a run goes on, and afterwards."""
 
 
@@ -47,12 +47,18 @@ class RunPanel:
         self.step = gui.add_slider("Step of the run", 0, 1, 1, 0, visible=False)
         self.step.on_update(lambda event: event.client and do(lambda: scrub(self.step.value), key="scrub run"))
         self.now = gui.add_html("")
-        seen = (("true cable", style.INK), ("where it should be", style.REFERENCE), ("as it is seen", style.GREEN))
+        seen = (
+            ("true cable", palette.INK),
+            ("where it should be", palette.REFERENCE),
+            ("as it is seen", palette.GREEN),
+        )
         self._key = gui.add_html(look.legend("On the table", seen))
-        self._clear = plot(gui, "Clearance [mm]", (("cable", style.INK), ("grippers", style.RIGHT)))
-        self._export = gui.add_button("Download a page that plays the run", visible=False, color=look.rgb(style.MUTED))
+        self._clear = plot(gui, "Clearance [mm]", (("cable", palette.INK), ("grippers", palette.RIGHT)))
+        self._export = gui.add_button(
+            "Download a page that plays the run", visible=False, color=look.rgb(palette.MUTED)
+        )
         self._export.on_click(in_order(lambda _: do(export)))
-        self._film = gui.add_button("Make a video of the run", visible=False, color=look.rgb(style.MUTED))
+        self._film = gui.add_button("Make a video of the run", visible=False, color=look.rgb(palette.MUTED))
         self._film.on_click(in_order(lambda _: do(film)))
         self._drawn = 0
 
@@ -109,4 +115,4 @@ def _told(running: Running | None, row: int) -> str:
 def _color(running: Running) -> str:
     if running.run is None:
         return COLORS[running.live]
-    return style.GREEN if running.run.success else style.BAD
+    return palette.GREEN if running.run.success else palette.BAD

@@ -24,8 +24,8 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from cableway.core.errors import InputError
-from cableway.figures.style import FONT_FILE
-from cableway.studio.view.look import FONT, HEAD
+from cableway.figures.palette import BLUE, FONT_FILE, rgb
+from cableway.studio.view.look import FONT, HEAD, LIGHT
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]", "::1")
 """Names of this machine for itself."""
@@ -64,6 +64,7 @@ class Server:
         self._guard = _Guard(host, self._socket.getsockname()[1])
         with _serving(self._socket, self._guard) as served, redirect_stdout(StringIO()):
             self._viser = viser.ViserServer(host=host, port=self._guard.port, verbose=False)
+        _dress(self._viser)
         if not served:
             self.stop()
             raise RuntimeError("viser's server was begun around the guard: cableway needs viser 1.1")
@@ -102,6 +103,16 @@ class Server:
         with redirect_stdout(StringIO()):
             self._viser.stop()
         self._socket.close()
+
+
+def _dress(server: viser.ViserServer) -> None:
+    """What every page gets first: lights of the studio's own, since a browser takes a second for those of viser."""
+    server.scene.configure_default_lights(enabled=False)
+    server.scene.configure_environment_map(None)
+    server.scene.add_light_ambient("/light/all", intensity=LIGHT[0])
+    server.scene.add_light_directional("/light/sun", intensity=LIGHT[1], position=(0, 0, 2), cast_shadow=False)
+    server.gui.set_panel_label("cableway studio")
+    server.gui.configure_theme(brand_color=rgb(BLUE), show_logo=False, show_share_button=False)
 
 
 def _listening(host: str, port: int) -> socket.socket:

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.quantities import quantity
-from cableway.figures import style
-from cableway.geometry import polyline
+from cableway.figures import palette
+from cableway.geometry import polyline, se2
 from cableway.records import Plan
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.task import ENDS, SPLINE_PIECES, Draft
@@ -16,7 +16,7 @@ from cableway.studio.inspection import Inspection
 from cableway.studio.session import Moment
 from cableway.studio.view.canvas import Canvas, along, outline, path
 from cableway.studio.view.look import mixed
-from cableway.studio.view.meshes import circle, prism, ring, tube
+from cableway.studio.view.meshes import circle, prism, ribbon, ring, tube
 from cableway.tracking import Row
 
 FLAT = 0.010
@@ -31,6 +31,9 @@ ARM = 0.045
 SHAPES = 14
 """Most shapes of a plan drawn over time."""
 
+WAY = 0.002
+"""Width [m] of the way of a gripper."""
+
 GRID_STEP = 0.1
 """Between the lines of the grid [m]."""
 
@@ -40,18 +43,19 @@ SEEN = 0.003
 MARKED = 6
 """Most faults marked."""
 
-COLORS = dict(zip(ENDS, (style.START, style.GOAL), strict=True))
+COLORS = dict(zip(ENDS, (palette.START, palette.GOAL), strict=True))
+SIDES = (palette.LEFT, palette.RIGHT)
 
 
 def draw_table(canvas: Canvas, size: tuple[float, float]) -> None:
     """The workspace with its grid, and the axes in millimetres."""
     width, height = size
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
-    canvas.lines("/table/walls", outline(corners, 0.0), style.INK, 2.0)
+    canvas.lines("/table/walls", outline(corners, 0.0), palette.INK, 2.0)
     rows = [[[x, 0, 0], [x, height, 0]] for x in np.arange(GRID_STEP, width - 1e-6, GRID_STEP)]
     rows += [[[0, y, 0], [width, y, 0]] for y in np.arange(GRID_STEP, height - 1e-6, GRID_STEP)]
     if rows:
-        canvas.lines("/table/grid", np.array(rows, dtype=float) + [0, 0, -0.0005], style.GRID, 1.0)
+        canvas.lines("/table/grid", np.array(rows, dtype=float) + [0, 0, -0.0005], palette.GRID, 1.0)
     for x in np.arange(0.0, width + 1e-6, 2 * GRID_STEP):
         canvas.words(f"/table/x{x:.2f}", f"{1000 * x:.0f}", (float(x), -0.012, 0.0), "top-center")
     for y in np.arange(0.0, height + 1e-6, 2 * GRID_STEP):
@@ -61,31 +65,35 @@ def draw_table(canvas: Canvas, size: tuple[float, float]) -> None:
 
 def draw_obstacles(canvas: Canvas, draft: Draft, selected: int | None) -> None:
     """Obstacles, and the knobs of the selected one."""
+    sides: list[Float[np.ndarray, "k 2 3"]] = []
+    colors: list[str] = []
     for index, obstacle in enumerate(draft.scene.obstacles):
         x, y = hands.middle_of(obstacle)
         at, angle, top = (float(x), float(y)), hands.angle_of(obstacle), obstacle.height or FLAT
         local, chosen = _local(obstacle), index == selected
-        color = mixed(style.BLUE, 0.72) if chosen else style.OBSTACLE
+        color = mixed(palette.BLUE, 0.72) if chosen else palette.OBSTACLE
         name = f"/obstacles/{index}"
         canvas.solid(name, prism(local, 0.0, top), color, at=at, angle=angle, draggable=True, clickable=True)
-        edge = style.BLUE if chosen else style.OBSTACLE_EDGE
-        canvas.lines(f"/edges/{index}", outline(local, top + 0.0003), edge, 1.6, at=at, angle=angle)
+        sides.append(outline(se2.transform(local, np.array(at), angle), top + 0.0003))
+        colors += len(local) * [palette.BLUE if chosen else palette.OBSTACLE_EDGE]
         if chosen:
             _draw_knobs(canvas, obstacle, top)
+    if sides:
+        canvas.lines("/edges", np.concatenate(sides), colors, 1.6)
     for prefix in ("/obstacles", "/edges", "/knobs"):
         canvas.sweep(prefix)
 
 
 def _draw_knobs(canvas: Canvas, obstacle: Obstacle, top: float) -> None:
-    solid = prism(circle(KNOB, 20), top, top + 0.002)
+    solid = prism(circle(KNOB, 16), top, top + 0.002)
     for number, (x, y) in enumerate(hands.knobs(obstacle)):
-        canvas.solid(f"/knobs/{number}", solid, style.BLUE, at=(float(x), float(y)), draggable=True)
+        canvas.solid(f"/knobs/{number}", solid, palette.BLUE, at=(float(x), float(y)), draggable=True)
     if isinstance(obstacle, Disc):
         return
     middle, knob = hands.middle_of(obstacle), turn_knob(obstacle)
-    canvas.lines("/knobs/arm", path(np.array([middle, knob]), top + 0.001), style.BLUE, 1.4)
+    canvas.lines("/knobs/arm", path(np.array([middle, knob]), top + 0.001), palette.BLUE, 1.4)
     at = (float(knob[0]), float(knob[1]))
-    canvas.solid("/knobs/turn", prism(circle(KNOB, 20), top, top + 0.002), style.ORANGE, at=at, draggable=True)
+    canvas.solid("/knobs/turn", prism(circle(KNOB, 16), top, top + 0.002), palette.ORANGE, at=at, draggable=True)
 
 
 def turn_knob(obstacle: Obstacle) -> Float[np.ndarray, "2"]:
@@ -101,6 +109,8 @@ def turn_knob(obstacle: Obstacle) -> Float[np.ndarray, "2"]:
 def draw_ends(canvas: Canvas, moment: Moment, inspection: Inspection) -> None:
     """The cable at start and goal with its grippers, what they are turned by, and how clear and stable it is."""
     draft, radius = moment.draft, moment.draft.cable.radius
+    arms: list[Float[np.ndarray, "1 2 3"]] = []
+    colors: list[str] = []
     for end, color in COLORS.items():
         q = moment.shapes[end]
         if q is None:
@@ -110,10 +120,11 @@ def draw_ends(canvas: Canvas, moment: Moment, inspection: Inspection) -> None:
         for side, pose in enumerate(poses[0]):
             name, at = f"/ends/{end}-{side}", (float(pose[0]), float(pose[1]))
             knob = along(pose, ARM if side else -ARM)
-            grasp = prism(circle(GRASP), 0.0, 2 * radius + 0.002)
+            grasp = prism(circle(GRASP, 24), 0.0, 2 * radius + 0.002)
             canvas.solid(name, grasp, mixed(color, 0.25), at=at, draggable=True)
-            canvas.lines(f"{name}-arm", path(np.array([at, knob]), 0.002), mixed(color, 0.35), 1.6)
-            canvas.solid(f"{name}-turn", prism(circle(KNOB, 20), 0.0, 0.004), color, at=knob, draggable=True)
+            arms.append(path(np.array([at, knob]), 0.002))
+            colors.append(mixed(color, 0.35))
+            canvas.solid(f"{name}-turn", prism(circle(KNOB, 16), 0.0, 0.004), color, at=knob, draggable=True)
             canvas.words(f"{name}-letter", "LR"[side], (*at, 2 * radius + 0.003))
         if end in inspection.ends:
             found = inspection.ends[end]
@@ -121,13 +132,15 @@ def draw_ends(canvas: Canvas, moment: Moment, inspection: Inspection) -> None:
             x, y = stations[0][len(stations[0]) // 2]
             inward = "left" if x < draft.scene.size[0] / 2 else "right"
             canvas.words(f"/ends/{end}-figures-{inward}", text, (float(x), float(y) + 0.015, 0.01), f"bottom-{inward}")
+    if arms:
+        canvas.lines("/ends/arms", np.concatenate(arms), colors, 1.6)
     canvas.sweep("/ends")
 
 
 def draw_faults(canvas: Canvas, faults: list[tuple[float, float]]) -> None:
     """Numbered rings where something is wrong [m]."""
     for number, (x, y) in enumerate(faults[:MARKED], start=1):
-        canvas.solid(f"/faults/{number}", ring(0.013, 0.017, 0.022), style.BAD, at=(x, y))
+        canvas.solid(f"/faults/{number}", ring(0.013, 0.017, 0.022), palette.BAD, at=(x, y))
         canvas.words(f"/faults/{number}-number", str(number), (x + 0.02, y + 0.02, 0.025))
     canvas.sweep("/faults")
 
@@ -136,13 +149,11 @@ def draw_plan(canvas: Canvas, draft: Draft, plan: Plan | None) -> None:
     """Shapes of a plan over time, from the colour of the start to that of the goal, and the ways of the grippers."""
     if plan is not None:
         rows = np.unique(np.linspace(0, plan.steps, SHAPES).round().astype(int))
-        for place, row in enumerate(rows):
-            red, green, blue, _ = style.TIME(row / plan.steps)
-            color = f"#{round(255 * red):02x}{round(255 * green):02x}{round(255 * blue):02x}"
-            line = polyline.spline(plan.shapes[row], SPLINE_PIECES)
-            canvas.solid(f"/plan/{place}", tube(line, 0.6 * draft.cable.radius, 0.001), mixed(color, 0.55))
-        for side, color in enumerate((style.LEFT, style.RIGHT)):
-            canvas.lines(f"/plan/way{side}", path(plan.poses[:, side, :2], 0.0035), color, 1.6)
+        for place, line in enumerate(polyline.spline(plan.shapes[rows], SPLINE_PIECES)):
+            color = mixed(palette.color_of_time(rows[place] / plan.steps), 0.55)
+            canvas.solid(f"/plan/{place}", ribbon(line, 1.2 * draft.cable.radius, 0.001), color)
+        for side, color in enumerate(SIDES):
+            canvas.solid(f"/plan/way{side}", ribbon(plan.poses[:, side, :2], WAY, 0.0035), color)
     canvas.sweep("/plan")
 
 
@@ -152,8 +163,8 @@ def draw_moment(canvas: Canvas, draft: Draft, plan: Plan | None, row: int) -> No
         radius = draft.cable.radius
         row = min(row, plan.steps)
         line = polyline.spline(plan.shapes[row], SPLINE_PIECES)
-        canvas.solid("/moment/cable", tube(line, 0.7 * radius, 1.6 * radius), style.INK)
-        for side, color in enumerate((style.LEFT, style.RIGHT)):
+        canvas.solid("/moment/cable", tube(line, 0.7 * radius, 1.6 * radius), palette.INK)
+        for side, color in enumerate(SIDES):
             x, y = plan.poses[row, side, :2]
             disc = prism(circle(max(draft.grippers.radius, 0.006)), 0.0, 3.2 * radius)
             canvas.solid(f"/moment/{side}", disc, color, at=(float(x), float(y)))
@@ -163,10 +174,10 @@ def draw_moment(canvas: Canvas, draft: Draft, plan: Plan | None, row: int) -> No
 def draw_run(canvas: Canvas, radius: float, gripper: float, row: Row | None) -> None:
     """A row of a run: the true cable and its grippers, where it should be, and crosses where it was seen."""
     if row is not None:
-        canvas.solid("/run/cable", tube(row.measured.centreline, radius, 1.6 * radius), style.INK)
+        canvas.solid("/run/cable", tube(row.measured.centreline, radius, 1.6 * radius), palette.INK)
         wanted = polyline.spline(row.reference, SPLINE_PIECES)
-        canvas.lines("/run/reference", path(wanted, 3.0 * radius), style.REFERENCE, 2.0)
-        for side, color in enumerate((style.LEFT, style.RIGHT)):
+        canvas.lines("/run/reference", path(wanted, 3.0 * radius), palette.REFERENCE, 2.0)
+        for side, color in enumerate(SIDES):
             x, y = row.measured.poses[side, :2]
             disc = prism(circle(max(gripper, 0.006)), 0.0, 3.2 * radius)
             canvas.solid(f"/run/{side}", disc, color, at=(float(x), float(y)))
@@ -175,7 +186,7 @@ def draw_run(canvas: Canvas, radius: float, gripper: float, row: Row | None) -> 
             arms = SEEN * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
             crosses = (seen[:, None, None] + arms).reshape(-1, 2, 2)
             raised = np.concatenate([crosses, np.full((len(crosses), 2, 1), 3.3 * radius)], axis=2)
-            canvas.lines("/run/seen", raised, style.GREEN, 1.6)
+            canvas.lines("/run/seen", raised, palette.GREEN, 1.6)
     canvas.sweep("/run")
 
 

@@ -1,0 +1,99 @@
+"""Perturbations of tasks in space from YAML files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import numpy as np
+
+from cableway.core.checks import shown
+from cableway.core.configuration import faults, from_mapping
+from cableway.core.errors import InputError, TaskError
+from cableway.geometry.groups import SE3
+from cableway.scene.files.document import read_document
+from cableway.scene.spatial.cable import SpatialCable
+from cableway.scene.spatial.task import SpatialTask
+from cableway.simulation.perturbations.reading import FORMAT_VERSION
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
+from cableway.simulation.spatial_plant import SAME, SpatialConfig
+
+MOST_SHIFT, MOST_TURN = 0.05, 1.0
+"""Largest number of an offset [m] and of its rotation vector [rad]."""
+
+Offset = Annotated[
+    tuple[float, float, float, float, float, float],
+    f"[x, y, z] of at most {MOST_SHIFT} m and a rotation vector of at most {MOST_TURN} rad to a side",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspSection:
+    """The key `grasp`: where the cable's ends are in the gripper frames.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    left: Offset = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    right: Offset = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for side, offset in (("left", self.left), ("right", self.right)):
+            if not (np.abs(offset) <= 3 * [MOST_SHIFT] + 3 * [MOST_TURN]).all():
+                raise InputError(f"grasp.{side} must be {get_args(Offset)[1]}, got {shown(list(offset))}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpatialSections:
+    """The keys of the file, but for `cableway` and `cable`."""
+
+    grasp: GraspSection = field(default_factory=GraspSection)
+    spatial: SpatialConfig = field(default_factory=SpatialConfig)
+
+
+def read_spatial_perturbation(path: Path, task: SpatialTask) -> SpatialPerturbation:
+    """The perturbation of a YAML file; what it leaves out is as in the task.
+
+    Raises:
+        FileFormatError: The file is missing or not YAML.
+        InputError: A section or key is unknown, or a value is not allowed.
+    """
+    document = read_document(path)
+    content = document.data
+    known = ("cableway", "cable", *(each.name for each in fields(SpatialSections)))
+    for key in content:
+        if key not in known:
+            raise InputError(f"{path}: unknown section {shown(key)} for a task in space; known: {', '.join(known)}")
+    if content.pop("cableway", None) != FORMAT_VERSION:
+        raise InputError(f"{path}: cableway must be {FORMAT_VERSION}, the format version")
+    cable = None
+    if "cable" in content:
+        given = content.pop("cable")
+        for fault in faults(SpatialCable, given):
+            raise document.locate(TaskError(fault.problem, ("cable", *fault.place)))
+        try:
+            cable = _cable(task.cable, given)
+        except TaskError as error:
+            raise document.locate(error) from None
+    for fault in faults(SpatialSections, content):
+        raise document.locate(TaskError(fault.problem, fault.place))
+    rest = from_mapping(SpatialSections, content, str(path))
+    offsets = np.array([rest.grasp.left, rest.grasp.right])
+    return SpatialPerturbation(cable=cable, grasps=SE3.plus(np.tile(SAME, (2, 1)), offsets), config=rest.spatial)
+
+
+def _cable(nominal: SpatialCable, given: dict[str, Any]) -> SpatialCable:
+    """The task's cable with what the file changes; of a preset all but length and keypoints.
+
+    Raises:
+        TaskError: A value is out of range, there is no such preset, or its number of keypoints is another one.
+    """
+    if given.get("keypoints", nominal.keypoints) != nominal.keypoints:
+        raise TaskError(f"must be {nominal.keypoints}, as in the task", ("cable", "keypoints"))
+    if (preset := given.get("preset")) is not None:
+        kept = {"length": nominal.length, "keypoints": nominal.keypoints}
+        return SpatialCable.of_preset(preset, **{**kept, **{key: given[key] for key in given if key != "preset"}})
+    values = {each.name: getattr(nominal, each.name) for each in fields(nominal)}
+    return SpatialCable(**{**values, **given, "preset": None})
