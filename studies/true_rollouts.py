@@ -66,7 +66,7 @@ def judged(suite: str, count: int) -> Iterator[tuple[str, str, Verdict]]:
     """Name, plant and verdict of what successful runs recorded."""
     for episode in get_suite(suite).episodes("full")[:count]:
         try:
-            task = episode.load()
+            task = episode.load_planar()
             perturbation = named_perturbation(episode.plant, task, episode.seed)
             run = solve(task, SolveOptions(perturbation=perturbation, seed=episode.seed))
         except CablewayError as error:
