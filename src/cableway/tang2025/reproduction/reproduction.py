@@ -294,9 +294,9 @@ def cost(repeats: int, progress: OnProgress) -> Section:
     by_n = [_slope(COUNTS, [row[k] for row in table]) for k in range(len(STEPS))]
     rows.append(("exponent in n", *(number(slope) for slope in by_n), ""))
     text = (
-        f"Processor time of the deformation's optimisation on multi-obstacle-1, median of {repeats}, with the exponents "
-        "of the power laws that fit best. The paper claims linear growth: exponents of 1. Rough: it depends on the machine "
-        "and on how many iterations Ipopt needs."
+        f"Processor time of the deformation's optimisation on multi-obstacle-1, median of {repeats}, with the "
+        "exponents of the power laws that fit best. The paper claims linear growth: exponents of 1. Rough: it depends "
+        "on the machine and on how many iterations Ipopt needs."
     )
     return Section("Planning cost", text, (Table("cost", tuple(rows)),))
 
