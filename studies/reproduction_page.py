@@ -1,12 +1,12 @@
 """What `cableway reproduce --size full` left, as a page of the documentation with its pictures.
 
-    .venv/bin/python studies/reproduction_page.py [FOLDER] [--pictures | --arms]
+    .venv/bin/python studies/reproduction_page.py [FOLDER] [--note TEXT | --pictures | --arms]
 
 Writes `docs/results/reproduction.md`, its data beside it and `docs/images/reproduction-*.png` from FOLDER
-(runs/reproduce unless given). With `--pictures` the pictures alone, those that need no episodes of a benchmark made
-anew in FOLDER: some ten minutes of one core. With `--arms` nothing is written, but the section "Between
-two arms" printed as far as its episodes are in FOLDER, where `cableway bench paper-cell --size standard --out FOLDER`
-leaves them, too.
+(runs/reproduce unless given); TEXT stands before the first section. With `--pictures` the pictures alone, those that
+need no episodes of a benchmark made anew in FOLDER: some ten minutes of one core. With `--arms` nothing is written, but
+the section "Between two arms" printed as far as its episodes are in FOLDER, where `cableway bench paper-cell --size
+standard --out FOLDER` leaves them, too.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ def main() -> None:
     """Write page, data and pictures."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("folder", type=Path, nargs="?", default=Path("runs/reproduce"))
+    parser.add_argument("--note", default="", metavar="TEXT")
     parser.add_argument("--pictures", action="store_true")
     parser.add_argument("--arms", action="store_true")
     given = parser.parse_args()
@@ -77,6 +78,8 @@ def main() -> None:
     for name in re.findall(r"\]\(([\w.-]+\.png)\)", text):
         save_small(Image.open(given.folder / name), IMAGES / f"reproduction-{name}")
     text = re.sub(r"\]\(([\w.-]+\.png)\)", r"](../images/reproduction-\1)", text)
+    if given.note:
+        text = text.replace("\n\n## ", f"\n\n{given.note}\n\n## ", 1)
     results = ROOT / "docs" / "results"
     write_text(results / "reproduction.md", text)
     write_bytes(results / "reproduction.json", (given.folder / "reproduction.json").read_bytes())

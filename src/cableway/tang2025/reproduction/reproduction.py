@@ -294,8 +294,8 @@ def cost(repeats: int, progress: OnProgress) -> Section:
     by_n = [_slope(COUNTS, [row[k] for row in table]) for k in range(len(STEPS))]
     rows.append(("exponent in n", *(number(slope) for slope in by_n), ""))
     text = (
-        f"Time of the deformation's optimisation on multi-obstacle-1, median of {repeats}, with the exponents of the "
-        "power laws that fit best. The paper claims linear growth: exponents of 1. Rough: it depends on the machine "
+        f"Processor time of the deformation's optimisation on multi-obstacle-1, median of {repeats}, with the exponents "
+        "of the power laws that fit best. The paper claims linear growth: exponents of 1. Rough: it depends on the machine "
         "and on how many iterations Ipopt needs."
     )
     return Section("Planning cost", text, (Table("cost", tuple(rows)),))
@@ -306,9 +306,9 @@ def _optimisation_time(paths: Any, task: Task, steps: int, repeats: int) -> floa
     config = replace(config, steps=steps, upper_bound=config.upper_bound * config.steps / steps)
     seconds = []
     for _ in range(repeats):
-        before = time.perf_counter()
+        before = time.process_time()
         optimize_deformation(paths, task.cable, config)
-        seconds.append(time.perf_counter() - before)
+        seconds.append(time.process_time() - before)
     return float(np.median(seconds))
 
 
