@@ -22,7 +22,7 @@ from cableway.studio.studio import Studio
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
 from cableway.studio.view.meshes import circle, prism, ribbon, ring, tube
-from cableway.studio.view.page import TELL, Page
+from cableway.studio.view.page import LONG, TELL, Page
 from cableway.studio.view.server import Server
 
 LINE = np.array([[0.0, 0], [1, 0], [2, 1]])
@@ -83,6 +83,30 @@ def test_in_a_drag_the_numbers_are_told_now_and_then(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr("time.monotonic", lambda now=now: now)
         page._show_task(held, held)
     assert told == [9.0, 9.0 + 1.1 * TELL, 9.3, 9.3]
+
+
+@pytest.mark.parametrize(
+    ("moment", "status", "passed", "delay"),
+    [
+        ("shown", "planning", 0.0, LONG),
+        ("shown", "planning", 0.75 * LONG, 0.25 * LONG),
+        ("shown", "planning", 2 * LONG, 0.0),
+        ("shown", "found", 0.0, 0.0),
+        ("undone", "planning", 0.0, 0.0),
+    ],
+)
+def test_that_it_plans_is_said_once_it_takes_long(
+    monkeypatch: pytest.MonkeyPatch, moment: Any, status: str, passed: float, delay: float
+):
+    """What hands changed and what was found is shown at once."""
+    page, delays = Page.__new__(Page), []
+    session: Any = SimpleNamespace(moment=moment, planning=SimpleNamespace(status=status), running=None)
+    shown: Any = "shown"
+    page._session, page._moment, page._released = session, shown, 50.0
+    page._do = lambda do, key="", delay=0.0: delays.append(delay)
+    monkeypatch.setattr("time.monotonic", lambda: 50.0 + passed)
+    page._changed()
+    assert delays == pytest.approx([delay])
 
 
 def test_every_page_gets_a_key_of_its_own(server: Server):

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Any
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 from markupsafe import Markup
 
+from cableway.core.errors import InputError
 from cableway.core.templates import render
 from cableway.figures import palette
 from cableway.geometry import polyline
 from cableway.records import Plan, Rollout
 from cableway.scene.clearance import PIECES
 from cableway.scene.task import CONTROL_STEP, Task
+
+if TYPE_CHECKING:
+    from cableway.studio.running import Running
 
 TEMPLATE = "film.html.jinja"
 
@@ -53,6 +59,23 @@ def film_page(task: Task, record: Plan | Rollout, sentence: str = "") -> str:
         TEMPLATE, "cableway.studio", title=task.name, sentence=sentence, last=len(film["times"]) - 1,
         reference="reference" in film, colors=COLORS, palette=Markup(_script(COLORS)), data=Markup(_script(film)),
     )  # fmt: skip
+
+
+def film_video(running: Running) -> bytes:
+    """A video (MP4) of a run.
+
+    Raises:
+        InputError: Nothing of it is recorded yet.
+    """
+    from cableway.figures.video import write_video  # here, since Matplotlib takes half a second
+
+    if running.rollout is None:
+        raise InputError("the run is not over yet: a video is made of what is recorded")
+    insertion = None if running.run is None else running.run.insertion
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "rollout.mp4"
+        write_video(path, running.task, running.rollout, insertion, plan=running.plan)
+        return path.read_bytes()
 
 
 def _of_plan(task: Task, plan: Plan) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from cableway.scene.obstacles import Obstacle
 from cableway.scene.task import CONTROL_STEP, Draft, End
 from cableway.studio import obstacles as hands
 from cableway.studio.curves import Curves, curves_of
-from cableway.studio.film import film_page
+from cableway.studio.film import film_page, film_video
 from cableway.studio.inbox import Inbox
 from cableway.studio.inspection import Inspection
 from cableway.studio.session import Moment, Session
@@ -35,6 +34,9 @@ TILT = 0.2
 
 TELL = 0.25
 """Time [s] between two changes of the numbers in the panel while something is dragged."""
+
+LONG = 0.4
+"""Time [s] of planning after something was let go from which on the page says that it plans, and at what it is."""
 
 FOV = 0.35
 """Angle of view [rad]: far away and narrow, so that what is high hides little."""
@@ -58,7 +60,8 @@ class Page:
         self._held: Moment | None = None
         self._grabs = 0
         self._offset = np.zeros(2)
-        self._told = 0.0
+        self._told = self._released = 0.0
+        self._moment: Moment | None = None
         self._pushed: tuple[int, Obstacle] | None = None
         self._run_row: int | None = None
         self._plan: Plan | None = None
@@ -69,7 +72,7 @@ class Page:
         self._aspect = 0.0
         self._build()
         client.camera.on_update(lambda _: self._do(self._fit, key="fit"))
-        self._end = session.listen(lambda: self._do(self._show, key="show"))
+        self._end = session.listen(self._changed)
         self._do(self._show, key="show")
 
     def close(self) -> None:
@@ -130,10 +133,18 @@ class Page:
         if self._held is None and abs(self._client.camera.aspect - self._aspect) > 0.01:
             self._look()
 
+    def _changed(self) -> None:
+        """Show what the session came to; that it plans for what is shown already only where that takes long, since a
+        page without graphics hardware would draw all the while, on the processor that plans."""
+        session = self._session
+        same = session.moment is self._moment and session.planning.status == "planning"
+        waits = self._released + LONG - time.monotonic() if same and session.running is None else 0.0
+        self._do(self._show, key="show", delay=max(waits, 0.0))
+
     def _show(self) -> None:
         session = self._session
         moment, inspection, planning = session.moment, session.inspection, session.planning
-        draft = moment.draft
+        self._moment, draft = moment, moment.draft
         if self._selected is not None and self._selected >= len(draft.scene.obstacles):
             self._selected = None
         chosen = min(self._chosen, max(len(planning.plans) - 1, 0))
@@ -256,19 +267,9 @@ class Page:
         running = self._session.running
         if running is None or running.rollout is None:
             return
-        rollout, insertion = running.rollout, None if running.run is None else running.run.insertion
         film, waits = Inbox(self._complain), self._client.add_notification("A video is made", "", loading=True)
-
-        def make() -> None:
-            from cableway.figures.video import write_video
-
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / "rollout.mp4"
-                write_video(path, running.task, rollout, insertion, plan=running.plan)
-                name = f"{running.task.name}.mp4"
-                self._client.send_file_download(name, path.read_bytes(), save_immediately=True)
-
-        film.post(make)
+        name = f"{running.task.name}.mp4"
+        film.post(lambda: self._client.send_file_download(name, film_video(running), save_immediately=True))
         film.post(waits.remove)
         film.post(film.close)
 
@@ -373,6 +374,7 @@ class Page:
             return
         held, self._held = self._held, None
         if held is not None:
+            self._released = time.monotonic()
             self._session.release(held)
 
     # ------------------------------------------------------------------------------------------ files
