@@ -181,6 +181,23 @@ def test_links_lead_somewhere(document: Path, link: str):
     assert (document.parent / link).exists()
 
 
+@cache
+def headings(document: Path) -> set[str]:
+    """What links to the headings of a document end with, as on GitHub."""
+    text = re.sub(r"^```.*?^```", "", document.read_text(), flags=re.MULTILINE | re.DOTALL)
+    plain = (
+        re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", line).lower() for line in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    )
+    return {re.sub(r"[^\w\- ]", "", line).replace(" ", "-") for line in plain}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_links_to_headings_lead_to_one(document: Path):
+    """Sphinx does not look at them."""
+    for place, heading in re.findall(r"\]\((?!http)([^)\s#]*)#([^)\s]+)\)", document.read_text()):
+        assert heading in headings((document.parent / place).resolve() if place else document), f"{place}#{heading}"
+
+
 def test_pictures_are_shown_and_small_and_none_is_missing():
     shown = {(document.parent / link).resolve() for document, link in links() if link.endswith((".png", ".gif"))}
     made = {*pictures.PICTURES, *(f"simulator-{name}" for name in accuracy.pictures.PICTURES)}
