@@ -46,7 +46,7 @@ def test_a_plan_is_judged_followed_and_measured(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_planning_ends_with_its_limit_as_a_failure_with_a_reason_and_a_picture(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(spatial_episode, "PLANNING_LIMIT", 0.0)
+    monkeypatch.setattr(spatial_episode, "TIME_LIMIT", 0.0)
     result, picture = result_of(ball_task(), monkeypatch)
     assert (result.outcome, result.planned, result.success) == (Outcome.TIMED_OUT, False, False)
     assert "the time limit ran out" in result.detail

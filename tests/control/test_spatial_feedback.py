@@ -14,8 +14,9 @@ from cableway.core.errors import InputError, SimulationError, UnknownNameError
 from cableway.geometry.groups import SE3
 from cableway.records import Measurement, Observation, Plan
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
-from cableway.simulation.spatial_plant import SAME
+from cableway.simulation.spatial_plant import SAME, SpatialConfig
 from cableway.tracking.spatial_loop import track_in_space
+from cableway.verification.record import verify_record
 from cableway.workflow.spatial_run import follow_in_space
 
 TASK = replace(ball_task(), scene=replace(ball_task().scene, obstacles=()))
@@ -41,6 +42,22 @@ def test_a_perturbed_cable_comes_nearer_to_the_goal_with_feedback():
     assert verdict is not None
     assert verdict.passed
     assert outcome == "success"
+
+
+def test_the_tasks_cable_held_askew_begins_in_another_shape_and_is_judged_so():
+    nothing = SpatialPerturbation(config=SpatialConfig(links=21))
+    askew = SE3.plus(np.tile(SAME, (2, 1)), np.array([[0, 0.006, 0, 0, 0.1, 0.1], [0.006, 0, 0.004, 0, 0, 0.1]]))
+    held = replace(nothing, grasps=askew)
+    assert (nothing.another_start, held.another_start) == (False, True)
+    rollout, verdict, outcome, _ = follow_in_space(TASK, straight(), perturbation=held)
+    assert rollout is not None
+    assert np.linalg.norm(rollout.keypoints[0] - TASK.keypoints("start")) > 0.02, "it would not pass for the task's"
+    assert verdict is not None
+    assert verdict.passed
+    assert outcome == "success"
+    assert rollout.metadata["configuration"]["plant"]["grasps"] == held.grasps.tolist()
+    (begin,) = (check for check in verify_record(rollout, TASK).checks if check.name == "distance to start")
+    assert begin.passed
 
 
 def test_a_drawn_cable_differs_as_said_and_the_same_seed_draws_it_again():

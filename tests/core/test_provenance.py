@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cableway.core import provenance
-from cableway.core.provenance import WITH_CHANGES, commit_of, describe, versions
+from cableway.core.provenance import WITH_CHANGES, commit_of, describe, required_versions, versions
 from cableway.planning.config import PlannerConfig
 
 
@@ -48,6 +48,7 @@ def test_versions_have_the_packages_of_extras_that_are_there(monkeypatch: pytest
     found = versions()
     assert found["beartype"] == metadata.version("beartype")
     assert "no-such-package" not in found
+    assert "beartype" not in required_versions()
 
 
 def test_a_nested_configuration_becomes_plain_json():

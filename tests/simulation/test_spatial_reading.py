@@ -42,9 +42,11 @@ def test_a_file_changes_cable_grasps_and_plant(tmp_path: Path):
     assert found.config.keypoint_noise == 0.001
 
 
-def test_a_preset_keeps_the_tasks_length(tmp_path: Path):
+def test_a_preset_keeps_the_tasks_length_and_radius(tmp_path: Path):
     cable = read(tmp_path, "cable: {preset: ethernet}").cable
-    assert cable == SpatialCable.of_preset("ethernet", length=TASK.cable.length, keypoints=TASK.cable.keypoints)
+    assert cable == SpatialCable.of_preset(
+        "ethernet", length=TASK.cable.length, keypoints=TASK.cable.keypoints, radius=TASK.cable.radius
+    )
 
 
 @pytest.mark.parametrize(
@@ -55,8 +57,9 @@ def test_a_preset_keeps_the_tasks_length(tmp_path: Path):
         ("cable: {length: -1}", "2: cable.length must be positive, got -1.0"),
         ("cable: {preset: rope}", "cable.preset must be one of cotton, "),
         ("cable: {keypoints: 99}", f"cable.keypoints must be {TASK.cable.keypoints}, as in the task"),
-        ("grasp: {left: [0, 0, 0]}", "2: grasp.left must be [x, y, z] of at most 0.05 m"),
-        ("grasp: {left: [0.06, 0, 0, 0, 0, 0]}", "grasp.left must be [x, y, z] of at most 0.05 m"),
+        ("cable: {radius: 0.01}", f"cable.radius must be {TASK.cable.radius}, as in the task"),
+        ("grasp: {left: [0, 0, 0]}", "2: grasp.left must be [x, y, z] of at most 0.01 m"),
+        ("grasp: {left: [0.008, 0.008, 0, 0, 0, 0]}", "grasp.left must be [x, y, z] of at most 0.01 m"),
         ("spatial: {links: 3}", "spatial.links must be from 10 to 200, got 3"),
     ],
 )

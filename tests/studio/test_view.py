@@ -49,7 +49,7 @@ def status(server: Server, path: str, **headers: str) -> tuple[int, dict[str, st
     return found
 
 
-def test_a_browser_is_answered_before_there_is_a_session():
+def test_a_browser_is_answered_before_there_is_a_session(monkeypatch: pytest.MonkeyPatch):
     """Which then has time to load the page while what plans is imported; of a task that is none nobody is told."""
     told: list[int] = []
 
@@ -57,7 +57,7 @@ def test_a_browser_is_answered_before_there_is_a_session():
         connection = http.client.HTTPConnection(address.removeprefix("http://"), timeout=10)
         connection.request("GET", "/s/abcdefghij")
         told.append(connection.getresponse().status)
-        assert not made
+        assert made == []
 
     class Made(Studio):
         def _session(self, key: str) -> Any:
@@ -65,12 +65,13 @@ def test_a_browser_is_answered_before_there_is_a_session():
 
     made: list[Any] = []
     session: Any = SimpleNamespace(close=lambda: made.append("closed"))
+    monkeypatch.setattr("cableway.studio.session.Session", lambda *_: made.append("begun") or session)
     with pytest.raises(InputError, match="unknown task"):
-        Made("nowhere", session=session, announce=announce)
+        Made("nowhere", announce=announce)
     assert told == []
-    Made("single-obstacle-1", session=session, announce=announce).stop()
+    Made("single-obstacle-1", announce=announce).stop()
     assert told == [200]
-    assert made == ["closed"]
+    assert made == ["begun", "closed"]
 
 
 def test_in_a_drag_the_numbers_are_told_now_and_then(monkeypatch: pytest.MonkeyPatch):

@@ -57,7 +57,7 @@ def test_ends_grippers_and_limits_are_judged():
     begun[0] += [0.0, 0.01, 0.0]
     assert failed(replace(over, keypoints=begun)) == ["distance to start"]
     begun[0, [0, -1]] -= [0.0, 0.01, 0.0]
-    assert failed(replace(over, keypoints=begun), same_cable=False) == []
+    assert failed(replace(over, keypoints=begun), same_start=False) == []
     poses = over.poses.copy()
     poses[30:, 0, 0] += 0.02
     assert failed(replace(over, poses=poses)) == ["gripper step"]

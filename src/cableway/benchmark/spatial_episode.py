@@ -16,10 +16,8 @@ from cableway.records import Attempt, Plan, Rollout, Verdict
 from cableway.report import rollout_figures
 from cableway.scene.spatial.task import SpatialTask
 from cableway.tasks.space.generation import random_spatial_task
+from cableway.workflow.run import TIME_LIMIT
 from cableway.workflow.spatial_run import CONTROLLERS, follow_in_space
-
-PLANNING_LIMIT = 30.0
-"""Processor time [s] after which planning is given up."""
 
 METHODS = {"cableway": next(iter(CONTROLLERS)), **{name: name for name in CONTROLLERS}}
 """Controller in space of each method; all have the same planner."""
@@ -71,7 +69,7 @@ def run_in_space(task: SpatialTask, method: str, seed: int) -> SpatialRun:
     """
     begun = time.process_time()
     try:
-        plan = plan_in_space(task, seed=seed, expired=lambda: time.process_time() - begun > PLANNING_LIMIT)
+        plan = plan_in_space(task, seed=seed, expired=lambda: time.process_time() - begun > TIME_LIMIT)
     except PlanningError as error:
         figures = {"outcome": Outcome(error.outcome), "detail": str(error), "planned": False}
         attempt, reason = error.attempt or Attempt(""), str(error)

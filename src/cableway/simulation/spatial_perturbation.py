@@ -38,6 +38,11 @@ class SpatialPerturbation:
     grasps: Float[np.ndarray, "2 7"] = field(default_factory=lambda: np.tile(SAME, (2, 1)))
     config: SpatialConfig = field(default_factory=SpatialConfig)
 
+    @property
+    def another_start(self) -> bool:
+        """Whether the cable begins in another shape than the task's: it is another one, or is held otherwise."""
+        return self.cable is not None or not np.array_equal(self.grasps, np.tile(SAME, (2, 1)))
+
     @classmethod
     def drawn(cls, task: SpatialTask, seed: int) -> Self:
         """A cable up to 2% longer or shorter and 30% stiffer or less stiff, held up to 3 mm and 5 degrees askew, seen

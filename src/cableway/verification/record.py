@@ -41,7 +41,7 @@ def verify_record(
             return verify_plan(record, task)
         from cableway.verification.spatial_rollout import verify_spatial_rollout  # which most tasks do without
 
-        return verify_spatial_rollout(record, task, same_cable=not record.metadata.get("another_cable", False))
+        return verify_spatial_rollout(record, task, same_start=not record.metadata.get("another_start", False))
     if isinstance(record, Plan):
         return (verify_insertion_plan if inserts else verify_plan)(record, task, limits)
     return (verify_insertion if inserts else verify_rollout)(record, task, length=plant_length(record, task))

@@ -14,14 +14,14 @@ from cableway.verification.spatial_distance import ToScene
 from cableway.verification.spatial_plan import gripper_motion, swept_clearance
 
 
-def verify_spatial_rollout(rollout: Rollout, task: SpatialTask, *, same_cable: bool = True) -> Verdict:
+def verify_spatial_rollout(rollout: Rollout, task: SpatialTask, *, same_start: bool = True) -> Verdict:
     """Judge a rollout afresh.
 
     Args:
         rollout: The rollout.
         task: The task it was for.
-        same_cable: Whether the plant's cable is the task's; another one has another shape between the same grippers, so
-            only its ends are then compared with the start.
+        same_start: Whether the plant's cable begins in the task's shape; one that is another, or is held otherwise, has
+            another shape between the same grippers, so only its ends are then compared with the start.
 
     Raises:
         InputError: The rollout is one of the plane, or has another number of keypoints than the task.
@@ -32,7 +32,7 @@ def verify_spatial_rollout(rollout: Rollout, task: SpatialTask, *, same_cable: b
         raise InputError(f"the task {task.name!r} is in space, the rollout is not")
     if rollout.keypoints.shape[1] != n:
         raise InputError(f"the rollout has {rollout.keypoints.shape[1]} keypoints, the task {n}")
-    compared = slice(None) if same_cable else [0, -1]
+    compared = slice(None) if same_start else [0, -1]
     begin = float(np.linalg.norm((rollout.keypoints[0] - task.keypoints("start"))[compared]))
     error, most, most_begin = rollout.shape_error(task.keypoints("goal")), *limits_of(n)
     cable, balls = (ToScene(task.scene, radius) for radius in (task.cable.radius, task.grippers.radius))

@@ -55,9 +55,9 @@ def follow_in_space(
     made_by = {
         "seed": seed,
         "controller": controller,
-        "another_cable": perturbation.cable is not None,
+        "another_start": perturbation.another_start,
         "configuration": describe({"controller": config, "plant": perturbation}),
     }
     rollout = replace(rollout, metadata={**rollout.metadata, **made_by})
-    verdict = verify_spatial_rollout(rollout, task, same_cable=perturbation.cable is None)
+    verdict = verify_spatial_rollout(rollout, task, same_start=not perturbation.another_start)
     return rollout, verdict, *judge_in_space(task, rollout, verdict)

@@ -19,12 +19,15 @@ from cableway.simulation.perturbations.reading import FORMAT_VERSION
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.simulation.spatial_plant import SAME, SpatialConfig
 
-MOST_SHIFT, MOST_TURN = 0.05, 1.0
-"""Largest number of an offset [m] and of its rotation vector [rad]."""
+MOST_SHIFT, MOST_TURN = 0.01, 1.0
+"""Largest shift [m] and turn [rad] of a grasp; farther off, the ends are not at the task's start."""
+
+FIXED = ("keypoints", "radius")
+"""Of the cable, as in the task: what is seen and judged is told by them."""
 
 Offset = Annotated[
     tuple[float, float, float, float, float, float],
-    f"[x, y, z] of at most {MOST_SHIFT} m and a rotation vector of at most {MOST_TURN} rad to a side",
+    f"[x, y, z] of at most {MOST_SHIFT} m and a rotation vector of at most {MOST_TURN} rad",
 ]
 
 
@@ -41,7 +44,7 @@ class GraspSection:
 
     def __post_init__(self) -> None:
         for side, offset in (("left", self.left), ("right", self.right)):
-            if not (np.abs(offset) <= 3 * [MOST_SHIFT] + 3 * [MOST_TURN]).all():
+            if not (np.linalg.norm(offset[:3]) <= MOST_SHIFT and np.linalg.norm(offset[3:]) <= MOST_TURN):
                 raise InputError(f"grasp.{side} must be {get_args(Offset)[1]}, got {shown(list(offset))}")
 
 
@@ -85,15 +88,16 @@ def read_spatial_perturbation(path: Path, task: SpatialTask) -> SpatialPerturbat
 
 
 def _cable(nominal: SpatialCable, given: dict[str, Any]) -> SpatialCable:
-    """The task's cable with what the file changes; of a preset all but length and keypoints.
+    """The task's cable with what the file changes; of a preset all but the length and what is `FIXED`.
 
     Raises:
-        TaskError: A value is out of range, there is no such preset, or its number of keypoints is another one.
+        TaskError: A value is out of range or `FIXED`, or there is no such preset.
     """
-    if given.get("keypoints", nominal.keypoints) != nominal.keypoints:
-        raise TaskError(f"must be {nominal.keypoints}, as in the task", ("cable", "keypoints"))
+    for name in FIXED:
+        if given.get(name, value := getattr(nominal, name)) != value:
+            raise TaskError(f"must be {value}, as in the task", ("cable", name))
     if (preset := given.get("preset")) is not None:
-        kept = {"length": nominal.length, "keypoints": nominal.keypoints}
+        kept = {name: getattr(nominal, name) for name in ("length", *FIXED)}
         return SpatialCable.of_preset(preset, **{**kept, **{key: given[key] for key in given if key != "preset"}})
     values = {each.name: getattr(nominal, each.name) for each in fields(nominal)}
     return SpatialCable(**{**values, **given, "preset": None})
