@@ -4,7 +4,8 @@
 
 Start and goal are what an own chain of straight links settles to between random ends (SLSQP on its bending energy), if
 its Hessian says that it stays there; obstacles are random convex hulls and discs that keep 2 mm from both. Nothing asks
-whether a way exists. Each task's outcome is a line of the file at once; the same command goes on after an interrupt.
+whether a way exists. Each task's outcome is a line of the file at once; the same command goes on after an
+interrupt. Times are of the processor. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from scipy.linalg import null_space
 from scipy.optimize import minimize
 
 import cableway as cw
+from cableway.benchmark.tables import Table
 from cableway.core.errors import CablewayError
 
 LINKS = 80
@@ -32,7 +34,7 @@ FIELDS = ("seed", "length", "keypoints", "obstacles", "clearance", "start_margin
 
 
 def main() -> None:
-    """Plan, write a line a task, print a summary."""
+    """Plan, write a line a task, print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0:500")
     parser.add_argument("--out", type=Path, default=Path("runs/foreign_tasks.csv"))
@@ -59,7 +61,7 @@ def planned(seed: int) -> dict[str, object]:
         "obstacles": len(values["scene"].obstacles), "clearance": round(values.pop("clearance"), 4),
         "start_margin": round(margins[0], 1), "goal_margin": round(margins[1], 1), "detail": "",
     }  # fmt: skip
-    begun = time.perf_counter()
+    begun = time.process_time()
     try:
         task = cw.Task(name=f"foreign-{seed}", **values)
     except CablewayError as error:
@@ -69,18 +71,22 @@ def planned(seed: int) -> dict[str, object]:
         line["outcome"] = "solved"
     except CablewayError as error:
         line |= {"outcome": "no plan", "detail": str(error)}
-    return line | {"seconds": round(time.perf_counter() - begun, 2)}
+    return line | {"seconds": round(time.process_time() - begun, 2)}
 
 
 def summarize(rows: list[dict[str, str]]) -> None:
-    """Print how many were solved, and each that was not."""
-    solved = [float(row["seconds"]) for row in rows if row["outcome"] == "solved"]
-    print(f"{len(solved)} of {len(rows)} solved ({100 * len(solved) / len(rows):.1f}%)")
-    print(f"planning time of these [s], median / p95 / worst: {np.median(solved):.2f} / "
-          f"{np.quantile(solved, 0.95):.2f} / {max(solved):.2f}")  # fmt: skip
+    """Print each task that was not solved, and the table."""
     for row in rows:
         if row["outcome"] != "solved":
             print(f"{row['seed']}: {row['outcome']}: {row['detail']}")
+    solved = [row for row in rows if row["outcome"] == "solved"]
+    times = np.array([float(row["seconds"]) for row in rows if row["seconds"]])
+    thin = sum(min(float(row["start_margin"]), float(row["goal_margin"])) < 20 for row in rows)
+    narrow = sum(float(row["clearance"]) < 0.005 for row in rows)
+    titles = ("tasks", "solved", "median [s]", "p95 [s]", "worst [s]", "an end's margin below 20", "below 5 mm of room")
+    figures = (f"{value:.2f}" for value in (np.median(times), np.quantile(times, 0.95), times.max()))
+    line = (f"{len(rows)}", f"{len(solved)}", *figures, f"{thin}", f"{narrow}")
+    print("\n" + Table("", (titles, line)).markdown())
 
 
 def drawn(rng: np.random.Generator) -> tuple[dict, tuple[float, float]]:

@@ -1,13 +1,13 @@
 """Plans and runs with grippers that have bodies: random tasks with a witness, and the catalogue with lower posts.
 
-    .venv/bin/python studies/gripper_bodies.py posts 100 200 --out runs/gripper-bodies     # seeds 100 to 199
-    .venv/bin/python studies/gripper_bodies.py cell 100 200 --run                          # the same between two arms
+    .venv/bin/python studies/gripper_bodies.py posts:100:200 --run                         # seeds 100 to 199
+    .venv/bin/python studies/gripper_bodies.py cell:100:200 cell-dense:9000:9060           # the same between two arms
     .venv/bin/python studies/gripper_bodies.py catalogue --height 0.05 --body 2f-85
     .venv/bin/python studies/gripper_bodies.py catalogue --cell dual-ur5e                  # ends moved if they must be
 
 Each task is planned, verified and, with `--run`, led on its nominal cable. Beside it stands the clearance that the plan
 for discs alone would leave to the bodies. Results are appended to `NAME.jsonl` in the
-folder as they come, and tasks that are there are not done again.
+folder as they come, and tasks that are there are not done again. Times are of the processor. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 import cableway as cw
+from cableway.benchmark.tables import Table
 from cableway.core.errors import CablewayError
 from cableway.core.provenance import versions
 from cableway.geometry import polyline
@@ -86,11 +87,37 @@ def judged(task: cw.Task, run: bool) -> dict[str, Any]:
     return found
 
 
+TITLES = ("tasks", "drawn", "possible", "planned", "verified", "median [s]", "p95 [s]", "worst [s]",
+          "approach", "retreat", "discs' plans that touch", "led to the goal", "error [mm], median, worst")  # fmt: skip
+
+
+def line(named: str, results: list[dict[str, Any]], run: bool) -> tuple[str, ...]:
+    """The table's row of some tasks."""
+    possible = [each for each in results if each.get("possible", True)]
+    planned = [each for each in possible if each["planned"]]
+    times = np.array([each["time"] for each in possible])
+    blind = [each["pieces_clearance_of_discs"] for each in planned if "pieces_clearance_of_discs" in each]
+    led, error = "-", "-"
+    if run:
+        led = f"{sum(each.get('outcome') == 'success' for each in planned)}"
+        errors = [1000 * value for each in planned if (value := each.get("shape_error")) is not None]
+        error = f"{np.median(errors):.1f}, {max(errors):.1f}" if errors else "-"
+    return (
+        named,
+        *(f"{count}" for count in (len(results), len(possible), len(planned))),
+        f"{sum(each['verified'] for each in planned)}",
+        *(f"{value:.2f}" for value in (np.median(times), np.quantile(times, 0.95), times.max())),
+        *(f"{sum(each[name] for each in planned)}" for name in ("approach", "retreat")),
+        f"{sum(each <= 0 for each in blind)} of {len(blind)}",
+        led,
+        error,
+    )
+
+
 def main() -> None:
-    """Go through the tasks and sum up."""
+    """Go through the tasks and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("kind", help="catalogue, or a kind of random tasks")
-    parser.add_argument("seeds", type=int, nargs="*", default=(0, 10))
+    parser.add_argument("kinds", nargs="+", help="catalogue, or kinds of random tasks as KIND:FIRST:END")
     parser.add_argument("--body", default="2f-85")
     parser.add_argument("--height", type=float, default=0.05)
     parser.add_argument("--cell", help="of the catalogue, in place of body and height")
@@ -98,38 +125,31 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/gripper-bodies"))
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    setting = Path(given.cell).stem if given.cell else f"{given.body}-{given.height:g}"
-    named = f"catalogue-{setting}" if given.kind == "catalogue" else given.kind
-    path = given.out / f"{named}.jsonl"
+    cw.plan(cw.random_task(0, "cell"), seed=0)  # compiles
+    rows = [TITLES]
+    for kind in given.kinds:
+        if kind == "catalogue":
+            named = f"catalogue-{Path(given.cell).stem if given.cell else f'{given.body}-{given.height:g}'}"
+            tasks = catalogue_in_cell(given.cell) if given.cell else catalogue(given.body, given.height)
+        else:
+            named, first, end = kind.split(":")
+            tasks = ((f"{named}-{seed}", cw.random_task(seed, named)) for seed in range(int(first), int(end)))
+        rows.append(line(named, list(results(tasks, given.out / f"{named}.jsonl", given.run)), given.run))
+    print("\n" + Table("", tuple(rows)).markdown())
+
+
+def results(tasks: Iterator[tuple[str, cw.Task | str]], path: Path, run: bool) -> Iterator[dict[str, Any]]:
+    """What became of the tasks, from the file or now."""
     lines = path.read_text().splitlines() if path.exists() else []
     done = {result["task"]: result for result in map(json.loads, lines)}
-    tasks: Iterator[tuple[str, cw.Task | str]] = (
-        (catalogue_in_cell(given.cell) if given.cell else catalogue(given.body, given.height))
-        if given.kind == "catalogue"
-        else ((f"{given.kind}-{seed}", cw.random_task(seed, given.kind)) for seed in range(*given.seeds))
-    )
-    cw.plan(cw.random_task(0, "cell"), seed=0)  # compiles
     for name, task in tasks:
         if name not in done:
-            result = {"possible": False, "why": task} if isinstance(task, str) else judged(task, given.run)
+            result = {"possible": False, "why": task} if isinstance(task, str) else judged(task, run)
             done[name] = {"task": name, **result, "versions": versions()}
             with path.open("a") as file:
                 file.write(json.dumps(done[name]) + "\n")
         print(json.dumps({key: value for key, value in done[name].items() if key != "versions"}), flush=True)
-    results = list(done.values())
-    possible = [each for each in results if each.get("possible", True)]
-    planned = [each for each in possible if each["planned"]]
-    times = np.array([each["time"] for each in possible])
-    print(f"{len(results)} tasks, {len(possible)} possible, {len(planned)} planned and", end=" ")
-    print(f"{sum(each['verified'] for each in planned)} verified; processor time [s], median / 95% / worst:", end=" ")
-    print(" / ".join(f"{value:.2f}" for value in (np.median(times), np.quantile(times, 0.95), times.max())))
-    if given.kind == "cell":
-        both = sum(each["approach"] and each["retreat"] for each in planned)
-        print(f"{both} with approach and retreat, {sum(each['approach'] for each in planned)} with an approach")
-    blind = [each["pieces_clearance_of_discs"] for each in planned if "pieces_clearance_of_discs" in each]
-    print(f"of {len(blind)} plans for discs alone, bodies touch something in {sum(each <= 0 for each in blind)}")
-    if given.run:
-        print(f"{sum(each.get('outcome') == 'success' for each in planned)} led to their goal")
+        yield done[name]
 
 
 if __name__ == "__main__":

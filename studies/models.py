@@ -4,6 +4,7 @@
     .venv/bin/python studies/models.py train --seeds 1   # one stage; what is already there is kept
     .venv/bin/python studies/models.py plateau           # networks trained longer; hours of one core
     .venv/bin/python studies/models.py ship              # weights; half an hour of one core
+    .venv/bin/python studies/models.py shipped           # error of the shipped weights
     .venv/bin/python studies/models.py speed             # one core: taskset -c 0
     .venv/bin/python studies/models.py yu2d --yu2d runs/yu2d  # cables of Yu et al., made by studies/convert_yu2d.py
 
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -185,6 +186,7 @@ class Pace:
 
 def evaluate_models(folder: Path, seeds: int) -> None:
     """Error against horizon of every model on every test set: tables, pictures, JSON."""
+    found: dict[str, dict[str, Curve]] = {}
     for name in TEST_SETS:
         data = load_transitions(folder / "sets" / name)
         models = {
@@ -197,7 +199,19 @@ def evaluate_models(folder: Path, seeds: int) -> None:
         means = {model: curve.mean for model, curve in curves.items()}
         bands = {model: curve.seeds for model, curve in curves.items() if curve.trainings > 1}
         save_figure(horizon_figure(tuple(range(1, LONGEST + 1)), means, bands), folder / f"{name}.png")
-        print_curves(name, curves)
+        found[name] = curves
+    print_curves("nominal", found["nominal"])
+    print_sets(found, [*ON_PLANTS, *baselines()])
+
+
+def print_sets(found: Mapping[str, Mapping[str, Curve]], models: Sequence[str], horizon: int = 20) -> None:
+    """A table in Markdown: median / mean over the windows of each set."""
+    print(f"\nstacked error after {horizon} steps [mm], median / mean\n")
+    print("| set | " + " | ".join(models) + " |")
+    print("|" + "---|" * (len(models) + 1))
+    for name, curves in found.items():
+        errors = [curves[model].at(horizon) for model in models]
+        print(f"| {name} | " + " | ".join(f"{at['median']:.2f} / {at['mean']:.2f}" for at in errors) + " |", flush=True)
 
 
 def print_curves(title: str, curves: Mapping[str, Curve], horizons: tuple[int, ...] = SHOWN) -> None:
@@ -282,6 +296,12 @@ def compare_yu2d(folder: Path, sets: Path, seeds: int) -> None:
         print_curves(f"yu2d, trained without {left_out} m, evaluated on it", curves, (1, 5, 10, 20))
 
 
+def evaluate_shipped(folder: Path) -> None:
+    """Error against horizon of every shipped model on the nominal test set."""
+    data = load_transitions(folder / "sets" / "nominal")
+    print_curves("shipped", compare({name: [load_model(name)] for name in model_names()}, data))
+
+
 def ship_models(folder: Path) -> None:
     """Our shipped weights and their cards, each from its configuration in `cableway.tang2025.models.recipe.CONFIGS`."""
     for config in sorted(set(CONFIGS.glob("*.yaml")) - set(CONFIGS.glob("tang2025-*.yaml"))):
@@ -323,7 +343,9 @@ STAGES = ("collect", "train", "evaluate", "adapt")
 def main() -> None:
     """Run the chosen stages."""
     parser = argparse.ArgumentParser(description="Compare the deformation models.")
-    parser.add_argument("stage", nargs="?", choices=("all", *STAGES, "plateau", "ship", "yu2d", "speed"), default="all")
+    parser.add_argument(
+        "stage", nargs="?", choices=("all", *STAGES, "plateau", "ship", "shipped", "yu2d", "speed"), default="all"
+    )
     parser.add_argument("--out", type=Path, default=Path("runs/comparison"))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--yu2d", type=Path, default=Path("runs/yu2d"))
@@ -335,6 +357,7 @@ def main() -> None:
         "evaluate": lambda: evaluate_models(options.out, options.seeds),
         "adapt": lambda: adapt_models(options.out),
         "ship": lambda: ship_models(options.out),
+        "shipped": lambda: evaluate_shipped(options.out),
         "plateau": lambda: train_longer(options.out),
         "speed": time_models,
         "yu2d": lambda: compare_yu2d(options.out, options.yu2d, options.seeds),

@@ -7,7 +7,7 @@
 pivot: time of the pivot path, and its cost over that of fast marching on a grid of 1 mm. alternatives: how many of
 three plans that go round the obstacles in different ways are found, where three pivot paths wide enough for the cable
 do so. open-loop: the gripper steps of a plan sent to the MuJoCo plant, which nobody corrects: the largest deviation of
-a keypoint and the least clearance, swept. Each task prints a line, each question a summary.
+a keypoint and the least clearance, swept. Each task prints a line, each question a table in Markdown.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cableway.benchmark.tables import Table
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.planning.config import PivotConfig, PlannerConfig
 from cableway.planning.planner import plan
@@ -117,13 +118,12 @@ def main() -> None:
     question, seeds = QUESTIONS[options.question], range(*map(int, options.seeds.split(":")))
     question(random_task(0, "clutter"))  # so that no task pays for loading kernels
     answers = list(rows(question, options.kinds, seeds))
-    print(f"{len(answers)} tasks")
+    lines = [("question", "tasks", "least", "p5", "median", "p95", "most")]
     for name in answers[0]:
         values = np.array([row[name] for row in answers])
-        counts = ", ".join(f"{sum(values == value)} with {value}" for value in np.unique(values))
-        spread = np.quantile(values, [0, 0.05, 0.5, 0.95, 1])
-        line = "least {:.3f}, p5 {:.3f}, median {:.3f}, p95 {:.3f}, most {:.3f}".format(*spread)
-        print(f"{name}: {counts if name == 'different' else line}")
+        spread = (f"{value:.3f}" for value in np.quantile(values, [0, 0.05, 0.5, 0.95, 1]))
+        lines.append((name, f"{len(answers)}", *spread))
+    print("\n" + Table("", tuple(lines)).markdown())
 
 
 if __name__ == "__main__":

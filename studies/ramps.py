@@ -4,7 +4,8 @@
 
 The tasks are those of the catalogue without a port, and clutter by seeds. Each run leaves a line in
 FOLDER/ramps.jsonl (runs/ramps unless given); what stands there is not run again. The bound is the duration with
-limits of speed alone, at the share of them that plans use: no parametrisation of the same path is faster.
+limits of speed alone, at the share of them that plans use: no parametrisation of the same path is faster. Prints
+Markdown.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cableway.benchmark.tables import Table
 from cableway.scene.files.loading import load_task, task_names
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.tasks.generation import random_task
@@ -47,33 +50,40 @@ def row(task: Task, limits: str, track: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def summary(rows: list[dict[str, Any]]) -> str:
-    """For each set of limits: how many were planned or succeeded, and how much longer than the bound plans are."""
+TITLES = ("limits", "tasks", "outcomes", "longer [s], median", "p95", "worst", "longer [%], median", "p95", "worst")
+TRACKED = ("limits", "runs", "succeed", "final error [mm], median", "p95", "worst", "clearance [mm], median", "least")
+
+
+def durations(rows: list[dict[str, Any]]) -> Table:
+    """For each set of limits: what became of the runs, and how much longer than the bound their plans are."""
     fastest = {line["task"]: line["steps"] for line in rows if line["limits"] == "speed"}
-    lines = ["| limits | tasks | outcomes | s longer, median | p95 | worst | over the bound, median | p95 | worst |"]
-    lines.append("|" + "---|" * 9)
+    lines: list[tuple[str, ...]] = [TITLES]
     for limits in LIMITS:
         mine = [line for line in rows if line["limits"] == limits]
         pairs = [(line["steps"], fastest.get(line["task"])) for line in mine]
         steps = np.array([pair for pair in pairs if all(pair)], float).reshape(-1, 2)
-        names = [line["outcome"] for line in mine]
-        said = ", ".join(f"{name} {names.count(name)}" for name in sorted(set(names)))
-        figures = ["", ""]
-        for k, (value, form) in enumerate(
-            ((CONTROL_STEP * (steps[:, 0] - steps[:, 1]), "{:.1f}"), (steps[:, 0] / steps[:, 1] - 1, "{:.0%}"))
-        ):
-            if len(value):
-                figures[k] = " | ".join(form.format(x) for x in (*np.quantile(value, (0.5, 0.95)), value.max()))
-        lines.append(f"| {limits} | {len(mine)} | {said} | {' | '.join(figures)} |")
+        said = ", ".join(f"{name} {count}" for name, count in sorted(Counter(line["outcome"] for line in mine).items()))
+        cells = ("-",) * 6
+        if len(steps):
+            longer = CONTROL_STEP * (steps[:, 0] - steps[:, 1]), 100 * (steps[:, 0] / steps[:, 1] - 1)
+            pairs = zip(longer, ("{:.1f}", "{:.0f}"), strict=True)
+            cells = tuple(form.format(x) for each, form in pairs for x in (*np.quantile(each, (0.5, 0.95)), each.max()))
+        lines.append((limits, f"{len(mine)}", said, *cells))
+    return Table("", tuple(lines))
+
+
+def tracking(rows: list[dict[str, Any]]) -> Table:
+    """How the plans are tracked under each set of limits."""
+    lines: list[tuple[str, ...]] = [TRACKED]
+    for limits in LIMITS:
+        mine = [line for line in rows if line["limits"] == limits]
         tracked = [line for line in mine if line["error"] is not None]
         if tracked:
-            error = 1000 * np.array([line["error"] for line in tracked])
-            clear = 1000 * np.array([line["clearance"] for line in tracked])
-            lines.append(
-                f"tracked: error [mm] median {np.median(error):.2f} p95 {np.quantile(error, 0.95):.2f} worst "
-                f"{error.max():.2f}; clearance [mm] median {np.median(clear):.2f} least {clear.min():.2f}"
-            )
-    return "\n".join(lines)
+            error, clear = (1000 * np.array([line[name] for line in tracked]) for name in ("error", "clearance"))
+            cells = (*np.quantile(error, (0.5, 0.95)), error.max(), np.median(clear), clear.min())
+            good = sum(line["outcome"] == "success" for line in mine)
+            lines.append((limits, f"{len(mine)}", f"{good}", *(f"{value:.2f}" for value in cells)))
+    return Table("", tuple(lines))
 
 
 def main() -> None:
@@ -97,7 +107,8 @@ def main() -> None:
                 with file.open("a") as log:
                     log.write(json.dumps(rows[key]) + "\n")
                 print(json.dumps(rows[key]), flush=True)
-    print(summary([line for key, line in rows.items() if key[2] == options.track]))
+    found = [line for key, line in rows.items() if key[2] == options.track]
+    print("\n" + (tracking if options.track else durations)(found).markdown())
 
 
 if __name__ == "__main__":
