@@ -61,19 +61,21 @@ def made_by(entry: dict[str, Any]) -> str:
 
 def block(entry: dict[str, Any]) -> str:
     """A study's part of the page."""
-    shown = "\n".join(Table("", tuple(map(tuple, rows))).markdown() for rows in entry["tables"])
+    shown = "\n".join(Table("", tuple(map(tuple, table["rows"]))).markdown() for table in entry["tables"])
     return f"{made_by(entry)}\n\n{shown}"
 
 
 def placed(page: str, entry: dict[str, Any]) -> str:
-    """A page with a study's part in place of what the same command made before, or first below its heading."""
+    """A page with a study's part in place of what the same command made before, or at the end of its section."""
     before = re.compile(rf"Made by `{re.escape(entry['command'])}`,[^\n]*\n\n(\|[^\n]*\n|\n(?=\|))+")
     if before.search(page):
         return before.sub(lambda _: block(entry), page)
-    head = re.search(rf"^#+ {re.escape(entry['title'])}\n\n", page, re.MULTILINE)
+    head = re.search(rf"^#+ {re.escape(entry['title'])}\n", page, re.MULTILINE)
     if head is None:
         raise SystemExit(f"the page has no heading {entry['title']!r}")
-    return f"{page[: head.end()]}{block(entry)}\n{page[head.end() :]}"
+    end = re.compile(r"^#", re.MULTILINE).search(page, head.end())
+    above, below = (page, "") if end is None else (page[: end.start()], "\n" + page[end.start() :])
+    return f"{above.rstrip()}\n\n{block(entry)}{below}"
 
 
 def kept(entries: list[dict[str, Any]], page: str) -> list[dict[str, Any]]:
@@ -91,7 +93,7 @@ def main() -> None:
         "title": title,
         "command": f".venv/bin/python {shlex.join(command)}",
         "commit": commit() or "",
-        "tables": tables(printed(command)),
+        "tables": [{"title": title, "rows": rows} for rows in tables(printed(command))],
         "versions": versions(),
         "machine": machine(),
     }

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from printed_page import made_by
 
 from cableway.benchmark.suites import PLANNER_SUITES
 from cableway.benchmark.summary import commits_text
@@ -18,11 +19,6 @@ ROOT = Path(__file__).resolve().parents[1]
 CLAIMS = ROOT / "docs" / "claims.md"
 RESULTS = ROOT / "docs" / "results"
 PAGES = sorted(RESULTS.glob("*.md"))
-WITHOUT_DATA: set[str] = set()
-"""Pages whose episodes are gone: a page leaves this list when it is made again, and none is added."""
-PRINTED = {"models", "perception", "planning", "tang2025-settings"}
-"""Pages of what scripts of `studies` print, without data but for the last one, whose test is the study's."""
-
 
 OURS = {name: name for name in ("cell", "faults", "lab-unconstrained", "lengths", "limp", "plants", "table")}
 """Page of our own method's results by suite, `standard` for all others."""
@@ -34,7 +30,7 @@ def rows(text: str) -> list[str]:
 
 
 def tables(about: dict[str, Any]) -> str:
-    """Of the data of `cableway bench` or `cableway reproduce`."""
+    """Of the data of `cableway bench`, `cableway reproduce` or a study."""
     if "suites" in about:
         return markdown(about)
     found = [table for section in about["sections"] for table in section["tables"]]
@@ -43,24 +39,15 @@ def tables(about: dict[str, Any]) -> str:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_page_shows_its_data_and_says_where_it_comes_from(page: Path):
-    text, data = page.read_text(), page.with_suffix(".json")
-    if page.stem in WITHOUT_DATA:
-        assert not data.exists(), f"{page.stem} has data: take it from WITHOUT_DATA"
-        assert "gone: there is no data" in text.replace("\n", " ")
-        return
-    if page.stem in PRINTED:
-        assert not data.exists(), f"{page.stem} has data: take it from PRINTED"
-        scripts = re.findall(r"`[^`]*\b(studies/\w+\.py)", text)
-        assert scripts
-        assert all((ROOT / script).exists() for script in scripts)
-        return
-    about = json.loads(data.read_text())
+    text, about = page.read_text(), json.loads(page.with_suffix(".json").read_text())
     assert [cells_of(line) for line in rows(text)] == [cells_of(line) for line in rows(tables(about))]
-    assert commits_text(about["commits"]) in " ".join(text.split())
+    told = [commits_text(about["commits"])] if "commits" in about else list(map(made_by, about["sections"]))
+    assert told
+    assert all(each in " ".join(text.split()) for each in told)
 
 
 def test_every_data_file_has_a_page():
-    assert {path.stem for path in RESULTS.glob("*.json")} == {page.stem for page in PAGES} - WITHOUT_DATA - PRINTED
+    assert {path.stem for path in RESULTS.glob("*.json")} == {page.stem for page in PAGES}
 
 
 def cells_of(line: str) -> list[str]:
@@ -98,7 +85,7 @@ def test_a_claim_is_a_cell_of_a_page_with_its_number_of_episodes_commit_and_data
     found, text = known(page)[title, row], (RESULTS / f"{page}.md").read_text()
     assert (n, figure) == (found["n"], found[column])
     assert all(commit in text for commit in commits.split(", "))
-    assert data == ("gone" if page in WITHOUT_DATA else f"[{page}.json](results/{page}.json)")
+    assert data == f"[{page}.json](results/{page}.json)"
 
 
 @pytest.mark.parametrize("document", [ROOT / "README.md", ROOT / "docs" / "benchmark.md"], ids=lambda path: path.name)
