@@ -8,6 +8,7 @@ The tables go below the heading of `docs/results/PAGE.md`, in place of those tha
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import shlex
@@ -43,10 +44,10 @@ def printed(command: list[str]) -> str:
 def tables(text: str) -> list[Rows]:
     """Cells of the Markdown tables in a text, lines between heads and rows left out."""
     found: list[Rows] = []
-    for block in re.split(r"\n(?!\|)|^(?!\|)", text):
-        lines = [line for line in block.splitlines() if line.startswith("|") and set(line) - set("|- ")]
-        if lines:
-            found.append([[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines])
+    for is_table, lines in itertools.groupby(text.splitlines(), lambda line: line.startswith("|")):
+        if is_table:
+            shown = [line for line in lines if set(line) - set("|- ")]
+            found.append([[cell.strip() for cell in line.strip().strip("|").split("|")] for line in shown])
     return found
 
 
