@@ -30,7 +30,7 @@ from cableway.workflow.solve import solve
 ACCELERATION = {"max_acceleration": 0.5, "max_turn_acceleration": 5.0}
 JERK = {"max_jerk": 5.0, "max_turn_jerk": 50.0}
 LIMITS: dict[str, dict[str, float]] = {
-    "speed": {"max_acceleration": 1e6},
+    "speed": {"max_acceleration": 1e3},
     "acceleration": ACCELERATION,
     "jerk": ACCELERATION | JERK,
     "gentle": {"max_acceleration": 0.25, "max_turn_acceleration": 2.5, "max_jerk": 1.0, "max_turn_jerk": 10.0},
