@@ -24,12 +24,9 @@ from cableway.records import Rollout
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, Picture, render
-from cableway.rendering.space import CABLE, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
+from cableway.rendering.space import CABLE, DIRECTION, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
 from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import ENDS, End
-
-DIRECTION = (0.42, 0.8, -0.5)
-"""In which the camera looks: over the front wall, from the left and from above."""
 
 VIEW = 0.5
 """Angle of view across a picture [rad]."""

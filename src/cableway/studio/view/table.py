@@ -43,8 +43,19 @@ SEEN = 0.003
 MARKED = 6
 """Most faults marked."""
 
+TILT = 0.2
+"""By which a page looks at the table from aside [rad]."""
+
 COLORS = dict(zip(ENDS, (palette.START, palette.GOAL), strict=True))
 SIDES = (palette.LEFT, palette.RIGHT)
+
+
+def camera_of(size: tuple[float, float], fov: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
+    """From where and at what [m] the whole table is seen, on a page of this shape and angle [rad]."""
+    width, height = size
+    middle = np.array([width / 2, height / 2, 0.0])
+    away = max(1.2 * height, 1.24 * width / aspect) / 2 / np.tan(fov / 2)
+    return middle + away * np.array([0.0, -np.sin(TILT), np.cos(TILT)]), middle
 
 
 def draw_table(canvas: Canvas, size: tuple[float, float]) -> None:
@@ -137,9 +148,9 @@ def draw_ends(canvas: Canvas, moment: Moment, inspection: Inspection) -> None:
     canvas.sweep("/ends")
 
 
-def draw_faults(canvas: Canvas, faults: list[tuple[float, float]]) -> None:
+def draw_faults(canvas: Canvas, faults: list[tuple[float, ...]]) -> None:
     """Numbered rings where something is wrong [m]."""
-    for number, (x, y) in enumerate(faults[:MARKED], start=1):
+    for number, (x, y, *_) in enumerate(faults[:MARKED], start=1):
         canvas.solid(f"/faults/{number}", ring(0.013, 0.017, 0.022), palette.BAD, at=(x, y))
         canvas.words(f"/faults/{number}-number", str(number), (x + 0.02, y + 0.02, 0.025))
     canvas.sweep("/faults")
@@ -171,9 +182,10 @@ def draw_moment(canvas: Canvas, draft: Draft, plan: Plan | None, row: int) -> No
     canvas.sweep("/moment")
 
 
-def draw_run(canvas: Canvas, radius: float, gripper: float, row: Row | None) -> None:
+def draw_run(canvas: Canvas, draft: Draft, row: Row | None) -> None:
     """A row of a run: the true cable and its grippers, where it should be, and crosses where it was seen."""
     if row is not None:
+        radius, gripper = draft.cable.radius, draft.grippers.radius
         canvas.solid("/run/cable", tube(row.measured.centreline, radius, 1.6 * radius), palette.INK)
         wanted = polyline.spline(row.reference, SPLINE_PIECES)
         canvas.lines("/run/reference", path(wanted, 3.0 * radius), palette.REFERENCE, 2.0)
