@@ -16,12 +16,15 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from spatial_problems import ball_task
 
 from cableway.figures import palette
+from cableway.geometry import rotations
 from cableway.studio.obstacles import knobs, middle_of
 from cableway.studio.session import Session
 from cableway.studio.studio import Studio
 from cableway.studio.view.look import mixed, rgb
+from cableway.studio.view.space import GIZMO
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="studio in a browser: Playwright is not installed")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -179,6 +182,37 @@ def test_another_page_has_a_task_of_its_own_which_outlives_its_connection(studio
         return len(second.draft.scene.obstacles) == 1
 
     until(undone, other)
+    assert wrong == []
+    other.close()
+
+
+def test_in_space_a_gripper_is_led_by_its_arrows_and_planned_for(studio: Studio, first: Any):
+    pytest.importorskip("coal")
+    page, session, wrong = first
+    page.bring_to_front()
+    until(lambda: list(studio.server.viser.get_clients()) == list(studio.pages_of(session)), page)
+    session.open(ball_task())
+    until(lambda: session.planning.status == "found", page)
+    goal = ball_task().gripper_poses("goal")[0, :3]
+    until(lambda: looks(page, pixel(studio, page, *goal), mixed(palette.GOAL, 0.55)), page)  # the camera is at rest
+    before = ball_task().gripper_poses("start")[0]
+    up = rotations.rotate(before[3:], np.array([0.0, 0.0, 1.0]))
+    page.mouse.click(*pixel(studio, page, *before[:3]))
+    arrow, to = (before[:3] + (0.8 * GIZMO * 0.8 + far) * up for far in (0.0, 0.05))
+    at = pixel(studio, page, *arrow)
+    until(lambda: patch(page, at).min() < 180, page)  # the arrow is there
+    page.mouse.move(*at)
+    page.mouse.down()
+    page.mouse.move(*pixel(studio, page, *to), steps=8)
+    page.mouse.up()
+    until(lambda: session.planning.status == "found" and session.can_undo, page)
+    moved = session.draft.gripper_poses("start")[0] - before
+    np.testing.assert_allclose(moved[:3], 0.05 * up, atol=0.008)
+    page.get_by_text("A verified plan").wait_for(timeout=1000 * PATIENCE)
+    page.keyboard.press("Control+z")
+    until(lambda: np.array_equal(session.draft.start, ball_task().start), page)
+    page.get_by_role("button", name="cylinder").wait_for()
+    assert not page.get_by_text("Bend the start").is_visible()
     assert wrong == []
 
 

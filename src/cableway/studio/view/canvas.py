@@ -64,6 +64,9 @@ class Canvas:
                 cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
             self._nodes[name] = handle, kind
+            # a page keeps the pose of a node of that name taken away in the same picture, and is told of none that is
+            # as usual
+            handle.position, handle.wxyz = (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0, 0.0)
             if draggable:
                 handle.on_drag("left")(self._dragged(name))
             if clickable:

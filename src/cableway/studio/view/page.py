@@ -190,7 +190,7 @@ class Page:
         """Show another workspace."""
         if self._size is None or len(size) != len(self._size):
             self._canvas.clear()
-            self._drawn, self._grasped = (), None
+            self._drawn, self._selected, self._grasped = (), None, None
             self._view = space if self._in_space else table
             self._hands = (
                 SpaceHands(self._session) if self._in_space else TableHands(self._session, lambda: self._selected)

@@ -56,7 +56,7 @@ class RunPanel:
             ("where it should be", palette.REFERENCE),
             ("as it is seen", palette.GREEN),
         )
-        self._key = gui.add_html(look.legend("On the table", seen))
+        self._key = gui.add_html(look.legend("Shown", seen))
         self._clear = plot(gui, "Clearance [mm]", (("cable", palette.INK), ("grippers", palette.RIGHT)))
         self._export = gui.add_button(
             "Download a page that plays the run", visible=False, color=look.rgb(palette.MUTED)

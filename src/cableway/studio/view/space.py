@@ -162,7 +162,7 @@ def draw_faults(canvas: Canvas, faults: list[tuple[float, ...]]) -> None:
     for number, at in enumerate(faults[:MARKED], start=1):
         x, y, z = (*at, 0.0)[:3]
         canvas.solid(f"/faults/{number}", Mesh(FAULT * mesh.vertices, mesh.faces), palette.BAD, at=(x, y, z))
-        canvas.words(f"/faults/{number}-number", str(number), (x, y, z + 2 * FAULT))
+        canvas.words(f"/faults/{number}-number", str(number), (x, y, z - 2 * FAULT))
     canvas.sweep("/faults")
 
 
