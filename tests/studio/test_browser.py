@@ -20,6 +20,9 @@ from spatial_problems import ball_task
 
 from cableway.figures import palette
 from cableway.geometry import rotations
+from cableway.rendering.cell import arm_capsules
+from cableway.robot.cell_kinematics import CellKinematics
+from cableway.scene.cell import Way
 from cableway.studio.obstacles import knobs, middle_of
 from cableway.studio.session import Session
 from cableway.studio.studio import Studio
@@ -186,7 +189,7 @@ def test_another_page_has_a_task_of_its_own_which_outlives_its_connection(studio
     other.close()
 
 
-def test_in_space_a_gripper_is_led_by_its_arrows_and_planned_for(studio: Studio, first: Any):
+def test_a_gripper_is_led_by_its_arrows_in_space_and_arms_are_shown(studio: Studio, first: Any):
     pytest.importorskip("coal")
     page, session, wrong = first
     page.bring_to_front()
@@ -213,6 +216,19 @@ def test_in_space_a_gripper_is_led_by_its_arrows_and_planned_for(studio: Studio,
     until(lambda: np.array_equal(session.draft.start, ball_task().start), page)
     page.get_by_role("button", name="cylinder").wait_for()
     assert not page.get_by_text("Bend the start").is_visible()
+    session.draw("cell-clutter", 1)  # the arms of a cell, which show the table through them
+    until(lambda: session.planning.status == "found" and session.planning.plans[0].joints is not None, page)
+    task, plan = session.draft.checked(), session.planning.plans[0]
+    way = Way.of_record(plan.metadata)
+    assert way is not None
+    for (_, others), color in zip(
+        arm_capsules(task, CellKinematics(task, way), plan.joints[0]), (palette.LEFT, palette.RIGHT), strict=True
+    ):
+        base = others.ends[0].mean(axis=0)
+        most, least = np.argmax(rgb(color)), np.argmin(rgb(color))
+        until(lambda at=base, a=most, b=least: np.ptp(patch(page, pixel(studio, page, *at))[12][[a, b]]) > 30, page)
+    page.get_by_text("Show the arms").click()
+    until(lambda: np.ptp(patch(page, pixel(studio, page, *base))[12]) < 30, page)
     assert wrong == []
 
 

@@ -9,11 +9,11 @@ from jaxtyping import Float
 
 from cableway.geometry import polyline
 from cableway.geometry.spatial_convex import chain_distance, signed_distance
-from cableway.motion.spatial import SpatialBodies
 from cableway.records import Plan
 from cableway.scene.clearance import PIECES, pieces_clearance
 from cableway.scene.files.loading import AnyDraft
 from cableway.scene.spatial.task import SpatialDraft
+from cableway.scene.spatial.validity import body_clearance
 from cableway.scene.task import CONTROL_STEP
 
 
@@ -53,8 +53,14 @@ def _on_table(draft: Any, plan: Plan, lines: Float[np.ndarray, "t m 2"]) -> tupl
 
 
 def _in_space(draft: Any, plan: Plan, lines: Float[np.ndarray, "t m 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """The same in space, bodies by points on their surface."""
-    world, bodies = draft.scene.world, SpatialBodies.of(draft.bodies)
-    cable = chain_distance(lines, world)[0] - draft.cable.radius
-    apart = signed_distance(bodies.points(plan.poses), world)[0] - bodies.radius
-    return cable, apart.min(axis=1)
+    """The same in space."""
+    scene = draft.scene
+    grippers = np.full(len(lines), np.inf)
+    for body in draft.bodies:
+        poses = plan.poses[:, body.side]
+        if len(body.points) == 1:
+            away = signed_distance(body.placed(poses)[:, 0], scene.world)[0] - body.radius
+        else:
+            away = np.array([body_clearance(body, pose, scene) for pose in poses])
+        grippers = np.minimum(grippers, away)
+    return chain_distance(lines, scene.world)[0] - draft.cable.radius, grippers

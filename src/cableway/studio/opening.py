@@ -11,8 +11,9 @@ from jaxtyping import Float
 from cableway.core.errors import InputError
 from cableway.core.quantities import quantity
 from cableway.records import Plan, Rollout
-from cableway.scene.files.loading import AnyDraft, AnyTask, as_any_draft, load_task
+from cableway.scene.files.loading import AnyDraft, AnyTask, as_any_draft, load_cell, load_task
 from cableway.scene.spatial.task import SpatialTask
+from cableway.scene.task import Draft
 from cableway.workflow.reading import read_record
 
 TASK, PLAN = "task.yaml", "plan.npz"
@@ -38,13 +39,22 @@ class Opened(NamedTuple):
     rollout: Rollout | None = None
 
 
-def opened(source: Any) -> Opened:
+def opened(source: Any, cell: str | None = None) -> Opened:
     """A task, its name or file, or the file (.npz) of a plan or a rollout with that of its task beside it.
+
+    Args:
+        source: What is opened.
+        cell: Name or file of a cell that the task is put into, whether or not its arms can hold it.
 
     Raises:
         InputError: There is no such task, its values make none, or the record is not of it.
         FileFormatError: The file is neither a plan nor a rollout.
     """
+    if cell is not None:
+        found = opened(source)
+        if not isinstance(found.draft, Draft) or found.name:
+            raise InputError(f"a cell is for a task on the table, not for {source}")
+        return Opened(found.draft.in_cell(load_cell(cell)))
     if isinstance(source, Opened):
         return source
     if not (isinstance(source, str | Path) and str(source).lower().endswith(".npz")):

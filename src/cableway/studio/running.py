@@ -220,6 +220,7 @@ def _rows(rollout: Rollout) -> tuple[Row, ...]:
             centreline=rollout.centreline[k],
             clearance=float(rollout.clearance[k]),
             gripper_clearance=float(rollout.gripper_clearance[k]),
+            joints=None if rollout.joints is None else rollout.joints[k],
         )
         status = str(rollout.status[k - 1]) if k else ""
         rows.append(Row(float(time), rollout.observed[k], measured, rollout.reference[k], status))

@@ -47,7 +47,7 @@ def faceted(surface: Surface) -> Mesh:
 def welded(surface: Surface) -> Mesh:
     """A surface whose triangles share corners, and are shaded as one."""
     corners = surface.corners.reshape(-1, 3)
-    first, faces = _shared(corners)
+    first, faces = shared(corners)
     return Mesh(corners[first], faces)
 
 
@@ -67,7 +67,7 @@ def cord(line: Float[np.ndarray, "m 3"], radius: float) -> Mesh:
 def creases(surface: Surface) -> Float[np.ndarray, "e 2 3"]:
     """The edges of a surface [m] at which it bends by more than `CREASE`."""
     corners = surface.corners.reshape(-1, 3)
-    first, faces = _shared(corners)
+    first, faces = shared(corners)
     normals = mesh.flat_normals(surface.corners)[:, 0]
     sides: dict[tuple[int, int], list[int]] = {}
     for face, (a, b, c) in enumerate(faces.tolist()):
@@ -81,7 +81,7 @@ def creases(surface: Surface) -> Float[np.ndarray, "e 2 3"]:
     return corners[first][np.array(sharp, dtype=int).reshape(-1, 2)]
 
 
-def _shared(corners: Float[np.ndarray, "k 3"]) -> tuple[Int[np.ndarray, "v"], Int[np.ndarray, "f 3"]]:
+def shared(corners: Float[np.ndarray, "k 3"]) -> tuple[Int[np.ndarray, "v"], Int[np.ndarray, "f 3"]]:
     """Which corners of triangles are the first in their place, and the triangles by these."""
     _, first, inverse = np.unique(corners.round(7), axis=0, return_index=True, return_inverse=True)
     return first, inverse.reshape(-1, 3)
@@ -91,7 +91,7 @@ def _shared(corners: Float[np.ndarray, "k 3"]) -> tuple[Int[np.ndarray, "v"], In
 def _cord_faces(points: int) -> tuple[Int[np.ndarray, "v"], Int[np.ndarray, "f 3"]]:
     """The same of a cord along so many points."""
     straight = np.arange(points)[:, None] * np.array([1.0, 0.0, 0.0])
-    return _shared(mesh.tube(straight, 0.1, CORD).corners.reshape(-1, 3))
+    return shared(mesh.tube(straight, 0.1, CORD).corners.reshape(-1, 3))
 
 
 def circle(radius: float, sides: int = ROUND) -> Float[np.ndarray, "sides 2"]:

@@ -26,6 +26,7 @@ from cableway.studio.inspection import Inspection
 from cableway.studio.obstacles import with_obstacle
 from cableway.studio.session import Moment, Session
 from cableway.studio.view import look, space, table
+from cableway.studio.view.arms import Arms
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.events import in_order
 from cableway.studio.view.hands import SpaceHands, TableHands, gripper, parts
@@ -39,7 +40,7 @@ LONG = 0.4
 """Time [s] of planning after something was let go from which on the page says that it plans, and at what it is."""
 
 LOOK = {False: "Look from above", True: "Look at all of it"}
-"""On the table, and in space."""
+"""On the table; and in space, or where there are arms."""
 
 FOV = 0.35
 """Angle of view [rad]: far away and narrow, so that what is high hides little."""
@@ -74,7 +75,9 @@ class Page:
         self._drawn: tuple[Any, ...] = ()
         self._curves: Curves | None = None
         self._chosen, self._row, self._playing = 0, 0, False
-        self._size: tuple[float, ...] | None = None
+        self._where: tuple[Any, ...] = ()
+        self._arms: Arms | None = None
+        self._ran: tuple[Any, Arms | None] = (None, None)
         self._aspect = 0.0
         self._build()
         client.camera.on_update(lambda _: self._do(self._fit, key="fit"))
@@ -94,6 +97,8 @@ class Page:
         self._task_panel = TaskPanel(gui, self._session, self._do, self._select, self._save, self._download)
         self._look_button = above = gui.add_button(LOOK[False], icon=viser.Icon.CAMERA, color=look.rgb(palette.MUTED))
         above.on_click(in_order(lambda _: self._do(self._look)))
+        self._with_arms = gui.add_checkbox("Show the arms", True, visible=False)
+        self._with_arms.on_update(lambda event: event.client and self._do(self._show, key="show"))
         gui.main_panel.dock_left()
         gui.main_panel.set_width(WIDTH)
         right = gui.add_panel()
@@ -124,7 +129,7 @@ class Page:
         """Look at the whole table, or at the whole workspace."""
         camera = self._client.camera
         self._aspect = camera.aspect
-        position, at = self._view.camera_of(self._session.draft.scene.size, FOV, max(self._aspect, 0.1))
+        position, at = self._view.camera_of(self._session.draft, FOV, max(self._aspect, 0.1))
         with self._client.atomic():
             camera.fov = FOV
             camera.up_direction = (0.0, 0.0, 1.0)
@@ -155,9 +160,11 @@ class Page:
         if plan is not self._plan:
             self._plan, self._curves = plan, None if plan is None else curves_of(draft, plan)
             self._row = 0 if plan is None else min(self._row, plan.steps)
+            self._arms = Arms.of(draft, plan) if isinstance(draft, Draft) else None
         with self._client.atomic():
-            if draft.scene.size != self._size:
-                self._enter(draft.scene.size)
+            if self._where != (where := _where(draft)):
+                self._where = where
+                self._enter(draft)
             view, canvas = self._view, self._canvas
             self._draw_draft()
             wrong = [fault.at for fault in inspection.faults if fault.at is not None]
@@ -165,13 +172,19 @@ class Page:
             if (plan, draft.cable.radius) != self._drawn:
                 self._drawn = (plan, draft.cable.radius)
                 view.draw_plan(canvas, draft, plan)
-            view.draw_moment(canvas, draft, None if session.running else plan, self._row)
+            self._draw_moment()
             self._show_run()
             self._show_task(moment, inspection)
             stale = planning.status != "found"
             self._plan_panel.show(planning, self._curves, chosen, stale, in_space=self._in_space)
             self._plan_panel.show_row(self._row, self._playing)
         self._client.flush()
+
+    def _draw_moment(self) -> None:
+        """One row of the plan, unless a run is shown."""
+        session = self._session
+        arms = {"arms": self._arms} if self._arms is not None and self._with_arms.value else {}
+        self._view.draw_moment(self._canvas, session.draft, None if session.running else self._plan, self._row, **arms)
 
     def _draw_draft(self) -> None:
         """Obstacles, start and goal."""
@@ -186,18 +199,19 @@ class Page:
         """Whether the task is."""
         return isinstance(self._session.draft, SpatialDraft)
 
-    def _enter(self, size: tuple[float, ...]) -> None:
+    def _enter(self, draft: AnyDraft) -> None:
         """Show another workspace."""
-        if self._size is None or len(size) != len(self._size):
+        if self._view is not (space if self._in_space else table):
             self._canvas.clear()
             self._drawn, self._selected, self._grasped = (), None, None
             self._view = space if self._in_space else table
             self._hands = (
                 SpaceHands(self._session) if self._in_space else TableHands(self._session, lambda: self._selected)
             )
-        self._size = size
-        self._look_button.label = LOOK[self._in_space]
-        self._view.draw_table(self._canvas, size)
+        in_cell = isinstance(draft, Draft) and draft.cell is not None
+        self._look_button.label = LOOK[self._in_space or in_cell]
+        self._with_arms.visible = in_cell
+        self._view.draw_table(self._canvas, draft)
         self._look()
 
     def _show_task(self, moment: Moment, inspection: Inspection) -> None:
@@ -215,7 +229,11 @@ class Page:
         rows = () if running is None else running.seen
         last = len(rows) - 1
         row = last if self._run_row is None else min(self._run_row, last)
-        self._view.draw_run(self._canvas, draft, rows[row] if rows else None)
+        record = None if running is None else running.plan or running.rollout
+        if record is not self._ran[0]:
+            self._ran = record, Arms.of(draft, record) if isinstance(draft, Draft) else None
+        arms = {"arms": self._ran[1]} if self._ran[1] is not None and self._with_arms.value else {}
+        self._view.draw_run(self._canvas, draft, rows[row] if rows else None, **arms)
         self._run_panel.show(running, row, self._session.planning.status == "found", in_space=self._in_space)
 
     def _as_it_stands(self) -> AnyDraft:
@@ -234,8 +252,7 @@ class Page:
             return
         self._row = min(max(int(row), 0), self._plan.steps)
         with self._client.atomic():
-            shown = None if self._session.running else self._plan
-            self._view.draw_moment(self._canvas, self._session.draft, shown, self._row)
+            self._draw_moment()
             self._plan_panel.show_row(self._row, self._playing)
         self._client.flush()
 
@@ -407,3 +424,8 @@ class Page:
     def _download(self) -> None:
         draft = self._session.draft
         self._client.send_file_download(f"{draft.name}.yaml", task_text(draft).encode(), save_immediately=True)
+
+
+def _where(draft: AnyDraft) -> tuple[Any, ...]:
+    """What is drawn once for all of a task."""
+    return draft.scene.size, draft.cell.name if isinstance(draft, Draft) and draft.cell is not None else ""

@@ -17,7 +17,6 @@ from cableway.figures import palette
 from cableway.geometry import polyline, rotations
 from cableway.geometry.spatial_convex import Solid
 from cableway.records import Plan
-from cableway.rendering.camera import Camera
 from cableway.rendering.space import DIRECTION, surface_of
 from cableway.scene.bodies import LEFT, RIGHT
 from cableway.scene.spatial.grippers import SpatialGrippers
@@ -27,10 +26,11 @@ from cableway.scene.task import SPLINE_PIECES, End
 from cableway.studio import spatial_obstacles as hands
 from cableway.studio.inspection import Inspection
 from cableway.studio.session import Moment
+from cableway.studio.view.arms import SIDES
 from cableway.studio.view.canvas import Canvas
-from cableway.studio.view.look import mixed
+from cableway.studio.view.look import framing, mixed
 from cableway.studio.view.meshes import Mesh, cord, creases, faceted, together, welded
-from cableway.studio.view.table import COLORS, GRID_STEP, MARKED, SHAPES, SIDES
+from cableway.studio.view.table import COLORS, GRID_STEP, MARKED, SHAPES
 from cableway.tracking import Row
 
 GIZMO = 0.16
@@ -55,19 +55,15 @@ SEEN = 0.004
 """Half the width of the cross of a keypoint that was seen [m]."""
 
 
-def camera_of(size: tuple[float, float, float], fov: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
+def camera_of(draft: SpatialDraft, fov: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
     """From where and at what [m] the whole workspace is seen, on a page of this shape and angle [rad]."""
-    corners = np.array(list(product(*((-0.03, side) for side in size))))
-    across = 2 * np.arctan(np.tan(fov / 2) * aspect)
-    pixels = (max(round(1000 * aspect), 1), 1000)
-    camera = Camera.framing(corners, np.array(DIRECTION), size=pixels, view=float(across), margin=0.04)
-    ahead = camera.pose[:3, 2]
-    return camera.pose[:3, 3], camera.pose[:3, 3] + (np.array(size) / 2 - camera.pose[:3, 3]) @ ahead * ahead
+    corners = np.array(list(product(*((-0.03, side) for side in draft.scene.size))))
+    return framing(corners, np.array(DIRECTION), fov, aspect)
 
 
-def draw_table(canvas: Canvas, size: tuple[float, float, float]) -> None:
+def draw_table(canvas: Canvas, draft: SpatialDraft) -> None:
     """The workspace with a grid on its table, and the axes in millimetres."""
-    x, y, z = size
+    x, y, z = size = draft.scene.size
     corners = np.array(list(product(*((0.0, side) for side in size))))
     edges = np.array([pair for pair in combinations(corners, 2) if np.count_nonzero(pair[0] != pair[1]) == 1])
     low = edges[:, :, 2].max(axis=1) == 0
