@@ -42,6 +42,7 @@ def leave_in_space(
     controller: str | None = None,
     plan: Path | None = None,
     perturbation: SpatialPerturbation | None = None,
+    video: bool = False,
 ) -> int:
     """Plan, run where there is a controller, leave the files in the folder, show the report; the exit status.
 
@@ -52,6 +53,7 @@ def leave_in_space(
         controller: What leads the simulated cable along the plan; None for a plan alone.
         plan: File of a plan of the task, in place of a new one.
         perturbation: How the simulated cable differs; not at all where None.
+        video: Whether a video is made of the run.
     """
     from cableway.core.files import only_writer
     from cableway.figures.space import spatial_plan_figure, spatial_rollout_figure
@@ -91,6 +93,10 @@ def leave_in_space(
         options.draw(figure, folder / outputs.PLAN_PICTURE)
         if rollout is not None:
             options.draw(spatial_rollout_figure(task, rollout, report.failure), folder / outputs.ROLLOUT_PICTURE)
+        if rollout is not None and video:
+            from cableway.figures.video import write_video
+
+            write_video(folder / outputs.VIDEO, task, rollout, progress=progress)
     outputs.announce(terminal, folder, report)
     terminal.result(report.as_dict(), pairs(report.rows()))
     return 0 if report.success else 1

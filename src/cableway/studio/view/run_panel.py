@@ -94,9 +94,9 @@ class RunPanel:
         set_changed(self.start, "disabled", not (live or can_run))
         for field in (self.step, self.now, self._key, *self._clear):
             set_changed(field, "visible", len(rows) > 1)
-        for field in (self._export, self._film):
-            made = running is not None and running.rollout is not None and len(rows) > 1
-            set_changed(field, "visible", made and not in_space)
+        made = running is not None and running.rollout is not None and len(rows) > 1
+        set_changed(self._export, "visible", made and not in_space)
+        set_changed(self._film, "visible", made)
         if len(rows) < 2:
             self._drawn = 0
             return
