@@ -39,6 +39,10 @@ GIZMO = 0.16
 OPACITY = 0.55
 """Of obstacles: what is behind them shows."""
 
+PIECES, SHADOW = 2, 20
+"""Of a line that stands for a cable, between two keypoints, and of its shadow: without graphics hardware, segments take
+a page most of its time."""
+
 HAND = 1.6
 """Length of the line that shows how a gripper is rolled, in its radii."""
 
@@ -50,6 +54,9 @@ FAULT = 0.012
 
 HERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 """The frame of the world."""
+
+WAY_STEP = 3
+"""Rows of a plan from one point of a gripper's way to the next."""
 
 SEEN = 0.004
 """Half the width of the cross of a keypoint that was seen [m]."""
@@ -167,12 +174,12 @@ def draw_plan(canvas: Canvas, draft: SpatialDraft, plan: Plan | None) -> None:
     del draft
     if plan is not None:
         rows = np.unique(np.linspace(0, plan.steps, SHAPES).round().astype(int))
-        shapes = polyline.spline(plan.shapes[rows], SPLINE_PIECES)
+        shapes = polyline.spline(plan.shapes[rows], PIECES)
         pieces = np.stack([shapes[:, :-1], shapes[:, 1:]], axis=2)
         colors = [mixed(palette.color_of_time(row / plan.steps), 0.35) for row in rows]
         canvas.lines("/plan/shapes", pieces.reshape(-1, 2, 3), np.repeat(colors, pieces.shape[1]).tolist(), 2.0)
         for side, color in enumerate(SIDES):
-            way = plan.poses[:, side, :3]
+            way = plan.poses[np.unique(np.r_[: plan.steps : WAY_STEP, plan.steps]), side, :3]
             canvas.lines(f"/plan/way{side}", np.stack([way[:-1], way[1:]], axis=1), color, 2.0)
     canvas.sweep("/plan")
 
@@ -190,7 +197,7 @@ def draw_run(canvas: Canvas, draft: SpatialDraft, row: Row | None) -> None:
     """A row of a run: the true cable and its grippers, where it should be, and crosses where it was seen."""
     if row is not None:
         _draw_held(canvas, "/run", draft, row.measured.centreline, row.measured.poses)
-        wanted = polyline.spline(row.reference, SPLINE_PIECES)
+        wanted = polyline.spline(row.reference, PIECES)
         canvas.lines("/run/reference", np.stack([wanted[:-1], wanted[1:]], axis=1), palette.REFERENCE, 2.5)
         seen = row.observed[np.isfinite(row.observed[:, 0])]
         if len(seen):
@@ -213,7 +220,7 @@ def _draw_held(
 
 def _shadow(line: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "k 2 3"]:
     """A line on the table below another."""
-    below = line * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.001]
+    below = line[:: max(len(line) // SHADOW, 1)] * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.001]
     return np.stack([below[:-1], below[1:]], axis=1)
 
 
