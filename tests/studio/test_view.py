@@ -27,6 +27,7 @@ from cableway.studio.inbox import Inbox
 from cableway.studio.opening import opened
 from cableway.studio.studio import Studio
 from cableway.studio.view import arms, look
+from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.events import in_order
 from cableway.studio.view.meshes import CORD, circle, cord, creases, prism, ribbon, ring, tube, welded
 from cableway.studio.view.page import LONG, TELL, Page
@@ -226,6 +227,23 @@ def test_meshes_whose_corners_are_shared_are_the_surfaces_that_they_stand_for():
     box = upright(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]]), (0.0, 3.0))
     assert sorted(np.linalg.norm(np.diff(creases(box), axis=1)[:, 0], axis=1)) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
     assert len(creases(capsules(ends[:1], radii[:1]))) == 0
+
+
+def test_a_page_is_told_the_pose_of_what_takes_the_name_of_another():
+    """Also where it is as usual: the page keeps that of the node that had the name."""
+    told: list[tuple[str, Any]] = []
+
+    class Handle(SimpleNamespace):
+        position, wxyz = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            told.append((name, value))
+            super().__setattr__(name, value)
+
+    client: Any = SimpleNamespace(scene=SimpleNamespace(add_mesh_simple=lambda *_, **given: Handle(**given)))
+    Canvas(client, *[lambda *_: None] * 3).solid("/obstacles/0", prism(circle(0.1), 0.0, 0.02), palette.INK)
+    assert [value for name, value in told if name == "position"][-1] == (0.0, 0.0, 0.0)
+    assert [value for name, value in told if name == "wxyz"][-1] == (1.0, 0.0, 0.0, 0.0)
 
 
 def test_arms_and_hands_of_a_cell_are_where_its_kinematics_have_them():
