@@ -1,8 +1,8 @@
 """Random clicking and dragging on a page of the studio: does it fail, and does its memory grow?
 
-    .venv/bin/python studies/studio_hour.py [MINUTES] [SEED]
+    .venv/bin/python studies/studio_hour.py [MINUTES] [SEED] [TASK]
 
-Drives Chromium by Playwright on `multi-obstacle-1`: 60 minutes and seed 0 by default. Says what went wrong in the
+Drives Chromium by Playwright: 60 minutes, seed 0 and `multi-obstacle-1` by default. Says what went wrong in the
 server's log and in the browser's console, and the memory of the server, its planner and the page, first and last.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -79,7 +80,7 @@ def button(page: Any, rng: random.Random) -> None:
 
 def above(page: Any, rng: random.Random) -> None:
     """The whole table again, and the first task now and then, so that there is something to grasp."""
-    page.get_by_text("Look from above").click(timeout=2000)
+    page.get_by_text(re.compile("Look (from above|at all of it)")).click(timeout=2000)
     if rng.random() < 0.3:
         page.reload()
         page.get_by_text("Undo").wait_for(timeout=60_000)
@@ -122,14 +123,14 @@ def play(page: Any, rng: random.Random, seconds: float) -> tuple[Counter[str], d
     return done, first
 
 
-def main(minutes: float, seed: int) -> int:
+def main(minutes: float, seed: int, task: str) -> int:
     """Play and print; 1 where something went wrong."""
     wrong, console = Wrong(), []
     logging.getLogger().addHandler(wrong)
     with sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder:
         found = shutil.which("chromium") or shutil.which("google-chrome")
         browser = playwright.chromium.launch(executable_path=found, args=list(SOFTWARE))
-        studio = Studio(TASK, out=Path(folder))
+        studio = Studio(task, out=Path(folder))
         page = browser.new_page(viewport=SIZE)
 
         def hear(said: str) -> None:
@@ -144,7 +145,8 @@ def main(minutes: float, seed: int) -> int:
         last = memory()
         browser.close()
         studio.stop()
-    print(f"{minutes:g} minutes, seed {seed}: {', '.join(f'{count} x {name}' for name, count in done.most_common())}")
+    deeds = ", ".join(f"{count} x {name}" for name, count in done.most_common())
+    print(f"{task}, {minutes:g} minutes, seed {seed}: {deeds}")
     print("memory [MB]: " + ", ".join(f"{kind} {first[kind]:.0f} -> {last[kind]:.0f}" for kind in last))
     for name, said in (("server", wrong.said), ("browser", console)):
         print(f"errors in the {name}: {len(said)}")
@@ -154,5 +156,5 @@ def main(minutes: float, seed: int) -> int:
 
 
 if __name__ == "__main__":
-    given = sys.argv[1:]
-    sys.exit(main(float(given[0]) if given else 60.0, int(given[1]) if len(given) > 1 else 0))
+    minutes, seed, task = (*sys.argv[1:], *("60", "0", TASK)[len(sys.argv) - 1 :])
+    sys.exit(main(float(minutes), int(seed), task))

@@ -2,7 +2,8 @@
 
     .venv/bin/python studies/studio_times.py [COUNT]
 
-Drives Chromium by Playwright, drawn by the processor, on `multi-obstacle-1`. COUNT obstacles are let go, 30 by default.
+Drives Chromium by Playwright, drawn by the processor, on `multi-obstacle-1`, where COUNT obstacles are let go, 30 by
+default; then on a task in space.
 """
 
 from __future__ import annotations
@@ -20,10 +21,14 @@ from typing import Any
 import numpy as np
 from playwright.sync_api import sync_playwright
 
+from cableway.geometry import rotations
 from cableway.studio.obstacles import middle_of
 from cableway.studio.studio import Studio
 
 TASK = "multi-obstacle-1"
+SPACE: Any = ("space-clutter", 1)
+"""Kind and seed of the task in space."""
+
 SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 PATIENCE = 120_000
 DRAGGED = 4.0
@@ -38,16 +43,14 @@ COUNT = """time => new Promise(counted => {
 """Counts the pictures that a browser shows in a time [ms]."""
 
 
-def pixel(studio: Studio, page: Any, x: float, y: float) -> tuple[float, float]:
-    """Where a place on the table [m] is seen: the page looks along y and down, and not aside."""
+def pixel(studio: Studio, page: Any, place: Any) -> tuple[float, float]:
+    """Where a place on the table or in space [m] is seen."""
     camera = next(iter(studio.server.viser.get_clients().values())).camera
-    ahead = camera.look_at - camera.position
-    ahead = ahead / np.linalg.norm(ahead)
-    ray = np.array([x, y, 0.01]) - camera.position
-    down = np.cross(ahead, [1.0, 0.0, 0.0])
+    x, y, *z = place
+    right, down, ahead = rotations.matrices(camera.wxyz).T @ (np.array([x, y, *(z or [0.01])]) - camera.position)
     box = page.locator("canvas").first.bounding_box()
-    scale = box["height"] / 2 / np.tan(camera.fov / 2) / (ray @ ahead)
-    return box["x"] + box["width"] / 2 + scale * ray[0], box["y"] + box["height"] / 2 + scale * (ray @ down)
+    scale = box["height"] / 2 / np.tan(camera.fov / 2) / ahead
+    return box["x"] + box["width"] / 2 + scale * right, box["y"] + box["height"] / 2 + scale * down
 
 
 def opened(browser: Any) -> tuple[float, float]:
@@ -70,8 +73,8 @@ def opened(browser: Any) -> tuple[float, float]:
 def followed(studio: Studio, page: Any) -> float:
     """Shapes a second that are sent to the page while a gripper is dragged."""
     (session,) = studio.sessions
-    x, y = session.draft.gripper_poses("start")[0, :2]
-    at, shapes = pixel(studio, page, x, y), []
+    pose = session.draft.gripper_poses("start")[0]
+    at, shapes = pixel(studio, page, pose[: 3 if len(pose) > 3 else 2]), []
     forget = session.listen(lambda: shapes.append(session.moment.shapes["start"]))
     page.mouse.move(*at)
     page.mouse.down()
@@ -133,9 +136,9 @@ def planned(studio: Studio, page: Any, count: int) -> tuple[list[float], list[fl
         page.get_by_text("A verified plan").wait_for(timeout=PATIENCE)
         x, y = middle_of(session.draft.scene.obstacles[1])
         by = 0.01 if number % 2 else -0.01
-        page.mouse.move(*pixel(studio, page, x, y))
+        page.mouse.move(*pixel(studio, page, (x, y)))
         page.mouse.down()
-        page.mouse.move(*pixel(studio, page, x + by, y + by), steps=5)
+        page.mouse.move(*pixel(studio, page, (x + by, y + by)), steps=5)
         page.get_by_text("Let go to plan").wait_for(timeout=PATIENCE)
         made.clear()
         since = time.perf_counter()
@@ -166,6 +169,16 @@ def main(count: int) -> None:
         server, waits = planned(studio, page, count)
         print(f"plan on the page after {statistics.median(waits):.2f} s (median of {count}, most {max(waits):.2f} s)")
         print(f"  {statistics.median(server):.2f} s of which until the server has it (median)")
+        (session,) = studio.sessions
+        session.draw(*SPACE)
+        page.get_by_text(f"{SPACE[0]}-{SPACE[1]}").wait_for(timeout=PATIENCE)
+        page.get_by_text("A verified plan").wait_for(timeout=PATIENCE)
+        page.wait_for_timeout(5000)
+        print("in space:")
+        pictures, script = drawn(studio, page)
+        print(f"{pictures:.0f} pictures a second where nothing is computed")
+        print(f"  {1000 * script:.0f} ms of the page's script a picture")
+        print(f"{followed(studio, page):.0f} shapes a second while a gripper is dragged")
         browser.close()
         studio.stop()
 

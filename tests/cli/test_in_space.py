@@ -33,14 +33,30 @@ def test_a_cable_is_planned_led_and_checked_in_space(cableway: Command, tmp_path
     assert report["shape_error"] < 0.01
     assert rollout.keypoints.shape[2] == 3
     assert np.linalg.norm(rollout.keypoints[-1] - rollout.keypoints[0], axis=1).min() > 0.3
-    assert {path.name for path in Path("led").iterdir()} >= {"plan.npz", "plan.png", "rollout.png", "task.yaml"}
+    assert {path.name for path in Path("led").iterdir()} >= {
+        "plan.npz",
+        "plan.png",
+        "rollout.png",
+        "rollout.mp4",
+        "task.yaml",
+    }
     assert cableway("check", ball, "led/rollout.npz").status == 0
     for name in ("plan", "rollout"):
         assert cableway("show", ball, f"led/{name}.npz", "--out", "shown").status == 0
         assert Path(f"shown/{name}.png").read_bytes() == Path(f"led/{name}.png").read_bytes()
     Path("long.yaml").write_text("cableway: 1\ncable: {length: 0.302}\n")
     again = cableway(
-        "run", ball, "--from", "led/plan.npz", "--controller", "open-loop", "--plant", "long.yaml", "--out", "again"
+        "run",
+        ball,
+        "--from",
+        "led/plan.npz",
+        "--controller",
+        "open-loop",
+        "--plant",
+        "long.yaml",
+        "--no-video",
+        "--out",
+        "again",
     )
     assert again.status == 0, again.err
     plant = json.loads(Path("again/report.json").read_text())["configuration"]["rollout"]["plant"]

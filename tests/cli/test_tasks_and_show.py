@@ -10,7 +10,8 @@ import pytest
 import yaml
 from commands import Command
 
-from cableway.scene.files.loading import catalogue_file, load_task, task_names
+from cableway.core.errors import InputError
+from cableway.scene.files.loading import catalogue_file, load_planar_task, load_task, task_names
 from cableway.tasks.generation import random_task
 
 
@@ -152,11 +153,8 @@ def test_tasks_in_space_are_drawn_checked_and_refused_by_what_is_planar(cableway
     done = cableway("check", file, "--json")
     assert done.status == 0
     assert json.loads(done.out)["goal"]["stability"] > 25
-    for command in ("studio",):
-        done = cableway(command, file)
-        assert done.status == 2
-        assert done.err.startswith("cableway: the task 'lift-11' is in space")
-        assert done.err.count("\n") == 1
+    with pytest.raises(InputError, match=r"^the task 'lift-11' is in space, .* studio\); give a task on the table"):
+        load_planar_task(file)
     spoilt = yaml.safe_load(Path(file).read_text())
     spoilt["goal"]["equilibrium"][2] = 0.0
     Path("bad.yaml").write_text(yaml.safe_dump(spoilt))

@@ -10,12 +10,14 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from recorded import moved_plan, perfect_rollout
+from spatial_problems import ball_task
 
 from cableway.core.errors import CablewayError
 from cableway.figures import video
 from cableway.figures.moving import captions
+from cableway.figures.space import SpaceView
 from cableway.figures.video import playback, write_video
-from cableway.records import Rollout
+from cableway.records import Plan, Rollout
 
 TASK, PLAN = moved_plan(rows=13)
 ROLLOUT = perfect_rollout(TASK, PLAN)
@@ -64,6 +66,33 @@ def test_it_is_h264_that_every_player_shows_and_shows_every_row(film: tuple[Path
     assert all(frame.std() > 10 for frame in frames)
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
     assert np.abs(frames[-2].astype(int) - frames[-1]).max() < 60, "the last row stands still"
+
+
+def test_in_space_the_cable_is_shown_where_it_is(tmp_path: Path):
+    """In perspective, and the goal, too."""
+    task = ball_task()
+    plan = Plan.of(task.rod, task.rod.between(task.start, task.goal, np.array([0.0, 0.2, 0.4])))
+    rollout = Rollout(
+        times=np.array([0.0, 0.1, 0.2]), keypoints=plan.shapes, observed=plan.shapes, poses=plan.poses,
+        centreline=plan.shapes, actions=np.zeros((2, 2, 6)), reference=plan.shapes, solve_time=np.full(2, 0.001),
+        status=np.array(["tracking"] * 2), clearance=np.full(3, 0.1), gripper_clearance=np.full(3, 0.1),
+        metadata={"outcome": "settled"},
+    )  # fmt: skip
+    write_video(tmp_path / "space.mp4", task, rollout)
+    _, frames = decode(tmp_path / "space.mp4")
+    assert len(frames) == 3 + video.FINAL_PAUSE * 10
+    left, bottom, width, height = (round(video.INCH * part) for part in video.SPACE.scene)
+    view = SpaceView(task, pixels=(width, height))
+    for row, frame in enumerate(frames[:3]):
+        at = view.at(np.stack([plan.shapes[row, 4], plan.shapes[(row + 1) % 3, 4], task.keypoints("goal")[4]]))
+        x, y = (at + [left, bottom]).round().astype(int).T
+        here, elsewhere, goal = (
+            frame[719 - v - 2 : 719 - v + 3, u - 2 : u + 3].reshape(-1, 3).astype(int)
+            for u, v in zip(x, y, strict=True)
+        )
+        assert here.max(axis=1).min() < 100
+        assert elsewhere.max(axis=1).min() > 120
+        assert (goal[:, 0] - goal[:, 2]).max() > 80
 
 
 def test_the_insertion_is_shown_to_its_end(tmp_path: Path):

@@ -16,12 +16,18 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from spatial_problems import ball_task
 
 from cableway.figures import palette
+from cableway.geometry import rotations
+from cableway.rendering.cell import arm_capsules
+from cableway.robot.cell_kinematics import CellKinematics
+from cableway.scene.cell import Way
 from cableway.studio.obstacles import knobs, middle_of
 from cableway.studio.session import Session
 from cableway.studio.studio import Studio
 from cableway.studio.view.look import mixed, rgb
+from cableway.studio.view.space import GIZMO
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="studio in a browser: Playwright is not installed")
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -179,6 +185,50 @@ def test_another_page_has_a_task_of_its_own_which_outlives_its_connection(studio
         return len(second.draft.scene.obstacles) == 1
 
     until(undone, other)
+    assert wrong == []
+    other.close()
+
+
+def test_a_gripper_is_led_by_its_arrows_in_space_and_arms_are_shown(studio: Studio, first: Any):
+    pytest.importorskip("coal")
+    page, session, wrong = first
+    page.bring_to_front()
+    until(lambda: list(studio.server.viser.get_clients()) == list(studio.pages_of(session)), page)
+    session.open(ball_task())
+    until(lambda: session.planning.status == "found", page)
+    goal = ball_task().gripper_poses("goal")[0, :3]
+    until(lambda: looks(page, pixel(studio, page, *goal), mixed(palette.GOAL, 0.55)), page)  # the camera is at rest
+    before = ball_task().gripper_poses("start")[0]
+    up = rotations.rotate(before[3:], np.array([0.0, 0.0, 1.0]))
+    page.mouse.click(*pixel(studio, page, *before[:3]))
+    arrow, to = (before[:3] + (0.8 * GIZMO * 0.8 + far) * up for far in (0.0, 0.05))
+    at = pixel(studio, page, *arrow)
+    until(lambda: patch(page, at).min() < 180, page)  # the arrow is there
+    page.mouse.move(*at)
+    page.mouse.down()
+    page.mouse.move(*pixel(studio, page, *to), steps=8)
+    page.mouse.up()
+    until(lambda: session.planning.status == "found" and session.can_undo, page)
+    moved = session.draft.gripper_poses("start")[0] - before
+    np.testing.assert_allclose(moved[:3], 0.05 * up, atol=0.008)
+    page.get_by_text("A verified plan").wait_for(timeout=1000 * PATIENCE)
+    page.keyboard.press("Control+z")
+    until(lambda: np.array_equal(session.draft.start, ball_task().start), page)
+    page.get_by_role("button", name="cylinder").wait_for()
+    assert not page.get_by_text("Bend the start").is_visible()
+    session.draw("cell-clutter", 1)  # the arms of a cell, which show the table through them
+    until(lambda: session.planning.status == "found" and session.planning.plans[0].joints is not None, page)
+    task, plan = session.draft.checked(), session.planning.plans[0]
+    way = Way.of_record(plan.metadata)
+    assert way is not None
+    for (_, others), color in zip(
+        arm_capsules(task, CellKinematics(task, way), plan.joints[0]), (palette.LEFT, palette.RIGHT), strict=True
+    ):
+        base = others.ends[0].mean(axis=0)
+        most, least = np.argmax(rgb(color)), np.argmin(rgb(color))
+        until(lambda at=base, a=most, b=least: np.ptp(patch(page, pixel(studio, page, *at))[12][[a, b]]) > 30, page)
+    page.get_by_text("Show the arms").click()
+    until(lambda: np.ptp(patch(page, pixel(studio, page, *base))[12]) < 30, page)
     assert wrong == []
 
 

@@ -14,14 +14,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from spatial_problems import ball_task
 
 from cableway.core.errors import InputError
 from cableway.figures import palette
+from cableway.rendering.cell import Capsules
+from cableway.rendering.mesh import capsules
+from cableway.rendering.mesh import prism as upright
+from cableway.rendering.mesh import tube as tube_in_space
+from cableway.scene.task import Draft
 from cableway.studio.inbox import Inbox
+from cableway.studio.opening import opened
 from cableway.studio.studio import Studio
-from cableway.studio.view import look
+from cableway.studio.view import arms, look
+from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.events import in_order
-from cableway.studio.view.meshes import circle, prism, ribbon, ring, tube
+from cableway.studio.view.meshes import CORD, circle, cord, creases, prism, ribbon, ring, tube, welded
 from cableway.studio.view.page import LONG, TELL, Page
 from cableway.studio.view.server import Server
 
@@ -200,6 +208,60 @@ def test_a_painted_colour_comes_out_as_that_of_the_figures(color: str):
     v = (v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)
     shown = look._coded(np.clip(look._FROM_TONE @ v, 0, 1))
     np.testing.assert_allclose(255 * shown, look.rgb(color), atol=34)  # a curve that leaves no colour pure
+
+
+def test_meshes_whose_corners_are_shared_are_the_surfaces_that_they_stand_for():
+    """Also where other ones have the same triangles, as of a cable that moves or of arms."""
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        line = np.cumsum(rng.uniform(0.01, 0.02, (9, 3)), axis=0)
+        ends, radii = rng.uniform(0.0, 1.0, (3, 2, 3)), rng.uniform(0.05, 0.1, 3)
+        for made, surface in (
+            (cord(line, 0.004), tube_in_space(line, 0.004, CORD)),
+            (arms._links(Capsules(ends, radii)), capsules(ends, radii, arms.ROUND, arms.RINGS)),
+            (welded(capsules(ends[:1], radii[:1])), capsules(ends[:1], radii[:1])),
+        ):
+            np.testing.assert_allclose(made.vertices[made.faces], surface.corners, atol=1e-6)
+            edges = np.sort(made.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+            assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()  # closed: each edge is of two
+    box = upright(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]]), (0.0, 3.0))
+    assert sorted(np.linalg.norm(np.diff(creases(box), axis=1)[:, 0], axis=1)) == [1.0] * 4 + [2.0] * 4 + [3.0] * 4
+    assert len(creases(capsules(ends[:1], radii[:1]))) == 0
+
+
+def test_a_page_is_told_the_pose_of_what_takes_the_name_of_another():
+    """Also where it is as usual: the page keeps that of the node that had the name."""
+    told: list[tuple[str, Any]] = []
+
+    class Handle(SimpleNamespace):
+        position, wxyz = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            told.append((name, value))
+            super().__setattr__(name, value)
+
+    client: Any = SimpleNamespace(scene=SimpleNamespace(add_mesh_simple=lambda *_, **given: Handle(**given)))
+    Canvas(client, *[lambda *_: None] * 3).solid("/obstacles/0", prism(circle(0.1), 0.0, 0.02), palette.INK)
+    assert [value for name, value in told if name == "position"][-1] == (0.0, 0.0, 0.0)
+    assert [value for name, value in told if name == "wxyz"][-1] == (1.0, 0.0, 0.0, 0.0)
+
+
+def test_arms_and_hands_of_a_cell_are_where_its_kinematics_have_them():
+    draft = opened("single-obstacle-2", "dual-ur5e").draft
+    assert isinstance(draft, Draft)
+    assert draft.cell is not None
+    assert draft.grippers.body == draft.cell.tool
+    with pytest.raises(InputError, match="a cell is for a task on the table"):
+        opened(ball_task(), "dual-ur5e")
+    drawn: dict[str, Any] = {}
+    canvas: Any = SimpleNamespace(solid=lambda name, mesh, color, **how: drawn.update({name: (mesh, how)}))
+    poses = np.array([[0.2, 0.3, 0.5], [0.4, 0.3, -0.5]])
+    arms.draw_hands(canvas, "/moment", draft, poses, 0.01)
+    for side, pose in enumerate(poses):
+        mesh, how = drawn[f"/moment/hand{side}"]
+        assert (*how["at"], how["angle"]) == pytest.approx(tuple(pose))
+        assert mesh.vertices[:, 2].max() == pytest.approx(max(each.heights[1] for each in draft.grippers.pieces))
+    assert len(arms.outlines(draft, poses)) % 2 == 0
 
 
 @pytest.mark.parametrize(

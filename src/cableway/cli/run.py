@@ -145,7 +145,10 @@ class Run(PlanOptions):
         if self.plant is not None and is_plugin(self.plant):
             raise InputError(f"--plant {self.plant}: in space the plant is the simulated one; give a YAML file")
         perturbation = None if self.plant is None else read_spatial_perturbation(Path(self.plant), task)
-        return leave_in_space(self, task, since, controller=controller, plan=self.plan_file, perturbation=perturbation)
+        return leave_in_space(
+            self, task, since, controller=controller, plan=self.plan_file, perturbation=perturbation,
+            video=not self.no_video,
+        )  # fmt: skip
 
     def _eyes(self) -> EyesConfig | None:
         """The cameras that the options ask for."""

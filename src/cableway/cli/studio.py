@@ -9,7 +9,8 @@ from typing import Annotated
 
 import tyro
 
-from cableway.cli.options import Flag, Options
+from cableway.cli.options import Flag, Options, option
+from cableway.cli.planning import CELL_NAMES
 from cableway.cli.terminal import Terminal
 
 
@@ -22,6 +23,9 @@ class Studio(Options):
     """Name in the catalogue, or a YAML file, also of a task that no cable can do; or a plan.npz or rollout.npz with
     its task.yaml beside it, as commands leave them."""
 
+    cell: Annotated[str | None, option(metavar=CELL_NAMES)] = None
+    """Arms that hold the grippers, as `cableway plan --cell` has them; by default, what the task says."""
+
     host: str = "127.0.0.1"
     """Address to listen on; another than this machine's own lets everybody in who can reach it."""
 
@@ -33,6 +37,7 @@ class Studio(Options):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.studio.opening import opened
         from cableway.studio.studio import Studio as Pages
 
         def announce(address: str) -> None:
@@ -41,7 +46,8 @@ class Studio(Options):
                 webbrowser.open(address)
 
         out = self.out or Path("runs/studio")
-        pages = Pages(self.task, self.host, self.port, out, self.seed or 0, announce=announce)
+        task = self.task if self.cell is None else opened(self.task, self.cell)
+        pages = Pages(task, self.host, self.port, out, self.seed or 0, announce=announce)
         try:
             pages.wait()
         finally:

@@ -12,7 +12,7 @@ from rich.text import Text
 from cableway.cli.interrupts import INTERRUPTS
 from cableway.cli.options import LARGEST_SEED, Flag, Maybe, PictureOptions, option
 from cableway.cli.terminal import Terminal, columns
-from cableway.core.errors import InputError, UnknownNameError
+from cableway.core.errors import InputError
 from cableway.core.quantities import limit_text
 
 if TYPE_CHECKING:
@@ -70,13 +70,13 @@ class Tasks(PictureOptions):
     def _random(self, kind: str) -> int:
         from cableway.core.files import only_writer
         from cableway.scene.files.saving import save_task
-        from cableway.tasks.space.generation import SPATIAL_KINDS
+        from cableway.tasks.space.generation import SPATIAL_KINDS, random_any_task
 
         terminal, folder, tasks, rows = Terminal(self), self.folder(kind), [], []
         INTERRUPTS.kept = lambda: f"{len(tasks)} of {self.count} tasks are in {folder}" if tasks else ""
         with only_writer(folder), terminal.progress() as progress:
             for k in range(self.count):
-                task = _drawn((self.seed or 0) + k, kind, self.width)
+                task = random_any_task((self.seed or 0) + k, kind, width=self.width)
                 path = folder / f"{task.name}.yaml"
                 save_task(task, path)
                 tasks.append(task)
@@ -91,18 +91,6 @@ class Tasks(PictureOptions):
         terminal.note(f"in {folder}")
         terminal.result({"tasks": rows}, _table(tasks))
         return 0
-
-
-def _drawn(seed: int, kind: str, width: float | None) -> Task | SpatialTask:
-    """The random task of a kind on the table or in space."""
-    from cableway.tasks.generation import KINDS, random_task
-    from cableway.tasks.space.generation import SPATIAL_KINDS, random_spatial_task
-
-    if kind in SPATIAL_KINDS:
-        return random_spatial_task(seed, kind, width=width)
-    if kind not in KINDS:
-        raise UnknownNameError("kind of random task", kind, (*KINDS, *SPATIAL_KINDS))
-    return random_task(seed, kind, width=width)
 
 
 def _row(task: Task | SpatialTask) -> dict[str, Any]:

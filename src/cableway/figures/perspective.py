@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 from matplotlib.colors import to_rgb
 
 from cableway.core.errors import InputError
@@ -13,10 +13,10 @@ from cableway.figures import palette, scene
 from cableway.figures.replanning import change_of
 from cableway.records import Plan, Rollout
 from cableway.rendering.camera import Camera
-from cableway.rendering.cell import CellScene, Color, Label, Look
+from cableway.rendering.cell import CellScene, Color, Label, Look, view_direction
 from cableway.rendering.mesh import Mesh, tube
 from cableway.rendering.picture import Light, render
-from cableway.scene.cell import Cell, Way
+from cableway.scene.cell import Way
 from cableway.scene.task import Task
 
 ARMS = (palette.BLUE, palette.ORANGE)
@@ -24,9 +24,6 @@ ARMS = (palette.BLUE, palette.ORANGE)
 
 VIEW = math.radians(32)
 """Angle of view across a picture."""
-
-STEEP = 0.85
-"""How far the camera looks down for each metre ahead [m]: over the fingers, and not onto the arms."""
 
 LAMP, AMBIENT = (-0.4, -0.9, 3.2), 0.62
 """Where the lamp is from the middle of the workspace [m], and the share of light from everywhere."""
@@ -109,12 +106,3 @@ def as_it_was(task: Task, record: Plan | Rollout) -> Task:
     """The task of a record, with obstacles where they are, known or not."""
     change = change_of(task, record) if isinstance(record, Rollout) else None
     return task if change is None else task.in_scene(change.whole)
-
-
-def view_direction(task: Task, cell: Cell) -> Float[np.ndarray, "3"]:
-    """Across the line from one arm to the other and down, from the side of the lower edge of the workspace."""
-    first, second = (arm.base(task.scene)[:2, 3] for arm in cell.arms)
-    along = second - first
-    length = float(np.linalg.norm(along))
-    ahead = np.array([-along[1], along[0]]) / length if length > 0 else np.array([0.0, 1.0])
-    return np.append(ahead if ahead[1] >= 0 else -ahead, -STEEP)

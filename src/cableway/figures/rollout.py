@@ -20,6 +20,8 @@ from cableway.figures.plan import AXIS, HEADED, add_time_bar, draw_clearance, sp
 from cableway.figures.replanning import change_of, draw_actual_scene, draw_left, left_of, stops_of
 from cableway.outcome import SUCCESS_ERROR
 from cableway.records import Plan, Rollout, Verdict
+from cableway.scene.files.loading import AnyTask
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import Task
 
 SHAPES_SHOWN = 12
@@ -84,9 +86,10 @@ def estimates_figure(rollout: Rollout) -> Figure | None:
     return figure
 
 
-def stacked_errors(task: Task, rollout: Rollout) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+def stacked_errors(task: AnyTask, rollout: Rollout) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Stacked distance [m] of the keypoints to the goal and to the reference at each time."""
-    to_goal = np.linalg.norm(rollout.keypoints - task.goal, axis=(1, 2))
+    goal = task.keypoints("goal") if isinstance(task, SpatialTask) else task.goal
+    to_goal = np.linalg.norm(rollout.keypoints - goal, axis=(1, 2))
     return to_goal, np.linalg.norm(rollout.keypoints - rollout.reference, axis=(1, 2))
 
 

@@ -24,12 +24,9 @@ from cableway.records import Rollout
 from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, Picture, render
-from cableway.rendering.space import CABLE, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
+from cableway.rendering.space import CABLE, DIRECTION, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
 from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import ENDS, End
-
-DIRECTION = (0.42, 0.8, -0.5)
-"""In which the camera looks: over the front wall, from the left and from above."""
 
 VIEW = 0.5
 """Angle of view across a picture [rad]."""
@@ -61,11 +58,12 @@ class SpaceView:
     Args:
         task: The task.
         width: Of the panel [inch].
+        pixels: Width and height of its picture; as the panel's where None.
     """
 
-    def __init__(self, task: SpatialDraft, width: float = PANEL) -> None:
+    def __init__(self, task: SpatialDraft, width: float = PANEL, pixels: tuple[int, int] | None = None) -> None:
         self.task = task
-        self.size = (round(FINE * width), round(FINE * width * TALL))
+        self.size = pixels or (round(FINE * width), round(FINE * width * TALL))
         scene = task.scene
         corners = np.array(list(product(*((0.0, side) for side in scene.size))))
         self._camera = Camera.framing(corners, np.array(DIRECTION), size=self.size, view=VIEW, margin=0.02)
@@ -73,19 +71,27 @@ class SpaceView:
         self._light = Light(position=(x, y, z), ambient=AMBIENT)
         self._solid = scene_mesh(scene, pale(palette.OBSTACLE, 0.3), pale(palette.OBSTACLE_EDGE, 0.75))
 
+    def picture(
+        self,
+        cables: Sequence[tuple[Float[np.ndarray, "s 3"], str]],
+        held: Sequence[tuple[Float[np.ndarray, "2 7"], str]],
+    ) -> Picture:
+        """The scene with cables and gripper poses, each with its colour, as the camera sees it."""
+        radius = self.task.cable.radius
+        meshes = [cable_mesh(stations, radius, to_rgb(color)) for stations, color in cables]
+        meshes += [
+            body_mesh(body, poses[body.side], pale(color, 0.55)) for poses, color in held for body in self.task.bodies
+        ]
+        return render(Mesh.joined([self._solid, *meshes]), self._camera, self._light, samples=3)
+
     def draw(
         self,
         ax: Axes,
         cables: Sequence[tuple[Float[np.ndarray, "s 3"], str]],
         held: Sequence[tuple[Float[np.ndarray, "2 7"], str]],
     ) -> None:
-        """The scene with cables and gripper poses, each with its colour."""
-        radius = self.task.cable.radius
-        meshes = [cable_mesh(stations, radius, to_rgb(color)) for stations, color in cables]
-        meshes += [
-            body_mesh(body, poses[body.side], pale(color, 0.55)) for poses, color in held for body in self.task.bodies
-        ]
-        picture = render(Mesh.joined([self._solid, *meshes]), self._camera, self._light, samples=3)
+        """The same in a panel, what is hidden of cables dashed."""
+        radius, picture = self.task.cable.radius, self.picture(cables, held)
         width, height = self.size
         ax.imshow(picture.color, extent=(-0.5, width - 0.5, -0.5, height - 0.5), aspect="auto")
         for stations, color in cables:

@@ -18,8 +18,10 @@ from cableway.figures.moving import MovingScene, captions, moving_handles
 from cableway.figures.perspective import CellView, way_of
 from cableway.figures.plan import draw_clearance
 from cableway.figures.rollout import draw_errors, stacked_errors
+from cableway.figures.space import SpaceView
 from cableway.records import INSERTION, Plan, Rollout
-from cableway.scene.task import Task
+from cableway.scene.files.loading import AnyTask
+from cableway.scene.spatial.task import SpatialTask
 
 SIZE = (1280, 720)
 """Pixels of a frame, both multiples of 16 as H.264 likes them."""
@@ -44,6 +46,9 @@ class Layout(NamedTuple):
     perspective: tuple[float, float, float, float] | None = None
 
 
+SPACE = Layout((0.14, 0.5, 6.3, 5.1), (6.95, 3.75, 4.21, 2.05), (6.95, 0.7, 4.21, 2.05))
+"""In space, where the scene is in perspective."""
+
 TABLE = Layout((0.54, 0.9, 4.8, 4.8), (6.7, 3.75, 4.46, 2.05), (6.7, 0.7, 4.46, 2.05))
 """Of grippers alone."""
 
@@ -62,7 +67,7 @@ FASTEST = 20
 
 def write_video(
     path: Path,
-    task: Task,
+    task: AnyTask,
     rollout: Rollout,
     insertion: Rollout | None = None,
     *,
@@ -73,7 +78,7 @@ def write_video(
 
     Args:
         path: Where to; written atomically.
-        task: The task of the rollout.
+        task: The task of the rollout, on the table or in space.
         rollout: What happened.
         insertion: And then, where a plug was inserted.
         plan: What was followed first, so that it can be shown where it was given up.
@@ -82,7 +87,8 @@ def write_video(
     Raises:
         CablewayError: The encoder failed.
     """
-    stage = _Stage(task, rollout, insertion, plan)
+    in_space = isinstance(task, SpatialTask)
+    stage = _SpatialStage(task, rollout) if in_space else _Stage(task, rollout, insertion, plan)
     rows, rate, speed = playback(stage.run)
     stage.title(speed)
     write_film(path, rate, _frames(stage, rows, rate, progress))
@@ -133,18 +139,26 @@ def _frames(
 class _Stage:
     """The figure of a frame: a still background, and the artists that change from row to row."""
 
-    def __init__(self, task: Task, rollout: Rollout, insertion: Rollout | None, plan: Plan | None = None) -> None:
-        self._task, self._rollout, self._insertion = task, rollout, insertion
+    def __init__(self, task: AnyTask, rollout: Rollout, insertion: Rollout | None, plan: Plan | None = None) -> None:
+        self._task: Any = task
+        self._rollout, self._insertion = rollout, insertion
         self.run = joined(rollout, insertion)
-        self._captions = captions(task, rollout)
+        self._captions = self._said()
         if insertion is not None:
             self._captions += [INSERTION] * insertion.steps
         self._figure = style.new_figure(SIZE[0] / INCH, SIZE[1] / INCH)
         self._figure.set_dpi(INCH)
         self._moving: list[tuple[Axes, Artist]] = []
-        self._layout = TABLE if way_of(task, self.run) is None else CELL
+        self._layout = self._laid_out()
         self._build_scene(plan)
         self._build_curves()
+
+    def _said(self) -> list[str]:
+        """What is going on in each row of the rollout."""
+        return captions(self._task, self._rollout)
+
+    def _laid_out(self) -> Layout:
+        return TABLE if way_of(self._task, self.run) is None else CELL
 
     def title(self, speed: int) -> None:
         """Write the title, and keep all that stands still."""
@@ -168,14 +182,28 @@ class _Stage:
             clock = style.add_axes(self._figure, *self._layout.perspective)
             pixels = (round(INCH * self._layout.perspective[2]), round(INCH * self._layout.perspective[3]))
             self._view = CellView(self._task, self.run, pixels)
-            self._picture = clock.imshow(self._view.image(0), aspect="auto", interpolation="nearest")
-            clock.set_axis_off()
-            self._add(clock, self._picture)
-        self._clock = clock.text(0.0, 1.02, "", transform=clock.transAxes, fontsize=11, color=palette.INK)
+            self._add_picture(clock, self._view.image(0))
         for artist in self._scene.moving:
             self._add(ax, artist)
-        self._add(clock, self._clock)
+        self._add_clock(clock)
         style.legend_below(ax, moving_handles(self._task, self.run), 4)
+
+    def _add_picture(self, ax: Axes, image: np.ndarray) -> None:
+        """A panel for pictures in perspective."""
+        self._picture = ax.imshow(image, aspect="auto", interpolation="nearest")
+        ax.set_axis_off()
+        self._add(ax, self._picture)
+
+    def _add_clock(self, ax: Axes) -> None:
+        """The time above a panel."""
+        self._clock = ax.text(0.0, 1.02, "", transform=ax.transAxes, fontsize=11, color=palette.INK)
+        self._add(ax, self._clock)
+
+    def _show(self, row: int) -> None:
+        """The scene in one row."""
+        self._scene.show(row)
+        if self._view is not None:
+            self._picture.set_data(self._view.image(row))
 
     def _build_curves(self) -> None:
         run, tracked = self.run, len(self._rollout.times)
@@ -202,9 +230,7 @@ class _Stage:
     def frame(self, row: int) -> np.ndarray:
         """The picture of one row."""
         now, end = float(self.run.times[row]), float(self.run.times[-1])
-        self._scene.show(row)
-        if self._view is not None:
-            self._picture.set_data(self._view.image(row))
+        self._show(row)
         self._clock.set_text(f"{now:.1f} s   {self._captions[row]}")
         for future, cursor in self._cursors:
             future.set_x(now)
@@ -214,3 +240,32 @@ class _Stage:
         for ax, artist in self._moving:
             ax.draw_artist(artist)
         return np.asarray(self._canvas.buffer_rgba())
+
+
+class _SpatialStage(_Stage):
+    """The same in space."""
+
+    def __init__(self, task: SpatialTask, rollout: Rollout) -> None:
+        super().__init__(task, rollout, None)
+
+    def _said(self) -> list[str]:
+        return ["", *map(str, self._rollout.status)]
+
+    def _laid_out(self) -> Layout:
+        return SPACE
+
+    def _build_scene(self, plan: Plan | None) -> None:
+        left, bottom, width, height = self._layout.scene
+        ax = style.add_axes(self._figure, left, bottom, width, height)
+        self._space = SpaceView(self._task, pixels=(round(INCH * width), round(INCH * height)))
+        self._add_picture(ax, self._image(0))
+        self._add_clock(ax)
+
+    def _show(self, row: int) -> None:
+        self._picture.set_data(self._image(row))
+
+    def _image(self, row: int) -> np.ndarray:
+        """The cable and its grippers on the way, and the goal."""
+        goal, run = self._task.stations("goal"), self.run
+        cables = [(goal, palette.GOAL), (run.centreline[row], palette.INK)]
+        return self._space.picture(cables, [(run.poses[row], palette.MUTED)]).color

@@ -16,12 +16,24 @@ from cableway.rendering.mesh import Mesh, Surface, capsules, circle, prism, tube
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.arm_models import ArmModel
 from cableway.scene.bodies import Body
-from cableway.scene.cell import Way
+from cableway.scene.cell import Cell, Way
 from cableway.scene.obstacles import Disc, Obstacle
-from cableway.scene.task import Task
+from cableway.scene.task import Draft, Task
 
 Color = tuple[float, float, float]
 """sRGB from 0 to 1."""
+
+
+class Capsules(NamedTuple):
+    """Links of an arm.
+
+    Attributes:
+        ends: Of their segments [m].
+        radii: By which these are grown [m].
+    """
+
+    ends: Float[np.ndarray, "k 2 3"]
+    radii: Float[np.ndarray, "k"]
 
 
 class Label(IntEnum):
@@ -79,6 +91,9 @@ PEDESTAL = 0.009
 WALL = 0.006
 """Width of the walls [m], outside the workspace."""
 
+STEEP = 0.85
+"""How far a camera looks down for each metre ahead [m]: over the fingers, and not onto the arms."""
+
 LONG = 0.2
 """Length of a capsule [m] from which on it is a tube between joints."""
 
@@ -112,8 +127,6 @@ class CellScene:
     def __init__(self, task: Task, way: Way | None, look: Look) -> None:
         self._task, self._look = task, look
         self._kinematics = None if way is None else CellKinematics(task, way)
-        pieces = task.grippers.pieces
-        self._bodies = [body for body in task.bodies if not pieces or len(body.outline) > 1]
         self.still = Mesh.joined(self._still())
 
     def mesh(
@@ -163,8 +176,8 @@ class CellScene:
             yield from self._arms(self._kinematics, joints)
         if poses is None:
             return
-        for body in self._bodies:
-            yield _hand(body, poses[body.side]).painted(self._look.grippers[body.side], GRIPPERS[body.side])
+        for body in shown_bodies(self._task):
+            yield body_surface(body, poses[body.side]).painted(self._look.grippers[body.side], GRIPPERS[body.side])
 
     def _bands(self, cable: Float[np.ndarray, "m 2"]) -> Iterator[Surface]:
         """The markers on a cable, whose keypoints are at equal distances along it."""
@@ -174,13 +187,9 @@ class CellScene:
             yield tube(np.column_stack([line, np.full(3, radius)]), BAND * radius)
 
     def _arms(self, kinematics: CellKinematics, joints: Float[np.ndarray, "2 6"]) -> Iterator[Mesh]:
-        assert self._task.cell is not None
-        for side, (ends, radii) in enumerate(kinematics.links(joints[None])):
-            count = len(self._task.cell.models[kinematics.way.holders[side]].capsules)  # those of the tool come after
-            ends, radii = ends[0, :count], radii[:count]
-            tubes = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > LONG
-            yield capsules(ends[tubes], radii[tubes]).painted(self._look.links, ARMS[side])
-            yield capsules(ends[~tubes], radii[~tubes]).painted(self._look.joints[side], ARMS[side])
+        for side, (tubes, others) in enumerate(arm_capsules(self._task, kinematics, joints)):
+            yield capsules(*tubes).painted(self._look.links, ARMS[side])
+            yield capsules(*others).painted(self._look.joints[side], ARMS[side])
 
     def _still(self) -> Iterator[Mesh]:
         scene, look = self._task.scene, self._look
@@ -197,12 +206,7 @@ class CellScene:
                 yield foot.painted(look.table, Label.TABLE)
 
     def _feet(self) -> list[tuple[Float[np.ndarray, "3"], float]]:
-        """Where the arms stand, and the radius of what they stand on [m]."""
-        cell = None if self._kinematics is None else self._task.cell
-        if cell is None:
-            return []
-        bases = (arm.base(self._task.scene)[:3, 3] for arm in cell.arms)
-        return [(at, _base_radius(model) + PEDESTAL) for at, model in zip(bases, cell.models, strict=True)]
+        return [] if self._kinematics is None else feet(self._task)
 
     def _table(self) -> Float[np.ndarray, "4 2"]:
         """Corners of the table [m]."""
@@ -210,6 +214,52 @@ class CellScene:
         points = np.vstack([np.zeros(2), self._task.scene.size, *feet])
         (left, low), (right, high) = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
         return _box(left, low, right, high)
+
+
+def shown_bodies(task: Draft) -> list[Body]:
+    """What is shown of grippers and plug: not the discs of hands that have more."""
+    pieces = task.grippers.pieces
+    return [body for body in task.bodies if not pieces or len(body.outline) > 1]
+
+
+def body_surface(body: Body, pose: Float[np.ndarray, "3"]) -> Surface:
+    """A body of a gripper at its pose [m, m, rad]."""
+    low, high = body.heights
+    heights = (low if math.isfinite(low) else 0.0, high if math.isfinite(high) else DISC)
+    if len(body.outline) == 1:
+        return prism(circle((float(pose[0]), float(pose[1])), body.rounding), heights, rounded=True)
+    return prism(body.placed(pose)[:-1], heights)
+
+
+def arm_capsules(
+    task: Task, kinematics: CellKinematics, joints: Float[np.ndarray, "2 6"]
+) -> list[tuple[Capsules, Capsules]]:
+    """Tubes and other links of the arms at the left and the right end, without their tools, at joints [rad]."""
+    assert task.cell is not None
+    found = []
+    for side, (ends, radii) in enumerate(kinematics.links(joints[None])):
+        count = len(task.cell.models[kinematics.way.holders[side]].capsules)  # those of the tool come after
+        ends, radii = ends[0, :count], radii[:count]
+        tubes = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > LONG
+        found.append((Capsules(ends[tubes], radii[tubes]), Capsules(ends[~tubes], radii[~tubes])))
+    return found
+
+
+def feet(task: Draft) -> list[tuple[Float[np.ndarray, "3"], float]]:
+    """Where the arms of a task's cell stand, and the radius of what they stand on [m]."""
+    if (cell := task.cell) is None:
+        return []
+    bases = (arm.base(task.scene)[:3, 3] for arm in cell.arms)
+    return [(at, _base_radius(model) + PEDESTAL) for at, model in zip(bases, cell.models, strict=True)]
+
+
+def view_direction(task: Draft, cell: Cell) -> Float[np.ndarray, "3"]:
+    """Across the line from one arm to the other and down, from the side of the lower edge of the workspace."""
+    first, second = (arm.base(task.scene)[:2, 3] for arm in cell.arms)
+    along = second - first
+    length = float(np.linalg.norm(along))
+    ahead = np.array([-along[1], along[0]]) / length if length > 0 else np.array([0.0, 1.0])
+    return np.append(ahead if ahead[1] >= 0 else -ahead, -STEEP)
 
 
 def _base_radius(model: ArmModel) -> float:
@@ -235,12 +285,3 @@ def _upright(obstacle: Obstacle, height: float) -> Surface:
     if isinstance(obstacle, Disc):
         return prism(circle(obstacle.center, obstacle.radius, 64), (0.0, height), rounded=True)
     return prism(obstacle.vertices, (0.0, height))
-
-
-def _hand(body: Body, pose: Float[np.ndarray, "3"]) -> Surface:
-    """A body of a gripper at its pose [m, m, rad]."""
-    low, high = body.heights
-    heights = (low if math.isfinite(low) else 0.0, high if math.isfinite(high) else DISC)
-    if len(body.outline) == 1:
-        return prism(circle((float(pose[0]), float(pose[1])), body.rounding), heights, rounded=True)
-    return prism(body.placed(pose)[:-1], heights)

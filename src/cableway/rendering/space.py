@@ -18,6 +18,9 @@ Color = tuple[float, float, float]
 TABLE, OBSTACLE, CABLE, GRIPPER = 1, 2, 3, 4
 """Labels of what is seen."""
 
+DIRECTION = (0.42, 0.8, -0.5)
+"""In which a camera looks: over the front wall, from the left and from above."""
+
 TOP = 0.01
 """Thickness of the table [m]."""
 

@@ -132,8 +132,8 @@ def equilibria_at(
 
 
 def nearest_equilibrium(
-    rod: PlanarRod, poses: Float[np.ndarray, "2 3"], keypoints: Float[np.ndarray, "n 2"]
-) -> Float[np.ndarray, "6"] | None:
+    rod: HeldRod, poses: Float[np.ndarray, "2 pose"], keypoints: Float[np.ndarray, "n space"]
+) -> Float[np.ndarray, "d"] | None:
     """Of `equilibria_at`, the one whose keypoints are nearest (stacked) to those given; None where there is none."""
     found = equilibria_at(rod, poses)
     away = np.linalg.norm(rod.at_keypoints(rod.shapes(found)[0]) - keypoints, axis=(1, 2))

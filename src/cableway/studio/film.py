@@ -19,6 +19,7 @@ from cableway.geometry import polyline
 from cableway.records import Plan, Rollout
 from cableway.scene.clearance import PIECES
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.workflow.run import Run
 
 if TYPE_CHECKING:
     from cableway.studio.running import Running
@@ -71,7 +72,7 @@ def film_video(running: Running) -> bytes:
 
     if running.rollout is None:
         raise InputError("the run is not over yet: a video is made of what is recorded")
-    insertion = None if running.run is None else running.run.insertion
+    insertion = running.run.insertion if isinstance(running.run, Run) else None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "rollout.mp4"
         write_video(path, running.task, running.rollout, insertion, plan=running.plan)

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.errors import Point, TaskError
-from cableway.scene.task import Draft, End
+from cableway.core.errors import Point, SpacePoint, TaskError
+from cableway.scene.files.loading import AnyDraft
+from cableway.scene.spatial.task import SpatialDraft
+from cableway.scene.task import End
 
 
 @dataclass(frozen=True)
@@ -19,13 +21,13 @@ class EndFigures:
     Attributes:
         clearance: Of its surface from obstacles and walls [m], negative by the overlap.
         nearest: What that is from, such as "obstacles[2] (box at ...)".
-        at: Where on the table [m].
+        at: Where on the table, or in space [m].
         stability: Stability margin; the cable snaps away at 0.
     """
 
     clearance: float
     nearest: str
-    at: Point
+    at: Point | SpacePoint
     stability: float
 
 
@@ -47,7 +49,7 @@ class Inspection:
         return tuple(fault.sentence for fault in self.faults)
 
 
-def inspect(draft: Draft, shapes: Mapping[End, Float[np.ndarray, "6"] | None]) -> Inspection:
+def inspect(draft: AnyDraft, shapes: Mapping[End, Float[np.ndarray, "d"] | None]) -> Inspection:
     """Look at a draft.
 
     Args:
@@ -58,9 +60,13 @@ def inspect(draft: Draft, shapes: Mapping[End, Float[np.ndarray, "6"] | None]) -
     return Inspection(figures, tuple(draft.faults()))
 
 
-def end_figures(draft: Draft, q: Float[np.ndarray, "6"]) -> EndFigures:
+def end_figures(draft: AnyDraft, q: Float[np.ndarray, "d"]) -> EndFigures:
     """What is known of the cable q at an end."""
     rod = draft.cable.rod
     line = rod.shapes(q[None])[0][0]
-    depth, solid, at = draft.scene.overlap(line, draft.cable.radius)
+    if isinstance(draft, SpatialDraft):
+        distance, solid, at = draft.scene.nearest(line)
+        depth = draft.cable.radius - distance
+    else:
+        depth, solid, at = draft.scene.overlap(line, draft.cable.radius)
     return EndFigures(-depth, draft.scene.name_of(solid), at, float(rod.stability(q[None])[0][0]))

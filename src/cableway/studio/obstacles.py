@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import Point, TaskError
 from cableway.geometry import se2
+from cableway.scene.files.loading import AnyDraft
 from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon, displaced
 from cableway.scene.scene import Scene
 from cableway.scene.task import Draft
@@ -96,14 +97,16 @@ def new_obstacle(kind: Kind, scene: Scene) -> Obstacle:
     return Polygon(vertices=corners + np.array(center), height=height)
 
 
-def with_obstacle(draft: Draft, index: int, obstacle: Obstacle | None) -> Draft:
+def with_obstacle(draft: AnyDraft, index: int, obstacle: Any) -> AnyDraft:
     """The draft with another obstacle in the place of one, without that one where None, one more where it has none.
 
     Raises:
-        TaskError: It is larger than the workspace.
+        TaskError: It is larger than the workspace, or in space wholly outside it.
     """
     there = draft.scene.obstacles
-    new = () if obstacle is None else (_inside(obstacle, draft.scene.size),)
+    new = () if obstacle is None else (obstacle,)
+    if isinstance(draft, Draft):
+        new = tuple(_inside(each, draft.scene.size) for each in new)
     return replace(draft, scene=replace(draft.scene, obstacles=(*there[:index], *new, *there[index + 1 :])))
 
 

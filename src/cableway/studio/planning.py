@@ -10,6 +10,7 @@ from cableway.core.quantities import quantity
 from cableway.records import Plan
 from cableway.scene.task import CONTROL_STEP
 from cableway.workflow.run import Run
+from cableway.workflow.solve_in_space import SpatialRun
 
 PLANNING = "Planning ..."
 """Said while it is not known yet at what stage."""
@@ -32,11 +33,11 @@ class Planning:
     status: Status
     sentence: str
     plans: tuple[Plan, ...] = ()
-    run: Run | None = None
+    run: Run | SpatialRun | None = None
     at: Point | None = None
 
 
-def planning_of(run: Run) -> Planning:
+def planning_of(run: Run | SpatialRun) -> Planning:
     """What a run that is over comes to."""
     if run.plan is None:
         at = None if run.attempt is None else run.attempt.at
@@ -45,7 +46,7 @@ def planning_of(run: Run) -> Planning:
     room = "" if clearance is None else f", {quantity(clearance)} clear at least"
     took = "" if run.report.planning_time is None else f" Found in {run.report.planning_time:.1f} s."
     sentence = f"A verified plan: {plan.steps} steps, {plan.steps * CONTROL_STEP:.1f} s{room}.{took}"
-    return Planning("found", sentence, (plan, *run.alternatives), run)
+    return Planning("found", sentence, (plan, *(run.alternatives if isinstance(run, Run) else ())), run)
 
 
 def planning_from(plan: Plan | None, name: str) -> Planning:

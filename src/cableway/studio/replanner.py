@@ -15,12 +15,15 @@ from cableway.core.compiled import clock
 from cableway.core.errors import CablewayError, said
 from cableway.core.executors import begin_worker, deaf_to_interrupts
 from cableway.core.logs import log_file
+from cableway.scene.files.loading import AnyTask
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import Task
 from cableway.studio.pace import Pace
 from cableway.tracking import Row
 from cableway.workflow.events import CANCEL, Event, Progress, Stepped
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
+from cableway.workflow.solve_in_space import SpatialOptions, SpatialRun, solve_in_space
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class Answer:
     """
 
     number: int
-    run: Run | None = None
+    run: Run | SpatialRun | None = None
     problem: str = ""
     stage: str = ""
     row: Row | None = None
@@ -71,7 +74,7 @@ class Replanner:
             listening = threading.Thread(target=self._listen, args=(self._connection,), daemon=True)
             listening.start()
 
-    def request(self, task: Task, options: SolveOptions, since: float = 0.0) -> int:
+    def request(self, task: AnyTask, options: SolveOptions | SpatialOptions, since: float = 0.0) -> int:
         """Have a task solved, in place of what is under way; returns the number of the request.
 
         Where it is run, rows come in the time that they take, from the time `since` [s] of the run on.
@@ -138,7 +141,9 @@ def _work(connection: Connection, log: str | None) -> None:
                 connection.send(_answer(connection, number, task, options, since))
 
 
-def _answer(connection: Connection, number: int, task: Task, options: SolveOptions, since: float = 0.0) -> Answer:
+def _answer(
+    connection: Connection, number: int, task: AnyTask, options: SolveOptions | SpatialOptions, since: float = 0.0
+) -> Answer:
     last, pace = "", Pace(since, connection.poll)
 
     def on_event(event: Event) -> str | None:
@@ -156,6 +161,10 @@ def _answer(connection: Connection, number: int, task: Task, options: SolveOptio
         return math.inf if connection.poll() else clock()
 
     try:
+        if isinstance(options, SpatialOptions):
+            assert isinstance(task, SpatialTask)
+            return Answer(number, solve_in_space(task, replace(options, clock=time), on_event))
+        assert isinstance(task, Task)
         return Answer(number, solve(task, replace(options, clock=time), on_event))
     except CablewayError as error:
         return Answer(number, problem=str(error))

@@ -7,20 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from cableway.core.errors import InputError, Point
+from cableway.core.errors import InputError, Point, UnknownNameError
 from cableway.core.quantities import quantity
 from cableway.records import Measurement, Plan, Rollout
+from cableway.scene.files.loading import AnyTask
 from cableway.scene.scene import Scene
-from cableway.scene.task import Task
+from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.spatial.task import SpatialTask
+from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.variants import VARIANTS, named_perturbation
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.studio.replanner import Answer
 from cableway.tracking import Row
 from cableway.workflow.registry import DEFAULT_CONTROLLER
 from cableway.workflow.run import Run, SolveOptions
+from cableway.workflow.solve_in_space import SpatialOptions, SpatialRun
 
 PLANTS = tuple(name for name in VARIANTS if name != "drawn")
 """Names of the plants to choose from; that which draws from a preset's ranges asks for a preset."""
+
+SPATIAL_PLANTS = (PLANTS[0], "drawn")
+"""The same in space: the task's cable, and one drawn by `SpatialPerturbation.drawn`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,13 +53,33 @@ class Wanted:
     noise: float | None = None
     delay: float | None = None
 
-    def perturbation(self, task: Task, seed: int) -> Perturbation:
+    def perturbation(self, task: AnyTask, seed: int) -> Perturbation | SpatialPerturbation:
         """How the plant differs from the task.
 
         Raises:
             UnknownNameError: There is no such plant; the message lists them.
             InputError: A value is out of range, or the plant does not fit the task.
         """
+        return self._in_space(task, seed) if isinstance(task, SpatialTask) else self._on_table(task, seed)
+
+    def _in_space(self, task: SpatialTask, seed: int) -> SpatialPerturbation:
+        if self.plant not in SPATIAL_PLANTS:
+            raise UnknownNameError("plant in space", self.plant, SPATIAL_PLANTS)
+        found = SpatialPerturbation() if self.plant == SPATIAL_PLANTS[0] else SpatialPerturbation.drawn(task, seed)
+        cable, config = found.cable or task.cable, found.config
+        changed = replace(
+            cable, bending_stiffness=self.stiffness * cable.bending_stiffness, length=self.length * cable.length
+        )
+        delay = config.measurement_delay if self.delay is None else round(self.delay / CONTROL_STEP)
+        config = replace(
+            config,
+            friction=config.friction if self.friction is None else self.friction,
+            keypoint_noise=config.keypoint_noise if self.noise is None else self.noise,
+            measurement_delay=delay,
+        )
+        return replace(found, cable=None if changed == task.cable else changed, config=config)
+
+    def _on_table(self, task: Task, seed: int) -> Perturbation:
         found = named_perturbation(self.plant, task, seed)
         cable, sensing = found.true_cable(task), found.sensing
         changed = replace(
@@ -89,19 +117,19 @@ class Running:
         live: Whether it goes on.
     """
 
-    task: Task
+    task: AnyTask
     plan: Plan | None
     controller: Any = DEFAULT_CONTROLLER
-    perturbation: Perturbation = field(default_factory=Perturbation)
+    perturbation: Perturbation | SpatialPerturbation = field(default_factory=Perturbation)
     rows: tuple[Row, ...] = ()
     sentence: str = "The run begins ..."
-    run: Run | None = None
+    run: Run | SpatialRun | None = None
     rollout: Rollout | None = None
     kept: tuple[Row, ...] = ()
     live: bool = True
 
     @classmethod
-    def of_rollout(cls, task: Task, plan: Plan | None, rollout: Rollout, name: str) -> Running:
+    def of_rollout(cls, task: AnyTask, plan: Plan | None, rollout: Rollout, name: str) -> Running:
         """A run that was recorded in the file of that name."""
         plant = rollout.metadata.get("plant", {})
         where = Perturbation(
@@ -118,12 +146,19 @@ class Running:
         return self.rows if len(self.rows) >= len(self.kept) else self.kept
 
     @property
-    def scene(self) -> Scene:
+    def scene(self) -> Scene | SpatialScene:
         """Where the obstacles truly are."""
-        return self.perturbation.known_task(self.task).scene
+        task, perturbation = self.task, self.perturbation
+        if isinstance(task, Task) and isinstance(perturbation, Perturbation):
+            return perturbation.known_task(task).scene
+        return task.scene
 
-    def options(self, others: SolveOptions) -> SolveOptions:
-        """What makes the run, by `workflow.solve.solve`."""
+    def options(self, others: SolveOptions) -> SolveOptions | SpatialOptions:
+        """What makes the run, by `workflow.solve.solve`, or in space by `workflow.solve_in_space`."""
+        if isinstance(self.perturbation, SpatialPerturbation):
+            return SpatialOptions(
+                plan=self.plan, controller=self.controller, perturbation=self.perturbation, seed=others.seed
+            )
         return replace(
             others, track=True, alternatives=1, plan=self.plan, controller=self.controller,
             perturbation=self.perturbation,
@@ -152,6 +187,8 @@ class Running:
         Raises:
             InputError: It cannot stand there, something has been there, or it is not the first push of this run.
         """
+        if not (isinstance(self.task, Task) and isinstance(self.perturbation, Perturbation)):
+            raise InputError("in space no obstacle is pushed while it runs")
         if not self.live or not self.rows:
             raise InputError("no run is under way: an obstacle is pushed while there is one")
         if self.perturbation.obstacles or self.perturbation.pegs:
@@ -183,6 +220,7 @@ def _rows(rollout: Rollout) -> tuple[Row, ...]:
             centreline=rollout.centreline[k],
             clearance=float(rollout.clearance[k]),
             gripper_clearance=float(rollout.gripper_clearance[k]),
+            joints=None if rollout.joints is None else rollout.joints[k],
         )
         status = str(rollout.status[k - 1]) if k else ""
         rows.append(Row(float(time), rollout.observed[k], measured, rollout.reference[k], status))

@@ -7,19 +7,26 @@ from pathlib import Path
 
 from cableway.core.files import only_writer, write_json, write_text
 from cableway.records import Plan
+from cableway.scene.files.loading import AnyDraft
 from cableway.scene.files.saving import save_task
-from cableway.scene.task import Draft
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.reading import perturbation_text
+from cableway.simulation.perturbations.spatial_reading import spatial_perturbation_text
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.studio.opening import PLAN, TASK
 from cableway.workflow.run import Run
+from cableway.workflow.solve_in_space import SpatialRun
 
 OF_A_RUN = ("report.json", "rollout.npz", "insertion.npz", "plant.yaml")
 """What a run leaves besides the task and its plans."""
 
 
 def write_files(
-    folder: Path, draft: Draft, plans: Sequence[Plan], run: Run | None, perturbation: Perturbation | None = None
+    folder: Path,
+    draft: AnyDraft,
+    plans: Sequence[Plan],
+    run: Run | SpatialRun | None,
+    perturbation: Perturbation | SpatialPerturbation | None = None,
 ) -> tuple[Path, ...]:
     """Write what there is, in place of what another task left there, and return the files.
 
@@ -38,11 +45,14 @@ def write_files(
         contents.append((folder / (PLAN if place == 1 else f"plan-{place}.npz"), plan.save))
     if run is not None:
         contents.append((folder / "report.json", lambda path: write_json(path, run.report.as_dict())))
-        for name, rollout in (("rollout.npz", run.rollout), ("insertion.npz", run.insertion)):
+        inserted = run.insertion if isinstance(run, Run) else None
+        for name, rollout in (("rollout.npz", run.rollout), ("insertion.npz", inserted)):
             if rollout is not None:
                 contents.append((folder / name, rollout.save))
     if perturbation is not None:
-        contents.append((folder / "plant.yaml", lambda path: write_text(path, perturbation_text(perturbation))))
+        in_space = isinstance(perturbation, SpatialPerturbation)
+        text = spatial_perturbation_text(perturbation) if in_space else perturbation_text(perturbation)
+        contents.append((folder / "plant.yaml", lambda path: write_text(path, text)))
     with only_writer(folder):
         for path in (*folder.glob("plan*.npz"), *(folder / name for name in OF_A_RUN)):
             path.unlink(missing_ok=True)

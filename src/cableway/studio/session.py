@@ -16,8 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import InputError, Point
+from cableway.scene.files.loading import AnyDraft
 from cableway.scene.files.saving import save_task
-from cableway.scene.task import ENDS, Draft, End
+from cableway.scene.spatial.task import SpatialDraft
+from cableway.scene.task import ENDS, End
 from cableway.studio import ends
 from cableway.studio.inspection import Inspection, inspect
 from cableway.studio.obstacles import with_obstacle
@@ -26,8 +28,9 @@ from cableway.studio.planning import PLANNING, Planning, planning_from, planning
 from cableway.studio.replanner import Answer, Replanner
 from cableway.studio.running import Running, Wanted
 from cableway.studio.saving import write_files
-from cableway.tasks.generation import random_task
+from cableway.tasks.space.generation import random_any_task
 from cableway.workflow.run import SolveOptions
+from cableway.workflow.solve_in_space import SpatialOptions
 
 REMEMBERED = 200
 """Edits that can be undone."""
@@ -35,13 +38,13 @@ REMEMBERED = 200
 WAYS = 4
 """Plans sought that go round the obstacles in different ways."""
 
-Shapes = Mapping[End, Float[np.ndarray, "6"] | None]
+Shapes = Mapping[End, Float[np.ndarray, "d"] | None]
 
 
 class Moment(NamedTuple):
     """A draft, and rod coordinates of the cable at both ends."""
 
-    draft: Draft
+    draft: AnyDraft
     shapes: Shapes
 
 
@@ -89,7 +92,7 @@ class Session:
 
     # ------------------------------------------------------------------------------------------ what there is
     @property
-    def draft(self) -> Draft:
+    def draft(self) -> AnyDraft:
         """As it is now."""
         return self.moment.draft
 
@@ -158,7 +161,7 @@ class Session:
         Raises:
             InputError: There is no such kind, or none was found.
         """
-        self.open(random_task(seed, kind))
+        self.open(random_any_task(seed, kind))
 
     def save(self, folder: Path) -> tuple[Path, ...]:
         """Write what there is to a folder, see `write_files`; once a run is over, that and the plan that it followed.
@@ -189,8 +192,8 @@ class Session:
         """
         self._show(Moment(with_obstacle(held.draft, index, obstacle), held.shapes))
 
-    def preview_gripper(self, end: End, side: int, pose: Float[np.ndarray, "3"]) -> bool:
-        """Lead a gripper of an end to a pose [m, m, rad]; returns whether the cable snapped.
+    def preview_gripper(self, end: End, side: int, pose: Float[np.ndarray, "pose"]) -> bool:
+        """Lead a gripper of an end to a pose; returns whether the cable snapped.
 
         Raises:
             InputError: No stable cable is held so; all stays as it is.
@@ -225,6 +228,8 @@ class Session:
             q = shapes[end]
             if q is None:
                 raise InputError(f"the {end} is unknown: draw or open another task")
+            if isinstance(draft, SpatialDraft):
+                raise InputError("in space a cable has no two sides to bend to: turn a gripper")
             q = ends.bent(draft.cable.rod, q)
             self._commit(Moment(ends.with_end(draft, end, q), {**shapes, end: q}))
 
@@ -237,7 +242,7 @@ class Session:
         with self._lock:
             self._commit(Moment(with_obstacle(self.draft, index, obstacle), self.moment.shapes))
 
-    def set_gripper(self, end: End, side: int, pose: Float[np.ndarray, "3"]) -> bool:
+    def set_gripper(self, end: End, side: int, pose: Float[np.ndarray, "pose"]) -> bool:
         """As `preview_gripper`, and plan.
 
         Raises:
@@ -263,6 +268,8 @@ class Session:
         """Look for plans that go round the obstacles in different ways."""
         with self._lock:
             self._require_own()
+            if isinstance(self.draft, SpatialDraft):
+                raise InputError("in space one plan is sought, and no others that go round the obstacles differently")
             self._plan(alternatives=WAYS)
 
     # ------------------------------------------------------------------------------------------ running
@@ -348,8 +355,15 @@ class Session:
                 self._drop()
             else:
                 self.planning = replace(self.planning, status="planning", sentence=PLANNING, at=None)
-                self._asked = self._replanner.request(self.draft.checked(), replace(self.options, **changes))
+                self._asked = self._replanner.request(self.draft.checked(), self._how(**changes))
         self._tell()
+
+    def _how(self, **changes: Any) -> SolveOptions | SpatialOptions:
+        """How the draft is planned."""
+        options = self.options
+        if isinstance(self.draft, SpatialDraft):
+            return SpatialOptions(seed=options.seed, time_limit=options.time_limit)
+        return replace(options, **changes)
 
     def _drop(self) -> None:
         """Wait for no answer any more."""
@@ -375,5 +389,5 @@ class Session:
             listener()
 
 
-def _moment(draft: Draft) -> Moment:
+def _moment(draft: AnyDraft) -> Moment:
     return Moment(draft, {end: ends.held_shape(draft, end) for end in ENDS})

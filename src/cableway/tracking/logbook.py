@@ -25,17 +25,17 @@ class Row:
 
     Attributes:
         time: [s] since the start.
-        observed: (n, 2) keypoints as the controller gets them [m], NaN where nothing.
+        observed: (n, 2) keypoints, in space (n, 3), as the controller gets them [m], NaN where nothing.
         measured: The truth, as far as the plant knows it.
-        reference: (n, 2) keypoints wanted now [m].
+        reference: (n, 2) keypoints, in space (n, 3), wanted now [m].
         status: Of the step that led here; "" at the start.
         estimates: What the controller took the cable for in that step, by name.
     """
 
     time: float
-    observed: Float[np.ndarray, "n 2"]
+    observed: Float[np.ndarray, "n space"]
     measured: Measurement
-    reference: Float[np.ndarray, "n 2"]
+    reference: Float[np.ndarray, "n space"]
     status: str = ""
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
 

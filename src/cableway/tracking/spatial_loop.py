@@ -14,12 +14,13 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.spatial_feedback import SpatialFeedback
-from cableway.core.errors import SimulationError
+from cableway.core.errors import Cancelled, SimulationError
 from cableway.core.provenance import versions
 from cableway.core.time_limit import checkpoint
 from cableway.outcome import Outcome
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.scene.spatial.task import SpatialTask
+from cableway.tracking.logbook import OnRow, Row
 
 SETTLING = (1.0, 5.0)
 """Time [s] after the plan's last row, at the least and at the most, that the cable is given to come to rest."""
@@ -46,7 +47,13 @@ class SpatialPlantLike(Protocol):
         ...
 
 
-def track_in_space(task: SpatialTask, plant: SpatialPlantLike, controller: SpatialFeedback, plan: Plan) -> Rollout:
+def track_in_space(
+    task: SpatialTask,
+    plant: SpatialPlantLike,
+    controller: SpatialFeedback,
+    plan: Plan,
+    on_row: OnRow | None = None,
+) -> Rollout:
     """Lead a cable along a plan in space.
 
     Args:
@@ -54,6 +61,7 @@ def track_in_space(task: SpatialTask, plant: SpatialPlantLike, controller: Spati
         plant: The cable.
         controller: The controller.
         plan: The plan.
+        on_row: Told of each row as it comes; the run ends where it raises `Cancelled`.
 
     Returns:
         What happened; a plant that fails ends it, which its outcome says.
@@ -64,6 +72,11 @@ def track_in_space(task: SpatialTask, plant: SpatialPlantLike, controller: Spati
     outcome, detail, arrived = Outcome.SETTLED, "", 0
     while not _over(rows, arrived * plant.control_step, plant.control_step):
         checkpoint()
+        try:
+            _tell(on_row, rows[-1], said)
+        except Cancelled as stop:
+            outcome, detail = Outcome.INTERRUPTED, str(stop)
+            break
         begun = time.perf_counter()
         action, state = controller.step(state, seen)
         took.append(time.perf_counter() - begun)
@@ -77,6 +90,8 @@ def track_in_space(task: SpatialTask, plant: SpatialPlantLike, controller: Spati
         said.append(str(state.status))
         rows.append((seen, plant.measure(), plan.shapes[controller.row(state)]))
         arrived += controller.row(state) == plan.steps
+    else:
+        _tell(on_row, rows[-1], said)
     seen_rows, true, wanted = zip(*rows, strict=True)
     return Rollout(
         times=np.array([each.time for each in seen_rows]),
@@ -92,6 +107,13 @@ def track_in_space(task: SpatialTask, plant: SpatialPlantLike, controller: Spati
         gripper_clearance=np.array([each.gripper_clearance for each in true]),
         metadata={"outcome": str(outcome), "detail": detail, "versions": versions()},
     )
+
+
+def _tell(on_row: OnRow | None, row: tuple[Observation, Measurement, np.ndarray], said: Sequence[str]) -> None:
+    """Tell of the newest row, to which the last of `said` led."""
+    if on_row is not None:
+        seen, true, wanted = row
+        on_row(Row(seen.time, seen.keypoints, true, wanted, said[-1] if said else ""))
 
 
 def _over(rows: Sequence[tuple[Observation, Measurement, np.ndarray]], since: float, step: float) -> bool:

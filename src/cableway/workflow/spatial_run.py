@@ -12,6 +12,7 @@ from cableway.outcome import Outcome
 from cableway.records import Plan, Rollout, Verdict
 from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
+from cableway.tracking.logbook import OnRow
 from cableway.tracking.spatial_loop import track_in_space
 from cableway.verification.spatial_rollout import verify_spatial_rollout
 
@@ -26,6 +27,7 @@ def follow_in_space(
     controller: str = "rod-jacobian",
     perturbation: SpatialPerturbation | None = None,
     seed: int = 0,
+    on_row: OnRow | None = None,
 ) -> tuple[Rollout | None, Verdict | None, Outcome, str]:
     """Lead the simulated cable along a plan, and judge what became of it.
 
@@ -35,6 +37,7 @@ def follow_in_space(
         controller: One of `CONTROLLERS`.
         perturbation: How the cable differs; not at all where None.
         seed: Of the noise.
+        on_row: Told of each row as it comes; the run ends where it raises `Cancelled`.
 
     Returns:
         The rollout and its checks, None where the plant cannot start; the outcome and a sentence on why it is no
@@ -51,7 +54,7 @@ def follow_in_space(
         plant = perturbation.build(task, seed)
     except SimulationError as error:
         return None, None, Outcome.PLANT_FAILED, f"the plant cannot start: {error}"
-    rollout = track_in_space(task, plant, SpatialFeedback(config), plan)
+    rollout = track_in_space(task, plant, SpatialFeedback(config), plan, on_row)
     made_by = {
         "seed": seed,
         "controller": controller,

@@ -29,7 +29,7 @@ from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Obstacle
 from cableway.scene.own_arms import OwnArm
 from cableway.scene.scene import Scene
-from cableway.scene.spatial.task import SpatialTask
+from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import ENDS, Draft, Task
 
 SUFFIXES = (".yaml", ".yml")
@@ -40,6 +40,9 @@ TaskSource = Task | str | os.PathLike[str]
 
 AnyTask = Task | SpatialTask
 """A task on the table or in space."""
+
+AnyDraft = Draft | SpatialDraft
+"""What a task says, on the table or in space, whether or not a cable can do it."""
 
 
 def load_task(source: str | os.PathLike[str]) -> AnyTask:
@@ -78,8 +81,8 @@ def load_planar_task(source: str | os.PathLike[str]) -> Task:
 
 def _in_space(task: SpatialTask) -> InputError:
     return InputError(
-        f"the task {task.name!r} is in space, where there are only plans, runs, pictures and checks so far (cableway "
-        "plan, run, show, check); give a task on the table, whose workspace has two sizes"
+        f"the task {task.name!r} is in space, where there are only plans, runs, pictures, checks and the studio so "
+        "far (cableway plan, run, show, check, studio); give a task on the table, whose workspace has two sizes"
     )
 
 
@@ -117,6 +120,20 @@ def as_draft(task: TaskSource) -> Draft:
         return as_task(task)
     except TaskError as error:
         if not isinstance(error.draft, Draft):
+            raise
+        return error.draft
+
+
+def as_any_draft(task: TaskSource | SpatialTask) -> AnyDraft:
+    """As `as_any_task`, but one that contradicts itself as far as it could be read.
+
+    Raises:
+        InputError: There is no such task, or its values make none.
+    """
+    try:
+        return as_any_task(task)
+    except TaskError as error:
+        if not isinstance(error.draft, Draft | SpatialDraft):
             raise
         return error.draft
 

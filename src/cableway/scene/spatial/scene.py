@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from cableway.core.errors import TaskError
+from cableway.core.errors import SpacePoint, TaskError
 from cableway.core.quantities import size_text
-from cableway.geometry.spatial_convex import WALLS, SpatialWorld
+from cableway.geometry.spatial_convex import WALLS, SpatialWorld, chain_distance, signed_distance
 from cableway.scene import checks
 from cableway.scene.spatial.obstacles import SpatialObstacle, describe
 
@@ -53,6 +53,13 @@ class SpatialScene:
         if index >= len(self.obstacles):
             return "the " + WALLS[index - len(self.obstacles)]
         return f"obstacles[{index}] ({describe(self.obstacles[index])})"
+
+    def nearest(self, stations: Float[np.ndarray, "s 3"]) -> tuple[float, int, SpacePoint]:
+        """Distance [m] of a line through stations from the nearest obstacle or wall, which that is, and about where."""
+        distance, index = chain_distance(stations[None], self.world)
+        away, _, which = signed_distance(stations, self.world)
+        x, y, z = stations[int(np.argmin(np.where(which == index[0], away, np.inf)))].tolist()
+        return float(distance[0]), int(index[0]), (x, y, z)
 
     def contains(self, points: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
         """Which points [m] are within the workspace."""

@@ -111,13 +111,10 @@ def _cable_overlaps(
     inside = stations[scene.contains(stations)]
     if len(inside) < len(stations):
         return
-    distance, index = chain_distance(stations[None], scene.world)
-    depth = cable.radius - float(distance[0])
+    distance, solid, at = scene.nearest(stations)
+    depth = cable.radius - distance
     if depth > 0:
-        nearest, _, which = signed_distance(stations, scene.world)
-        i = int(np.argmin(np.where(which == index[0], nearest, np.inf)))
-        problem = f"overlaps {scene.name_of(int(index[0]))} by {quantity(depth)}, near {place(stations[i])}"
-        yield TaskError(problem, (end,), at=_seen(stations[i]))
+        yield TaskError(f"overlaps {scene.name_of(solid)} by {quantity(depth)}, near {place(at)}", (end,), at=at)
 
 
 def _body_overlaps(

@@ -1,4 +1,4 @@
-"""Perturbations of tasks in space from YAML files."""
+"""Perturbations of tasks in space from YAML files, and to them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import numpy as np
+import yaml
 
 from cableway.core.checks import shown
 from cableway.core.configuration import faults, from_mapping
 from cableway.core.errors import InputError, TaskError
 from cableway.geometry.groups import SE3
-from cableway.scene.files.document import read_document
+from cableway.scene.files.document import Dumper, read_document
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.perturbations.reading import FORMAT_VERSION
@@ -85,6 +86,20 @@ def read_spatial_perturbation(path: Path, task: SpatialTask) -> SpatialPerturbat
     rest = from_mapping(SpatialSections, content, str(path))
     offsets = np.array([rest.grasp.left, rest.grasp.right])
     return SpatialPerturbation(cable=cable, grasps=SE3.plus(np.tile(SAME, (2, 1)), offsets), config=rest.spatial)
+
+
+def spatial_perturbation_text(perturbation: SpatialPerturbation) -> str:
+    """A YAML file from which `read_spatial_perturbation` gives the same perturbation."""
+    content: dict[str, Any] = {"cableway": FORMAT_VERSION}
+    if perturbation.cable is not None:
+        values = {each.name: getattr(perturbation.cable, each.name) for each in fields(SpatialCable)}
+        content["cable"] = {name: value for name, value in values.items() if name != "preset"}
+    offsets = SE3.minus(perturbation.grasps, np.tile(SAME, (2, 1)))
+    if offsets.any():
+        content["grasp"] = dict(zip(("left", "right"), offsets.tolist(), strict=True))
+    if perturbation.config != SpatialConfig():
+        content["spatial"] = {each.name: getattr(perturbation.config, each.name) for each in fields(SpatialConfig)}
+    return yaml.dump(content, Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)
 
 
 def _cable(nominal: SpatialCable, given: dict[str, Any]) -> SpatialCable:

@@ -20,6 +20,9 @@ OnDrag = Callable[[str, str, Point], Any]
 OnClick = Callable[[str], Any]
 """Called with the name of what is clicked."""
 
+OnPose = Callable[[str, str, Float[np.ndarray, "7"]], Any]
+"""Called with the name of a gizmo, the phase as in a drag, and its frame [m, 1]."""
+
 
 class Canvas:
     """What one page shows.
@@ -28,10 +31,11 @@ class Canvas:
         client: The page's connection.
         on_drag: Told of drags.
         on_click: Told of clicks.
+        on_pose: Told of frames that are moved and turned.
     """
 
-    def __init__(self, client: viser.ClientHandle, on_drag: OnDrag, on_click: OnClick) -> None:
-        self._scene, self._on_drag, self._on_click = client.scene, on_drag, on_click
+    def __init__(self, client: viser.ClientHandle, on_drag: OnDrag, on_click: OnClick, on_pose: OnPose) -> None:
+        self._scene, self._on_drag, self._on_click, self._on_pose = client.scene, on_drag, on_click, on_pose
         self._nodes: dict[str, tuple[Any, Any]] = {}
         self._drawn: set[str] = set()
         self._grabbed = 0.0
@@ -42,22 +46,27 @@ class Canvas:
         mesh: Mesh,
         color: str,
         *,
-        at: Point = (0.0, 0.0),
+        at: Sequence[float] = (0.0, 0.0),
         angle: float = 0.0,
+        turn: Sequence[float] | None = None,
         opacity: float | None = None,
         draggable: bool = False,
         clickable: bool = False,
     ) -> None:
-        """A solid, at a place [m] and turned [rad]."""
+        """A solid, at a place [m] on the table or in space, turned about the vertical [rad] or by a quaternion."""
         self._drawn.add(name)
         kind = ("solid", mesh.faces.shape, opacity)
         handle, known = self._nodes.get(name, (None, None))
         if known != kind:
             handle = self._scene.add_mesh_simple(
-                name, mesh.vertices, mesh.faces, color=painted(color), opacity=opacity, side="double",
+                name, mesh.vertices, mesh.faces, color=painted(color), opacity=opacity,
+                side="double" if opacity is None else "front",
                 cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
             self._nodes[name] = handle, kind
+            # a page keeps the pose of a node of that name taken away in the same picture, and is told of none that is
+            # as usual
+            handle.position, handle.wxyz = (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0, 0.0)
             if draggable:
                 handle.on_drag("left")(self._dragged(name))
             if clickable:
@@ -65,8 +74,8 @@ class Canvas:
         elif not np.array_equal(handle.vertices, mesh.vertices.astype(np.float32)):
             handle.vertices = mesh.vertices.astype(np.float32)
         _set(handle, "color", painted(color))
-        _set(handle, "position", (*at, 0.0))
-        _set(handle, "wxyz", (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)))
+        _set(handle, "position", (*at, 0.0)[:3])
+        _set(handle, "wxyz", (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)) if turn is None else tuple(turn))
 
     def lines(
         self,
@@ -101,6 +110,36 @@ class Canvas:
         _set(handle, "text", text)
         _set(handle, "position", at)
 
+    def gizmo(
+        self,
+        name: str,
+        frame: Float[np.ndarray, "7"],
+        scale: float,
+        *,
+        axes: tuple[bool, bool, bool] = (True, True, True),
+        turns: bool = True,
+        held: bool = False,
+    ) -> None:
+        """Arrows and arcs by which a frame [m, 1] is moved and turned; they stay where the hand has them while held."""
+        self._drawn.add(name)
+        handle, known = self._nodes.get(name, (None, None))
+        kind = ("gizmo", scale, axes, turns)
+        if known != kind:
+            handle = self._scene.add_transform_controls(
+                name, scale, line_width=3.0, active_axes=axes, disable_rotations=not turns, disable_sliders=True,
+                depth_test=False, opacity=0.9, position=frame[:3], wxyz=frame[3:],
+            )  # fmt: skip
+            self._nodes[name] = handle, kind
+            handle.on_update(self._posed(name))
+        elif not held:
+            _set(handle, "position", tuple(frame[:3]))
+            _set(handle, "wxyz", tuple(frame[3:]))
+
+    def clear(self) -> None:
+        """Take all away."""
+        self._drawn.clear()
+        self.sweep("/")
+
     def sweep(self, prefix: str) -> None:
         """Take away what begins so and was not drawn since the last sweep of it."""
         for name in [name for name in self._nodes if name.startswith(prefix) and name not in self._drawn]:
@@ -118,6 +157,13 @@ class Canvas:
             self._on_drag(name, event.phase, (float(to[0]), float(to[1])))
 
         return on_drag
+
+    def _posed(self, name: str) -> Callable[[Any], Any]:
+        async def on_update(event: viser.TransformControlsEvent) -> None:
+            frame = np.concatenate([event.target.position, event.target.wxyz])
+            self._on_pose(name, event.phase, frame)
+
+        return on_update
 
     def _clicked(self, name: str) -> Callable[[Any], Any]:
         async def on_click(_: Any) -> None:

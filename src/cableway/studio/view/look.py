@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Sequence
 from functools import cache
 
@@ -11,6 +12,7 @@ from jaxtyping import Float
 
 from cableway.figures import palette
 from cableway.figures.palette import rgb as rgb
+from cableway.rendering.camera import Camera
 
 FONT = "/DejaVuSans.ttf"
 """Where the page finds the letters of the figures."""
@@ -97,6 +99,24 @@ def lit(color: str) -> tuple[int, int, int]:
     """A colour as the vertices of a mesh have it, which the renderer takes to be linear in the light."""
     red, green, blue = 255 * _linear(np.array(rgb(color)) / 255)
     return round(red), round(green), round(blue)
+
+
+def framing(
+    points: Float[np.ndarray, "k 3"], direction: Float[np.ndarray, "3"], fov: float, aspect: float
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """From where and at what [m] a page looks that has all points in view.
+
+    Args:
+        points: [m].
+        direction: In which it looks.
+        fov: Angle of view down the page [rad].
+        aspect: Its width over its height.
+    """
+    across = 2 * math.atan(math.tan(fov / 2) * aspect)
+    pixels = (max(round(1000 * aspect), 1), 1000)
+    camera = Camera.framing(points, direction, size=pixels, view=across, margin=0.04)
+    place, ahead = camera.pose[:3, 3], camera.pose[:3, 2]
+    return place, place + ((points.min(axis=0) + points.max(axis=0)) / 2 - place) @ ahead * ahead
 
 
 def mixed(color: str, white: float) -> str:

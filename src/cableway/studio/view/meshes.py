@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from cableway.rendering import mesh
+from cableway.rendering.mesh import Surface
 
 ROUND = 40
 """Sides of a disc."""
 
 TUBE = 4
 """Lines along a cable, from its left to its right side over its top; nothing is seen from below."""
+
+CORD = 8
+"""The same of one in space, seen from all sides."""
+
+CREASE = math.radians(30.0)
+"""Turn from one triangle to the next from which on the edge between them is drawn."""
 
 
 class Mesh(NamedTuple):
@@ -24,6 +36,62 @@ class Mesh(NamedTuple):
 
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
+
+
+def faceted(surface: Surface) -> Mesh:
+    """A surface whose triangles are shaded apart."""
+    corners = surface.corners.reshape(-1, 3)
+    return Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+
+
+def welded(surface: Surface) -> Mesh:
+    """A surface whose triangles share corners, and are shaded as one."""
+    corners = surface.corners.reshape(-1, 3)
+    first, faces = shared(corners)
+    return Mesh(corners[first], faces)
+
+
+def together(meshes: Sequence[Mesh]) -> Mesh:
+    """Several as one."""
+    begins = np.cumsum([0, *(len(each.vertices) for each in meshes)])
+    faces = [each.faces + begin for each, begin in zip(meshes, begins[:-1], strict=True)]
+    return Mesh(np.concatenate([each.vertices for each in meshes]), np.concatenate(faces))
+
+
+def cord(line: Float[np.ndarray, "m 3"], radius: float) -> Mesh:
+    """A cable along a line in space [m]; lines of as many points have the same triangles."""
+    first, faces = _cord_faces(len(line))
+    return Mesh(mesh.tube(line, radius, CORD).corners.reshape(-1, 3)[first], faces)
+
+
+def creases(surface: Surface) -> Float[np.ndarray, "e 2 3"]:
+    """The edges of a surface [m] at which it bends by more than `CREASE`."""
+    corners = surface.corners.reshape(-1, 3)
+    first, faces = shared(corners)
+    normals = mesh.flat_normals(surface.corners)[:, 0]
+    sides: dict[tuple[int, int], list[int]] = {}
+    for face, (a, b, c) in enumerate(faces.tolist()):
+        for pair in ((a, b), (b, c), (c, a)):
+            sides.setdefault((min(pair), max(pair)), []).append(face)
+    sharp = [
+        pair
+        for pair, at in sides.items()
+        if len(at) == 2 and normals[at[0]] @ normals[at[1]] < np.cos(CREASE)
+    ]  # fmt: skip
+    return corners[first][np.array(sharp, dtype=int).reshape(-1, 2)]
+
+
+def shared(corners: Float[np.ndarray, "k 3"]) -> tuple[Int[np.ndarray, "v"], Int[np.ndarray, "f 3"]]:
+    """Which corners of triangles are the first in their place, and the triangles by these."""
+    _, first, inverse = np.unique(corners.round(7), axis=0, return_index=True, return_inverse=True)
+    return first, inverse.reshape(-1, 3)
+
+
+@cache
+def _cord_faces(points: int) -> tuple[Int[np.ndarray, "v"], Int[np.ndarray, "f 3"]]:
+    """The same of a cord along so many points."""
+    straight = np.arange(points)[:, None] * np.array([1.0, 0.0, 0.0])
+    return shared(mesh.tube(straight, 0.1, CORD).corners.reshape(-1, 3))
 
 
 def circle(radius: float, sides: int = ROUND) -> Float[np.ndarray, "sides 2"]:

@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-import re
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import viser
+from jaxtyping import Float
 
 from cableway.core.errors import CablewayError, Point
 from cableway.figures import palette
 from cableway.records import Plan
+from cableway.scene.files.loading import AnyDraft
 from cableway.scene.files.saving import task_text
-from cableway.scene.obstacles import Obstacle
-from cableway.scene.task import CONTROL_STEP, Draft, End
-from cableway.studio import obstacles as hands
+from cableway.scene.spatial.task import SpatialDraft
+from cableway.scene.task import CONTROL_STEP, Draft, End, Task
 from cableway.studio.curves import Curves, curves_of
 from cableway.studio.film import film_page, film_video
 from cableway.studio.inbox import Inbox
 from cableway.studio.inspection import Inspection
+from cableway.studio.obstacles import with_obstacle
 from cableway.studio.session import Moment, Session
-from cableway.studio.view import look, table
+from cableway.studio.view import look, space, table
+from cableway.studio.view.arms import Arms
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.events import in_order
+from cableway.studio.view.hands import SpaceHands, TableHands, gripper, parts
 from cableway.studio.view.panel import WIDTH, PlanPanel, TaskPanel
 from cableway.studio.view.run_panel import RunPanel
-
-TILT = 0.2
-"""By which the page looks at the table from aside [rad]."""
 
 TELL = 0.25
 """Time [s] between two changes of the numbers in the panel while something is dragged."""
 
 LONG = 0.4
 """Time [s] of planning after something was let go from which on the page says that it plans, and at what it is."""
+
+LOOK = {False: "Look from above", True: "Look at all of it"}
+"""On the table; and in space, or where there are arms."""
 
 FOV = 0.35
 """Angle of view [rad]: far away and narrow, so that what is high hides little."""
@@ -55,20 +59,25 @@ class Page:
         self._client, self._session, self._out = client, session, out
         self._inbox = Inbox(self._complain)
         self._do = self._inbox.post
-        self._canvas = Canvas(client, self._dragged, lambda name: self._do(lambda: self._clicked(name)))
+        self._canvas = Canvas(client, self._dragged, lambda name: self._do(lambda: self._clicked(name)), self._posed)
+        self._hands: TableHands | SpaceHands = TableHands(session, lambda: self._selected)
+        self._view: Any = table
+        self._grasped: tuple[End, int] | None = None
         self._selected: int | None = None
         self._held: Moment | None = None
         self._grabs = 0
         self._offset = np.zeros(2)
         self._told = self._released = 0.0
         self._moment: Moment | None = None
-        self._pushed: tuple[int, Obstacle] | None = None
+        self._pushed: tuple[int, Any] | None = None
         self._run_row: int | None = None
         self._plan: Plan | None = None
         self._drawn: tuple[Any, ...] = ()
         self._curves: Curves | None = None
         self._chosen, self._row, self._playing = 0, 0, False
-        self._size: tuple[float, float] | None = None
+        self._where: tuple[Any, ...] = ()
+        self._arms: Arms | None = None
+        self._ran: tuple[Any, Arms | None] = (None, None)
         self._aspect = 0.0
         self._build()
         client.camera.on_update(lambda _: self._do(self._fit, key="fit"))
@@ -86,8 +95,10 @@ class Page:
     def _build(self) -> None:
         gui = self._client.gui
         self._task_panel = TaskPanel(gui, self._session, self._do, self._select, self._save, self._download)
-        above = gui.add_button("Look from above", icon=viser.Icon.CAMERA, color=look.rgb(palette.MUTED))
+        self._look_button = above = gui.add_button(LOOK[False], icon=viser.Icon.CAMERA, color=look.rgb(palette.MUTED))
         above.on_click(in_order(lambda _: self._do(self._look)))
+        self._with_arms = gui.add_checkbox("Show the arms", True, visible=False)
+        self._with_arms.on_update(lambda event: event.client and self._do(self._show, key="show"))
         gui.main_panel.dock_left()
         gui.main_panel.set_width(WIDTH)
         right = gui.add_panel()
@@ -115,18 +126,15 @@ class Page:
         self._run_panel = RunPanel(gui, self._do, self._run, self._scrub_run, self._export_run, self._film)
 
     def _look(self) -> None:
-        """Look at the whole table."""
-        width, height = self._session.draft.scene.size
-        middle = np.array([width / 2, height / 2, 0.0])
-        self._aspect = self._client.camera.aspect
-        across = max(1.2 * height, 1.24 * width / max(self._aspect, 0.1))
-        away = across / 2 / np.tan(FOV / 2)
+        """Look at the whole table, or at the whole workspace."""
         camera = self._client.camera
+        self._aspect = camera.aspect
+        position, at = self._view.camera_of(self._session.draft, FOV, max(self._aspect, 0.1))
         with self._client.atomic():
             camera.fov = FOV
             camera.up_direction = (0.0, 0.0, 1.0)
-            camera.position = middle + away * np.array([0.0, -np.sin(TILT), np.cos(TILT)])
-            camera.look_at = middle
+            camera.position = position
+            camera.look_at = at
 
     def _fit(self) -> None:
         """Look at the whole table again where the page has another shape, as once its panels are there."""
@@ -152,25 +160,59 @@ class Page:
         if plan is not self._plan:
             self._plan, self._curves = plan, None if plan is None else curves_of(draft, plan)
             self._row = 0 if plan is None else min(self._row, plan.steps)
+            self._arms = Arms.of(draft, plan) if isinstance(draft, Draft) else None
         with self._client.atomic():
-            if draft.scene.size != self._size:
-                self._size = draft.scene.size
-                table.draw_table(self._canvas, self._size)
-                self._look()
-            table.draw_obstacles(self._canvas, self._as_it_stands(), self._selected)
-            table.draw_ends(self._canvas, moment, inspection)
-            wrong = [fault.at[:2] for fault in inspection.faults if fault.at is not None]
-            table.draw_faults(self._canvas, wrong if planning.at is None else [*wrong, planning.at])
+            if self._where != (where := _where(draft)):
+                self._where = where
+                self._enter(draft)
+            view, canvas = self._view, self._canvas
+            self._draw_draft()
+            wrong = [fault.at for fault in inspection.faults if fault.at is not None]
+            view.draw_faults(canvas, wrong if planning.at is None else [*wrong, planning.at])
             if (plan, draft.cable.radius) != self._drawn:
                 self._drawn = (plan, draft.cable.radius)
-                table.draw_plan(self._canvas, draft, plan)
-            table.draw_moment(self._canvas, draft, None if self._session.running else plan, self._row)
+                view.draw_plan(canvas, draft, plan)
+            self._draw_moment()
             self._show_run()
             self._show_task(moment, inspection)
             stale = planning.status != "found"
-            self._plan_panel.show(planning, self._curves, chosen, stale)
+            self._plan_panel.show(planning, self._curves, chosen, stale, in_space=self._in_space)
             self._plan_panel.show_row(self._row, self._playing)
         self._client.flush()
+
+    def _draw_moment(self) -> None:
+        """One row of the plan, unless a run is shown."""
+        session = self._session
+        arms = {"arms": self._arms} if self._arms is not None and self._with_arms.value else {}
+        self._view.draw_moment(self._canvas, session.draft, None if session.running else self._plan, self._row, **arms)
+
+    def _draw_draft(self) -> None:
+        """Obstacles, start and goal."""
+        session, canvas = self._session, self._canvas
+        held: dict[str, Any] = {"held": self._held is not None} if self._in_space else {}
+        grasped: dict[str, Any] = {"grasped": self._grasped} if self._in_space else {}
+        self._view.draw_obstacles(canvas, self._as_it_stands(), self._selected, **held)
+        self._view.draw_ends(canvas, session.moment, session.inspection, **held, **grasped)
+
+    @property
+    def _in_space(self) -> bool:
+        """Whether the task is."""
+        return isinstance(self._session.draft, SpatialDraft)
+
+    def _enter(self, draft: AnyDraft) -> None:
+        """Show another workspace."""
+        if self._view is not (space if self._in_space else table):
+            self._canvas.clear()
+            self._drawn, self._selected, self._grasped = (), None, None
+            self._view = space if self._in_space else table
+            self._hands = (
+                SpaceHands(self._session) if self._in_space else TableHands(self._session, lambda: self._selected)
+            )
+        in_cell = isinstance(draft, Draft) and draft.cell is not None
+        self._look_button.label = LOOK[self._in_space or in_cell]
+        self._with_arms.visible = in_cell
+        self._view.draw_table(self._canvas, draft)
+        self._look()
 
     def _show_task(self, moment: Moment, inspection: Inspection) -> None:
         """The panel of the task; in a drag only now and then, since letters take a page longer than shapes."""
@@ -187,15 +229,19 @@ class Page:
         rows = () if running is None else running.seen
         last = len(rows) - 1
         row = last if self._run_row is None else min(self._run_row, last)
-        table.draw_run(self._canvas, draft.cable.radius, draft.grippers.radius, rows[row] if rows else None)
-        self._run_panel.show(running, row, self._session.planning.status == "found")
+        record = None if running is None else running.plan or running.rollout
+        if record is not self._ran[0]:
+            self._ran = record, Arms.of(draft, record) if isinstance(draft, Draft) else None
+        arms = {"arms": self._ran[1]} if self._ran[1] is not None and self._with_arms.value else {}
+        self._view.draw_run(self._canvas, draft, rows[row] if rows else None, **arms)
+        self._run_panel.show(running, row, self._session.planning.status == "found", in_space=self._in_space)
 
-    def _as_it_stands(self) -> Draft:
+    def _as_it_stands(self) -> AnyDraft:
         """The draft with what was pushed, or is being pushed, in its place."""
         draft, running = self._session.draft, self._session.running
         if running is not None:
             draft = replace(draft, scene=running.scene)
-        return draft if self._pushed is None else hands.with_obstacle(draft, *self._pushed)
+        return draft if self._pushed is None else with_obstacle(draft, *self._pushed)
 
     def _complain(self, sentence: str) -> None:
         self._client.add_notification("Not possible", sentence, color="red", auto_close_seconds=8.0)
@@ -206,8 +252,7 @@ class Page:
             return
         self._row = min(max(int(row), 0), self._plan.steps)
         with self._client.atomic():
-            shown = None if self._session.running else self._plan
-            table.draw_moment(self._canvas, self._session.draft, shown, self._row)
+            self._draw_moment()
             self._plan_panel.show_row(self._row, self._playing)
         self._client.flush()
 
@@ -258,7 +303,7 @@ class Page:
     def _export_run(self) -> None:
         """A page that plays the run, by itself."""
         running = self._session.running
-        if running is not None and running.rollout is not None:
+        if running is not None and running.rollout is not None and isinstance(running.task, Task):
             page = film_page(replace(running.task, scene=running.scene), running.rollout, running.sentence)
             self._client.send_file_download(f"{running.task.name}-run.html", page.encode(), save_immediately=True)
 
@@ -275,11 +320,16 @@ class Page:
 
     # ------------------------------------------------------------------------------------------ hands
     def _select(self, index: int | None) -> None:
-        self._selected = index
+        self._selected, self._grasped = index, None
         self._show()
 
     def _clicked(self, name: str) -> None:
-        self._select(int(name.split("/")[2]))
+        what, which, more = parts(name)
+        if what == "obstacles":
+            self._select(int(which))
+        elif what == "ends":
+            self._selected, self._grasped = None, gripper(which, more)
+            self._show()
 
     def _dragged(self, name: str, phase: str, to: Point) -> None:
         if phase == "start":
@@ -294,79 +344,57 @@ class Page:
         if name.startswith("/obstacles/") and running is not None and running.live:
             index = int(name.split("/")[2])
             self._pushed = index, running.scene.obstacles[index]
-            self._offset = hands.middle_of(running.scene.obstacles[index]) - np.array(to)
+            self._offset = self._hands.middle_of(running.scene.obstacles[index]) - np.array(to)
             return
-        self._held = self._session.hold()
-        place = self._place_of(name)
-        if name.startswith("/obstacles/"):
-            self._select(int(name.split("/")[2]))
+        self._take()
+        place = self._hands.place_of(name)
+        if self._in_space or name.startswith("/obstacles/"):
+            self._clicked(name)
         self._offset = place - np.array(to)
 
-    def _place_of(self, name: str) -> Any:
-        """Where what is dragged is [m]."""
-        what, which, *more = re.split("[/-]", name)[1:]
-        draft, shapes = self._session.moment
-        if what == "ends":
-            q, side = shapes[_end(which)], int(more[0])
-            assert q is not None
-            pose = draft.cable.rod.end_poses(q[None])[0, side]
-            return np.array(table.along(pose, table.ARM if side else -table.ARM)) if len(more) > 1 else pose[:2]
-        if what == "obstacles":
-            return hands.middle_of(draft.scene.obstacles[int(which)])
-        assert self._selected is not None
-        obstacle = draft.scene.obstacles[self._selected]
-        return table.turn_knob(obstacle) if which == "turn" else hands.knobs(obstacle)[int(which)]
-
     def _drag(self, name: str, pointer: Point) -> None:
-        if self._pushed is not None:
-            x, y = np.array(pointer) + self._offset
-            self._pushed = self._pushed[0], hands.placed(self._pushed[1], (float(x), float(y)))
-            self._show()
-            return
-        if self._held is None:
-            return
-        what, which, *more = re.split("[/-]", name)[1:]
         to = np.array(pointer) + self._offset
-        place = (float(to[0]), float(to[1]))
+        if self._pushed is not None:
+            self._pushed = self._pushed[0], self._hands.moved(self._pushed[1], (float(to[0]), float(to[1])))
+            self._show()
+        elif self._held is not None:
+            held = self._held
+            self._lead(name, lambda: self._hands.drag(name, held, to))
+
+    def _posed(self, name: str, phase: str, frame: Float[np.ndarray, "7"]) -> None:
+        """What a gizmo is taken to."""
+        if phase == "start":
+            self._grabs += 1
+            self._do(self._take)
+        self._do(lambda: self._pose(name, frame), key=f"drag {self._grabs}")
+        if phase == "end":
+            self._do(self._let_go)
+
+    def _take(self) -> None:
+        self._held = self._session.hold()
+
+    def _pose(self, name: str, frame: Float[np.ndarray, "7"]) -> None:
+        held = self._held
+        if held is not None and isinstance(self._hands, SpaceHands):
+            hands = self._hands
+            self._lead(name, lambda: hands.pose(name, held, frame))
+
+    def _lead(self, name: str, drag: Callable[[], bool]) -> None:
         try:
-            if what == "ends":
-                self._drag_gripper(_end(which), int(more[0]), to, turning=len(more) > 1)
-            elif what == "obstacles":
-                there = self._held.draft.scene.obstacles[int(which)]
-                self._session.preview_obstacle(self._held, int(which), hands.placed(there, place))
-            elif self._selected is not None:
-                there = self._held.draft.scene.obstacles[self._selected]
-                if which == "turn":
-                    before, x = table.turn_knob(there) - hands.middle_of(there), to - hands.middle_of(there)
-                    by = np.arctan2(x[1], x[0]) - np.arctan2(before[1], before[0])
-                    wanted = hands.turned(there, float(by))
-                else:
-                    wanted = hands.pulled(there, int(which), place)
-                self._session.preview_obstacle(self._held, self._selected, wanted)
+            snapped = drag()
         except CablewayError:
             return  # a hand may go where nothing can be; it stays at the last place where it can
-
-    def _drag_gripper(self, end: End, side: int, to: Any, *, turning: bool) -> None:
-        draft, shapes = self._session.moment
-        q = shapes[end]
-        if q is None:
-            return
-        pose = draft.cable.rod.end_poses(q[None])[0, side].copy()
-        if turning:
-            x, y = (to - pose[:2]) * (1 if side else -1)
-            turn = np.arctan2(y, x) - pose[2]
-            pose[2] += (turn + np.pi) % (2 * np.pi) - np.pi
-        else:
-            pose[:2] = np.clip(to, 0.0, draft.scene.size)
-        if self._session.preview_gripper(end, side, pose):
+        if snapped:
+            end = "start" if "start" in name else "goal"
             self._client.add_notification("The cable snapped", f"The {end} was unstable, and took the nearest shape.",
                                           color="orange", auto_close_seconds=4.0)  # fmt: skip
 
     def _let_go(self) -> None:
         pushed, self._pushed = self._pushed, None
         if pushed is not None:
-            index, obstacle = pushed[0], hands.with_obstacle(self._session.draft, *pushed).scene.obstacles[pushed[0]]
-            x, y = hands.middle_of(obstacle) - hands.middle_of(self._session.draft.scene.obstacles[index])
+            index, draft = pushed[0], self._session.draft
+            obstacle = with_obstacle(draft, *pushed).scene.obstacles[index]
+            x, y = self._hands.middle_of(obstacle) - self._hands.middle_of(draft.scene.obstacles[index])
             try:
                 self._session.push(index, (float(x), float(y)))
             finally:
@@ -376,6 +404,9 @@ class Page:
         if held is not None:
             self._released = time.monotonic()
             self._session.release(held)
+            if self._in_space:  # a gizmo returns to what it moved
+                self._draw_draft()
+                self._client.flush()
 
     # ------------------------------------------------------------------------------------------ files
     def _save(self) -> None:
@@ -386,7 +417,7 @@ class Page:
     def _export(self) -> None:
         """A page that plays the plan that is chosen, by itself."""
         draft, planning = self._session.draft, self._session.planning
-        if self._plan is not None and planning.status == "found":
+        if self._plan is not None and planning.status == "found" and isinstance(draft, Draft):
             page = film_page(draft.checked(), self._plan, planning.sentence)
             self._client.send_file_download(f"{draft.name}.html", page.encode(), save_immediately=True)
 
@@ -395,5 +426,6 @@ class Page:
         self._client.send_file_download(f"{draft.name}.yaml", task_text(draft).encode(), save_immediately=True)
 
 
-def _end(name: str) -> End:
-    return "start" if name == "start" else "goal"
+def _where(draft: AnyDraft) -> tuple[Any, ...]:
+    """What is drawn once for all of a task."""
+    return draft.scene.size, draft.cell.name if isinstance(draft, Draft) and draft.cell is not None else ""

@@ -15,10 +15,14 @@ from viser import uplot
 
 from cableway.core.quantities import quantity
 from cableway.figures import palette
-from cableway.scene.files.loading import task_names
-from cableway.scene.obstacles import Box, Disc, Obstacle
-from cableway.scene.task import ENDS, Draft, End
+from cableway.scene.files.loading import AnyDraft, task_names
+from cableway.scene.obstacles import Box, Disc, Obstacle, Polygon
+from cableway.scene.spatial.obstacles import SpatialObstacle
+from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.spatial.task import SpatialDraft
+from cableway.scene.task import ENDS, End
 from cableway.studio import obstacles as hands
+from cableway.studio import spatial_obstacles as spatial_hands
 from cableway.studio.curves import Curves
 from cableway.studio.inspection import Inspection
 from cableway.studio.planning import Planning
@@ -26,6 +30,7 @@ from cableway.studio.session import Moment, Session
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
 from cableway.tasks.generation import KINDS
+from cableway.tasks.space.generation import SPATIAL_KINDS
 
 WIDTH = 292
 """Of a panel in pixels: both leave a table that is as wide as high on a page of 1280 x 800."""
@@ -47,7 +52,21 @@ LOUD = look.rgb(palette.BLUE)
 QUIET = look.rgb(palette.MUTED)
 """Colour of buttons that are pressed now and then."""
 
-NO_OBSTACLE = "Click an obstacle to see its numbers and knobs, or drag it."
+NO_OBSTACLE = {
+    False: "Click an obstacle to see its numbers and knobs, or drag it.",
+    True: "Click an obstacle or a gripper, and pull its arrows or arcs; dragged by itself it keeps its height.",
+}
+"""Said on the table and in space."""
+
+POSE = {
+    False: "x [mm], y [mm] and direction [°] of this gripper",
+    True: "Place of this gripper [mm]; its arcs turn it",
+}
+"""Said of a gripper's numbers on the table and in space."""
+
+ROUNDED = 0.051
+"""By which a number of the panel may differ from what it shows [mm]."""
+
 NO_PLAN = "Once there is a plan, it is played here."
 
 Do = Callable[..., Any]
@@ -85,8 +104,10 @@ class TaskPanel:
         session, do = self._session, self._do
 
         def add(kind: Any) -> None:
-            index = len(session.draft.scene.obstacles)
-            session.set_obstacle(index, hands.new_obstacle(kind, session.draft.scene))
+            scene = session.draft.scene
+            made = spatial_hands if isinstance(scene, SpatialScene) else hands
+            index = len(scene.obstacles)
+            session.set_obstacle(index, made.new_obstacle(kind, scene))  # pyright: ignore[reportArgumentType]
             select(index)
 
         def remove() -> None:
@@ -95,15 +116,20 @@ class TaskPanel:
                 select(None)
                 session.set_obstacle(index, None)
 
-        kinds = gui.add_button_group("Add", ("box", "disc", "polygon"))
-        kinds.on_click(in_order(lambda _: do(partial(add, kinds.value))))
-        self._no_obstacle = gui.add_html(look.hint(NO_OBSTACLE))
+        self._kinds = {False: gui.add_button_group("Add", ("box", "disc", "polygon"))}
+        self._kinds[True] = gui.add_button_group("Add", ("box", "cylinder", "ball"), visible=False)
+        for kinds in self._kinds.values():
+            kinds.on_click(in_order(lambda _, kinds=kinds: do(partial(add, kinds.value))))
+        self._no_obstacle = gui.add_html(look.hint(NO_OBSTACLE[False]))
         self._middle = gui.add_vector2("Centre [mm]", (0.0, 0.0), step=0.1)
+        self._middle3 = gui.add_vector3("Centre [mm]", (0.0, 0.0, 0.0), step=0.1, visible=False)
         self._size = gui.add_vector2("Size [mm]", (0.0, 0.0), step=0.1)
+        hint = "Along its own axes; a height of 0 never ends"
+        self._size3 = gui.add_vector3("Size [mm]", (0.0, 0.0, 0.0), step=0.1, hint=hint, visible=False)
         self._angle = gui.add_number("Angle [°]", 0.0, step=0.1, hint="Of a polygon: by how much to turn it")
         hint = "Above the table; 0 where nothing passes above"
         self._height = gui.add_number("Height [mm]", 0.0, step=0.1, hint=hint)
-        for field in (self._middle, self._size, self._angle, self._height):
+        for field in (self._middle, self._middle3, self._size, self._size3, self._angle, self._height):
             field.on_update(lambda event: event.client and self._take("number", partial(self._number, self._selected)))
         self._remove = gui.add_button("Remove this obstacle", color="red")
         self._remove.on_click(in_order(lambda _: do(remove)))
@@ -112,16 +138,16 @@ class TaskPanel:
     def _add_ends(self, gui: viser.GuiApi) -> None:
         session = self._session
         self._poses: dict[tuple[End, int], Any] = {}
+        self._others: list[Any] = []
         for end in ENDS:
             for side in (0, 1):
                 name = f"{end} {'LR'[side]}"
-                field = gui.add_vector3(
-                    name, (0.0, 0.0, 0.0), step=0.1, hint="x [mm], y [mm] and direction [°] of this gripper"
-                )
+                field = gui.add_vector3(name, (0.0, 0.0, 0.0), step=0.1, hint=POSE[False])
                 field.on_update(lambda event, end=end, side=side: self._pose(event, end, side))
                 self._poses[end, side] = field
             other = gui.add_button(f"Bend the {end} to the other side", color=QUIET)
             other.on_click(in_order(lambda _, end=end: self._do(lambda: session.bend(end))))
+            self._others.append(other)
 
     def _add_files(self, gui: viser.GuiApi, save: Do, download: Do) -> None:
         session, do = self._session, self._do
@@ -132,7 +158,7 @@ class TaskPanel:
                 do(partial(session.open, names.value))
 
         names.on_update(choose)
-        kinds = gui.add_dropdown("Random", tuple(KINDS))
+        kinds = gui.add_dropdown("Random", (*KINDS, *SPATIAL_KINDS))
         seed = gui.add_number("Seed", 0, min=0, step=1)
         draw = gui.add_button("Draw a random task", color=LOUD)
         draw.on_click(in_order(lambda _: do(partial(session.draw, kinds.value, int(seed.value)))))
@@ -155,20 +181,36 @@ class TaskPanel:
         if time.monotonic() - self._typed < 2 * TYPED:
             return
         self._show_obstacle(draft, selected)
+        in_space = isinstance(draft, SpatialDraft)
+        for other in self._others:
+            set_changed(other, "visible", not in_space)
         for (end, side), field in self._poses.items():
             q = moment.shapes[end]
+            set_changed(field, "hint", POSE[in_space])
             if q is not None:
-                x, y, angle = draft.cable.rod.end_poses(q[None])[0, side]
-                set_changed(field, "value", _rounded(1000 * x, 1000 * y, math.degrees(math.remainder(angle, math.tau))))
+                x, y, last = draft.cable.rod.end_poses(q[None])[0, side, :3]
+                last = 1000 * last if in_space else math.degrees(math.remainder(last, math.tau))
+                set_changed(field, "value", _rounded(1000 * x, 1000 * y, last))
 
-    def _show_obstacle(self, draft: Draft, selected: int | None) -> None:
-        there = dict(enumerate(draft.scene.obstacles))
-        obstacle = None if selected is None else there.get(selected)
+    def _show_obstacle(self, draft: AnyDraft, selected: int | None) -> None:
+        there: dict[int, Any] = dict(enumerate(draft.scene.obstacles))
+        obstacle, in_space = None if selected is None else there.get(selected), isinstance(draft, SpatialDraft)
+        for kind, kinds in self._kinds.items():
+            set_changed(kinds, "visible", kind == in_space)
+        set_changed(self._no_obstacle, "content", look.hint(NO_OBSTACLE[in_space]))
         set_changed(self._no_obstacle, "visible", obstacle is None)
-        for field in (self._middle, self._height, self._remove):
+        set_changed(self._remove, "visible", obstacle is not None)
+        size = spatial_hands.size_of(obstacle) if in_space and obstacle is not None else None
+        set_changed(self._middle3, "visible", in_space and obstacle is not None)
+        set_changed(self._size3, "visible", size is not None)
+        if in_space and obstacle is not None:
+            set_changed(self._middle3, "value", _rounded(*(1000 * spatial_hands.frame_of(obstacle)[:3])))
+            set_changed(self._size3, "value", _rounded(*(1000 * each for each in size or (0.0, 0.0, 0.0))))
+            obstacle = None
+        for field in (self._middle, self._height):
             set_changed(field, "visible", obstacle is not None)
         set_changed(self._size, "visible", isinstance(obstacle, Box | Disc))
-        set_changed(self._angle, "visible", obstacle is not None and not isinstance(obstacle, Disc))
+        set_changed(self._angle, "visible", isinstance(obstacle, Box | Polygon))
         if obstacle is None:
             return
         set_changed(self._middle, "value", _rounded(*(1000 * hands.middle_of(obstacle))))
@@ -184,16 +226,31 @@ class TaskPanel:
         there = None if index is None else dict(enumerate(self._session.draft.scene.obstacles)).get(index)
         if index is None or there is None:
             return
-        wanted = _numbered(there, self._middle.value, self._size.value, self._angle.value, self._height.value)
+        wanted: Any
+        if isinstance(there, Obstacle):
+            wanted = _numbered(there, self._middle.value, self._size.value, self._angle.value, self._height.value)
+        else:
+            wanted = _numbered_in_space(there, self._middle3.value, self._size3.value)
         if wanted != there:
             self._session.set_obstacle(index, wanted)
 
     def _pose(self, event: Any, end: End, side: int) -> None:
         if event.client is None:
             return
-        x, y, angle = self._poses[end, side].value
-        pose = np.array([x / 1000, y / 1000, math.radians(angle)])
-        self._take(f"pose {end} {side}", lambda: self._session.set_gripper(end, side, pose))
+        x, y, last = self._poses[end, side].value
+
+        def set_gripper() -> None:
+            q = self._session.moment.shapes[end]
+            if not isinstance(self._session.draft, SpatialDraft):
+                pose = np.array([x / 1000, y / 1000, math.radians(last)])
+            elif q is not None:
+                turn = self._session.draft.rod.end_poses(q[None])[0, side, 3:]
+                pose = np.array([x / 1000, y / 1000, last / 1000, *turn])
+            else:
+                return
+            self._session.set_gripper(end, side, pose)
+
+        self._take(f"pose {end} {side}", set_gripper)
 
     def _take(self, key: str, call: Do) -> None:
         """Do what typed numbers say once no more come, and leave the fields alone until then."""
@@ -244,14 +301,17 @@ class PlanPanel:
         self._clear, self._speed = plot(gui, "Clearance [mm]", cable), plot(gui, "Of the grippers' limits [%]", sides)
         self._curves: Curves | None = None
 
-    def show(self, planning: Planning, curves: Curves | None, chosen: int, stale: bool) -> None:
+    def show(
+        self, planning: Planning, curves: Curves | None, chosen: int, stale: bool, *, in_space: bool = False
+    ) -> None:
         """Show how far planning is, and the curves of the plan that is chosen."""
         set_changed(self.said, "content", look.sentences([planning.sentence], SAY[planning.status]))
         there = curves is not None
         set_changed(self._hint, "visible", not there)
-        for field in (self.step, self.play, self.now, self._export, *self._clear, *self._speed):
+        for field in (self.step, self.play, self.now, *self._clear, *self._speed):
             set_changed(field, "visible", there)
-        set_changed(self._ways, "visible", there and not stale and len(planning.plans) == 1)
+        set_changed(self._export, "visible", there and not in_space)
+        set_changed(self._ways, "visible", there and not in_space and not stale and len(planning.plans) == 1)
         count = len(planning.plans)
         set_changed(self.way, "visible", count > 1)
         if count > 1:
@@ -286,6 +346,18 @@ def _numbered(there: Obstacle, middle: Any, size: Any, angle: float, height: flo
     if isinstance(wanted, Disc):
         return replace(wanted, radius=size[0] / 2000)
     return hands.turned(wanted, math.radians(angle)) if angle else wanted
+
+
+def _numbered_in_space(there: SpatialObstacle, middle: Any, size: Any) -> SpatialObstacle:
+    """The same in space: its middle and its sizes along its own axes [mm]."""
+    frame = spatial_hands.frame_of(there)
+    if np.abs(1000 * frame[:3] - middle).max() > ROUNDED:
+        frame[:3] = np.array(middle) / 1000
+    now = spatial_hands.size_of(there)
+    if now is None or np.abs(1000 * np.array(now) - size).max() <= ROUNDED:
+        return spatial_hands.placed(there, frame)
+    x, y, z = (old if abs(1000 * old - new) <= ROUNDED else new / 1000 for old, new in zip(now, size, strict=True))
+    return spatial_hands.placed(spatial_hands.resized(there, (x, y, z)), frame)
 
 
 def plot(gui: viser.GuiApi, title: str, curves: tuple[tuple[str, str], ...]) -> tuple[Any, Any]:

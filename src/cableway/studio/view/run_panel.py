@@ -7,14 +7,18 @@ import viser
 
 from cableway.core.quantities import quantity
 from cableway.figures import palette
-from cableway.studio.running import PLANTS, Running, Wanted
+from cableway.studio.running import PLANTS, SPATIAL_PLANTS, Running, Wanted
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
 from cableway.studio.view.panel import LOUD, Do, plot, set_changed
 from cableway.workflow.registry import CONTROLLERS
+from cableway.workflow.spatial_run import CONTROLLERS as SPATIAL_CONTROLLERS
 
 NO_RUN = "Once there is a plan, it can be run here, by a controller in a plant that is not what was planned for."
 PUSH = "Drag an obstacle while it runs to push it into the way, once."
+
+CHOICES = {False: (tuple(CONTROLLERS), PLANTS), True: (tuple(SPATIAL_CONTROLLERS), SPATIAL_PLANTS)}
+"""Controllers and plants on the table and in space."""
 
 COLORS = {True: palette.BLUE, False: palette.MUTED}
 """Of what is said while a run goes on, and afterwards."""
@@ -52,7 +56,7 @@ class RunPanel:
             ("where it should be", palette.REFERENCE),
             ("as it is seen", palette.GREEN),
         )
-        self._key = gui.add_html(look.legend("On the table", seen))
+        self._key = gui.add_html(look.legend("Shown", seen))
         self._clear = plot(gui, "Clearance [mm]", (("cable", palette.INK), ("grippers", palette.RIGHT)))
         self._export = gui.add_button(
             "Download a page that plays the run", visible=False, color=look.rgb(palette.MUTED)
@@ -75,20 +79,24 @@ class RunPanel:
             delay=self._delay.value or None,
         )
 
-    def show(self, running: Running | None, row: int, can_run: bool) -> None:
+    def show(self, running: Running | None, row: int, can_run: bool, *, in_space: bool = False) -> None:
         """Show how far a run is, and one row of it."""
+        for field, options in ((self._controller, CHOICES[in_space][0]), (self._plant, CHOICES[in_space][1])):
+            if tuple(field.options) != options:
+                field.options = options
         live, rows = running is not None and running.live, () if running is None else running.seen
         if running is None:
             set_changed(self.said, "content", look.hint(NO_RUN))
         else:
-            told = [running.sentence, *([PUSH] if live and rows and not running.kept else [])]
+            told = [running.sentence, *([PUSH] if live and rows and not running.kept and not in_space else [])]
             set_changed(self.said, "content", look.sentences(told, _color(running)))
         set_changed(self.start, "label", "Stop" if live else "Run")
         set_changed(self.start, "disabled", not (live or can_run))
         for field in (self.step, self.now, self._key, *self._clear):
             set_changed(field, "visible", len(rows) > 1)
-        for field in (self._export, self._film):
-            set_changed(field, "visible", running is not None and running.rollout is not None and len(rows) > 1)
+        made = running is not None and running.rollout is not None and len(rows) > 1
+        set_changed(self._export, "visible", made and not in_space)
+        set_changed(self._film, "visible", made)
         if len(rows) < 2:
             self._drawn = 0
             return

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
@@ -9,13 +11,15 @@ from cableway.core.quantities import quantity
 from cableway.figures import palette
 from cableway.geometry import polyline, se2
 from cableway.records import Plan
+from cableway.rendering.cell import feet, view_direction
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.task import ENDS, SPLINE_PIECES, Draft
 from cableway.studio import obstacles as hands
 from cableway.studio.inspection import Inspection
 from cableway.studio.session import Moment
+from cableway.studio.view.arms import SIDES, Arms, draw_feet, draw_hands, outlines
 from cableway.studio.view.canvas import Canvas, along, outline, path
-from cableway.studio.view.look import mixed
+from cableway.studio.view.look import framing, mixed
 from cableway.studio.view.meshes import circle, prism, ribbon, ring, tube
 from cableway.tracking import Row
 
@@ -43,13 +47,34 @@ SEEN = 0.003
 MARKED = 6
 """Most faults marked."""
 
+ARM_HEIGHT = 0.6
+"""Height [m] above its base up to which an arm is in view at the least."""
+
+TILT = 0.2
+"""By which a page looks at the table from aside [rad]."""
+
 COLORS = dict(zip(ENDS, (palette.START, palette.GOAL), strict=True))
-SIDES = (palette.LEFT, palette.RIGHT)
 
 
-def draw_table(canvas: Canvas, size: tuple[float, float]) -> None:
-    """The workspace with its grid, and the axes in millimetres."""
-    width, height = size
+def camera_of(draft: Draft, fov: float, aspect: float) -> tuple[np.ndarray, np.ndarray]:
+    """From where and at what [m] the whole table is seen, on a page of this shape and angle [rad]; with arms, from
+    beside it."""
+    width, height = draft.scene.size
+    if draft.cell is not None:
+        reach = np.array([0.0, 0.0, ARM_HEIGHT])
+        standing = [at + up for at, _ in feet(draft) for up in (reach, 0.0)]
+        corners = np.array([[x, y, 0.0] for x in (-0.03, width) for y in (-0.03, height)])
+        points = np.concatenate([corners, standing])
+        return framing(points, view_direction(draft, draft.cell), fov, aspect)
+    middle = np.array([width / 2, height / 2, 0.0])
+    away = max(1.2 * height, 1.24 * width / aspect) / 2 / np.tan(fov / 2)
+    return middle + away * np.array([0.0, -np.sin(TILT), np.cos(TILT)]), middle
+
+
+def draw_table(canvas: Canvas, draft: Draft) -> None:
+    """The workspace with its grid, and the axes in millimetres; and what arms stand on."""
+    width, height = draft.scene.size
+    draw_feet(canvas, draft)
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
     canvas.lines("/table/walls", outline(corners, 0.0), palette.INK, 2.0)
     rows = [[[x, 0, 0], [x, height, 0]] for x in np.arange(GRID_STEP, width - 1e-6, GRID_STEP)]
@@ -108,8 +133,9 @@ def turn_knob(obstacle: Obstacle) -> Float[np.ndarray, "2"]:
 
 def draw_ends(canvas: Canvas, moment: Moment, inspection: Inspection) -> None:
     """The cable at start and goal with its grippers, what they are turned by, and how clear and stable it is."""
-    draft, radius = moment.draft, moment.draft.cable.radius
-    arms: list[Float[np.ndarray, "1 2 3"]] = []
+    draft: Any = moment.draft
+    radius = draft.cable.radius
+    arms: list[Float[np.ndarray, "k 2 3"]] = []
     colors: list[str] = []
     for end, color in COLORS.items():
         q = moment.shapes[end]
@@ -126,6 +152,9 @@ def draw_ends(canvas: Canvas, moment: Moment, inspection: Inspection) -> None:
             colors.append(mixed(color, 0.35))
             canvas.solid(f"{name}-turn", prism(circle(KNOB, 16), 0.0, 0.004), color, at=knob, draggable=True)
             canvas.words(f"{name}-letter", "LR"[side], (*at, 2 * radius + 0.003))
+        held = outlines(draft, poses[0])
+        arms.append(held)
+        colors += len(held) * [mixed(color, 0.35)]
         if end in inspection.ends:
             found = inspection.ends[end]
             text = f"{end}: {quantity(found.clearance)} clear, stability {found.stability:.0f}"
@@ -137,9 +166,9 @@ def draw_ends(canvas: Canvas, moment: Moment, inspection: Inspection) -> None:
     canvas.sweep("/ends")
 
 
-def draw_faults(canvas: Canvas, faults: list[tuple[float, float]]) -> None:
+def draw_faults(canvas: Canvas, faults: list[tuple[float, ...]]) -> None:
     """Numbered rings where something is wrong [m]."""
-    for number, (x, y) in enumerate(faults[:MARKED], start=1):
+    for number, (x, y, *_) in enumerate(faults[:MARKED], start=1):
         canvas.solid(f"/faults/{number}", ring(0.013, 0.017, 0.022), palette.BAD, at=(x, y))
         canvas.words(f"/faults/{number}-number", str(number), (x + 0.02, y + 0.02, 0.025))
     canvas.sweep("/faults")
@@ -157,34 +186,33 @@ def draw_plan(canvas: Canvas, draft: Draft, plan: Plan | None) -> None:
     canvas.sweep("/plan")
 
 
-def draw_moment(canvas: Canvas, draft: Draft, plan: Plan | None, row: int) -> None:
-    """The cable and its grippers in one row of a plan."""
+def draw_moment(canvas: Canvas, draft: Draft, plan: Plan | None, row: int, arms: Arms | None = None) -> None:
+    """The cable and what holds it in one row of a plan."""
     if plan is not None:
         radius = draft.cable.radius
         row = min(row, plan.steps)
         line = polyline.spline(plan.shapes[row], SPLINE_PIECES)
         canvas.solid("/moment/cable", tube(line, 0.7 * radius, 1.6 * radius), palette.INK)
-        for side, color in enumerate(SIDES):
-            x, y = plan.poses[row, side, :2]
-            disc = prism(circle(max(draft.grippers.radius, 0.006)), 0.0, 3.2 * radius)
-            canvas.solid(f"/moment/{side}", disc, color, at=(float(x), float(y)))
+        draw_hands(canvas, "/moment", draft, plan.poses[row], 3.2 * radius)
+        if arms is not None and plan.joints is not None:
+            arms.draw(canvas, "/moment", plan.joints[row])
     canvas.sweep("/moment")
 
 
-def draw_run(canvas: Canvas, radius: float, gripper: float, row: Row | None) -> None:
-    """A row of a run: the true cable and its grippers, where it should be, and crosses where it was seen."""
+def draw_run(canvas: Canvas, draft: Draft, row: Row | None, arms: Arms | None = None) -> None:
+    """A row of a run: the true cable and what holds it, where it should be, and crosses where it was seen."""
     if row is not None:
+        radius = draft.cable.radius
         canvas.solid("/run/cable", tube(row.measured.centreline, radius, 1.6 * radius), palette.INK)
         wanted = polyline.spline(row.reference, SPLINE_PIECES)
         canvas.lines("/run/reference", path(wanted, 3.0 * radius), palette.REFERENCE, 2.0)
-        for side, color in enumerate(SIDES):
-            x, y = row.measured.poses[side, :2]
-            disc = prism(circle(max(gripper, 0.006)), 0.0, 3.2 * radius)
-            canvas.solid(f"/run/{side}", disc, color, at=(float(x), float(y)))
+        draw_hands(canvas, "/run", draft, row.measured.poses, 3.2 * radius)
+        if arms is not None and row.measured.joints is not None:
+            arms.draw(canvas, "/run", row.measured.joints)
         seen = row.observed[np.isfinite(row.observed[:, 0])]
         if len(seen):
-            arms = SEEN * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
-            crosses = (seen[:, None, None] + arms).reshape(-1, 2, 2)
+            strokes = SEEN * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
+            crosses = (seen[:, None, None] + strokes).reshape(-1, 2, 2)
             raised = np.concatenate([crosses, np.full((len(crosses), 2, 1), 3.3 * radius)], axis=2)
             canvas.lines("/run/seen", raised, palette.GREEN, 1.6)
     canvas.sweep("/run")

@@ -28,6 +28,8 @@ from cableway.scene.spatial.obstacles import Prism
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.spatial.validity import unbounded
+from cableway.scene.task import Task
+from cableway.tasks.generation import KINDS, random_task
 from cableway.tasks.space.obstacles import YU_SCENES, Size, floating, ridge, standing, window, yu_scene
 
 LENGTH = 0.34
@@ -194,6 +196,20 @@ def random_spatial_task(seed: int, kind: str, *, width: float | None = None) -> 
             reasons[str(reason)] = reasons.get(str(reason), 0) + 1
     listed = ", ".join(f"{reason} ({count})" for reason, count in reasons.items())
     raise InputError(f"no {kind} task was found for seed {seed} in {TRIES} draws: {listed}")
+
+
+def random_any_task(seed: int, kind: str, *, width: float | None = None) -> Task | SpatialTask:
+    """The random task of a seed and a kind, on the table or in space; see `random_task` and `random_spatial_task`.
+
+    Raises:
+        UnknownNameError: There is no such kind; the message lists them.
+        InputError: As there.
+    """
+    if kind in SPATIAL_KINDS:
+        return random_spatial_task(seed, kind, width=width)
+    if kind not in KINDS:
+        raise UnknownNameError("kind of random task", kind, (*KINDS, *SPATIAL_KINDS))
+    return random_task(seed, kind, width=width)
 
 
 def random_cable(rng: np.random.Generator) -> SpatialCable:
