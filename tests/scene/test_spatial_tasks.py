@@ -23,7 +23,7 @@ from cableway.scene.spatial.grippers import GripperPiece, SpatialGrippers
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, Sphere
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialDraft, SpatialTask
-from cableway.scene.spatial.validity import body_clearance, hull_distance
+from cableway.scene.spatial.validity import body_clearance
 
 HANGING = [0.3, 0.4, 0.4, 0.0, 0.0, 0.0, -25.0, 0.0, 0.0, 0.0, -5.0, 0.0]
 """A U of a cable of 0.34 m with weight 7 in the plane across y."""
