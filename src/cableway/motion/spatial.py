@@ -194,8 +194,8 @@ class SpatialProblem:
             radius=limits.radius, max_step=limits.max_step, max_turn=limits.max_turn, separation=limits.separation
         )
         return cls(
-            task.rod, cable.radius, task.scene.world, SpatialBodies.of(task.bodies, cable.radius), grippers, np.array(task.start),
-            np.array(task.goal), cable.min_bend_radius, cable.max_twist,
+            task.rod, cable.radius, task.scene.world, SpatialBodies.of(task.bodies, cable.radius), grippers,
+            np.array(task.start), np.array(task.goal), cable.min_bend_radius, cable.max_twist,
         )  # fmt: skip
 
     @property
@@ -245,7 +245,8 @@ class SpatialFreeSpace:
             gripper_clearance=min(margins.clearance, float(of_balls.min()) - 1e-6, to_world - 1e-6),
             bodies_apart=min(margins.clearance, _balls_gap(points, bodies) - 1e-6, apart_from - 1e-6),
             bodies_off_cable=min(
-                problem.radius + OFF_CABLE, off_cable - 1e-6,
+                problem.radius + OFF_CABLE,
+                off_cable - 1e-6,
                 _off_cable(points, stations, bodies.side, bodies.radius, arrays[3]) - 1e-6,
             ),
             stability=min(margins.stability, float(rod.stability(kept)[0].min()) - 1e-6),

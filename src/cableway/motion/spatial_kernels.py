@@ -259,9 +259,7 @@ def hulls_keep(poses, points, stations, world, limits, bodies):
         if _hull_to_world(hull, radii[p], boxes[p], world, wanted, False, room, normal, at) < wanted:
             return False
         wanted = limits.bodies_off_cable
-        found = _hull_to_cable(
-            hull, radii[p], boxes[p], stations, spared[p], sides[p], wanted, False, room, normal, at
-        )
+        found = _hull_to_cable(hull, radii[p], boxes[p], stations, spared[p], sides[p], wanted, False, room, normal, at)
         if found[0] < wanted:
             return False
     return True
