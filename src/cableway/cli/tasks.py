@@ -40,6 +40,10 @@ class Tasks(PictureOptions):
     width: Maybe[float] = None
     """Width of their passages [m], for kinds that have passages; by default, that of the kind."""
 
+    body: Maybe[str] = None
+    """What their grippers take up beyond balls, for kinds in space: 2f-85, 2f-85-long-fingers or hand-e; by default,
+    nothing."""
+
     picture: Flag = False
     """Also draw the random tasks, in one picture."""
 
@@ -49,8 +53,8 @@ class Tasks(PictureOptions):
             raise InputError(f"--count must be from 1 to 1000000, got {self.count}")
         if (self.seed or 0) + self.count - 1 > LARGEST_SEED:
             raise InputError(f"--seed and --count exceed the largest seed {LARGEST_SEED}")
-        if self.random is None and (self.count != 1 or self.width is not None or self.picture):
-            raise InputError("--count, --width and --picture need --random")
+        if self.random is None and (self.count != 1 or self.width or self.body or self.picture):
+            raise InputError("--count, --width, --body and --picture need --random")
         if self.vector is not None and not self.picture:
             raise InputError("--vector needs --picture")
 
@@ -76,7 +80,7 @@ class Tasks(PictureOptions):
         INTERRUPTS.kept = lambda: f"{len(tasks)} of {self.count} tasks are in {folder}" if tasks else ""
         with only_writer(folder), terminal.progress() as progress:
             for k in range(self.count):
-                task = _drawn((self.seed or 0) + k, kind, self.width)
+                task = _drawn((self.seed or 0) + k, kind, self.width, self.body)
                 path = folder / f"{task.name}.yaml"
                 save_task(task, path)
                 tasks.append(task)
@@ -93,15 +97,17 @@ class Tasks(PictureOptions):
         return 0
 
 
-def _drawn(seed: int, kind: str, width: float | None) -> Task | SpatialTask:
+def _drawn(seed: int, kind: str, width: float | None, body: str | None) -> Task | SpatialTask:
     """The random task of a kind on the table or in space."""
     from cableway.tasks.generation import KINDS, random_task
     from cableway.tasks.space.generation import SPATIAL_KINDS, random_spatial_task
 
     if kind in SPATIAL_KINDS:
-        return random_spatial_task(seed, kind, width=width)
+        return random_spatial_task(seed, kind, width=width, body=body)
     if kind not in KINDS:
         raise UnknownNameError("kind of random task", kind, (*KINDS, *SPATIAL_KINDS))
+    if body is not None:
+        raise InputError(f"--body is not for {kind}; kinds in space: {', '.join(SPATIAL_KINDS)}")
     return random_task(seed, kind, width=width)
 
 

@@ -109,6 +109,19 @@ class SpatialBodies:
         held = poses[:, self.side]
         return held[..., :3] + rotations.rotate(held[..., 3:], self.at)
 
+    def hull_gaps(
+        self, poses: Float[np.ndarray, "t 2 7"], stations: Float[np.ndarray, "t s 3"], world: SpatialWorld,
+        length: float, ceilings: Float[np.ndarray, "3"],
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """`spatial_kernels.hull_gaps` of rows of a cable of a length [m]."""
+        if not len(self.hulls.side):
+            shape = (len(poses), 0)
+            return tuple(np.zeros((*shape, *more)) for more in ((3,), (3, 3), (3, 3), (), ()))
+        arrays = self.arrays(length, stations.shape[1])
+        return spatial_kernels.hull_gaps(
+            self.hulls.placed(poses), self.points(poses), stations, world.arrays, arrays, ceilings
+        )
+
     @property
     def inner_balls(self) -> tuple[Int[np.ndarray, "b"], Float[np.ndarray, "b 3"], Float[np.ndarray, "b"]]:
         """Sides, places in the grippers' frames [m] and radii [m] of the balls, and of one in each hull."""
@@ -234,10 +247,8 @@ class SpatialFreeSpace:
         selves = min(self_distance(shape, apart) for shape in stations)
         points, arrays = bodies.points(poses), bodies.arrays(rod.length, stations.shape[1])
         of_balls = signed_distance(points, problem.world)[0] - bodies.radius
-        of_hulls = spatial_kernels.hull_gaps(
-            bodies.hulls.placed(poses), points, stations, problem.world.arrays, arrays, np.full(3, np.inf)
-        )[0]
-        to_world, apart_from, off_cable = of_hulls.min(axis=(0, 1), initial=math.inf).tolist()
+        away = bodies.hull_gaps(poses, stations, problem.world, rod.length, np.full(3, math.inf))[0]
+        to_world, apart_from, off_cable = away.min(axis=(0, 1), initial=math.inf).tolist()
         limits = SpatialLimits(
             cable_distance=min(
                 problem.radius + margins.clearance, float(signed_distance(stations, problem.world)[0].min()) - 1e-6

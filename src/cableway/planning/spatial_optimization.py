@@ -17,7 +17,7 @@ from cableway.geometry.spatial_convex import signed_distance
 from cableway.motion import terms
 from cableway.motion.limits import Margins
 from cableway.motion.spatial import OFF_CABLE, SpatialProblem
-from cableway.motion.spatial_kernels import OFF, OTHER, WORLD, closest_parts, hull_gaps, nearest_to_cable
+from cableway.motion.spatial_kernels import OFF, OTHER, WORLD, closest_parts, nearest_to_cable
 from cableway.planning.banded_least_squares import (
     BANDS,
     Normal,
@@ -100,7 +100,7 @@ class SpatialCost:
         self._clearance_scale = np.sqrt(weight) / CLEARANCE_SCALE
         self._room = max(config.margin, config.room)
         self._apart = problem.stations_apart
-        self._held = problem.bodies.arrays(self.rod.length, 2 * self.rod.hinges + 1)
+        self._spared = problem.bodies.arrays(self.rod.length, 2 * self.rod.hinges + 1)[3]
         self._off_centre_line = problem.radius + OFF_CABLE + SPARE
         self._sharpest = config.bend_share * problem.sharpest_turn
 
@@ -205,14 +205,16 @@ class SpatialCost:
         """Shortfalls of the distance of bodies from the cable that they do not hold."""
         bodies = self.problem.bodies
         points = bodies.points(poses)
-        away, which = nearest_to_cable(points, stations, bodies.side, self._held[3])
+        away, which = nearest_to_cable(points, stations, bodies.side, self._spared)
         short = np.maximum(0.0, bodies.radius + self._off_centre_line - away)
         if dstations is None or dposes is None or not short.any():
             return short / CLEARANCE_SCALE, np.zeros((*short.shape, self.rod.dof))
         rows = np.arange(len(stations))[:, None]
         unit = (points - stations[rows, which]) / np.maximum(away, 1e-9)[..., None] * (short > 0)[..., None]
         slopes = np.einsum("tkj,tkji->tki", unit, dstations[rows, which])
-        return short / CLEARANCE_SCALE, (slopes - self._by_poses(unit, points, poses, dposes)) / CLEARANCE_SCALE
+        return short / CLEARANCE_SCALE, (
+            slopes - self._by_poses(unit, points, bodies.side, poses, dposes)
+        ) / CLEARANCE_SCALE
 
     def _hulls(
         self, stations: np.ndarray, dstations: np.ndarray | None, poses: np.ndarray, dposes: np.ndarray | None
@@ -223,9 +225,7 @@ class SpatialCost:
         if not len(side):
             return []
         wanted = np.array([self._room, self._room, self._off_centre_line])
-        away, normal, at, near, share = hull_gaps(
-            bodies.hulls.placed(poses), bodies.points(poses), stations, self.problem.world.arrays, self._held, wanted
-        )
+        away, normal, at, near, share = bodies.hull_gaps(poses, stations, self.problem.world, self.rod.length, wanted)
         short = np.maximum(0.0, wanted - away)
         off = short[..., OFF] / CLEARANCE_SCALE
         if dstations is None or dposes is None:
