@@ -205,5 +205,6 @@ def hull_distance(points: Float[np.ndarray, "k 3"], solid: Solid) -> float:
     """
     world = SpatialWorld.of([solid], np.ones(3)).arrays
     if len(points) == 1:
-        return kernels.solid_distance(*points[0], world, 0, np.empty(3))
+        x, y, z = points[0]
+        return kernels.solid_distance(x, y, z, world, 0, np.empty(3))
     return pairs.hull_distance(np.ascontiguousarray(points, float), world, 0)

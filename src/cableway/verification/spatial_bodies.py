@@ -179,15 +179,15 @@ class _Moving:
         away = np.linalg.norm(np.maximum(0.0, np.maximum(low - local, local - high)), axis=2)
         bound = (away[:, 1:] + away[:, :-1] - np.linalg.norm(np.diff(lines, axis=1), axis=2)) / 2 - self.radius
         least, at = enough, 0
-        for row in np.argsort(bound.min(1)):
-            for piece in np.argsort(bound[row]):
+        for row in np.argsort(bound.min(1)).tolist():
+            for piece in np.argsort(bound[row]).tolist():
                 if bound[row, piece] >= least - CLOSE:
                     break
                 checkpoint()
                 ends = lines[row, piece : piece + 2]
                 gap = between(*self.place(row), capsule(ends, POINT), placed(ends)) + POINT - self.radius
                 if gap < least:
-                    least, at = gap, int(row)
+                    least, at = gap, row
         return least, at
 
 
