@@ -101,7 +101,6 @@ class SpatialCost:
         self._room = max(config.margin, config.room)
         self._apart = problem.stations_apart
         self._spared = problem.bodies.arrays(self.rod.length, 2 * self.rod.hinges + 1)[3]
-        self._off_centre_line = problem.radius + OFF_CABLE + SPARE
         self._sharpest = config.bend_share * problem.sharpest_turn
 
     def cost(self, q: Float[np.ndarray, "t 12"]) -> float:
@@ -206,7 +205,7 @@ class SpatialCost:
         bodies = self.problem.bodies
         points = bodies.points(poses)
         away, which = nearest_to_cable(points, stations, bodies.side, self._spared)
-        short = np.maximum(0.0, bodies.radius + self._off_centre_line - away)
+        short = np.maximum(0.0, bodies.radius + self.problem.radius + OFF_CABLE + SPARE - away)
         if dstations is None or dposes is None or not short.any():
             return short / CLEARANCE_SCALE, np.zeros((*short.shape, self.rod.dof))
         rows = np.arange(len(stations))[:, None]
@@ -224,7 +223,7 @@ class SpatialCost:
         side = bodies.hulls.side
         if not len(side):
             return []
-        wanted = np.array([self._room, self._room, self._off_centre_line])
+        wanted = np.array([self._room, self._room, self.problem.radius + OFF_CABLE + SPARE])
         away, normal, at, near, share = bodies.hull_gaps(poses, stations, self.problem.world, self.rod.length, wanted)
         short = np.maximum(0.0, wanted - away)
         off = short[..., OFF] / CLEARANCE_SCALE
