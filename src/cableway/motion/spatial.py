@@ -99,10 +99,9 @@ class SpatialBodies:
     def arrays(self, length: float, stations: int) -> tuple[Any, ...]:
         """What the kernels take as `bodies`, for a cable of a length [m] and so many stations."""
         hulls = self.hulls
-        return (
-            self.side, self.at, self.radius, _spared(self.held, length, stations),
-            (hulls.side, hulls.corners, hulls.first, hulls.radius, _spared(hulls.held, length, stations)),
-        )  # fmt: skip
+        packed = (hulls.side, hulls.corners, hulls.first, hulls.radius, _spared(hulls.held, length, stations))
+        balls = (self.side, self.at, self.radius, _spared(self.held, length, stations))
+        return (*balls, packed if len(hulls.side) else None)
 
     def points(self, poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t k 3"]:
         """The centres of the balls [m] in the world."""

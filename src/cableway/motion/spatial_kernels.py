@@ -1,7 +1,7 @@
 """Compiled kernels of `cableway.motion.spatial`: whether one shape in space is free, and the way between two.
 
 A `space` is (rod, world, limits, bodies): parameters and hinges of the rod (`cableway.rod.spatial_kernels`), the arrays
-of a `SpatialWorld`, `SpatialLimits` and the arrays of `SpatialBodies`, of which the last are those of its hulls.
+of a `SpatialWorld`, `SpatialLimits` and the arrays of `SpatialBodies`, of which the last are those of its hulls or None.
 """
 
 from __future__ import annotations
@@ -241,9 +241,14 @@ def _hull_to_cable(corners, radius, box, stations, spared, side, least, deep, ro
 
 
 @kernel
-def hulls_keep(poses, points, stations, world, limits, bodies):
-    """Whether hulls keep their distances from obstacles, walls, what the other gripper has and the cable."""
-    sides, own, first, radii, spared = bodies[4]
+def hulls_keep(poses, points, stations, world, limits, bodies, hulls):
+    """Whether hulls keep their distances from obstacles, walls, what the other gripper has and the cable.
+
+    Where `hulls` is None, all below is left out as this is compiled.
+    """
+    if hulls is None:
+        return True
+    sides, own, first, radii, spared = hulls
     corners, boxes, room = np.empty((len(own), 3)), np.empty((len(sides), 6)), np.empty((ROOM + 4, 3))
     normal, at = room[ROOM + 2], room[ROOM + 3]
     for p in range(len(sides)):
@@ -333,7 +338,7 @@ def is_free(q, space):
     body_points(poses, bodies, points)
     if not bodies_keep(points, stations, world, limits, bodies):
         return False
-    if len(bodies[4][0]) > 0 and not hulls_keep(poses, points, stations, world, limits, bodies):
+    if not hulls_keep(poses, points, stations, world, limits, bodies, bodies[4]):
         return False
     if self_distance(stations, limits.apart) < limits.self_distance:
         return False
