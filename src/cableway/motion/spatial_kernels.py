@@ -1,7 +1,8 @@
 """Compiled kernels of `cableway.motion.spatial`: whether one shape in space is free, and the way between two.
 
 A `space` is (rod, world, limits, bodies): parameters and hinges of the rod (`cableway.rod.spatial_kernels`), the arrays
-of a `SpatialWorld`, `SpatialLimits` and the arrays of `SpatialBodies`, of which the last are those of its hulls or None.
+of a `SpatialWorld`, `SpatialLimits` and the arrays of `SpatialBodies`, of which the last are those of its hulls, or
+None.
 """
 
 from __future__ import annotations
