@@ -1,9 +1,12 @@
 """Plan random tasks in space of a kind and print how many are solved and how long it takes.
 
-    .venv/bin/python studies/space_planning.py KIND [--seeds FIRST:END] [--width W] [--limit S]
-    .venv/bin/python studies/space_planning.py SUITE --frozen COUNT [--limit S]
+    .venv/bin/python studies/space_planning.py KIND [--seeds FIRST:END] [--width W] [--body B] [--limit S]
+    .venv/bin/python studies/space_planning.py SUITE --frozen COUNT [--body B] [--limit S]
 
 The second form takes the first tasks of a suite of the benchmark.
+
+A body, such as 2f-85, is what grippers take up beyond balls. Random tasks are drawn with it; those of a suite get it,
+and where one then has a gripper in something at an end, it is said and does not count.
 
 A task counts as solved where a plan was found within the limit and the judge accepts it. Times are those of the
 processor, on one core, without compiling; "search" is without the judge, which each plan ends with. Failures count with
@@ -15,12 +18,13 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from cableway.benchmark.suites import SPACE_SUITES, frozen_episodes
-from cableway.core.errors import PlanningError
+from cableway.core.errors import PlanningError, TaskError
 from cableway.planning import spatial_planner
 from cableway.scene.spatial.task import SpatialTask
 from cableway.tasks.space.generation import SPATIAL_KINDS, random_spatial_task
@@ -54,14 +58,19 @@ def solve(task: SpatialTask, clock: Clock, limit: float) -> tuple[str, float, fl
     return said, time.process_time() - since, clock.judged
 
 
-def tasks(given: argparse.Namespace) -> Iterator[SpatialTask]:
-    """The tasks that are asked for."""
+def tasks(given: argparse.Namespace) -> Iterator[SpatialTask | str]:
+    """The tasks that are asked for, or why an end of one is impossible."""
     if given.frozen is not None:
-        yield from (episode.load_spatial() for episode in frozen_episodes(given.kind)[: given.frozen])
+        for episode in frozen_episodes(given.kind)[: given.frozen]:
+            task = episode.load_spatial()
+            try:
+                yield replace(task, grippers=replace(task.grippers, body=given.body))
+            except TaskError as error:
+                yield f"{task.name}: {error.sentence}"
         return
     first, end = map(int, given.seeds.split(":"))
     for seed in range(first, end):
-        yield random_spatial_task(seed, given.kind, width=given.width)
+        yield random_spatial_task(seed, given.kind, width=given.width, body=given.body)
 
 
 def main() -> None:
@@ -70,6 +79,7 @@ def main() -> None:
     parser.add_argument("kind", choices=dict.fromkeys([*SPATIAL_KINDS, *sorted(SPACE_SUITES)]))
     parser.add_argument("--seeds", default="0:20")
     parser.add_argument("--width", type=float, help="of windows [m]")
+    parser.add_argument("--body", help="of the grippers, by name")
     parser.add_argument("--limit", type=float, default=30.0, help="processor time for each task [s]")
     parser.add_argument("--frozen", type=int, help="so many tasks of the suite")
     given = parser.parse_args()
@@ -77,8 +87,12 @@ def main() -> None:
     spatial_planner.verify_spatial_plan = clock.verify
     for seed in (1, 2, 3):  # each source of samples has kernels of its own
         solve(random_spatial_task(seed, "window"), clock, WARM_UP)
-    whole, search, solved = [], [], 0
+    whole, search, solved, impossible = [], [], 0, 0
     for task in tasks(given):
+        if isinstance(task, str):
+            impossible += 1
+            print(task, flush=True)
+            continue
         said, spent, judged = solve(task, clock, given.limit)
         solved += not said.startswith("no plan")
         whole.append(spent)
@@ -86,7 +100,10 @@ def main() -> None:
         print(f"{task.name}: weight {task.cable.weight:.1f}, {spent:.2f} s, judge {judged:.2f} s; {said}", flush=True)
     figures = [f"{np.median(each):.2f}, {np.quantile(each, 0.95):.2f}, {max(each):.2f}" for each in (search, whole)]
     name = given.kind if given.width is None else f"{given.kind} {given.width:g} m"
+    name = name if given.body is None else f"{name}, {given.body}"
     which = given.seeds if given.frozen is None else f"first {given.frozen}"
+    if impossible:
+        print(f"{impossible} have impossible ends and do not count")
     print(f"| {name} | {which} | {solved}/{len(whole)} | {figures[0]} | {figures[1]} |")
 
 

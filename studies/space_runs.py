@@ -1,6 +1,6 @@
 """Runs in space: plans of random tasks, led open loop on the nominal cable, and with feedback on cables that differ.
 
-    .venv/bin/python studies/space_runs.py KIND [--seeds 3000:3030] [--out runs/space-runs]
+    .venv/bin/python studies/space_runs.py KIND [--seeds 3000:3030] [--body B] [--out runs/space-runs]
 
 Each task is planned with a time limit of 30 s of processor time. Its plan is led open loop, by grippers without lag, on
 the nominal cable of the plant in MuJoCo; then by both controllers on a cable of `SpatialPerturbation.drawn`: up to 2%
@@ -31,9 +31,9 @@ LIMIT = 30.0
 """Processor time [s] of a search."""
 
 
-def runs_of(kind: str, seed: int) -> dict[str, Any]:
+def runs_of(kind: str, seed: int, body: str | None) -> dict[str, Any]:
     """What became of a task, by run."""
-    task, begun = random_spatial_task(seed, kind), time.process_time()
+    task, begun = random_spatial_task(seed, kind, body=body), time.process_time()
     found: dict[str, Any] = {"weight": task.rod.weight}
     try:
         made = plan(task, seed=0, expired=lambda: time.process_time() - begun > LIMIT)
@@ -80,15 +80,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind")
     parser.add_argument("--seeds", default="3000:3030")
+    parser.add_argument("--body", help="of the grippers, by name")
     parser.add_argument("--out", type=Path, default=Path("runs/space-runs"))
     given = parser.parse_args()
     first, end = map(int, given.seeds.split(":"))
     rows = []
     for seed in range(first, end):
-        file = given.out / f"{given.kind}-{seed}.json"
+        file = given.out / f"{'-'.join(filter(None, (given.kind, given.body, str(seed))))}.json"
         if not file.exists():
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_json(file, runs_of(given.kind, seed))
+            write_json(file, runs_of(given.kind, seed, given.body))
         rows.append(json.loads(file.read_text()))
         print(seed, {name: run["outcome"] for name, run in rows[-1].items() if isinstance(run, dict)}, flush=True)
     print("\n| run | tasks | success [%] | contacts | error [mm] | deviation [mm] | clearance [mm] |")

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from cableway.geometry import rotations
-from cableway.geometry.spatial_convex import WALLS, Solid, SpatialWorld, chain_distance, signed_distance
+from cableway.geometry import spatial_pair_kernels as pairs
+from cableway.geometry.spatial_convex import (
+    WALLS,
+    Solid,
+    SpatialWorld,
+    chain_distance,
+    hull_distance,
+    signed_distance,
+)
 from cableway.geometry.spatial_convex_kernels import self_distance
 
 RNG = np.random.default_rng(5)
@@ -148,3 +156,73 @@ def test_self_distance_is_that_of_parts_far_along_the_line():
     line[:, 2] = np.linspace(0, 0.3, 41)
     assert self_distance(line, 38) == pytest.approx(np.linalg.norm(line[0] - line[-1]), abs=0.02)
     assert self_distance(line, 41) == np.inf
+
+
+# ------------------------------------------------------------------------------------------------ hulls
+def bodies(count: int) -> list[np.ndarray]:
+    """Corners of boxes and of other hulls, at random about the middle."""
+    rng, corners = np.random.default_rng(8), np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    found = []
+    for k in range(count):
+        shape = corners * rng.uniform(0.02, 0.1, 3) if k % 2 else 0.08 * rng.normal(size=(rng.integers(4, 12), 3))
+        turn = rotations.matrices(rotations.from_vector(rng.normal(size=3)))
+        found.append(HALF + 0.15 * rng.normal(size=3) + shape @ turn.T)
+    return found
+
+
+def test_hulls_are_as_far_from_solids_as_coal_says_and_as_deep_in_them(solid):
+    ours, theirs, place = solid
+    inside = 0
+    for corners in bodies(200):
+        wanted = coal.distance(
+            convex_of(corners),
+            coal.Transform3s.Identity(),
+            theirs,
+            place,
+            coal.DistanceRequest(),
+            coal.DistanceResult(),
+        )
+        assert hull_distance(corners, ours) == pytest.approx(wanted, abs=2e-6)
+        inside += wanted < 0
+    assert 20 < inside < 180
+
+
+def test_a_point_of_hull_distance_is_one_of_signed_distance(solid):
+    for point in HALF + 0.2 * RNG.normal(size=(50, 3)):
+        assert hull_distance(point[None], solid[0]) == pytest.approx(
+            signed_distance(point, alone(solid[0]))[0], abs=1e-12
+        )
+
+
+def test_the_slope_of_a_gap_is_that_of_moves_of_the_hull_and_its_point_is_on_it(solid):
+    room, normal, at, nothing = np.empty((pairs.ROOM, 3)), np.empty(3), np.empty(3), np.empty((2, 3))
+    core, disc, axis, _ = pairs.solid_core(alone(solid[0]).arrays, 0)
+    for corners in bodies(60):
+        gap = pairs.signed_gap(corners, core, disc, axis, np.inf, room, normal, at)
+        assert np.linalg.norm(normal) == pytest.approx(1)
+        for _ in range(3):
+            step = 1e-4 * RNG.normal(size=3)
+            moved = pairs.signed_gap(corners + step, core, disc, axis, np.inf, room, *nothing)
+            assert moved - gap == pytest.approx(normal @ step, abs=5e-6)
+        assert hull_distance(corners, Solid.sphere(at, 1e-9)) < 1e-6
+
+
+def test_enough_is_said_as_soon_as_it_is_known_and_never_too_much():
+    room, normal, at = np.empty((pairs.ROOM, 3)), np.empty(3), np.empty(3)
+    shapes = bodies(40)
+    for a, b in zip(shapes[::2], shapes[1::2], strict=True):
+        gap = pairs.core_gap(a, b, 0.0, np.zeros(3), np.inf, room, normal, at)
+        for enough in (0.5 * gap, 0.01, 0.1):
+            said = pairs.core_gap(a, b, 0.0, np.zeros(3), enough, room, normal, at)
+            assert said <= gap + 1e-12
+            assert (said >= enough) is bool(gap >= enough)
+
+
+@pytest.mark.parametrize("shift", [[0.1, 0, 0], [0.1, 0.05, 0], [0.1, 0.1, 0], [0.1, 0.1, 0.1]])
+def test_boxes_that_meet_in_a_face_an_edge_or_a_corner_touch(shift: list[float]):
+    box = np.array([[x, y, z] for x in (0, 0.1) for y in (0, 0.1) for z in (0.0, 0.1)])
+    for away in (0.0, 0.003, -0.003):
+        moved = box + shift + np.array([away, 0, 0])
+        assert hull_distance(moved, Solid.hull(box)) == pytest.approx(
+            away if away > 0 or shift[1] < 0.1 else 0, abs=2e-6
+        )

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from spatial_problems import HANGING, past_a_ball
 
+from cableway.geometry import rotations
 from cableway.geometry.groups import SE3
+from cableway.geometry.spatial_convex import Solid, hull_distance, signed_distance
 from cableway.motion import spatial_kernels
 from cableway.motion.limits import Margins
 from cableway.motion.spatial import SpatialBodies, SpatialFreeSpace, continuous_poses, rows_between
+from cableway.motion.spatial_kernels import OFF, OTHER, WORLD
 from cableway.motion.time_parametrization import gripper_effort, ramp_effort
 from cableway.scene.grippers import Grippers
-from cableway.scene.spatial.grippers import SpatialGrippers
+from cableway.scene.spatial.grippers import GripperPiece, SpatialGrippers
 
 PROBLEM = past_a_ball()
 SPACE = SpatialFreeSpace.of(PROBLEM, Margins())
+STATIONS = PROBLEM.rod.shapes(HANGING[None])[0][0]
 
 
 def changed(**places: float) -> np.ndarray:
@@ -93,16 +99,60 @@ def test_the_way_between_two_shapes_is_that_of_the_rod():
     np.testing.assert_allclose(rows_between(rod, np.array([a, b]), np.array([0.3]))[0], rod.between(a, b, 0.3))
 
 
-def test_points_cover_the_surface_of_a_gripper_and_move_with_it():
-    hull = next(body for body in SpatialGrippers(body="2f-85").bodies if len(body.points) > 1)
-    bodies = SpatialBodies.of([hull])
-    poses = PROBLEM.rod.end_poses(HANGING[None])
-    placed = hull.placed(poses[:, hull.side])[0]
-    points = bodies.points(poses)[0]
-    assert len(points) > 20
-    for corner in placed:
-        assert np.linalg.norm(points - corner, axis=1).min() < 1e-5
-    assert (points.min(0) >= placed.min(0) - 1e-5).all()
+def box_at(point: tuple[float, float, float], q: np.ndarray, size: float = 0.01) -> GripperPiece:
+    """A box of the left gripper about a point in the world, and the same mirrored of the right one."""
+    pose = PROBLEM.rod.end_poses(q[None])[0, 0]
+    middle = rotations.rotate(rotations.conjugate(pose[3:]), np.array(point) - pose[:3]) * (-1, 1, 1)
+    return GripperPiece(points=middle + size / 2 * (np.indices((2, 2, 2)).reshape(3, 8).T * 2 - 1))
+
+
+LOW = changed(_0=0.4, _2=0.25)
+"""Below the ball."""
+
+HANDS = {
+    "in the ball": (LOW, (box_at((0.4, 0.36, 0.34), LOW),), "gripper_clearance"),
+    "in a wall": (HANGING, (box_at((0.003, 0.27, 0.39), HANGING),), "gripper_clearance"),
+    "in the other": (HANGING, (box_at((0.25, 0.395, 0.45), HANGING, 0.02),), "bodies_apart"),
+    "in a ball of the other": (HANGING, (box_at((0.138, 0.532, 0.41), HANGING),), "bodies_apart"),
+    "on the cable": (HANGING, (box_at(tuple(STATIONS[30].tolist()), HANGING),), "bodies_off_cable"),
+}
+"""Shapes that are free but for what pieces of hands are in, and the limit that says so."""
+
+
+@pytest.mark.parametrize("case", HANDS)
+def test_a_hand_is_kept_off_what_it_may_be_in(case: str):
+    q, pieces, limit = HANDS[case]
+    assert SPACE.are_free(q[None])[0]
+    (rod, world, limits, _), radius = SPACE.arrays, PROBLEM.radius
+    bodies = SpatialBodies.of(SpatialGrippers(body=pieces).bodies, radius).arrays(PROBLEM.rod.length, len(STATIONS))
+    assert not SpatialFreeSpace((rod, world, limits, bodies)).are_free(q[None])[0]
+    loose = limits._replace(**{limit: -np.inf})
+    assert SpatialFreeSpace((rod, world, loose, bodies)).are_free(q[None])[0]
+
+
+def test_gaps_of_hulls_are_those_of_many_points_on_them():
+    rng, rod = np.random.default_rng(3), PROBLEM.rod
+    bodies = SpatialBodies.of(SpatialGrippers(body="2f-85").bodies, PROBLEM.radius)
+    q = HANGING + rng.normal(0, (0.1, 0.1, 0.1, 1, 1, 1, 3, 3, 3, 1, 1, 1), (40, 12))
+    q[:, 11] += 2.5
+    stations, poses = rod.shapes(q)
+    away, _, _, near, share = bodies.hull_gaps(poses, stations, PROBLEM.world, rod.length, np.full(3, np.inf))
+    corners, first = bodies.hulls.placed(poses), bodies.hulls.first
+    for row in range(len(q)):
+        hulls = [corners[row, i:j] for i, j in pairwise(first)]
+        for p, hull in enumerate(hulls):
+            others = [each for k, each in enumerate(hulls) if bodies.hulls.side[k] != bodies.hulls.side[p]]
+            wanted = [hull_distance(hull, Solid.hull(other)) for other in others]
+            (k,) = np.flatnonzero(bodies.side != bodies.hulls.side[p])
+            wanted.append(hull_distance(hull, Solid.sphere(bodies.points(poses)[row, k], bodies.radius[k])))
+            assert away[row, p, OTHER] == pytest.approx(min(wanted), abs=1e-5)
+            points = rng.dirichlet(np.full(len(hull), 0.4), 300) @ hull
+            assert away[row, p, WORLD] < signed_distance(points, PROBLEM.world)[0].min() + 1e-9
+            line, one = stations[row], near[row, p]
+            nearest = line[one] + share[row, p] * (line[one + 1] - line[one])
+            if away[row, p, OFF] > 0:
+                assert hull_distance(nearest[None], Solid.hull(hull)) == pytest.approx(away[row, p, OFF], abs=1e-5)
+    assert np.sum(away[..., OTHER] < 0) > 20
 
 
 def test_effort_in_space_is_that_of_the_plane_for_motions_of_the_plane():

@@ -9,15 +9,25 @@ import pytest
 from spatial_problems import past_a_ball
 
 from cableway.geometry.spatial_convex import signed_distance
+from cableway.motion.spatial import SpatialBodies, SpatialProblem
+from cableway.motion.spatial_kernels import OFF, OTHER
 from cableway.planning.spatial_optimization import SpatialCost, optimize_in_space
 from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig
+from cableway.scene.spatial.grippers import SpatialGrippers
 
 CONFIG = TrajectoryOptimizationConfig(iterations=15)
 
 
-@pytest.mark.parametrize("bend_radius", [0.0, 0.06])
-def test_the_slope_of_the_cost_is_that_of_finite_differences(bend_radius):
-    problem = replace(past_a_ball(), least_bend_radius=bend_radius)
+def with_hands() -> SpatialProblem:
+    """The motion past the ball, with a 2F-85 on each side: in the ball, in each other and on the cable."""
+    problem = past_a_ball()
+    return replace(problem, bodies=SpatialBodies.of(SpatialGrippers(body="2f-85").bodies, problem.radius))
+
+
+@pytest.mark.parametrize(
+    "problem", [past_a_ball(), replace(past_a_ball(), least_bend_radius=0.06), with_hands()], ids=["", "bend", "hands"]
+)
+def test_the_slope_of_the_cost_is_that_of_finite_differences(problem: SpatialProblem):
     rod, rng = problem.rod, np.random.default_rng(2)
     q = rod.between(problem.start, problem.goal, np.linspace(0, 1, 5))
     q[1:-1] = rod.retract(q[1:-1], rng.normal(0, 0.05, (3, 12)) * rod.units)
@@ -46,3 +56,22 @@ def test_a_cable_that_goes_through_a_ball_is_led_round_it():
     )
     assert before < -0.02
     assert after > 0.008
+
+
+def test_hands_that_meet_are_led_apart():
+    """The cable bends on the way, until the hands are in each other."""
+    problem = with_hands()
+    q = problem.rod.between(problem.start, problem.goal, np.linspace(0, 1, 15))
+    q[:, 2] = 0.15
+    q[:, 11] += 3.2 * np.sin(np.linspace(0, np.pi, 15))
+    before, after = (least_gaps(problem, rows) for rows in (q, optimize_in_space(q, problem, CONFIG)))
+    assert before[OTHER] < -0.005
+    assert after[OTHER] > 0.008
+    assert after[OFF] > problem.radius
+
+
+def least_gaps(problem: SpatialProblem, q: np.ndarray) -> np.ndarray:
+    """Of hands from the world, each other and the cable [m]."""
+    stations, poses = problem.rod.shapes(q)
+    gaps = problem.bodies.hull_gaps(poses, stations, problem.world, problem.rod.length, np.full(3, np.inf))[0]
+    return gaps.min(axis=(0, 1))

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from spatial_problems import ball_plan, ball_task, past_a_ball, walled_task
 
 from cableway.core.errors import InputError, PlanningError
 from cableway.geometry.spatial_convex import signed_distance
+from cableway.motion.spatial import SpatialProblem
 from cableway.planning.config import PlannerConfig
 from cableway.planning.planner import plan
-from cableway.planning.routes.spatial import grid_path, slid_shapes
+from cableway.planning.routes.spatial import blocked, grid_path, slid_shapes
 from cableway.planning.spatial_planner import SpatialPlannerConfig
 from cableway.planning.spatial_rrt import bursts
 from cableway.records import Plan
+from cableway.scene.spatial.grippers import GripperPiece, SpatialGrippers
+from cableway.scene.spatial.obstacles import Cuboid
+from cableway.scene.spatial.scene import SpatialScene
 
 
 def test_a_plan_leads_from_start_to_goal_and_verifies():
@@ -22,6 +28,30 @@ def test_a_plan_leads_from_start_to_goal_and_verifies():
     assert found.verdict.passed
     np.testing.assert_allclose(found.shapes[[0, -1]], [task.keypoints("start"), task.keypoints("goal")], atol=1e-9)
     assert found.poses.shape == (found.steps + 1, 2, 7)
+
+
+def test_hands_are_planned_for():
+    """They are 15 cm wide and 20 cm high."""
+    task = replace(ball_task(), grippers=replace(ball_task().grippers, body="2f-85"))
+    found = plan(task)
+    assert found.verdict is not None
+    assert found.verdict.passed
+    kept = {check.name: check.value for check in found.verdict.checks}
+    assert kept["gripper body clearance"] > 0.004
+    assert kept["gripper bodies apart"] > 0.004
+    assert found.poses.tolist() != ball_plan().poses.tolist()
+
+
+def test_a_hand_that_fits_through_nothing_is_what_stops_it():
+    """A slit of 6 cm through which the cable and balls may pass, and no cube of 10 cm."""
+    walls = [Cuboid(center=(0.4, 0.4, z), size=(0.04, 0.9, 0.4)) for z in (0.15, 0.61)]
+    scene = SpatialScene((0.8, 0.8, 0.8), tuple(walls))
+    task = replace(walled_task(), scene=scene, grippers=SpatialGrippers(radius=0.01))
+    cube = GripperPiece(points=np.indices((2, 2, 2)).reshape(3, 8).T * 0.1 + [0.0, -0.05, 0.03])
+    hands = replace(task, grippers=replace(task.grippers, body=(cube,)))
+    clearance = SpatialPlannerConfig().limits.clearance
+    assert blocked(SpatialProblem.of(task), clearance) == ""
+    assert blocked(SpatialProblem.of(hands), clearance).startswith("the left gripper cannot pass")
 
 
 def test_the_same_seed_gives_the_same_plan(tmp_path):

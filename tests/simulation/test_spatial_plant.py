@@ -13,6 +13,7 @@ from cableway.geometry.groups import SE3
 from cableway.rod.continuation import lead
 from cableway.scene.obstacles import Box
 from cableway.scene.spatial.cable import SpatialCable
+from cableway.scene.spatial.grippers import GripperPiece, SpatialGrippers
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, SpatialObstacle, Sphere
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
@@ -153,3 +154,37 @@ def test_what_is_seen_is_late_and_noisy_as_said():
     assert 0.0005 < (last.keypoints - true[1]).std() < 0.0015
     with pytest.raises(SimulationError, match="one run"):
         plant.reset()
+
+
+# ------------------------------------------------------------------------------------------------ hands
+OPEN, FLAT = (MIDDLE + [*[0.0] * 10, moment, 0.0] for moment in (-3.0, -1.0))
+"""Cables that hang less, so that hands do not meet."""
+
+PLATE = GripperPiece(points=[[x, y, z] for x in (-0.17, -0.13) for y in (0.02, 0.03) for z in (-0.05, 0.12)])
+"""Beside the cable, 13 to 17 cm from its end."""
+
+
+def test_a_hand_that_rolls_into_the_cable_meets_it_and_pushes_it_aside():
+    still = {}
+    for name, body, turn in (("into", (PLATE,), 0.1), ("away", (PLATE,), -0.1), ("without", None, 0.1)):
+        held = replace(task(OPEN), grippers=SpatialGrippers(body=body))
+        plant = SpatialPlant(held)
+        action = np.zeros((2, 6))
+        action[0, 3:] = turn * rotations.rotate(held.gripper_poses("start")[0, 3:], np.array([1.0, 0, 0]))
+        led(plant, action, 6)
+        still[name] = plant.measure()
+    assert abs(still["into"].clearance) < 0.001
+    assert still["away"].clearance > 0.1
+    assert still["without"].clearance > 0.1
+    aside = np.linalg.norm(still["into"].keypoints - still["without"].keypoints, axis=1)
+    assert aside.max() > 0.005
+
+
+def test_the_clearance_of_hands_is_measured_exactly():
+    box = Cuboid(center=(1.25, 1.0, 1.35), size=(0.2, 0.2, 0.1))
+    held = replace(task(FLAT, CABLE, box), grippers=SpatialGrippers(body="2f-85"))
+    plant = SpatialPlant(held, config=SpatialConfig(servo_time=0.0))
+    led(plant, np.zeros((2, 6)), 1)
+    kept = held.kept("start")["gripper_clearance"]
+    assert 0 < kept < 0.15
+    assert plant.measure().gripper_clearance == pytest.approx(kept, abs=1e-4)

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cableway.core.errors import FileFormatError, InputError, UnknownNameError
+from cableway.core.errors import FileFormatError, InputError, TaskError, UnknownNameError
 from cableway.geometry.spatial_convex import signed_distance
+from cableway.motion.spatial import SpatialBodies
 from cableway.scene.files.loading import load_task
 from cableway.scene.files.presets import preset_names
 from cableway.scene.files.saving import task_text
@@ -80,6 +81,19 @@ def test_lifted_cables_begin_and_end_close_to_the_table():
         assert 0.008 < lowest < 0.051
 
 
+@pytest.mark.parametrize("kind", ["space-clutter", "lift"])
+def test_hands_have_room_at_both_ends(kind: str):
+    task = random_spatial_task(5001, kind, body="2f-85")
+    assert task.name == f"{kind}-2f-85-5001"
+    assert task.grippers.body == "2f-85"
+    hands = SpatialBodies.of(task.bodies, task.cable.radius)
+    stations, poses = task.rod.shapes(np.array([task.start, task.goal]))
+    away = hands.hull_gaps(poses, stations, task.scene.world, task.cable.length, np.full(3, 1.0))[0]
+    assert (away.min(axis=(0, 1)) >= [CLEARANCE, CLEARANCE, task.cable.radius + CLEARANCE / 2]).all()
+    if kind == "lift":
+        assert (hands.hulls.placed(poses)[..., 2].min(axis=1) < 0.051).any()
+
+
 def test_windows_are_as_wide_as_asked():
     for seed, width in ((0, None), (2, None), (0, 0.1)):
         left, right, below, above = random_spatial_task(seed, "window", width=width).scene.obstacles
@@ -116,6 +130,8 @@ def test_what_is_asked_wrongly_is_said():
         random_spatial_task(0, "clutter")
     with pytest.raises(InputError, match="seed must not be negative"):
         random_spatial_task(-1, "lift")
+    with pytest.raises(TaskError, match=r"grippers\.body must be one of disc, 2f-85,"):
+        random_spatial_task(0, "lift", body="claw")
     with pytest.raises(InputError, match="width is not for lift"):
         random_spatial_task(0, "lift", width=0.1)
     with pytest.raises(InputError, match=r"width of window must be from 0\.05 to 0\.3 m"):

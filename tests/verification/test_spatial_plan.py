@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from spatial_problems import ball_plan, ball_task
 
 from cableway.core.errors import InputError
@@ -16,7 +17,7 @@ from cableway.scene.spatial.grippers import GripperPiece
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, Sphere
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
-from cableway.verification import verify_plan, verify_record
+from cableway.verification import spatial_bodies, verify_plan, verify_record
 from cableway.verification.spatial_distance import FAR, Shape, ToScene
 from cableway.verification.spatial_plan import verify_spatial_plan
 
@@ -89,6 +90,37 @@ def test_a_cable_against_its_own_gripper_is_found():
     shapes = ball_plan().shapes.copy()
     shapes[20, 6] = ball_plan().poses[20, 0, :3] + [0.0, 0.0, 0.01]
     assert "gripper body from the cable" in failed(altered(shapes=shapes))
+
+
+def test_a_piece_of_a_gripper_in_the_way_of_the_cable_is_found():
+    """A plate that reaches from the left gripper to the middle of the cable as it is in one row, and one above that."""
+    plan = ball_plan()
+    pose, middle = plan.poses[24, 0], plan.shapes[24, 6]
+    turn = Rotation.from_quat(pose[3:], scalar_first=True)
+    for above, passes in ((0.0, False), (0.04, True)):
+        at = turn.inv().apply(middle + [0, 0, above] - pose[:3]) * (-1, 1, 1)
+        piece = GripperPiece(points=at + 0.004 * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5))
+        assert ("gripper body from the cable" not in failed(plan, with_pieces(piece))) is passes
+
+
+def test_the_least_distances_of_hands_are_those_of_all_rows():
+    """Few are measured."""
+    task = replace(TASK, grippers=replace(TASK.grippers, body="2f-85"))
+    poses, _ = spatial_bodies._fine_poses(ball_plan().poses, task.bodies)
+    moving = [spatial_bodies._Moving(body, poses) for body in task.bodies]
+    scene = ToScene(task.scene, task.grippers.radius)
+    for gaps, rate in (
+        ([a.to_other(b) for a, b in spatial_bodies._facing(moving)][-9:], 2 * spatial_bodies.STEP),
+        ([body.to_scene(scene, 0.1) for body in moving[-4:]], spatial_bodies.STEP),
+    ):
+        rows = range(len(poses))
+        everywhere = np.array([[gap._measure(row) for row in rows] for gap in gaps])
+        assert all((everywhere[k] >= gap.bound - 1e-9).all() for k, gap in enumerate(gaps))
+        least, row, kept = spatial_bodies._least(gaps, rate, 0.1)
+        assert least == pytest.approx(everywhere.min(), abs=1e-5)
+        assert everywhere[:, row].min() == pytest.approx(least)
+        assert kept == pytest.approx(min(everywhere[:, [0, -1]].min(), 0.1 + spatial_bodies.STEP))
+        assert sum(len(gap._known) for gap in gaps) < everywhere.size / 4
 
 
 def test_between_rows_things_are_met_too():

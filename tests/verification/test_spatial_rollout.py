@@ -12,6 +12,8 @@ from cableway.core.errors import InputError
 from cableway.judge import judge_in_space
 from cableway.outcome import Outcome
 from cableway.records import Rollout
+from cableway.scene.spatial.grippers import GripperPiece
+from cableway.scene.spatial.obstacles import Sphere
 from cableway.verification.spatial_rollout import verify_spatial_rollout
 
 pytest.importorskip("coal")
@@ -46,6 +48,18 @@ def test_a_way_over_the_ball_passes_and_one_through_it_does_not():
     away = np.linalg.norm(rollout(0.0).centreline - [0.4, 0.4, 0.38], axis=2).min()
     assert away - 0.08 - TASK.cable.radius - 1e-3 < through.value < 0  # where it fails first
     assert "obstacles[0]" in through.where
+
+
+@pytest.mark.parametrize(("above", "found"), [(0.08, []), (0.0, ["gripper body clearance"])])
+def test_what_hands_meet_on_the_way_is_judged(above: float, found: list[str]):
+    """A small ball in the way of a box on the left gripper, and one above that way."""
+    given = rollout(0.2)
+    piece = GripperPiece(points=[0.0, 0.0, 0.08] + 0.02 * (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5))
+    hands = replace(TASK, grippers=replace(TASK.grippers, body=(piece,)))
+    x, y, z = hands.bodies[2].placed(given.poses[30, 0]).mean(axis=0).tolist()
+    met = Sphere(center=(x, y, z + above), radius=0.01)
+    task = replace(hands, scene=replace(TASK.scene, obstacles=(*TASK.scene.obstacles, met)))
+    assert [check.name for check in verify_spatial_rollout(given, task).failures()] == found
 
 
 def test_ends_grippers_and_limits_are_judged():

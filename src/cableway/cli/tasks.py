@@ -40,6 +40,10 @@ class Tasks(PictureOptions):
     width: Maybe[float] = None
     """Width of their passages [m], for kinds that have passages; by default, that of the kind."""
 
+    body: Maybe[str] = None
+    """What their grippers take up beyond balls, for kinds in space: 2f-85, 2f-85-long-fingers or hand-e; by default,
+    nothing."""
+
     picture: Flag = False
     """Also draw the random tasks, in one picture."""
 
@@ -49,8 +53,8 @@ class Tasks(PictureOptions):
             raise InputError(f"--count must be from 1 to 1000000, got {self.count}")
         if (self.seed or 0) + self.count - 1 > LARGEST_SEED:
             raise InputError(f"--seed and --count exceed the largest seed {LARGEST_SEED}")
-        if self.random is None and (self.count != 1 or self.width is not None or self.picture):
-            raise InputError("--count, --width and --picture need --random")
+        if self.random is None and (self.count != 1 or self.width or self.body or self.picture):
+            raise InputError("--count, --width, --body and --picture need --random")
         if self.vector is not None and not self.picture:
             raise InputError("--vector needs --picture")
 
@@ -76,7 +80,7 @@ class Tasks(PictureOptions):
         INTERRUPTS.kept = lambda: f"{len(tasks)} of {self.count} tasks are in {folder}" if tasks else ""
         with only_writer(folder), terminal.progress() as progress:
             for k in range(self.count):
-                task = random_any_task((self.seed or 0) + k, kind, width=self.width)
+                task = random_any_task((self.seed or 0) + k, kind, width=self.width, body=self.body)
                 path = folder / f"{task.name}.yaml"
                 save_task(task, path)
                 tasks.append(task)

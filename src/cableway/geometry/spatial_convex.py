@@ -17,7 +17,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from cableway.geometry import spatial_convex_kernels as kernels
+from cableway.geometry import spatial_pair_kernels as pairs
 from cableway.geometry.spatial_convex_kernels import EXTRUDED, POLYHEDRON, SPHERE
+
+LONG = 1e3
+"""Half the height [m] of what is of unlimited height, where the distance of a body from it is measured."""
 
 WALLS = ("left wall", "front wall", "table", "right wall", "back wall", "ceiling")
 
@@ -108,6 +112,17 @@ class Solid:
         reach = reach + self.rounding * np.sqrt(np.maximum(0.0, 1.0 - up**2))
         return np.concatenate([self.centre + flat.min(0) - reach, self.centre + flat.max(0) + reach])
 
+    @property
+    def corners(self) -> Float[np.ndarray, "c 3"]:
+        """Of the hull [m] that `rounding` grows: a polyhedron's, a sphere's centre, those of what is extruded."""
+        if self.kind == POLYHEDRON:
+            return np.unique(self.triangles.reshape(-1, 3), axis=0)
+        if self.kind == SPHERE:
+            return self.centre[None]
+        up = min(self.half, LONG) * self.axes[2]
+        flat = self.centre + self.section @ self.axes[:2]
+        return np.concatenate([flat - up, flat + up])
+
 
 @dataclass(frozen=True)
 class SpatialWorld:
@@ -117,7 +132,8 @@ class SpatialWorld:
         solids: What was packed.
         arrays: What the kernels take as `world`: kinds (k,), centres (k, 3), axes (k, 3, 3), sections (k, v, 2), counts
             (k,), rounding (k,), half heights (k,), triangles (f, 3, 3), where those of each begin (k + 1,), boxes
-            (k, 6), low and high corner of the workspace (2, 3).
+            (k, 6), low and high corner of the workspace (2, 3), `Solid.corners` (c, 3), where those of each begin
+            (k + 1,).
     """
 
     solids: tuple[Solid, ...]
@@ -133,6 +149,7 @@ class SpatialWorld:
         for row, each in zip(sections, solids, strict=True):
             row[: len(each.section)] = each.section
         begins = np.cumsum([0, *(len(each.triangles) for each in solids)], dtype=np.int64)
+        corners = [np.zeros((0, 3)), *(each.corners for each in solids)]
         low = np.zeros(3) if origin is None else np.array(origin, float)
         arrays = (
             np.array([each.kind for each in solids], dtype=np.int64),
@@ -146,6 +163,8 @@ class SpatialWorld:
             begins,
             np.array([each.bounds for each in solids], float).reshape(count, 6),
             np.array([low, low + np.asarray(size, float)]),
+            np.concatenate(corners),
+            np.cumsum([len(each) for each in corners], dtype=np.int64),
         )
         return cls(tuple(solids), arrays)
 
@@ -172,3 +191,20 @@ def chain_distance(
     sections.
     """
     return kernels.chain_distances(np.ascontiguousarray(chains, dtype=float), world.arrays, float(ceiling))
+
+
+def hull_distance(points: Float[np.ndarray, "k 3"], solid: Solid) -> float:
+    """Distance [m] of a point, or of the hull of points that lie in no plane, from a solid.
+
+    Negative by the depth, the least move that parts them, where they overlap.
+
+    >>> box = Solid.box(np.zeros(3), np.array([0.2, 0.2, 0.2]))
+    >>> tip = np.array([[0.0, 0, 0.3], [0.1, 0, 0.3], [0, 0.1, 0.3], [0, 0, 0.13]])
+    >>> round(hull_distance(tip, box), 6), round(hull_distance(tip - (0, 0, 0.05), box), 6)
+    (0.03, -0.02)
+    """
+    world = SpatialWorld.of([solid], np.ones(3)).arrays
+    if len(points) == 1:
+        x, y, z = points[0]
+        return kernels.solid_distance(x, y, z, world, 0, np.empty(3))
+    return pairs.hull_distance(np.ascontiguousarray(points, float), world, 0)

@@ -80,7 +80,7 @@ def polyhedron_distance(px, py, pz, triangles, first, last, gradient):
 @kernel
 def solid_distance(px, py, pz, world, k, gradient):
     """Signed distance of a point to solid k, and its gradient (3,)."""
-    kinds, centres, axes, sections, counts, rounding, halves, triangles, begins, _, _ = world
+    kinds, centres, axes, sections, counts, rounding, halves, triangles, begins, _, _, _, _ = world
     if kinds[k] == POLYHEDRON:
         return polyhedron_distance(px, py, pz, triangles, begins[k], begins[k + 1], gradient)
     x, y, z = px - centres[k, 0], py - centres[k, 1], pz - centres[k, 2]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,46 +30,116 @@ OFF_CABLE = 0.001
 """Clearance [m] of gripper bodies from parts of the cable that they do not hold."""
 
 
-SURFACE_SPACING = 0.012
-"""Distance [m] of the points that stand for the surface of a body: something sharp between them, at clearance d, is
-nearer by at most `SURFACE_SPACING`^2/(6 d), 2.4 mm at 10 mm."""
+@dataclass(frozen=True)
+class SpatialHulls:
+    """Bodies of the grippers that are hulls of corners, one after the other.
+
+    Attributes:
+        side: (p,) gripper that each moves with, 0 left, 1 right.
+        corners: (c, 3) in that gripper's frame [m].
+        first: (p + 1,) where those of each begin.
+        radius: (p,) by which each is grown [m].
+        held: (p,) length of cable from its gripper on that each may touch [m].
+    """
+
+    side: Int[np.ndarray, "p"]
+    corners: Float[np.ndarray, "c 3"]
+    first: Int[np.ndarray, "p+1"]
+    radius: Float[np.ndarray, "p"]
+    held: Float[np.ndarray, "p"]
+
+    @classmethod
+    def of(cls, bodies: Sequence[SpatialBody], cable: float) -> SpatialHulls:
+        """Those on a cable of a radius [m]."""
+        corners = [np.zeros((0, 3)), *(each.points for each in bodies)]
+        return cls(
+            np.array([each.side for each in bodies], dtype=np.int64),
+            np.concatenate(corners),
+            np.cumsum([len(each) for each in corners], dtype=np.int64),
+            np.array([each.radius for each in bodies], float),
+            np.array([each.held_arc(cable) for each in bodies], float),
+        )
+
+    def placed(self, poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t c 3"]:
+        """Their corners [m] in the world."""
+        held = poses[:, np.repeat(self.side, np.diff(self.first))]
+        return held[..., :3] + rotations.rotate(held[..., 3:], self.corners)
 
 
 @dataclass(frozen=True)
 class SpatialBodies:
-    """Bodies of the grippers as balls in their frames: a sphere is one, other convex shapes are covered by many.
+    """Bodies of the grippers: balls in their frames, and hulls.
 
     Attributes:
-        side: (k,) gripper that each moves with, 0 left, 1 right.
+        side: (k,) gripper that each ball moves with, 0 left, 1 right.
         at: (k, 3) where it is in that gripper's frame [m].
         radius: (k,) [m].
-        reach: (k,) farthest point of its body from that gripper [m].
+        held: (k,) length of cable from its gripper on that it may touch [m].
+        hulls: The others.
     """
 
     side: Int[np.ndarray, "k"]
     at: Float[np.ndarray, "k 3"]
     radius: Float[np.ndarray, "k"]
-    reach: Float[np.ndarray, "k"]
+    held: Float[np.ndarray, "k"]
+    hulls: SpatialHulls
 
     @classmethod
-    def of(cls, bodies: Sequence[SpatialBody]) -> SpatialBodies:
-        """A ball as it is, other bodies by points `SURFACE_SPACING` apart on their surface."""
-        at = [each.points if len(each.points) == 1 else surface_points(each.points) for each in bodies]
-        counts = [len(each) for each in at]
-        sides = np.array([each.side for each in bodies], dtype=np.int64)
-        radii, reach = (np.array([getattr(each, name) for each in bodies], float) for name in ("radius", "reach"))
-        side, radius, reach = (np.repeat(each, counts) for each in (sides, radii, reach))
-        return cls(side, np.concatenate(at), radius, reach)
+    def of(cls, bodies: Sequence[SpatialBody], cable: float) -> SpatialBodies:
+        """Those on a cable of a radius [m]."""
+        balls = [each for each in bodies if len(each.points) == 1]
+        return cls(
+            np.array([each.side for each in balls], dtype=np.int64),
+            np.concatenate([each.points for each in balls]),
+            np.array([each.radius for each in balls], float),
+            np.array([each.held_arc(cable) for each in balls], float),
+            SpatialHulls.of([each for each in bodies if len(each.points) > 1], cable),
+        )
 
-    def spared(self, length: float, stations: int, cable: float) -> Int[np.ndarray, "k"]:
-        """Stations from a gripper on of a cable of a radius [m] that its bodies may touch: half a turn about them."""
-        arc = math.pi / 2 * (self.reach + cable)
-        return np.minimum(stations, np.ceil(arc * (stations - 1) / length).astype(np.int64) + 1)
+    def arrays(self, length: float, stations: int) -> tuple[Any, ...]:
+        """What the kernels take as `bodies`, for a cable of a length [m] and so many stations."""
+        hulls = self.hulls
+        packed = (hulls.side, hulls.corners, hulls.first, hulls.radius, _spared(hulls.held, length, stations))
+        balls = (self.side, self.at, self.radius, _spared(self.held, length, stations))
+        return (*balls, packed if len(hulls.side) else None)
 
     def points(self, poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t k 3"]:
-        """Their centres [m] in the world."""
+        """The centres of the balls [m] in the world."""
         held = poses[:, self.side]
         return held[..., :3] + rotations.rotate(held[..., 3:], self.at)
+
+    def hull_gaps(
+        self, poses: Float[np.ndarray, "t 2 7"], stations: Float[np.ndarray, "t s 3"], world: SpatialWorld,
+        length: float, ceilings: Float[np.ndarray, "3"],
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """`spatial_kernels.hull_gaps` of rows of a cable of a length [m]."""
+        if not len(self.hulls.side):
+            shape = (len(poses), 0)
+            return tuple(np.zeros((*shape, *more)) for more in ((3,), (3, 3), (3, 3), (), ()))
+        arrays = self.arrays(length, stations.shape[1])
+        return spatial_kernels.hull_gaps(
+            self.hulls.placed(poses), self.points(poses), stations, world.arrays, arrays, ceilings
+        )
+
+    @property
+    def inner_balls(self) -> tuple[Int[np.ndarray, "b"], Float[np.ndarray, "b 3"], Float[np.ndarray, "b"]]:
+        """Sides, places in the grippers' frames [m] and radii [m] of the balls, and of one in each hull."""
+        hulls = [self.hulls.corners[i:j] for i, j in pairwise(self.hulls.first)]
+        middles = [each.mean(axis=0) for each in hulls]
+        depths = [
+            -float((ConvexHull(each).equations @ (*middle, 1.0)).max())
+            for each, middle in zip(hulls, middles, strict=True)
+        ]
+        return (
+            np.concatenate([self.side, self.hulls.side]),
+            np.concatenate([self.at, np.reshape(middles, (-1, 3))]),
+            np.concatenate([self.radius, self.hulls.radius + depths]),
+        )
+
+
+def _spared(held: Float[np.ndarray, "k"], length: float, stations: int) -> Int[np.ndarray, "k"]:
+    """Stations of a cable of a length [m], from a gripper on, that are held."""
+    return np.minimum(stations, np.ceil(held * (stations - 1) / length).astype(np.int64) + 1)
 
 
 class SpatialLimits(NamedTuple):
@@ -135,8 +206,8 @@ class SpatialProblem:
             radius=limits.radius, max_step=limits.max_step, max_turn=limits.max_turn, separation=limits.separation
         )
         return cls(
-            task.rod, cable.radius, task.scene.world, SpatialBodies.of(task.bodies), grippers, np.array(task.start),
-            np.array(task.goal), cable.min_bend_radius, cable.max_twist,
+            task.rod, cable.radius, task.scene.world, SpatialBodies.of(task.bodies, cable.radius), grippers,
+            np.array(task.start), np.array(task.goal), cable.min_bend_radius, cable.max_twist,
         )  # fmt: skip
 
     @property
@@ -173,16 +244,20 @@ class SpatialFreeSpace:
         turns = [spatial_kernels.sharpest_turn(shape, rod.length) for shape in stations]
         apart = problem.stations_apart
         selves = min(self_distance(shape, apart) for shape in stations)
-        points, spared = bodies.points(poses), bodies.spared(rod.length, stations.shape[1], problem.radius)
-        of_bodies = signed_distance(points, problem.world)[0] - bodies.radius
+        points, arrays = bodies.points(poses), bodies.arrays(rod.length, stations.shape[1])
+        of_balls = signed_distance(points, problem.world)[0] - bodies.radius
+        away = bodies.hull_gaps(poses, stations, problem.world, rod.length, np.full(3, math.inf))[0]
+        to_world, apart_from, off_cable = away.min(axis=(0, 1), initial=math.inf).tolist()
         limits = SpatialLimits(
             cable_distance=min(
                 problem.radius + margins.clearance, float(signed_distance(stations, problem.world)[0].min()) - 1e-6
             ),
-            gripper_clearance=min(margins.clearance, float(of_bodies.min()) - 1e-6),
-            bodies_apart=min(margins.clearance, _bodies_gap(points, bodies) - 1e-6),
+            gripper_clearance=min(margins.clearance, float(of_balls.min()) - 1e-6, to_world - 1e-6),
+            bodies_apart=min(margins.clearance, _balls_gap(points, bodies) - 1e-6, apart_from - 1e-6),
             bodies_off_cable=min(
-                problem.radius + OFF_CABLE, _off_cable(points, stations, bodies.side, bodies.radius, spared) - 1e-6
+                problem.radius + OFF_CABLE,
+                off_cable - 1e-6,
+                _off_cable(points, stations, bodies.side, bodies.radius, arrays[3]) - 1e-6,
             ),
             stability=min(margins.stability, float(rod.stability(kept)[0].min()) - 1e-6),
             least_span=min(problem.grippers.least_span, float(spans.min()) - 1e-9),
@@ -192,7 +267,7 @@ class SpatialFreeSpace:
             apart=apart,
             self_distance=min(2 * problem.radius + margins.self_distance, selves - 1e-9),
         )
-        return cls((rod.arrays, problem.world.arrays, limits, (bodies.side, bodies.at, bodies.radius, spared)))
+        return cls((rod.arrays, problem.world.arrays, limits, arrays))
 
     def are_free(self, q: Float[np.ndarray, "k 12"]) -> Bool[np.ndarray, "k"]:
         """Which configurations are free."""
@@ -214,21 +289,7 @@ def continuous_poses(poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t 
     return out
 
 
-def surface_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "m 3"]:
-    """Points of the surface of a hull, corners included, at most `SURFACE_SPACING` [m] apart along its triangles."""
-    found = []
-    for triangle in points[ConvexHull(points).simplices]:
-        longest = max(np.linalg.norm(triangle - np.roll(triangle, 1, axis=0), axis=1))
-        parts = max(1, math.ceil(longest / SURFACE_SPACING))
-        i, j = np.meshgrid(np.arange(parts + 1), np.arange(parts + 1), indexing="ij")
-        inside = i + j <= parts
-        shares = np.stack([i[inside], j[inside], parts - i[inside] - j[inside]], axis=1) / parts
-        found.append(shares @ triangle)
-    rows = np.concatenate(found)
-    return rows[np.sort(np.unique(rows.round(6), axis=0, return_index=True)[1])]
-
-
-def _bodies_gap(points: Float[np.ndarray, "t k 3"], bodies: SpatialBodies) -> float:
+def _balls_gap(points: Float[np.ndarray, "t k 3"], bodies: SpatialBodies) -> float:
     left, right = bodies.side == 0, bodies.side == 1
     gaps = np.linalg.norm(points[:, left][:, :, None] - points[:, right][:, None], axis=3)
     gaps -= bodies.radius[left][:, None] + bodies.radius[right]

@@ -17,7 +17,7 @@ from cableway.geometry.spatial_convex import signed_distance
 from cableway.motion import terms
 from cableway.motion.limits import Margins
 from cableway.motion.spatial import OFF_CABLE, SpatialProblem
-from cableway.motion.spatial_kernels import closest_parts, nearest_to_cable
+from cableway.motion.spatial_kernels import OFF, OTHER, WORLD, closest_parts, nearest_to_cable
 from cableway.planning.banded_least_squares import (
     BANDS,
     Normal,
@@ -100,7 +100,7 @@ class SpatialCost:
         self._clearance_scale = np.sqrt(weight) / CLEARANCE_SCALE
         self._room = max(config.margin, config.room)
         self._apart = problem.stations_apart
-        self._spared = problem.bodies.spared(self.rod.length, 2 * self.rod.hinges + 1, problem.radius)
+        self._spared = problem.bodies.arrays(self.rod.length, 2 * self.rod.hinges + 1)[3]
         self._sharpest = config.bend_share * problem.sharpest_turn
 
     def cost(self, q: Float[np.ndarray, "t 12"]) -> float:
@@ -149,6 +149,7 @@ class SpatialCost:
             self._clearance(stations, dstations),
             self._bodies(poses, dposes),
             self._off_cable(stations, dstations, poses, dposes),
+            *self._hulls(stations, dstations, poses, dposes),
             self._off_itself(stations, dstations),
             self._stability(q),
             self._span(poses, dposes),
@@ -185,14 +186,16 @@ class SpatialCost:
         points, wanted = bodies.points(poses), self._room + bodies.radius
         distance, slope, _ = signed_distance(points, self.problem.world, float(wanted.max()))
         short = np.maximum(0.0, wanted - distance)
-        slopes = None if dposes is None else -self._by_poses(slope * (short > 0)[..., None], points, poses, dposes)
-        return self._weighted(short, slopes)
+        if dposes is None:
+            return self._weighted(short, None)
+        slope *= (short > 0)[..., None]
+        return self._weighted(short, -self._by_poses(slope, points, bodies.side, poses, dposes))
 
+    @staticmethod
     def _by_poses(
-        self, slope: np.ndarray, points: np.ndarray, poses: np.ndarray, dposes: np.ndarray
+        slope: np.ndarray, points: np.ndarray, side: np.ndarray, poses: np.ndarray, dposes: np.ndarray
     ) -> Float[np.ndarray, "t k 12"]:
-        """Slopes by q of what has slopes (t, k, 3) by the points of bodies."""
-        side = self.problem.bodies.side
+        """Slopes by q of what has slopes (t, k, 3) by points that move with the grippers `side` (k,)."""
         return np.einsum("tkj,tkji->tki", SE3.pulled_back(slope, points, poses[:, side]), dposes[:, side])
 
     def _off_cable(
@@ -208,7 +211,38 @@ class SpatialCost:
         rows = np.arange(len(stations))[:, None]
         unit = (points - stations[rows, which]) / np.maximum(away, 1e-9)[..., None] * (short > 0)[..., None]
         slopes = np.einsum("tkj,tkji->tki", unit, dstations[rows, which])
-        return short / CLEARANCE_SCALE, (slopes - self._by_poses(unit, points, poses, dposes)) / CLEARANCE_SCALE
+        return short / CLEARANCE_SCALE, (
+            slopes - self._by_poses(unit, points, bodies.side, poses, dposes)
+        ) / CLEARANCE_SCALE
+
+    def _hulls(
+        self, stations: np.ndarray, dstations: np.ndarray | None, poses: np.ndarray, dposes: np.ndarray | None
+    ) -> Residuals:
+        """Shortfalls of the distances of hulls from obstacles and walls, from the other gripper and from the cable."""
+        bodies = self.problem.bodies
+        side = bodies.hulls.side
+        if not len(side):
+            return []
+        wanted = np.array([self._room, self._room, self.problem.radius + OFF_CABLE + SPARE])
+        away, normal, at, near, share = bodies.hull_gaps(poses, stations, self.problem.world, self.rod.length, wanted)
+        short = np.maximum(0.0, wanted - away)
+        off = short[..., OFF] / CLEARANCE_SCALE
+        if dstations is None or dposes is None:
+            values = [self._weighted(short[..., what], None)[0] for what in (WORLD, OTHER)]
+            return [(value, np.zeros(0)) for value in (*values, off)]
+        unit = normal * (short > 0)[..., None]
+        by_own, by_other = (
+            np.stack([self._by_poses(unit[..., k, :], at[..., k, :], of, poses, dposes) for k in range(3)], axis=2)
+            for of in (side, 1 - side)
+        )
+        rows = np.arange(len(stations))[:, None]
+        line = dstations[rows, near] * (1 - share)[..., None, None] + dstations[rows, near + 1] * share[..., None, None]
+        by_line = np.einsum("tpj,tpji->tpi", unit[..., OFF, :], line)
+        return [
+            self._weighted(short[..., WORLD], -by_own[..., WORLD, :]),
+            self._weighted(short[..., OTHER], by_other[..., OTHER, :] - by_own[..., OTHER, :]),
+            (off, (by_line - by_own[..., OFF, :]) / CLEARANCE_SCALE),
+        ]
 
     def _off_itself(self, stations: np.ndarray, dstations: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Shortfall (t, 1) of the distance of the two nearest parts of the cable."""

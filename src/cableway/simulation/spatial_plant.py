@@ -4,7 +4,8 @@ It shares nothing with the rod of the planner but the shape that it begins in. E
 follows the commanded motion; a weld holds the end of the cable in it. A camera reports keypoints with noise and late.
 
 Note:
-    The cable does not touch itself, and grippers touch nothing: the clearance of the balls about them is measured.
+    The cable does not touch itself. Bodies of grippers beyond their balls push the cable that they do not hold; of what
+    else grippers meet, the clearance is measured.
 """
 
 # MuJoCo's bindings are compiled and carry no type information
@@ -25,8 +26,11 @@ from cableway.core.errors import InputError, SimulationError
 from cableway.core.quantities import quantity
 from cableway.geometry.groups import SE3
 from cableway.geometry.spatial_convex import chain_distance, signed_distance
+from cableway.motion.spatial import SpatialBodies
+from cableway.motion.spatial_kernels import OTHER, WORLD
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import equilibria_at, meet_poses
+from cableway.scene.bodies import LEFT
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Sphere
 from cableway.scene.spatial.scene import SpatialScene
@@ -131,6 +135,7 @@ class SpatialPlant:
         self.model = self._built()
         self._data = mujoco.MjData(self.model)
         self._is_cable = self.model.geom_contype == CABLE
+        self._bodies = SpatialBodies.of(task.bodies, self.cable.radius)
         self._commanded = task.gripper_poses("start").copy()
         self._reached = self._commanded.copy()
         ends = SE3.compose(self._reached, self._grasps)
@@ -205,12 +210,13 @@ class SpatialPlant:
                 wanted = SE3.between(self._commanded, target, substep / count)
                 self._reached = SE3.between(self._reached, wanted, kept)
                 ends = SE3.compose(self._reached, self._grasps)
-                data.mocap_pos[:], data.mocap_quat[:] = ends[:, :3], ends[:, 3:]
+                places = np.concatenate([ends, self._reached])[: self.model.nmocap]
+                data.mocap_pos[:], data.mocap_quat[:] = places[:, :3], places[:, 3:]
                 mujoco.mj_step(self.model, data)
                 deepest = min(deepest, self._contact())
                 if substep % EVERY == 0:
                     lines.append(self._chain.line(data))
-                    poses.append(self._reached[:, :3])
+                    poses.append(self._reached)
         if data.warning.number.any() or not np.isfinite(data.qpos).all():
             raise SimulationError(f"the simulation diverged: {' '.join(messages[:1]) or 'a state is not finite'}")
         self._commanded, held = target, SE3.compose(self._reached, self._grasps)[:, :3]
@@ -219,15 +225,23 @@ class SpatialPlant:
             raise SimulationError(f"the cable slipped in a gripper by {quantity(slip)}, pulled too hard")
         world = self.task.scene.world
         cable = float(chain_distance(np.array(lines), world)[0].min()) - self.cable.radius
-        balls = float(signed_distance(np.array(poses), world)[0].min()) - self.task.grippers.radius
-        return min(cable, deepest), balls
+        return min(cable, deepest), self._clearance(np.array(poses), np.array(lines))
+
+    def _clearance(self, poses: Float[np.ndarray, "t 2 7"], lines: Float[np.ndarray, "t v 3"]) -> float:
+        """The least clearance [m] of grippers from obstacles and walls and, of their hulls, from the other gripper."""
+        world, bodies = self.task.scene.world, self._bodies
+        balls = signed_distance(bodies.points(poses), world)[0] - bodies.radius
+        far = np.array([math.inf, math.inf, 0.0])
+        hulls = bodies.hull_gaps(poses, lines, world, self.cable.length, far)[0][..., [WORLD, OTHER]]
+        return min(float(balls.min()), float(hulls.min(initial=math.inf)))
 
     def _contact(self) -> float:
         """Distance [m] of the deepest contact of the cable with anything; infinite without one."""
         if not self._data.ncon:
             return math.inf
         touching = self._is_cable[self._data.contact.geom].any(axis=1)
-        return float(self._data.contact.dist[touching].min()) if touching.any() else math.inf
+        contact = self._data.contact
+        return float((contact.dist - contact.includemargin)[touching].min()) if touching.any() else math.inf
 
     def _built(self) -> mujoco.MjModel:
         spec = mujoco.MjSpec()
@@ -244,8 +258,28 @@ class SpatialPlant:
         for name, link, along in zip(NAMES, (0, last), (0.0, share), strict=True):
             add_free_gripper(spec, name)
             hold(spec, name, f"segment {link}", along, **HOLD)
+        if self.task.bodies[2:]:
+            self._add_hands(spec, contype=SURROUNDINGS, conaffinity=CABLE, **surface)
         add_spatial_scene(spec, self.task.scene, contype=SURROUNDINGS, conaffinity=CABLE, **surface)
         return spec.compile()
+
+    def _add_hands(self, spec: mujoco.MjSpec, **surface: Any) -> None:
+        """What grippers have beyond balls, on bodies of its own, since a cable may be held askew."""
+        places = self._chain.joints[:-1] * self.cable.length
+        for side, name in enumerate(NAMES):
+            hand = spec.worldbody.add_body(name=f"{name} hand", mocap=True)
+            pieces = [body for body in self.task.bodies[2:] if body.side == side]
+            held = max(body.held_arc(self.cable.radius) for body in pieces)
+            for index, body in enumerate(pieces):
+                named: dict[str, Any] = {"name": f"{name} hand {index}", **surface}
+                if len(body.points) > 1:
+                    add_hull(spec, hand, body.points, margin=body.radius, **named)
+                else:
+                    size, at = [body.radius, 0.0, 0.0], body.points[0].tolist()
+                    hand.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=size, pos=at, **named)
+            for link in np.flatnonzero(places <= held).tolist():
+                segment = link if side == LEFT else self._chain.links - 1 - link
+                spec.add_exclude(bodyname1=hand.name, bodyname2=f"segment {segment}")
 
 
 def nearest_start(task: SpatialTask, cable: SpatialCable, ends: Float[np.ndarray, "2 7"]) -> Float[np.ndarray, "12"]:

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from cableway.core.extras import require
 from cableway.core.time_limit import checkpoint
-from cableway.scene.spatial.grippers import SpatialBody
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, SpatialObstacle, Sphere
 from cableway.scene.spatial.scene import SpatialScene
 
@@ -194,6 +193,15 @@ class ToScene:
                 least = min(least, between(solid, place, shape.solid, shape.place))
         return least
 
+    def box_bound(
+        self, low: Float[np.ndarray, "t 3"], high: Float[np.ndarray, "t 3"], enough: float
+    ) -> Float[np.ndarray, "t"]:
+        """What `hull_distance` is at least [m] for hulls whose boxes have these corners."""
+        least = np.minimum(np.minimum(low.min(1), (self._size - high).min(1)), max(FAR, enough))
+        for bottom, top in zip(self._low, self._high, strict=True):
+            least = np.minimum(least, boxes_apart(low, high, bottom, top))
+        return least
+
     def _measured(self, ends: np.ndarray, shape: Shape) -> tuple[float, np.ndarray]:
         """Distance [m] between a piece of a line and a shape, and the unit vector from the shape to it."""
         coal = library()
@@ -201,6 +209,14 @@ class ToScene:
         solid, place = capsule(ends, self._radius), placed(ends)
         gap = coal.distance(solid, place, shape.solid, shape.place, coal.DistanceRequest(), result)
         return float(gap) + self._radius, -np.array(result.normal)
+
+
+def boxes_apart(
+    low: Float[np.ndarray, "t 3"], high: Float[np.ndarray, "t 3"], bottom: np.ndarray, top: np.ndarray
+) -> Float[np.ndarray, "t"]:
+    """Distance [m] of boxes along the axes from others, negative by the depth: what is in them is no nearer."""
+    gaps = np.maximum(low - top, bottom - high)
+    return np.where(gaps.max(1) > 0, np.linalg.norm(np.maximum(gaps, 0.0), axis=1), gaps.max(1))
 
 
 def capsule(ends: Float[np.ndarray, "2 3"], radius: float) -> Any:
@@ -228,22 +244,3 @@ def between(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
     """Distance [m] of two shapes, negative by their depth."""
     coal = library()
     return float(coal.distance(a, at_a, b, at_b, coal.DistanceRequest(), coal.DistanceResult()))
-
-
-class Hand:
-    """A body on a gripper, as Coal has it: a hull or a point, without the radius by which it is grown."""
-
-    def __init__(self, body: SpatialBody) -> None:
-        self.body = body
-        self._at = body.points[0] if len(body.points) == 1 else np.zeros(3)
-        self.solid = hull(body.points) if len(body.points) > 1 else library().Sphere(POINT)
-
-    def place(self, pose: Float[np.ndarray, "7"]) -> Any:
-        """Where it is with its gripper at a pose."""
-        turn = Rotation.from_quat(pose[3:], scalar_first=True).as_matrix()
-        return library().Transform3s(turn, pose[:3] + turn @ self._at)
-
-    def gap(self, other: Hand, both: Float[np.ndarray, "2 7"]) -> float:
-        """Distance [m] from a body of the other gripper, with the grippers at two poses."""
-        mine, its = (self.place(both[self.body.side]), other.place(both[other.body.side]))
-        return between(self.solid, mine, other.solid, its) - self.body.radius - other.body.radius

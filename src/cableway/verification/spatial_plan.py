@@ -7,16 +7,12 @@ Coal's. A way between two rows is straight, and turned the short way.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
-from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from cableway.core.errors import InputError
-from cableway.core.time_limit import checkpoint
 from cableway.records import Check, Plan, Verdict
-from cableway.scene.spatial.grippers import SpatialBody
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP, ENDS
 from cableway.verification.ends import Ends
@@ -32,12 +28,10 @@ from cableway.verification.plan import (
     separation,
     with_halves,
 )
-from cableway.verification.spatial_distance import Hand, ToScene
+from cableway.verification.spatial_bodies import bodies_off_cable, bodies_off_scene, with_half_poses
+from cableway.verification.spatial_distance import ToScene
 from cableway.verification.spatial_follower import FollowedInSpace, follow_in_space
 from cableway.verification.swept import Measure, closest_approach
-
-HAND_STEP = 0.002
-"""Largest move [m] of a corner of a gripper's body between two looks at it."""
 
 TWIST = 0.2
 """Of the greatest twist [rad], by which the judge's rod, a finer chain, may be twisted more."""
@@ -92,8 +86,8 @@ def verify_spatial_plan(plan: Plan, task: SpatialTask, limits: SpatialVerificati
     checks = [
         swept_clearance("cable clearance", lines, task, to_cable, task.cable.radius, clearance, "the cable"),
         *_balls(plan.poses, task, to_balls, ends, limits.clearance),
-        *_hands(plan.poses, task, limits.clearance),
-        _off_cable(lines, plan.poses, task),
+        *bodies_off_scene(plan.poses, task, limits.clearance),
+        bodies_off_cable(lines, plan.poses, task),
         length_check(lines, keypoints, task.cable.length, limits.length),
         self_clearance(with_halves(lines), task.cable.radius),
         grasp_check(plan, limits.grasp),
@@ -116,27 +110,12 @@ def verify_spatial_plan(plan: Plan, task: SpatialTask, limits: SpatialVerificati
 
 def _followed(plan: Plan, task: SpatialTask) -> FollowedInSpace:
     """The judge's rod, led through the poses and half-way between each two; row 2t is that of the plan's row t."""
-    shapes, poses = with_halves(plan.shapes), _with_half_poses(plan.poses)
+    shapes, poses = with_halves(plan.shapes), with_half_poses(plan.poses)
     rod = task.rod
     return follow_in_space(
         curve_through(shapes, PIECES), poses, length=rod.length, twist=rod.twist, weight=rod.weight,
         twisted=float(task.start[9]) / rod.twist,
     )  # fmt: skip
-
-
-def _with_half_poses(poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "2*t-1 2 7"]:
-    """The poses of all rows and half-way from each row to the next, turned the short way."""
-    out = np.empty((2 * len(poses) - 1, 2, 7))
-    out[::2], out[1::2] = poses, _between(poses[:-1], poses[1:], 0.5)
-    return out
-
-
-def _between(a: np.ndarray, b: np.ndarray, share: np.ndarray | float) -> np.ndarray:
-    """Poses at a share of the way; orientations by their normalised mean, exact half-way."""
-    sign = np.where(np.sum(a[..., 3:] * b[..., 3:], axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    turn = (1 - share) * a[..., 3:] + share * sign * b[..., 3:]
-    turn = turn / np.linalg.norm(turn, axis=-1, keepdims=True)
-    return np.concatenate([(1 - share) * a[..., :3] + share * b[..., :3], turn], axis=-1)
 
 
 def swept_clearance(
@@ -158,67 +137,6 @@ def _balls(poses: np.ndarray, task: SpatialTask, measure: ToScene, ends: Ends, l
         wanted = ends.clearance(limit, places, measure, radius)
         found.append(swept_clearance("gripper clearance", places, task, measure, radius, wanted, name))
     return [min(found, key=lambda check: check.value - check.limit)]
-
-
-def _off_cable(lines: np.ndarray, poses: np.ndarray, task: SpatialTask) -> Check:
-    """Clearance of the balls from the cable that they do not hold: beyond half a turn about them."""
-    radius, lines, poses = task.grippers.radius, with_halves(lines), _with_half_poses(poses)
-    first = int(np.ceil(np.pi / 2 * (radius + task.cable.radius) / task.cable.length * (lines.shape[1] - 1))) + 1
-    gaps = np.full(len(lines), np.inf)
-    for side, line in ((0, lines), (1, lines[:, ::-1])):
-        a, along = line[:, first:-1], np.diff(line[:, first:], axis=1)
-        offset = poses[:, side, None, :3] - a
-        share = np.clip(np.sum(offset * along, 2) / np.maximum(np.sum(along**2, 2), 1e-30), 0, 1)
-        away = np.linalg.norm(offset - share[..., None] * along, axis=2).min(1, initial=np.inf)
-        gaps = np.minimum(gaps, away - radius - task.cable.radius)
-    found = at_least("gripper body from the cable", gaps, "m", 0.0)
-    return replace(found, where="a gripper and the cable", row=int(np.argmin(gaps)) / 2)
-
-
-def _hands(poses: np.ndarray, task: SpatialTask, limit: float) -> list[Check]:
-    """Clearance of what grippers have beyond their balls: from obstacles, walls and the other gripper."""
-    balls, hands = ([Hand(body) for body in bodies] for bodies in (task.bodies[:2], task.bodies[2:]))
-    if not hands:
-        return []
-    facing = [
-        (a, b) for a, b in combinations((*balls, *hands), 2) if a.body.side != b.body.side and {a, b} != set(balls)
-    ]
-    fine, at = _fine_poses(poses, [hand.body for hand in hands])
-    scene, other = np.full(len(fine), np.inf), np.full(len(fine), np.inf)
-    shapes = ToScene(task.scene, task.grippers.radius)
-    for row, both in enumerate(fine):
-        checkpoint()
-        for hand in hands:
-            pose, body = both[hand.body.side], hand.body
-            enough = limit + body.radius
-            away = shapes.hull_distance(hand.solid, hand.place(pose), body.placed(pose), enough) - body.radius
-            scene[row] = min(scene[row], away)
-        other[row] = min(a.gap(b, both) for a, b in facing)
-    half = HAND_STEP / 2
-    ends = [min(limit, float(values[[0, -1]].min()) - half) for values in (scene, other)]
-    checks = [
-        at_least("gripper body clearance", scene - half, "m", ends[0] - 1e-9),
-        at_least("gripper bodies apart", other - half, "m", ends[1] - 1e-9),
-    ]
-    words = ("a gripper and an obstacle", "the grippers")
-    return [
-        replace(check, where=where, row=float(at[int(check.row or 0)]))
-        for check, where in zip(checks, words, strict=True)
-    ]
-
-
-def _fine_poses(
-    poses: np.ndarray, bodies: list[SpatialBody]
-) -> tuple[Float[np.ndarray, "s 2 7"], Float[np.ndarray, "s"]]:
-    """Poses between which no corner moves more than `HAND_STEP`, and their fractional rows."""
-    moved = np.zeros(len(poses) - 1)
-    for body in bodies:
-        steps = np.linalg.norm(np.diff(body.placed(poses[:, body.side]), axis=0), axis=2).max(1)
-        moved = np.maximum(moved, steps)
-    counts = np.maximum(1, np.ceil(moved / HAND_STEP)).astype(int)
-    at = np.concatenate([row + np.arange(n) / n for row, n in enumerate(counts)] + [[len(poses) - 1.0]])
-    first = np.minimum(at.astype(int), len(poses) - 2)
-    return _between(poses[first], poses[first + 1], (at - first)[:, None, None]), at
 
 
 def gripper_motion(poses: np.ndarray, task: SpatialTask) -> list[Check]:

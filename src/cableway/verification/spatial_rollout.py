@@ -10,6 +10,7 @@ from cableway.records import Check, Rollout, Verdict
 from cableway.scene.spatial.task import SpatialTask
 from cableway.verification.plan import separation
 from cableway.verification.rollout import CLOSER
+from cableway.verification.spatial_bodies import bodies_off_cable, bodies_off_scene
 from cableway.verification.spatial_distance import ToScene
 from cableway.verification.spatial_plan import gripper_motion, swept_clearance
 
@@ -48,7 +49,10 @@ def verify_spatial_rollout(rollout: Rollout, task: SpatialTask, *, same_start: b
         ),
         separation(rollout.poses[..., :3], task.grippers.least_span - CLOSER),
         *gripper_motion(rollout.poses, task),
+        *bodies_off_scene(rollout.poses, task, 0.0),
     ]
+    if task.bodies[2:]:
+        checks.append(bodies_off_cable(rollout.centreline, rollout.poses, task))
     return Verdict.of(checks, rollout.times)
 
 

@@ -143,15 +143,14 @@ def blocked(problem: SpatialProblem, clearance: float) -> str:
     stations, poses = problem.rod.shapes(np.array([problem.start, problem.goal]))
     middle = stations[:, stations.shape[1] // 2]
     balls = [("the middle of the cable", middle, problem.radius)]
-    for side, name in enumerate(("the left gripper", "the right gripper")):
-        balls += [
-            (name, poses[:, side, :3] + rotations.rotate(poses[:, side, 3:], at), float(radius))
-            for at, radius in zip(
-                problem.bodies.at[problem.bodies.side == side],
-                problem.bodies.radius[problem.bodies.side == side],
-                strict=True,
-            )
-        ]
+    names = ("the left gripper", "the right gripper")
+    balls += sorted(
+        (
+            (names[side], poses[:, side, :3] + rotations.rotate(poses[:, side, 3:], at), float(radius))
+            for side, at, radius in zip(*problem.bodies.inner_balls, strict=True)
+        ),
+        key=lambda ball: names.index(ball[0]),
+    )
     for name, (start, goal), radius in balls:
         ends = signed_distance(np.array([start, goal]), problem.world)[0].min()
         wanted = min(radius + clearance, float(ends)) - RELAXED * grid.spacing

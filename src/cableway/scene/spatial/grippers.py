@@ -94,6 +94,18 @@ class SpatialBody:
         """Farthest point of the body from the origin of its frame [m]."""
         return float(np.linalg.norm(self.points, axis=1).max()) + self.radius
 
+    def held_arc(self, radius: float) -> float:
+        """Length [m], from its gripper on, of a cable of a radius [m] that the body may touch.
+
+        A body in the way of a straight cable holds it as far as it reaches, and along half a turn of so long a chord;
+        others hold nothing.
+        """
+        near, aside = self.radius + radius, self.points[:, 1:]
+        if (aside.min(axis=0) > near).any() or (aside.max(axis=0) < -near).any():
+            return 0.0
+        inward = float(self.points[:, 0].max() if self.side == LEFT else -self.points[:, 0].min())
+        return math.pi / 2 * max(0.0, inward + near)
+
     def placed(self, poses: Float[np.ndarray, "... 7"]) -> Float[np.ndarray, "... k 3"]:
         """`points` [m] in the world with the frame at `poses` [m, 1]."""
         poses = np.asarray(poses, float)[..., None, :]

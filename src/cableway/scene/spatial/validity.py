@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import TaskError
 from cableway.core.quantities import limit_text, place, quantity, size_text, told_apart
-from cableway.geometry.spatial_convex import Solid, SpatialWorld, chain_distance, signed_distance
+from cableway.geometry.spatial_convex import WALLS, Solid, SpatialWorld, chain_distance, hull_distance
 from cableway.geometry.spatial_convex_kernels import self_distance
 from cableway.scene.bodies import LEFT
+from cableway.scene.grippers import SIDES
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.grippers import SpatialBody, SpatialGrippers
 from cableway.scene.spatial.scene import SpatialScene
-
-NEAREST = 1e-4
-"""Distance [m] to which it is found whether bodies overlap."""
-
-MOST_STEPS = 200
-"""Of that search."""
 
 FAR = 1e6
 """Of walls that are none [m]."""
@@ -46,9 +42,10 @@ def end_faults(
         yield TaskError(f"at {place(stations[i])} {where} of {size_text(scene.size)}", (end,), at=_seen(stations[i]))
     yield from _bent(end, np.array(q), stations, cable)
     yield from _cable_overlaps(end, stations, scene, cable)
-    for body in grippers.bodies:
-        yield from _body_overlaps(end, body, poses[body.side], scene)
-        yield from _on_cable(end, body, stations, poses, cable)
+    for side, _ in enumerate(SIDES):
+        held = [body for body in grippers.bodies if body.side == side]
+        yield from _gripper_overlaps(end, held, poses[side], scene)
+        yield from _on_cable(end, held, stations, poses[side], cable)
     yield from _grippers_meet(end, poses, grippers)
 
 
@@ -69,7 +66,7 @@ def kept_at(
 
 
 def body_clearance(body: SpatialBody, pose: Float[np.ndarray, "7"], scene: SpatialScene) -> float:
-    """Distance [m] of a body from obstacles and walls; some negative number where it overlaps one."""
+    """Distance [m] of a body from obstacles and walls, negative by the depth where it overlaps one."""
     points = body.placed(pose)
     least = float(np.minimum(points, np.array(scene.size) - points).min())
     for solid in scene.world.solids:
@@ -117,41 +114,46 @@ def _cable_overlaps(
         yield TaskError(f"overlaps {scene.name_of(solid)} by {quantity(depth)}, near {place(at)}", (end,), at=at)
 
 
-def _body_overlaps(
-    end: str, body: SpatialBody, pose: Float[np.ndarray, "7"], scene: SpatialScene
+def _gripper_overlaps(
+    end: str, bodies: Sequence[SpatialBody], pose: Float[np.ndarray, "7"], scene: SpatialScene
 ) -> Iterator[TaskError]:
-    points = body.placed(pose)
-    outward = np.maximum(body.radius - points, points + body.radius - np.array(scene.size))
-    if outward.max() > 0:
-        vertex, axis = np.unravel_index(np.argmax(outward), outward.shape)
-        wall = int(axis) if points[vertex, axis] < body.radius else int(axis) + 3
-        name = scene.name_of(len(scene.obstacles) + wall)
-        yield TaskError(f"has its {body.name} in {name} by {quantity(outward.max())}", (end,), at=_seen(pose))
-    low, high = points.min(axis=0) - body.radius, points.max(axis=0) + body.radius
-    for index, solid in enumerate(scene.world.solids):
-        if (solid.bounds[:3] > high).any() or (solid.bounds[3:] < low).any():
-            continue
-        distance = hull_distance(points, solid) - body.radius
-        if distance < 0:
-            deep = f" by {quantity(-distance)}" if len(points) == 1 else ""
-            yield TaskError(f"has its {body.name} in {scene.name_of(index)}{deep}", (end,), at=_seen(pose))
-            return
+    """The wall and the obstacle in which the bodies of a gripper are deepest."""
+    depths: dict[int, float] = {}
+    for body in bodies:
+        points = body.placed(pose)
+        outward = np.concatenate([-points.min(axis=0), points.max(axis=0) - np.array(scene.size)]) + body.radius
+        wall = int(np.argmax(outward))
+        found = {len(scene.obstacles) + wall: float(outward[wall])}
+        low, high = points.min(axis=0) - body.radius, points.max(axis=0) + body.radius
+        for index, solid in enumerate(scene.world.solids):
+            if (solid.bounds[:3] <= high).all() and (solid.bounds[3:] >= low).all():
+                found[index] = body.radius - hull_distance(points, solid)
+        for index, depth in found.items():
+            depths[index] = max(depth, depths.get(index, 0.0))
+    count = len(scene.obstacles)
+    for among in (range(count, count + len(WALLS)), range(count)):
+        index = max(among, key=lambda index: depths.get(index, 0.0), default=0)
+        if (depth := depths.get(index, 0.0)) > 0:
+            problem = f"has its {bodies[0].name} in {scene.name_of(index)} by {quantity(depth)}"
+            yield TaskError(problem, (end,), at=_seen(pose))
 
 
 def _on_cable(
-    end: str, body: SpatialBody, stations: Float[np.ndarray, "s 3"], poses: Float[np.ndarray, "2 7"],
+    end: str, bodies: Sequence[SpatialBody], stations: Float[np.ndarray, "s 3"], pose: Float[np.ndarray, "7"],
     cable: SpatialCable,
 ) -> Iterator[TaskError]:  # fmt: skip
-    """Where a body stands on the cable, but for the piece that its own gripper holds: half a turn about its reach."""
-    spared = math.pi / 2 * (body.reach + cable.radius) / cable.length
-    first = math.ceil(spared * (len(stations) - 1)) + 1
-    free = (stations if body.side == LEFT else stations[::-1])[first:]
-    if len(free) < 2:
-        return
-    away = chain_distance(free[None], unbounded([body.solid(poses[body.side])]))[0][0]
-    away -= 0.0 if len(body.points) == 1 else body.radius
-    if away < cable.radius:
-        yield TaskError(f"has its {body.name} on the cable", (end,), at=_seen(poses[body.side]))
+    """Where a gripper stands on the cable, but for the part that it holds."""
+    deepest = 0.0
+    for body in bodies:
+        first = math.ceil(body.held_arc(cable.radius) / cable.length * (len(stations) - 1)) + 1
+        free = (stations if body.side == LEFT else stations[::-1])[first:]
+        if len(free) > 1:
+            away = float(chain_distance(free[None], unbounded([body.solid(pose)]))[0][0])
+            away -= 0.0 if len(body.points) == 1 else body.radius
+            deepest = max(deepest, cable.radius - away)
+    if deepest > 0:
+        problem = f"has its {bodies[0].name} on the cable, in it by {quantity(deepest)}"
+        yield TaskError(problem, (end,), at=_seen(pose))
 
 
 def _grippers_meet(end: str, poses: Float[np.ndarray, "2 7"], grippers: SpatialGrippers) -> Iterator[TaskError]:
@@ -160,39 +162,18 @@ def _grippers_meet(end: str, poses: Float[np.ndarray, "2 7"], grippers: SpatialG
         needed = "grippers.separation" if grippers.separation == least else "two of grippers.radius,"
         problem = f"has its grippers {told_apart(gap, least)} apart, less than {needed} {limit_text(least)}"
         yield TaskError(problem, (end,), at=_seen(poses[:, :3].mean(axis=0)))
-    bodies = grippers.bodies
-    for one in (body for body in bodies if body.side == LEFT):
-        for other in (body for body in bodies if body.side != LEFT):
-            if len(one.points) == len(other.points) == 1 or gap > one.reach + other.reach:
-                continue
-            pointed, solid = (one, other) if len(other.points) > 1 else (other, one)
-            away = hull_distance(pointed.placed(poses[pointed.side]), solid.solid(poses[solid.side]))
-            if away < pointed.radius + solid.radius:
-                yield TaskError(f"has its {one.name} in its {other.name}", (end,), at=_seen(poses[0]))
-                return
-
-
-def hull_distance(points: Float[np.ndarray, "k 3"], solid: Solid) -> float:
-    """Distance [m] of the hull of points from a solid, to `NEAREST`; some negative number where they overlap.
-
-    Frank and Wolfe's method (1956) on the signed distance, which is convex, and smooth outside: the slope bounds
-    from below what is left to gain.
-    """
-    world = unbounded([solid])
-    x, distance = points.mean(axis=0), math.inf
-    for _ in range(MOST_STEPS):
-        (distance,), (slope,), _ = signed_distance(x[None], world)
-        away = (points - x) @ slope
-        corner = int(np.argmin(away))
-        if distance <= 0 or away[corner] > -NEAREST:
-            break
-        shares = np.linspace(0, 1, 33)
-        line = x + shares[:, None] * (points[corner] - x)
-        best = int(np.argmin(signed_distance(line, world)[0]))
-        low, high = shares[max(best - 1, 0)], shares[min(best + 1, 32)]
-        line = x + np.linspace(low, high, 33)[:, None] * (points[corner] - x)
-        x = line[int(np.argmin(signed_distance(line, world)[0]))]
-    return float(distance)
+    left, right = ([body for body in grippers.bodies if body.side == side] for side, _ in enumerate(SIDES))
+    deepest = 0.0
+    for one, other in product(left, right):
+        if len(one.points) == len(other.points) == 1 or gap > one.reach + other.reach:
+            continue
+        hull, solid = (one, other) if len(one.points) > 1 else (other, one)
+        away = hull_distance(hull.placed(poses[hull.side]), solid.solid(poses[solid.side])) - hull.radius
+        away -= 0.0 if len(solid.points) == 1 else solid.radius
+        deepest = max(deepest, -away)
+    if deepest > 0:
+        problem = f"has its {left[0].name} in its {right[0].name} by {quantity(deepest)}"
+        yield TaskError(problem, (end,), at=_seen(poses[0]))
 
 
 def unbounded(solids: Sequence[Solid]) -> SpatialWorld:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ from jaxtyping import Bool, Float
 from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.geometry.spatial_convex import signed_distance
 from cableway.geometry.spatial_convex_kernels import self_distance
+from cableway.motion.spatial import SpatialBodies
 from cableway.rod.material import GRAVITY
 from cableway.scene.files.loading import load_planar_task, task_names
 from cableway.scene.files.presets import preset_names
@@ -79,7 +81,8 @@ class Draw:
         description: One sentence.
         parts: Of the workspace in which the cable is at start and goal.
         low: Whether the cable is close to the table at both ends.
-        radius: Of the grippers [m].
+        radius: Of the grippers' balls [m].
+        body: What else of them takes room, a name or nothing.
     """
 
     scene: SpatialScene
@@ -87,6 +90,12 @@ class Draw:
     parts: tuple[Part, Part] = ("anywhere", "anywhere")
     low: bool = False
     radius: float = 0.02
+    body: str | None = None
+
+    @cached_property
+    def grippers(self) -> SpatialGrippers:
+        """The grippers."""
+        return SpatialGrippers(radius=self.radius, body=self.body)
 
 
 Kind = Callable[[np.random.Generator, int, float | None], Draw]
@@ -167,16 +176,18 @@ WIDTHS = (0.05, 0.3)
 """Least and largest width of a window [m] that may be asked for."""
 
 
-def random_spatial_task(seed: int, kind: str, *, width: float | None = None) -> SpatialTask:
-    """The random task in space of a seed and a kind, named after both.
+def random_spatial_task(seed: int, kind: str, *, width: float | None = None, body: str | None = None) -> SpatialTask:
+    """The random task in space of a seed, a kind and, if it has one, a body of grippers; named after them.
 
     Args:
         seed: Not negative.
         kind: One of `SPATIAL_KINDS`.
         width: Of the window [m], for that kind.
+        body: What grippers take up beyond their balls, by name.
 
     Raises:
         UnknownNameError: No such kind; the message lists them.
+        TaskError: No such body; the message lists them.
         InputError: The seed is negative, the width out of range or for another kind, or nothing was found.
     """
     if kind not in SPATIAL_KINDS:
@@ -189,26 +200,29 @@ def random_spatial_task(seed: int, kind: str, *, width: float | None = None) -> 
         raise InputError(f"width of {kind} must be from {WIDTHS[0]:g} to {WIDTHS[1]:g} m, got {width!r}")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     cable, reasons = random_cable(rng), dict[str, int]()
+    name = f"{kind}-{seed}" if body is None else f"{kind}-{body}-{seed}"
     for _ in range(TRIES):
         try:
-            return _task(f"{kind}-{seed}", rng, SPATIAL_KINDS[kind](rng, seed, width), cable)
+            return _task(name, rng, replace(SPATIAL_KINDS[kind](rng, seed, width), body=body), cable)
         except Rejected as reason:
             reasons[str(reason)] = reasons.get(str(reason), 0) + 1
     listed = ", ".join(f"{reason} ({count})" for reason, count in reasons.items())
     raise InputError(f"no {kind} task was found for seed {seed} in {TRIES} draws: {listed}")
 
 
-def random_any_task(seed: int, kind: str, *, width: float | None = None) -> Task | SpatialTask:
+def random_any_task(seed: int, kind: str, *, width: float | None = None, body: str | None = None) -> Task | SpatialTask:
     """The random task of a seed and a kind, on the table or in space; see `random_task` and `random_spatial_task`.
 
     Raises:
         UnknownNameError: There is no such kind; the message lists them.
-        InputError: As there.
+        InputError: As there, or a body is asked for on the table.
     """
     if kind in SPATIAL_KINDS:
-        return random_spatial_task(seed, kind, width=width)
+        return random_spatial_task(seed, kind, width=width, body=body)
     if kind not in KINDS:
         raise UnknownNameError("kind of random task", kind, (*KINDS, *SPATIAL_KINDS))
+    if body is not None:
+        raise InputError(f"body is not for {kind}; kinds in space: {', '.join(SPATIAL_KINDS)}")
     return random_task(seed, kind, width=width)
 
 
@@ -231,7 +245,7 @@ def _task(name: str, rng: np.random.Generator, draw: Draw, cable: SpatialCable) 
     try:
         return SpatialTask(
             name=name, description=draw.description, scene=draw.scene, cable=cable, start=ends[0], goal=ends[1],
-            grippers=SpatialGrippers(radius=draw.radius),
+            grippers=draw.grippers,
         )  # fmt: skip
     except TaskError as error:
         raise Rejected(error.problem) from None
@@ -249,21 +263,25 @@ def random_end(rng: np.random.Generator, draw: Draw, cable: SpatialCable, part: 
         high[0] = 0.42 * size[0]
     elif part == "right half":
         low[0] = 0.58 * size[0]
+    bodies = SpatialBodies.of(draw.grippers.bodies, cable.radius)
     for _ in range(BATCHES):
         q = rng.normal(0.0, SPREAD, (BATCH, 12))
         q[:, :3] = rng.uniform(low, high, (BATCH, 3))
         if draw.low:
             stations, poses = cable.rod.shapes(q)
             lowest = np.minimum(stations[..., 2].min(1) - cable.radius, poses[..., 2].min(1) - draw.radius)
+            lowest = np.minimum(lowest, bodies.hulls.placed(poses)[..., 2].min(1, initial=np.inf))
             q[:, 2] += rng.uniform(*ABOVE_TABLE, BATCH) - lowest
         q = q.round(END_DECIMALS)
-        kept = np.flatnonzero(_keep_margins(q, draw, cable))
+        kept = np.flatnonzero(_keep_margins(q, draw, cable, bodies))
         if len(kept):
             return q[kept[0]]
     raise Rejected("there is no room for the ends")
 
 
-def _keep_margins(q: Float[np.ndarray, "k 12"], draw: Draw, cable: SpatialCable) -> Bool[np.ndarray, "k"]:
+def _keep_margins(
+    q: Float[np.ndarray, "k 12"], draw: Draw, cable: SpatialCable, bodies: SpatialBodies
+) -> Bool[np.ndarray, "k"]:
     """Which shapes keep what ends keep, the cheapest tests first."""
     stations, poses = cable.rod.shapes(q)
     span = np.linalg.norm(poses[:, 1, :3] - poses[:, 0, :3], axis=1)
@@ -283,6 +301,9 @@ def _keep_margins(q: Float[np.ndarray, "k 12"], draw: Draw, cable: SpatialCable)
         kept[i] = self_distance(line, apart) > 2 * cable.radius + CLEARANCE / 2 and free > (
             draw.radius + cable.radius + CLEARANCE / 2
         )
+    wanted = np.array([CLEARANCE, CLEARANCE, cable.radius + CLEARANCE / 2])
+    away = bodies.hull_gaps(poses[kept], stations[kept], draw.scene.world, cable.length, wanted)[0]
+    kept[kept] = (away >= wanted).all(axis=(1, 2))
     return kept
 
 
