@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/foreign_tasks.csv"))
     given = parser.parse_args()
     given.out.parent.mkdir(parents=True, exist_ok=True)
-    rows = list(csv.DictReader(given.out.open())) if given.out.exists() else []
+    rows = list(csv.DictReader(given.out.read_text().splitlines())) if given.out.exists() else []
     done = {int(row["seed"]) for row in rows}
     with given.out.open("a", newline="") as file:
         writer = csv.DictWriter(file, FIELDS)
@@ -50,7 +50,7 @@ def main() -> None:
             if seed not in done:
                 writer.writerow(planned(seed))
                 file.flush()
-    summarize([row for row in csv.DictReader(given.out.open()) if row["outcome"]])
+    summarize([row for row in csv.DictReader(given.out.read_text().splitlines()) if row["outcome"]])
 
 
 def planned(seed: int) -> dict[str, object]:
