@@ -1,6 +1,6 @@
 """Runs in space: plans of random tasks, led open loop on the nominal cable, and with feedback on cables that differ.
 
-    .venv/bin/python studies/space_runs.py KIND [--seeds 3000:3030] [--body B] [--out runs/space-runs]
+    .venv/bin/python studies/space_runs.py KIND ... [--seeds 3000:3030] [--body B] [--out runs/space-runs]
 
 Each task is planned with a time limit of 30 s of processor time. Its plan is led open loop, by grippers without lag, on
 the nominal cable of the plant in MuJoCo; then by both controllers on a cable of `SpatialPerturbation.drawn`: up to 2%
@@ -19,16 +19,19 @@ from typing import Any
 import numpy as np
 
 from cableway.benchmark.statistics import share
+from cableway.benchmark.tables import Table
 from cableway.core.errors import CablewayError
 from cableway.core.files import write_json
 from cableway.planning.planner import plan
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.simulation.spatial_plant import SpatialConfig
-from cableway.tasks.space.generation import random_spatial_task
+from cableway.tasks.space.generation import SPATIAL_KINDS, random_spatial_task
 from cableway.workflow.spatial_run import CONTROLLERS, follow_in_space
 
 LIMIT = 30.0
 """Processor time [s] of a search."""
+
+RUNS = ("nominal", *CONTROLLERS)
 
 
 def runs_of(kind: str, seed: int, body: str | None) -> dict[str, Any]:
@@ -56,7 +59,10 @@ def runs_of(kind: str, seed: int, body: str | None) -> dict[str, Any]:
     return found
 
 
-def line(name: str, rows: list[dict[str, Any]]) -> str:
+TITLES = ("kind", "run", "tasks", "success [%]", "contacts", "error [mm]", "deviation [mm]", "clearance [mm]")
+
+
+def line(kind: str, name: str, rows: list[dict[str, Any]]) -> tuple[str, ...]:
     """A row of the table."""
     runs = [row[name] for row in rows if name in row]
     good = [run["outcome"] == "success" for run in runs] + [False] * (len(rows) - len(runs))
@@ -72,30 +78,37 @@ def line(name: str, rows: list[dict[str, Any]]) -> str:
         worst = values.min() if what == "clearance" else values.max()
         tail = np.percentile(values, 5 if what == "clearance" else 95)
         cells.append(f"{np.median(values):.1f} / {tail:.1f} / {worst:.1f}")
-    return f"| {name} | {len(rows)} | {' | '.join(cells)} |"
+    return (kind, name, f"{len(rows)}", *cells)
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind")
+    parser.add_argument("kinds", nargs="+", choices=SPATIAL_KINDS)
     parser.add_argument("--seeds", default="3000:3030")
     parser.add_argument("--body", help="of the grippers, by name")
     parser.add_argument("--out", type=Path, default=Path("runs/space-runs"))
     given = parser.parse_args()
-    first, end = map(int, given.seeds.split(":"))
-    rows = []
-    for seed in range(first, end):
-        file = given.out / f"{'-'.join(filter(None, (given.kind, given.body, str(seed))))}.json"
-        if not file.exists():
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_json(file, runs_of(given.kind, seed, given.body))
-        rows.append(json.loads(file.read_text()))
-        print(seed, {name: run["outcome"] for name, run in rows[-1].items() if isinstance(run, dict)}, flush=True)
-    print("\n| run | tasks | success [%] | contacts | error [mm] | deviation [mm] | clearance [mm] |")
-    print("|---|---|---|---|---|---|---|")
-    for name in ("nominal", *CONTROLLERS):
-        print(line(name, rows))
+    lines, every = [TITLES], []
+    for kind in given.kinds:
+        rows = [kept(kind, seed, given.body, given.out) for seed in range(*map(int, given.seeds.split(":")))]
+        every += rows
+        lines += [line(kind, name, rows) for name in RUNS]
+    if len(given.kinds) > 1:
+        lines += [line("all", name, every) for name in RUNS]
+    print("\n" + Table("", tuple(lines)).markdown())
+
+
+def kept(kind: str, seed: int, body: str | None, out: Path) -> dict[str, Any]:
+    """What became of a task, from the folder or now."""
+    file = out / f"{'-'.join(filter(None, (kind, body, str(seed))))}.json"
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_json(file, runs_of(kind, seed, body))
+    row = json.loads(file.read_text())
+    outcomes = {name: run["outcome"] for name, run in row.items() if isinstance(run, dict)}
+    print(kind, seed, outcomes or row, flush=True)
+    return row
 
 
 if __name__ == "__main__":
