@@ -101,7 +101,7 @@ def test_random_tasks_that_were_made_are_told(cableway: Command, monkeypatch: py
             os.kill(os.getpid(), signal.SIGINT)
         return random_task(seed, *given, **options)
 
-    monkeypatch.setattr("cableway.tasks.generation.random_task", interrupt)
+    monkeypatch.setattr("cableway.tasks.space.generation.random_task", interrupt)
     done = cableway("tasks", "--random", "open-near", "--count", "20", "--out", "o", "--quiet")
     assert done == (130, "", f"cableway: interrupted{kept}\n")
     assert len(list(Path().rglob("*.yaml"))) == (3 if kept else 0)
