@@ -17,18 +17,21 @@ EXTRUDED, SPHERE, POLYHEDRON = 0, 1, 2
 HALVINGS = 40
 """Of a segment, by golden sections, until its least distance is found: 1e-8 of its length."""
 
+LEAST = 1e-300
+"""What is divided by where a triangle has no extent."""
+
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 @inlined
-def _triangle_offset(px, py, pz, t, out):
-    """The vector `out` from the nearest point of a triangle t (3, 3) to a point (Ericson 2005, 5.1.5)."""
-    ux, uy, uz = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
-    vx, vy, vz = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
-    ax, ay, az = px - t[0, 0], py - t[0, 1], pz - t[0, 2]
+def nearest_on_triangle(px, py, pz, p, q, r):
+    """The point p + b (q - p) + c (r - p) of a triangle that is nearest to a point (Ericson 2005, 5.1.5): b and c."""
+    ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+    ax, ay, az = px - p[0], py - p[1], pz - p[2]
     uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
     au, av = ax * ux + ay * uy + az * uz, ax * vx + ay * vy + az * vz
-    b, c = 0.0, 0.0  # the nearest point is t[0] + b u + c v
+    b, c = 0.0, 0.0
     d3, d4, d5, d6 = au - uu, av - uv, au - uv, av - vv
     vc, vb, va = au * d4 - d3 * av, d5 * av - au * d6, d3 * d6 - d5 * d4
     if au <= 0.0 and av <= 0.0:
@@ -38,16 +41,24 @@ def _triangle_offset(px, py, pz, t, out):
     elif d6 >= 0.0 and d5 <= d6:
         b, c = 0.0, 1.0
     elif vc <= 0.0 and au >= 0.0 and d3 <= 0.0:
-        b, c = au / (au - d3), 0.0
+        b, c = au / max(au - d3, LEAST), 0.0
     elif vb <= 0.0 and av >= 0.0 and d6 <= 0.0:
-        b, c = 0.0, av / (av - d6)
+        b, c = 0.0, av / max(av - d6, LEAST)
     elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        c = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        c = (d4 - d3) / max((d4 - d3) + (d5 - d6), LEAST)
         b = 1.0 - c
     else:
         total = va + vb + vc
         b, c = vb / total, vc / total
-    out[0], out[1], out[2] = ax - b * ux - c * vx, ay - b * uy - c * vy, az - b * uz - c * vz
+    return b, c
+
+
+@inlined
+def _triangle_offset(px, py, pz, t, out):
+    """The vector `out` from the nearest point of a triangle t (3, 3) to a point."""
+    b, c = nearest_on_triangle(px, py, pz, t[0], t[1], t[2])
+    for k, x in enumerate((px, py, pz)):
+        out[k] = (x - t[0, k]) - b * (t[1, k] - t[0, k]) - c * (t[2, k] - t[0, k])
 
 
 @kernel

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from cableway.core.compiled import inlined, kernel
-from cableway.geometry.spatial_convex_kernels import EXTRUDED, SPHERE
+from cableway.geometry.spatial_convex_kernels import EXTRUDED, SPHERE, nearest_on_triangle
 
 CLOSE = 1e-6
 """Error of a distance or a depth [m]."""
@@ -71,32 +71,12 @@ def _farthest(n, a, b, disc, axis, w):
 @kernel
 def _on_triangle(p, q, r, share):
     """Squared distance of the origin from a triangle, and the shares (3,) of its corners in the nearest point."""
-    ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
-    d1, d2 = -(ux * p[0] + uy * p[1] + uz * p[2]), -(vx * p[0] + vy * p[1] + vz * p[2])
-    d3, d4 = -(ux * q[0] + uy * q[1] + uz * q[2]), -(vx * q[0] + vy * q[1] + vz * q[2])
-    d5, d6 = -(ux * r[0] + uy * r[1] + uz * r[2]), -(vx * r[0] + vy * r[1] + vz * r[2])
-    vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
-    b, c = 0.0, 0.0  # the nearest point is p + b u + c v (Ericson 2005, 5.1.5)
-    if d1 <= 0.0 and d2 <= 0.0:
-        b, c = 0.0, 0.0
-    elif d3 >= 0.0 and d4 <= d3:
-        b, c = 1.0, 0.0
-    elif d6 >= 0.0 and d5 <= d6:
-        b, c = 0.0, 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        b, c = d1 / max(d1 - d3, 1e-300), 0.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        b, c = 0.0, d2 / max(d2 - d6, 1e-300)
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        c = (d4 - d3) / max((d4 - d3) + (d5 - d6), 1e-300)
-        b = 1.0 - c
-    else:
-        total = va + vb + vc
-        b, c = vb / total, vc / total
+    b, c = nearest_on_triangle(0.0, 0.0, 0.0, p, q, r)
     share[0], share[1], share[2] = 1.0 - b - c, b, c
-    x, y, z = p[0] + b * ux + c * vx, p[1] + b * uy + c * vy, p[2] + b * uz + c * vz
-    return x * x + y * y + z * z
+    squared = 0.0
+    for k in range(3):
+        squared += (p[k] + b * (q[k] - p[k]) + c * (r[k] - p[k])) ** 2
+    return squared
 
 
 @kernel
@@ -204,7 +184,36 @@ def core_depth(a, b, disc, axis, normal, at):
     w, own = np.empty((CORNERS, 3)), np.empty((CORNERS, 3))
     faces, planes = np.empty((2 * CORNERS, 3), np.int64), np.empty((2 * CORNERS, 4))
     rim = np.empty((6 * CORNERS, 2), np.int64)
-    n, new, middle = np.empty(3), np.empty(3), np.zeros(3)
+    n, new, middle, share = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    _begin(a, b, disc, axis, w, own, faces, planes, n, middle)
+    count, sides = 4, 4
+    while True:
+        nearest = 0
+        for f in range(1, sides):
+            if planes[f, 3] < planes[nearest, 3]:
+                nearest = f
+        for k in range(3):
+            n[k] = planes[nearest, k]
+        corner = _farthest(n, a, b, disc, axis, new)
+        if count == CORNERS or _dot(n, new) - planes[nearest, 3] < CLOSE:
+            break
+        w[count], own[count] = new, a[corner]
+        sides = _grow(w, count, faces, planes, sides, rim)
+        count += 1
+    i, j, k = faces[nearest]
+    for m in range(3):
+        middle[m] = planes[nearest, 3] * n[m]
+    _on_triangle(w[i] - middle, w[j] - middle, w[k] - middle, share)
+    for m in range(3):
+        at[m] = share[0] * own[i, m] + share[1] * own[j, m] + share[2] * own[k, m]
+        normal[m] = -n[m]
+    return planes[nearest, 3]
+
+
+@kernel
+def _begin(a, b, disc, axis, w, own, faces, planes, n, middle):
+    """The polytope's first four corners, which lie in no plane, and its faces, outward; `n` and `middle` are room."""
+    middle[:] = 0.0
     for i in range(4):  # four corners that lie in no plane
         if i == 0:
             n[0], n[1], n[2] = 1.0, 0.0, 0.0
@@ -226,58 +235,41 @@ def core_depth(a, b, disc, axis, normal, at):
             own[i] = a[_farthest(n, a, b, disc, axis, w[i])]
         for k in range(3):
             middle[k] += 0.25 * w[i, k]
-    count, sides, rims = 4, 0, 0
     for left_out in range(4):
         i, j, k = (left_out + 1) % 4, (left_out + 2) % 4, (left_out + 3) % 4
-        if _plane(w, i, j, k, planes[sides]) < _dot(planes[sides], middle):
+        if _plane(w, i, j, k, planes[left_out]) < _dot(planes[left_out], middle):
             i, j = j, i
-            _plane(w, i, j, k, planes[sides])
-        faces[sides, 0], faces[sides, 1], faces[sides, 2] = i, j, k
+            _plane(w, i, j, k, planes[left_out])
+        faces[left_out, 0], faces[left_out, 1], faces[left_out, 2] = i, j, k
+
+
+@kernel
+def _grow(w, count, faces, planes, sides, rim):
+    """Faces of the polytope with corner `count`, those that it sees replaced by others to their rim; their number."""
+    rims, f = 0, 0
+    while f < sides:
+        if _dot(planes[f], w[count]) - planes[f, 3] <= 0.1 * CLOSE:
+            f += 1
+            continue
+        for e in range(3):
+            i, j, twin = faces[f, e], faces[f, (e + 1) % 3], -1
+            for r in range(rims):
+                if rim[r, 0] == j and rim[r, 1] == i:
+                    twin = r
+            if twin < 0:
+                rim[rims, 0], rim[rims, 1] = i, j
+                rims += 1
+            else:
+                rims -= 1
+                rim[twin] = rim[rims]
+        sides -= 1
+        faces[f], planes[f] = faces[sides], planes[sides]
+    for r in range(rims):
+        faces[sides, 0], faces[sides, 1], faces[sides, 2] = rim[r, 0], rim[r, 1], count
+        if _plane(w, rim[r, 0], rim[r, 1], count, planes[sides]) == np.inf:
+            planes[sides, 3] = np.inf  # of no extent
         sides += 1
-    while True:
-        nearest = 0
-        for f in range(1, sides):
-            if planes[f, 3] < planes[nearest, 3]:
-                nearest = f
-        for k in range(3):
-            n[k] = planes[nearest, k]
-        corner = _farthest(n, a, b, disc, axis, new)
-        if count == CORNERS or _dot(n, new) - planes[nearest, 3] < CLOSE:
-            break
-        w[count], own[count] = new, a[corner]
-        rims, f = 0, 0
-        while f < sides:
-            if _dot(planes[f], new) - planes[f, 3] <= 0.1 * CLOSE:
-                f += 1
-                continue
-            for e in range(3):
-                i, j, twin = faces[f, e], faces[f, (e + 1) % 3], -1
-                for r in range(rims):
-                    if rim[r, 0] == j and rim[r, 1] == i:
-                        twin = r
-                if twin < 0:
-                    rim[rims, 0], rim[rims, 1] = i, j
-                    rims += 1
-                else:
-                    rims -= 1
-                    rim[twin] = rim[rims]
-            sides -= 1
-            faces[f], planes[f] = faces[sides], planes[sides]
-        for r in range(rims):
-            faces[sides, 0], faces[sides, 1], faces[sides, 2] = rim[r, 0], rim[r, 1], count
-            if _plane(w, rim[r, 0], rim[r, 1], count, planes[sides]) == np.inf:
-                planes[sides, 3] = np.inf  # of no extent
-            sides += 1
-        count += 1
-    i, j, k = faces[nearest]
-    for m in range(3):
-        middle[m] = planes[nearest, 3] * n[m]
-    share = np.empty(3)
-    _on_triangle(w[i] - middle, w[j] - middle, w[k] - middle, share)
-    for m in range(3):
-        at[m] = share[0] * own[i, m] + share[1] * own[j, m] + share[2] * own[k, m]
-        normal[m] = -n[m]
-    return planes[nearest, 3]
+    return sides
 
 
 @kernel

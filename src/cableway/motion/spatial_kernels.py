@@ -12,48 +12,14 @@ import math
 import numpy as np
 
 from cableway.core.compiled import inlined, kernel
+from cableway.geometry.pose_kernels import product, quaternion_of, turned, vector_of
 from cableway.geometry.spatial_convex_kernels import box_gap, nearest_solid, points_keep, self_distance
 from cableway.geometry.spatial_pair_kernels import ROOM, core_depth, core_gap, solid_core
 from cableway.rod.spatial_kernels import held_shape
 from cableway.rod.spatial_stability import has_margin
 
-TURNED = 1e-12
-"""Half the sine of half an angle below which a rotation is none."""
-
 WORLD, OTHER, OFF = 0, 1, 2
 """What a hull keeps its distance from: obstacles and walls; the other gripper; the cable that it does not hold."""
-
-
-@inlined
-def quaternion_of(v, out):
-    """The unit quaternion (4,) of a rotation vector (3,)."""
-    angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    factor = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
-    out[0] = math.cos(0.5 * angle)
-    for k in range(3):
-        out[1 + k] = factor * v[k]
-
-
-@inlined
-def vector_of(a, out):
-    """The rotation vector (3,), at most half a turn, of a unit quaternion (4,)."""
-    sine = math.sqrt(a[1] * a[1] + a[2] * a[2] + a[3] * a[3])
-    factor = 2.0
-    if sine > TURNED:
-        factor = 2.0 * math.atan2(sine, abs(a[0])) / sine
-    if a[0] < 0.0:
-        factor = -factor
-    for k in range(3):
-        out[k] = factor * a[1 + k]
-
-
-@inlined
-def product(a, b, out):
-    """The rotation b followed by a."""
-    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
-    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
-    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
-    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
 
 
 @kernel
@@ -80,18 +46,6 @@ def between(a, b, turn, share, out):
     for k in range(12):
         if k < 3 or k > 5:
             out[k] = a[k] + share * (b[k] - a[k])
-
-
-@inlined
-def turned(pose, at, out):
-    """The point `at` (3,) of the frame at a pose (7,), in the world."""
-    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
-    a = 2.0 * (y * at[2] - z * at[1])
-    b = 2.0 * (z * at[0] - x * at[2])
-    c = 2.0 * (x * at[1] - y * at[0])
-    out[0] = pose[0] + at[0] + w * a + y * c - z * b
-    out[1] = pose[1] + at[1] + w * b + z * a - x * c
-    out[2] = pose[2] + at[2] + w * c + x * b - y * a
 
 
 @kernel

@@ -41,7 +41,8 @@ def planning_of(run: Run | SpatialRun) -> Planning:
     """What a run that is over comes to."""
     if run.plan is None:
         at = None if run.attempt is None else run.attempt.at
-        return Planning("none", f"No plan: {run.report.failure or run.report.outcome.sentence}", run=run, at=at)
+        why = (run.report.failure or run.report.outcome.sentence).removeprefix("there is no plan: ")
+        return Planning("none", f"No plan: {why}", run=run, at=at)
     clearance, plan = run.report.min_clearance, run.plan
     room = "" if clearance is None else f", {quantity(clearance)} clear at least"
     took = "" if run.report.planning_time is None else f" Found in {run.report.planning_time:.1f} s."

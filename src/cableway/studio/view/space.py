@@ -30,8 +30,11 @@ from cableway.studio.view.arms import SIDES
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.look import framing, mixed
 from cableway.studio.view.meshes import Mesh, cord, creases, faceted, together, welded
-from cableway.studio.view.table import COLORS, GRID_STEP, MARKED, SHAPES
+from cableway.studio.view.table import COLORS, GRID_STEP, MARKED, SHAPES, draw_grid
 from cableway.tracking import Row
+
+BESIDE = 0.025
+"""Distance of an axis' numbers from it [m]."""
 
 GIZMO = 0.16
 """Size of arrows and arcs, as a share of the longest side of the workspace."""
@@ -76,16 +79,9 @@ def draw_table(canvas: Canvas, draft: SpatialDraft) -> None:
     low = edges[:, :, 2].max(axis=1) == 0
     canvas.lines("/table/walls", edges[low], palette.INK, 2.0)
     canvas.lines("/table/edges", edges[~low], palette.OBSTACLE, 1.0)
-    rows = [[[at, 0, 0], [at, y, 0]] for at in np.arange(GRID_STEP, x - 1e-6, GRID_STEP)]
-    rows += [[[0, at, 0], [x, at, 0]] for at in np.arange(GRID_STEP, y - 1e-6, GRID_STEP)]
-    if rows:
-        canvas.lines("/table/grid", np.array(rows, dtype=float) + [0, 0, -0.0005], palette.GRID, 1.0)
-    for at in np.arange(0.0, x + 1e-6, 2 * GRID_STEP):
-        canvas.words(f"/table/x{at:.2f}", f"{1000 * at:.0f}", (float(at), -0.025, 0.0), "top-center")
-    for at in np.arange(2 * GRID_STEP, y + 1e-6, 2 * GRID_STEP):
-        canvas.words(f"/table/y{at:.2f}", f"{1000 * at:.0f}", (-0.025, float(at), 0.0), "center-right")
+    draw_grid(canvas, x, y, BESIDE)
     for at in np.arange(2 * GRID_STEP, z + 1e-6, 2 * GRID_STEP):
-        canvas.words(f"/table/z{at:.2f}", f"{1000 * at:.0f}", (-0.025, 0.0, float(at)), "center-right")
+        canvas.words(f"/table/z{at:.2f}", f"{1000 * at:.0f}", (-BESIDE, 0.0, float(at)), "center-right")
     canvas.sweep("/table")
 
 

@@ -77,15 +77,20 @@ def draw_table(canvas: Canvas, draft: Draft) -> None:
     draw_feet(canvas, draft)
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
     canvas.lines("/table/walls", outline(corners, 0.0), palette.INK, 2.0)
+    draw_grid(canvas, width, height, 0.012)
+    canvas.sweep("/table")
+
+
+def draw_grid(canvas: Canvas, width: float, height: float, beside: float) -> None:
+    """A grid on the table [m], and its axes in millimetres, so far beside it."""
     rows = [[[x, 0, 0], [x, height, 0]] for x in np.arange(GRID_STEP, width - 1e-6, GRID_STEP)]
     rows += [[[0, y, 0], [width, y, 0]] for y in np.arange(GRID_STEP, height - 1e-6, GRID_STEP)]
     if rows:
         canvas.lines("/table/grid", np.array(rows, dtype=float) + [0, 0, -0.0005], palette.GRID, 1.0)
     for x in np.arange(0.0, width + 1e-6, 2 * GRID_STEP):
-        canvas.words(f"/table/x{x:.2f}", f"{1000 * x:.0f}", (float(x), -0.012, 0.0), "top-center")
+        canvas.words(f"/table/x{x:.2f}", f"{1000 * x:.0f}", (float(x), -beside, 0.0), "top-center")
     for y in np.arange(0.0, height + 1e-6, 2 * GRID_STEP):
-        canvas.words(f"/table/y{y:.2f}", f"{1000 * y:.0f}", (-0.012, float(y), 0.0), "center-right")
-    canvas.sweep("/table")
+        canvas.words(f"/table/y{y:.2f}", f"{1000 * y:.0f}", (-beside, float(y), 0.0), "center-right")
 
 
 def draw_obstacles(canvas: Canvas, draft: Draft, selected: int | None) -> None:
