@@ -1,12 +1,12 @@
 """Where arms should stand and how much their tools should lean: which plans of the named tasks arms could follow.
 
     .venv/bin/python studies/cell_layouts.py
-    .venv/bin/python studies/cell_layouts.py --model ur10e        # two of these, where they might stand
+    .venv/bin/python studies/cell_layouts.py --model ur10e        # only these arms
     .venv/bin/python studies/cell_layouts.py --slid real-maze     # one task, its cable slid along one curve
 
 Each named task with obstacles of 5 cm is planned for the hands alone, without arms. In 20 rows of its plan, evenly
 spaced, all ways are found in which the arms of a cell can hold the cable: which arm holds which end, in which branch
-and turn. A task counts as held where some way is possible at start and goal, and as followed where it is in every row.
+and turn. A task counts as held where some way is possible at start and goal, and as kept where one is in every row.
 
 Of one task the cable is slid through its lanes instead, without a plan, and the way that can be kept in most rows is
 printed, whether or not the ends as designed are among them.
@@ -17,13 +17,14 @@ from __future__ import annotations
 import argparse
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 import cableway as cw
+from cableway.benchmark.tables import Table
 from cableway.core.errors import CablewayError
 from cableway.geometry import polyline
 from cableway.planning.candidates import Search
@@ -115,27 +116,33 @@ def print_slid(name: str) -> None:
         print(f"{layout}, {aside:g} m aside, tilt {tilt:.2f}: {count} of {SLID_ROWS} rows; not in {left}", flush=True)
 
 
+def print_layouts(models: Sequence[str]) -> None:
+    """Print a line for each layout and tilt, then a table of all."""
+    rows = [("model", "direction [deg]", "bases apart [m]", "their height [m]", "tilt [rad]", "tasks", "held", "kept")]
+    for model, tilt in product(models, TILTS):
+        tasks = list(planned(replace(CELLS["dual-ur5e"], tilt=tilt)))
+        for layout in LAYOUTS[model]:
+            found = [shares(*each, laid_out(*layout, tilt, model=model)) for each in tasks]
+            best = [max(ways.values(), default=0.0) for ways in found]
+            held, kept = sum(map(bool, found)), sum(share == 1 for share in best)
+            rows.append((model, *(f"{value:g}" for value in (*layout, tilt)), *map(str, (len(tasks), held, kept))))
+            where = ", ".join(f"{title} {cell}" for title, cell in zip(rows[0], rows[-1], strict=True))
+            names = (task.name for task, _ in tasks)
+            each = (f"{n} {len(ways)}/{share:.2f}" for n, ways, share in zip(names, found, best, strict=True))
+            print(f"{where};", *each, flush=True)
+    print("\n" + Table("Layouts", tuple(rows)).markdown())
+
+
 def main() -> None:
-    """Print a line for each layout and tilt."""
+    """Compare layouts and tilts."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("--slid", metavar="TASK", help="of the cable of this task, slid along one curve")
-    parser.add_argument("--model", choices=list(LAYOUTS), default="ur5e", help="of both arms")
+    parser.add_argument("--model", choices=list(LAYOUTS), action="append", help="of both arms; default: each in turn")
     given = parser.parse_args()
     if given.slid:
         print_slid(given.slid)
-        return
-    for tilt in TILTS:
-        tasks = list(planned(replace(CELLS["dual-ur5e"], tilt=tilt)))
-        for layout in LAYOUTS[given.model]:
-            found = [shares(*each, laid_out(*layout, tilt, model=given.model)) for each in tasks]
-            best = [max(ways.values(), default=0.0) for ways in found]
-            where = (
-                f"direction {layout[0]:2d} deg, distance {layout[1]:.1f} m, height {layout[2]:.2f} m, tilt {tilt:.2f}"
-            )
-            sums = f"{sum(map(bool, found))} held, {sum(share == 1 for share in best)} followed"
-            names = (task.name for task, _ in tasks)
-            each = (f"{n} {len(ways)}/{share:.2f}" for n, ways, share in zip(names, found, best, strict=True))
-            print(f"{where}: of {len(tasks)} tasks {sums};", *each, flush=True)
+    else:
+        print_layouts(given.model or list(LAYOUTS))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from cableway.core.time_limit import OutOfTime
 from cableway.geometry.groups import SE2
 from cableway.outcome import Outcome
 from cableway.planning.candidates import Search
-from cableway.planning.initial_trajectories import PIVOTED
+from cableway.planning.initial_trajectories import routed
 from cableway.planning.routes.homotopy import different_routes, motion_class, signature
 from cableway.records import Plan
 from cableway.scene.clearance import cable_clearance
@@ -63,7 +63,7 @@ def find_alternatives(search: Search, count: int, default: Callable[[], Plan]) -
             if signature(task.scene, route) in found:
                 continue
             trajectories, names = search.trajectories(route=lambda route=route: route), config.initial_trajectories
-            plans = (search.follow(trajectories, name, is_known) for name in names if name in PIVOTED)
+            plans = (search.follow(trajectories, name, is_known) for name in routed(names))
             plan = next((plan for plan in plans if plan is not None), None)
             if plan is not None:
                 add(plan)

@@ -142,7 +142,7 @@ class Search:
         ranked, seeing = self._held(self._unfollowed), not self._seen
         self._seen = True
         near = (held._noted(name, restart, held._made_of(initial, accept)) for share, held in ranked if share >= NEARLY)
-        made = [(held.trajectories(lambda: trajectories.pivot), held) for _, held in ranked if seeing]
+        made = [(held.trajectories(trajectories.route), held) for _, held in ranked if seeing]
         afresh = (held.follow(there, other, accept) for other in SEEING for there, held in made)
         return next((plan for plan in chain(near, afresh) if plan is not None), None)
 

@@ -6,7 +6,7 @@ for.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pkgutil import resolve_name
@@ -31,7 +31,10 @@ DEFORMED: tuple[InitialName, ...] = ("head", "tail", "uniform", "least-energy")
 """Those that the chain of Tang et al. makes, by the end that leads in its first guess."""
 
 PIVOTED: tuple[InitialName, ...] = ("corridor", *DEFORMED)
-"""The initial trajectories that follow a pivot path, and so keep to its homotopy class."""
+"""The initial trajectories that follow the pivot path."""
+
+ROUTED: tuple[InitialName, ...] = ("slide-head", "slide-tail", "tube", *PIVOTED)
+"""Those that follow a route that is asked for, those that leave its homotopy class least first."""
 
 RESTARTS: tuple[tuple[InitialName, int], ...] = tuple(
     (name, samples) for samples in (12_000, 24_000, 48_000, 96_000) for name in ("tube", "corridor")
@@ -47,6 +50,11 @@ PAPER_CHAIN = "cableway.tang2025.planning.chain:PaperChain"
 
 STRAIGHT_STEPS = 50
 """Shapes of the straight interpolation; as many as the paper's table gives the deformation."""
+
+
+def routed(names: Sequence[InitialName]) -> tuple[InitialName, ...]:
+    """Of some names those in `ROUTED`, in its order."""
+    return tuple(name for name in ROUTED if name in names)
 
 
 @dataclass(frozen=True)
@@ -89,7 +97,7 @@ class InitialTrajectories:
         previous: Plan | None = None,
     ) -> None:
         self.task, self.config, self.seed, self.progress = task, config, seed, progress
-        self._route, self._previous = route, previous
+        self.route, self._previous = route, previous
         self._slides: dict[End, Float[np.ndarray, "r n 2"]] = {}
 
     def make(self, name: InitialName, restart: int = 0) -> InitialTrajectory:
@@ -120,8 +128,8 @@ class InitialTrajectories:
     def pivot(self) -> Float[np.ndarray, "P 2"]:
         """(P, 2) path of the cable's middle [m]."""
         self.progress("pivot path", 0.0)
-        if self._route is not None:
-            path = self._route()
+        if self.route is not None:
+            path = self.route()
         else:
             task, middle = self.task, pivot_keypoint(self.task.cable.keypoints)
             ends = task.start[middle], task.goal[middle]
@@ -143,7 +151,8 @@ class InitialTrajectories:
 
     def _slide(self, leading: End) -> Float[np.ndarray, "r n 2"]:
         if leading not in self._slides:
-            self._slides[leading] = slide(self.task, leading, self.config.pivot, seed=self.seed)
+            route = None if self.route is None else self.pivot
+            self._slides[leading] = slide(self.task, leading, self.config.pivot, seed=self.seed, route=route)
         return self._slides[leading]
 
     def _search(self, name: InitialName, restart: int) -> Float[np.ndarray, "r n 2"]:

@@ -16,7 +16,7 @@ from cableway.outcome import Outcome
 from cableway.planning.alternatives import find_alternatives
 from cableway.planning.candidates import Search
 from cableway.planning.config import InitialName, PlannerConfig
-from cableway.planning.initial_trajectories import PIVOTED, Progress
+from cableway.planning.initial_trajectories import Progress, routed
 from cableway.planning.projection import end_equilibria
 from cableway.planning.routes.homotopy import requested_route, unmet_request
 from cableway.records import Passage, Plan
@@ -137,7 +137,7 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
     names: tuple[InitialName, ...] = config.initial_trajectories
     trajectories = search.trajectories(previous=previous)
     if through or avoiding:
-        names = tuple(name for name in names if name in PIVOTED)
+        names = routed(names)
         trajectories = search.trajectories(lambda: requested_route(task, config.pivot, search.seed, through, avoiding))
     elif previous is not None:
         names = ("previous", *names)

@@ -17,7 +17,9 @@ from jaxtyping import Float
 
 from cableway.geometry import polyline
 from cableway.planning.config import PivotConfig
-from cableway.planning.routes.pivot import plan_pivot_path
+from cableway.planning.routes import band
+from cableway.planning.routes.pivot import pivot_keypoint, plan_pivot_path
+from cableway.planning.routes.pivot_grid import polish
 from cableway.scene.clearance import PIECES
 from cableway.scene.task import Task
 
@@ -27,7 +29,14 @@ ROW_STEP = 0.012
 """Advance along the curve from shape to shape [m]: half a keypoint spacing of a 0.3 m cable."""
 
 
-def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> Float[np.ndarray, "r n 2"]:
+def slide(
+    task: Task,
+    leading: End,
+    config: PivotConfig,
+    *,
+    seed: int = 0,
+    route: Float[np.ndarray, "P 2"] | None = None,
+) -> Float[np.ndarray, "r n 2"]:
     """Shapes of a cable that slides from start to goal.
 
     Args:
@@ -35,6 +44,8 @@ def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> Fl
         leading: "head": the right end goes first; "tail": the left end.
         config: How the path between the two cables is found.
         seed: For that path.
+        route: (P, 2) path of the cable's middle [m], whose homotopy class the cable keeps; without it, the shortest
+            path between the two cables is taken.
 
     Returns:
         (R+1, n, 2) keypoints [m], at equal travel along the curve.
@@ -44,7 +55,14 @@ def slide(task: Task, leading: End, config: PivotConfig, *, seed: int = 0) -> Fl
     """
     start, goal = (task.start, task.goal) if leading == "head" else (task.start[::-1], task.goal[::-1])
     radius = max(task.cable.radius, task.grippers.radius)
-    path = plan_pivot_path(task.scene, start[-1], goal[0], radius, config, seed=seed)
+    if route is None:
+        path = plan_pivot_path(task.scene, start[-1], goal[0], radius, config, seed=seed)
+    else:
+        middle = pivot_keypoint(len(start))
+        there = middle if leading == "head" else len(start) - 1 - middle
+        loose = np.vstack([start[:there:-1], route, goal[there::-1]])
+        points = band.reference_points(task.scene.world)
+        path = polish(loose, task.scene, radius, config, config.resolution, points)
     curve = polyline.remove_repeated(np.vstack([polyline.spline(start, PIECES), path, polyline.spline(goal, PIECES)]))
     first, last = (float(polyline.length(polyline.spline(shape, PIECES))) for shape in (start, goal))
     travel = float(polyline.length(curve)) - last

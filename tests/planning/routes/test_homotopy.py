@@ -91,15 +91,17 @@ def test_alternatives_are_true_different_and_ranked():
     assert costs == sorted(costs)
 
 
-@pytest.mark.parametrize("name", ["multi-obstacle-1", "clutter-7", "clutter-21", "maze-4"])
-def test_the_default_plan_is_among_the_alternatives(name: str):
+@pytest.mark.parametrize(
+    ("name", "count"), [("multi-obstacle-1", 2), ("clutter-7", 1), ("clutter-21", 2), ("maze-4", 1)]
+)
+def test_the_default_plan_is_among_the_alternatives(name: str, count: int):
     """So the first is never worse than the plan that is found where none are asked for."""
     kind, _, seed = name.partition("-")
     task = random_task(int(seed), kind) if kind in ("clutter", "maze") else load_task(name)
     default, plans = plan(task), plan(task, alternatives=2)
     assert any(np.array_equal(found.poses, default.poses) for found in plans)
     assert plan_cost(plans[0], task) <= plan_cost(default, task)
-    assert len({motion_class(task, found.shapes) for found in plans}) == len(plans)
+    assert len({motion_class(task, found.shapes) for found in plans}) == len(plans) == count
 
 
 def test_alternatives_where_there_is_one_way_only():

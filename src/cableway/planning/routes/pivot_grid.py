@@ -41,6 +41,8 @@ NEIGHBOURS = np.array(
     [(i, j) for i in range(-3, 4) for j in range(-3, 4) if math.gcd(i, j) == 1], dtype=np.int64
 )  # directions 18 degrees apart at most: paths at most 1.3% too long
 
+NOTHING = np.empty((0, 2))
+
 
 def grid_path(
     scene: Scene, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], radius: float, config: PivotConfig
@@ -84,19 +86,26 @@ def finest_spacing(scene: Scene) -> float:
 
 
 def polish(
-    path: Float[np.ndarray, "m 2"], scene: Scene, radius: float, config: PivotConfig, spacing: float
+    path: Float[np.ndarray, "m 2"],
+    scene: Scene,
+    radius: float,
+    config: PivotConfig,
+    spacing: float,
+    points: Float[np.ndarray, "k 2"] = NOTHING,
 ) -> Float[np.ndarray, "P 2"]:
-    """A path of no greater cost near `path`, its vertices about `spacing` [m] apart, still keeping `radius`."""
+    """A path of no greater cost near `path`, its vertices about `spacing` [m] apart, still keeping `radius`.
+
+    Nothing is cut short round any of `points` [m]: with one in each obstacle the path stays in its homotopy class.
+    """
     world, weights = scene.world.arrays, (config.length_weight, config.clearance_weight)
-    nothing = np.empty((0, 2))
     path = subdivide(path, spacing)
     for scale in (4.0, 2.0, 1.0, 0.5):
         checkpoint()
-        band.shortcut(path, world, radius, nothing, *weights, spacing / 2, 1)
+        band.shortcut(path, world, radius, points, *weights, spacing / 2, 1)
         path = _even(path, scene, radius, spacing)
         for _ in range(3):
             band.relax(path, world, radius, path.copy(), 0.0, *weights, scale * spacing, 3)
-    band.shortcut(path, world, radius, nothing, *weights, spacing / 2, 2)
+    band.shortcut(path, world, radius, points, *weights, spacing / 2, 2)
     return path
 
 
