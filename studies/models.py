@@ -218,7 +218,7 @@ def print_curves(title: str, curves: Mapping[str, Curve], horizons: tuple[int, .
     """A table in Markdown: median / mean, and the range of the seeds' means."""
     first = next(iter(curves.values()))
     print(f"\n{title}: stacked error [mm], median / mean (range of the seeds' means)\n")
-    print("| model | seeds | " + " | ".join(f"{h} steps" for h in horizons) + " |")
+    print("| model | seeds | " + " | ".join(f"{h} step{'s' * (h > 1)}" for h in horizons) + " |")
     print("|" + "---|" * (len(horizons) + 2))
     for name, curve in curves.items():
         cells = []

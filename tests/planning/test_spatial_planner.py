@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from spatial_problems import ball_plan, ball_task, past_a_ball, walled_task
 
+from cableway.benchmark.suites import make_spatial_task
 from cableway.core.errors import InputError, PlanningError
 from cableway.geometry.spatial_convex import signed_distance
 from cableway.motion.spatial import SpatialProblem
@@ -101,6 +102,19 @@ def test_a_sliding_cable_begins_and_ends_as_the_task_does_without_winding_up():
         assert np.abs(q[:, 9] / problem.rod.twist).max() < np.pi
         moved = np.linalg.norm(np.diff(problem.rod.shapes(q)[0], axis=0), axis=2).max()
         assert moved < 0.25 * problem.rod.length
+
+
+def test_a_heavy_cable_hangs_where_it_slides_and_goes_through_a_window():
+    """Of its weights, gamma = 111: on the curve that a light one follows two rows of three would be unstable."""
+    task = make_spatial_task("window-20014@0.0612")
+    problem, rod = SpatialProblem.of(task), task.rod
+    for reverse in (False, True):
+        q = slid_shapes(problem, 0.03, reverse=reverse)
+        assert np.mean(rod.stability(q)[0] > 0) > 0.9
+        stations, _ = rod.shapes(q)
+        assert np.mean(signed_distance(stations, problem.world)[0].min(axis=1) > problem.radius) > 0.8
+    found = plan(task)
+    assert found.metadata["initial_trajectory"] in ("tube", "tube-tail")
 
 
 def test_bursts_double():

@@ -54,15 +54,20 @@ LOAD_RANGE = (30.0, 30.0, 6.0)
 """Largest |a_x|, |a_y|, |m| of a first guess, beside the turn between the grippers: stable shapes have about these."""
 
 
-def hinge_count(keypoints: int, length: float = LONGEST_COARSE) -> int:
-    """Number N of hinges for n keypoints: the least multiple of n - 1 that is at least 24, more for a long rod.
+HEAVIEST_COARSE = 100.0
+"""Weight gamma above which a rod in space has more: it bends most within sqrt(2 / gamma) L of its ends."""
 
-    A chain is off its rod by an amount that goes with L / N^2.
 
-    >>> hinge_count(13), hinge_count(10), hinge_count(25, 1.2)
-    (24, 27, 48)
+def hinge_count(keypoints: int, length: float = LONGEST_COARSE, weight: float = 0.0) -> int:
+    """Number N of hinges for n keypoints: a multiple of n - 1, at least 24, and more for a long or heavy rod.
+
+    A chain is off its rod by an amount that goes with L / N^2, and with gamma.
+
+    >>> hinge_count(13), hinge_count(10), hinge_count(25, 1.2), hinge_count(13, 0.5, 240.0)
+    (24, 27, 48, 48)
     """
-    least = math.ceil(LEAST_HINGES * math.sqrt(max(1.0, length / LONGEST_COARSE)))
+    finer = max(1.0, length / LONGEST_COARSE) * max(1.0, weight / HEAVIEST_COARSE)
+    least = math.ceil(LEAST_HINGES * math.sqrt(finer))
     return (keypoints - 1) * -(-least // (keypoints - 1))
 
 

@@ -119,7 +119,7 @@ class SpatialRod(HeldRod):
     @property
     def hinges(self) -> int:
         """N, the number of hinges: even, so that a link is in the middle."""
-        count = hinge_count(self.keypoints, self.length)
+        count = hinge_count(self.keypoints, self.length, self.weight)
         return count + count % 2 * (self.keypoints - 1)
 
     @property

@@ -77,7 +77,7 @@ def fit_shape(
 def fit_sequence(
     rod: SpatialRod,
     keypoints: Float[np.ndarray, "t n 3"],
-    orientations: Float[np.ndarray, "t 2 4"],
+    orientations: Float[np.ndarray, "t 2 4"] | None,
     first: Float[np.ndarray, "12"],
 ) -> Float[np.ndarray, "t 12"]:
     """Equilibria near one shape after the other, each found from the one before, the first one from `first`.
@@ -85,13 +85,16 @@ def fit_sequence(
     Args:
         rod: The rod.
         keypoints: (t, n, 3) [m], of anything as long as the rod.
-        orientations: (t, 2, 4) wanted of the grippers, unit quaternions; they count by `TURN_WEIGHT`.
+        orientations: (t, 2, 4) wanted of the grippers, unit quaternions; they count by `TURN_WEIGHT`. None leaves them
+            free.
         first: (12,) q.
     """
     found, q = np.empty((len(keypoints), 12)), np.array(first, float)
-    for row, shape, wanted in zip(found, keypoints, orientations, strict=True):
+    weight = 0.0 if orientations is None else TURN_WEIGHT
+    wanted = np.tile([1.0, 0.0, 0.0, 0.0], (len(keypoints), 2, 1)) if orientations is None else orientations
+    for row, shape, turns in zip(found, keypoints, wanted, strict=True):
         checkpoint()
-        _fit(q, np.ascontiguousarray(shape), np.ascontiguousarray(wanted), TURN_WEIGHT, *rod.arrays, rod.stride)
+        _fit(q, np.ascontiguousarray(shape), np.ascontiguousarray(turns), weight, *rod.arrays, rod.stride)
         row[:] = q
     return found
 
@@ -115,13 +118,15 @@ def under_weight(rod: SpatialRod, q: Float[np.ndarray, "12"], weight: float) -> 
         q (12,) of `replace(rod, weight=weight)`; None where the rod bends over to another shape on the way.
     """
     poses, at, step = rod.end_poses(q[None])[0], rod.weight, WEIGHT_STEP
+    keypoints = rod.at_keypoints(rod.shapes(q[None])[0])  # stations are more where a rod is heavier
     while at != weight:
         following = at + float(np.clip(weight - at, -step, step))
         changed = replace(rod, weight=following)
         met = meet_poses(changed, poses, q[None])
-        near = len(met) and np.abs(changed.shapes(met)[0] - rod.shapes(q[None])[0]).max() < NEAR * rod.length
+        found = changed.at_keypoints(changed.shapes(met)[0])
+        near = len(met) and np.abs(found - keypoints).max() < NEAR * rod.length
         if near and changed.stability(met)[0][0] > 0:
-            rod, q, at, step = changed, met[0], following, 2 * step
+            q, keypoints, at, step = met[0], found, following, 2 * step
         elif step < LEAST_WEIGHT_STEP:
             return None
         else:

@@ -13,6 +13,7 @@ snapped.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -25,8 +26,9 @@ from cableway.core.errors import InputError
 from cableway.core.time_limit import checkpoint
 from cableway.verification import spatial_follower_kernels as kernels
 
-HINGES = 48
-"""Twice as many as the rod of `cableway.rod.spatial` has where it is short."""
+HINGES, LIGHT = 48, 60.0
+"""Of a rod up to this weight gamma, a heavier one has more, as the square root of its weight: at least twice as many as
+the rod of `cableway.rod.spatial` of up to half a metre."""
 
 JUMP = 0.3
 """Turn of a link [rad] above which a solved step is another branch."""
@@ -88,7 +90,7 @@ def follow_in_space(
         (state, margin), pose = found, target
         margins.append(margin)
         reached.append(state[0])
-    rows = np.array(reached).reshape(-1, HINGES + 1, 4)
+    rows = np.array(reached).reshape(-1, chain.hinges + 1, 4)
     lines = chain.stations(rows, poses[: len(rows)], stations.shape[1])
     deviation = np.linalg.norm(lines - stations[: len(lines)], axis=2).max(axis=1, initial=0.0)
     return FollowedInSpace(lines, deviation, np.array(margins), chain.twist(rows), lost_at)
@@ -124,7 +126,8 @@ class _Chain:
     """The chain, in lengths of the rod; its state is a `State`."""
 
     def __init__(self, length: float, twist: float, weight: float) -> None:
-        links = np.full(HINGES + 1, 1 / HINGES)
+        self.hinges = 2 * math.ceil(HINGES / 2 * math.sqrt(max(1.0, weight / LIGHT)))
+        links = np.full(self.hinges + 1, 1 / self.hinges)
         links[[0, -1]] /= 2
         after = np.cumsum(links[::-1])[::-1] - links
         self._length, self._links, self._stiffness = length, links, np.array([twist, 1.0, 1.0])
@@ -155,10 +158,10 @@ class _Chain:
     def stations(self, rows: Float[np.ndarray, "k links 4"], poses: np.ndarray, count: int) -> np.ndarray:
         """Points (k, count, 3) [m] at equal arc length."""
         arc = np.concatenate([[0.0], np.cumsum(self._links)])
-        corners = np.zeros((len(rows), HINGES + 2, 3))
+        corners = np.zeros((len(rows), self.hinges + 2, 3))
         np.cumsum(self._links[:, None] * _directions(rows), axis=1, out=corners[:, 1:])
         at = np.linspace(0, 1, count)
-        first = np.clip(np.searchsorted(arc, at, side="right") - 1, 0, HINGES)
+        first = np.clip(np.searchsorted(arc, at, side="right") - 1, 0, self.hinges)
         share = ((at - arc[first]) / self._links[first])[:, None]
         return poses[:, None, 0, :3] + self._length * ((1 - share) * corners[:, first] + share * corners[:, first + 1])
 
@@ -187,7 +190,7 @@ class _Chain:
 
     @property
     def _material(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return self._links, 4 * HINGES * self._stiffness, self._hanging
+        return self._links, 4 * self.hinges * self._stiffness, self._hanging
 
 
 def _directions(rows: Float[np.ndarray, "... 4"]) -> Float[np.ndarray, "... 3"]:

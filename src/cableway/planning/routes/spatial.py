@@ -12,6 +12,7 @@ from cableway.core.compiled import kernel
 from cableway.core.errors import PlanningError
 from cableway.core.time_limit import checkpoint
 from cableway.geometry import polyline, rotations
+from cableway.geometry.catenary import hanging
 from cableway.geometry.spatial_convex import SpatialWorld, signed_distance
 from cableway.motion.spatial import SpatialProblem
 from cableway.rod.spatial_inverse import fit_sequence
@@ -30,6 +31,12 @@ SLIDE_STEP = 0.05
 
 WINDOW, SMOOTHINGS = 0.25, 2
 """Of the means that round the corners of that curve, in lengths of the cable, and how often they are taken."""
+
+HEAVY = 60.0
+"""Weight gamma above which a cable hangs between its ends rather than take the shapes of a curve."""
+
+NARROW = 0.02
+"""Room in lengths of the cable below which no place counts as narrower."""
 
 X = np.array([1.0, 0.0, 0.0])
 
@@ -60,7 +67,8 @@ def slid_shapes(problem: SpatialProblem, radius: float, *, reverse: bool = False
     """Equilibria near those of a cable that slides from start to goal along one curve, its right end leading.
 
     The curve is the start cable, a path from its leading end to the trailing end of the goal cable, and the goal cable.
-    The rod is rolled evenly on the way, so that it arrives as the goal is rolled.
+    A light rod is rolled evenly on the way, so that it arrives as the goal is rolled. A heavy one (`HEAVY`) keeps few
+    shapes of such a curve, and hangs between its ends instead.
 
     Args:
         problem: The problem.
@@ -87,8 +95,19 @@ def slid_shapes(problem: SpatialProblem, radius: float, *, reverse: bool = False
     if reverse:
         shapes = [shape[::-1] for shape in shapes]
     shapes = np.array(shapes)
-    q = fit_sequence(rod, shapes[1:-1], _orientations(problem, shapes)[1:-1], problem.start)
+    if rod.weight > HEAVY:
+        q = fit_sequence(rod, _hung(problem, shapes[1:-1]), None, problem.start)
+    else:
+        q = fit_sequence(rod, shapes[1:-1], _orientations(problem, shapes)[1:-1], problem.start)
     return np.vstack([problem.start, q, problem.goal])
+
+
+def _hung(problem: SpatialProblem, shapes: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t n 3"]:
+    """The cable hanging between its ends, moved so that it goes through the shapes where there is least room."""
+    hung = hanging(shapes[:, [0, -1]], problem.rod.length, problem.rod.keypoints)
+    room = np.maximum(signed_distance(shapes, problem.world)[0], NARROW * problem.rod.length)
+    share = room**-4 / np.sum(room**-4, axis=1, keepdims=True)
+    return hung + np.sum(share[..., None] * (shapes - hung), axis=1, keepdims=True)
 
 
 def _orientations(problem: SpatialProblem, shapes: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t 2 4"]:
