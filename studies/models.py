@@ -2,7 +2,7 @@
 
     .venv/bin/python studies/models.py                   # the first four, below runs/comparison; half an hour
     .venv/bin/python studies/models.py train --seeds 1   # one stage; what is already there is kept
-    .venv/bin/python studies/models.py plateau           # networks trained longer; hours of one core
+    .venv/bin/python studies/models.py plateau           # networks trained longer; an hour and a half of one core
     .venv/bin/python studies/models.py ship              # weights; half an hour of one core
     .venv/bin/python studies/models.py shipped           # error of the shipped weights
     .venv/bin/python studies/models.py speed             # one core: taskset -c 0
@@ -91,7 +91,6 @@ LONGER: dict[int, dict[str, int]] = {
     10: dict.fromkeys(LONGER_MODELS, 1),
     40: {"MLP": 1, "C": 1, "T": 1, "C, plain": 3, "B, plain": 3, "T, plain": 3},
     160: {"C, plain": 1, "B, plain": 1, "T, plain": 1},
-    640: {"T, plain": 1},
 }
 """Epochs, models, seeds of the trainings that look for a plateau; each is one of its own, as the rate falls to 0."""
 

@@ -71,3 +71,10 @@ def from_matrices(m: Float[np.ndarray, "... 3 3"]) -> Float[np.ndarray, "... 4"]
     rows = np.take_along_axis(outer, best, axis=-2)[..., 0, :]
     rows = rows * np.where(rows[..., :1] < 0, -1.0, 1.0)
     return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
+
+
+def least_turn(a: Float[np.ndarray, "... 3"], b: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 4"]:
+    """The quaternions of the least turns from unit vectors to others."""
+    half = np.concatenate([1 + np.sum(a * b, axis=-1, keepdims=True), np.cross(a, b)], axis=-1)
+    half[..., 0] = np.maximum(half[..., 0], 1e-9)
+    return half / np.linalg.norm(half, axis=-1, keepdims=True)

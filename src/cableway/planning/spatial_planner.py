@@ -23,13 +23,15 @@ from cableway.motion.limits import Margins
 from cableway.motion.spatial import SpatialFreeSpace, SpatialProblem, continuous_poses, rows_between
 from cableway.motion.time_parametrization import gripper_effort, require_rows, with_ramps
 from cableway.outcome import Outcome
-from cableway.planning.projection import EFFORT_PIECES, KEYPOINT_STEP, LIMIT_SHARE, USUAL_RAMPS
+from cableway.planning.projection import EFFORT_PIECES, KEYPOINT_STEP, LIMIT_SHARE, MOST_LAG, USUAL_RAMPS
 from cableway.planning.routes.spatial import blocked, grid_path, slid_shapes
 from cableway.planning.spatial_optimization import optimize_in_space
 from cableway.planning.spatial_rrt import Sampler, Trees, about_path, about_shapes, anywhere, bursts
 from cableway.planning.trajectory_optimization import CLEARANCE_WEIGHTS, TrajectoryOptimizationConfig
 from cableway.records import Attempt, Plan, Verdict
+from cableway.rod.spatial_lag import spatial_lag
 from cableway.scene.spatial.task import SpatialTask
+from cableway.scene.task import CONTROL_STEP
 from cableway.verification.spatial_plan import SpatialVerificationLimits, verify_spatial_plan
 
 LOGGER = logging.getLogger(__name__)
@@ -54,6 +56,7 @@ class SpatialPlannerConfig(Checked):
         most: Of the last ones.
         step: Largest move of a point of the cable between two shapes that are checked [m].
         row_step: Largest move of a keypoint between rows during the optimisation [m].
+        lag: Largest distance [m] by which the cable may trail behind its equilibria.
         margins: What shapes keep in the search.
         optimization: Weights of the trajectory optimisation.
         limits: What a plan must keep.
@@ -63,6 +66,7 @@ class SpatialPlannerConfig(Checked):
     most: Annotated[int, Bounds(2, 10**7)] = 32_000
     step: Annotated[float, Bounds(1e-4, 0.1)] = 0.006
     row_step: Annotated[float, Bounds(1e-4, 1)] = 0.015
+    lag: Annotated[float, Bounds(1e-5, 1)] = 0.002
     margins: Margins = field(default_factory=lambda: Margins(clearance=0.006, stability=15.0))
     optimization: TrajectoryOptimizationConfig = field(
         default_factory=lambda: TrajectoryOptimizationConfig(
@@ -198,8 +202,14 @@ class _Search:
         fine = subdivided(len(q), EFFORT_PIECES)
         stations, poses = rod.shapes(rows_between(rod, q, fine))
         shift = np.linalg.norm(np.diff(rod.at_keypoints(stations), axis=0), axis=2).max(1)
-        effort = np.maximum(
-            gripper_effort(poses, limits.max_step, limits.max_turn), shift / (KEYPOINT_STEP * limits.max_step)
+        trailing = np.minimum(spatial_lag(rod, q), MOST_LAG) * self.task.cable.damping_time / CONTROL_STEP
+        effort = np.max(
+            [
+                gripper_effort(poses, limits.max_step, limits.max_turn),
+                shift / (KEYPOINT_STEP * limits.max_step),
+                np.repeat(trailing / self.config.lag / EFFORT_PIECES, EFFORT_PIECES),
+            ],
+            axis=0,
         )
         require_rows(effort.sum() / LIMIT_SHARE, rod.keypoints)
         ramped = replace(limits, **USUAL_RAMPS)

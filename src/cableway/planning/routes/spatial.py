@@ -120,25 +120,18 @@ def _orientations(problem: SpatialProblem, shapes: Float[np.ndarray, "t n 3"]) -
     steps = np.diff(shapes, axis=1)
     tangents = steps / np.maximum(np.linalg.norm(steps, axis=2, keepdims=True), 1e-12)
     left = np.empty((count, 4))
-    left[0] = rotations.product(_least_turn(rotations.rotate(ends[0, 0], X), tangents[0, 0]), ends[0, 0])
+    left[0] = rotations.product(rotations.least_turn(rotations.rotate(ends[0, 0], X), tangents[0, 0]), ends[0, 0])
     for row in range(1, count):
-        left[row] = rotations.product(_least_turn(tangents[row - 1, 0], tangents[row, 0]), left[row - 1])
+        left[row] = rotations.product(rotations.least_turn(tangents[row - 1, 0], tangents[row, 0]), left[row - 1])
     back = rotations.to_vector(rotations.product(rotations.conjugate(left[-1]), ends[1, 0]))
     share = np.linspace(0, 1, count)
     left = rotations.product(left, rotations.from_vector(np.multiply.outer(share * back[0], X)))
     right = left
     for link in range(1, tangents.shape[1]):
-        right = rotations.product(_least_turn(tangents[:, link - 1], tangents[:, link]), right)
+        right = rotations.product(rotations.least_turn(tangents[:, link - 1], tangents[:, link]), right)
     first, last = (q[9] / rod.twist for q in (problem.start, problem.goal))
     twist = first + share * (last - first)
     return np.stack([left, rotations.product(right, rotations.from_vector(np.multiply.outer(twist, X)))], axis=1)
-
-
-def _least_turn(a: Float[np.ndarray, "... 3"], b: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 4"]:
-    """The quaternions of the least turns from unit vectors to others."""
-    half = np.concatenate([1 + np.sum(a * b, axis=-1, keepdims=True), np.cross(a, b)], axis=-1)
-    half[..., 0] = np.maximum(half[..., 0], 1e-9)
-    return half / np.linalg.norm(half, axis=-1, keepdims=True)
 
 
 def _smoothed(curve: Float[np.ndarray, "P 3"], window: float) -> Float[np.ndarray, "P 3"]:
