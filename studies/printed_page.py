@@ -52,11 +52,7 @@ def tables(text: str) -> list[Rows]:
 
 
 def made_by(entry: dict[str, Any]) -> str:
-    """How some tables came about; of the oldest only the commit that brought them to the page is known."""
-    if "added" in entry:
-        return (
-            f"Made by `{entry['command']}`, added in {commits_text({entry['added']: 1})} without a record of the run:"
-        )
+    """How some tables came about."""
     return f"Made by `{entry['command']}`, {commits_text({entry['commit']: 1})}:"
 
 

@@ -1,7 +1,7 @@
 """How far a rod in space with damping trails behind its equilibria while its grippers move.
 
-As in the plane (`cableway.rod.lag`), but links turn in three ways. With moments D (phi + tau dphi/dt) at hinges, where D
-= N diag(kappa, 1, 1) along and across the rod, the links of a rod that is led slowly are turned away from the
+As in the plane (`cableway.rod.lag`), but links turn in three ways. With moments D (phi + tau dphi/dt) at hinges, where
+D = N diag(kappa, 1, 1) along and across the rod, the links of a rod that is led slowly are turned away from the
 equilibrium by d, where on the changes that hold the ends (C d = 0) ::
 
     H d = -tau K_0 omega

@@ -204,7 +204,7 @@ def prediction(folder: Path, transitions: int, tuning: int, progress: OnProgress
         "one width, trained alike on 50,000 transitions of the nominal simulated cable; ours, smaller, in the cable's "
         "own frame, on 100,000. One seed each. Fine-tuned ones were trained on with "
         f"{TUNING_EPOCHS} epochs of {tuning} transitions of the cable, as the paper does with 25,000 of each real one. "
-        "docs/results/models.md has three seeds of each, on the nominal cable."
+        "docs/results/models.md compares three seeds, on the nominal cable."
     )
     caption = (
         "The paper's networks, fine-tuned: mean stacked error against the steps predicted without looking; bands from "
