@@ -18,9 +18,11 @@ from cableway.planning.routes.spatial import blocked, grid_path, slid_shapes
 from cableway.planning.spatial_planner import SpatialPlannerConfig
 from cableway.planning.spatial_rrt import bursts
 from cableway.records import Plan
+from cableway.rod.spatial_lag import spatial_lag
 from cableway.scene.spatial.grippers import GripperPiece, SpatialGrippers
 from cableway.scene.spatial.obstacles import Cuboid
 from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.task import CONTROL_STEP
 
 
 def test_a_plan_leads_from_start_to_goal_and_verifies():
@@ -29,6 +31,14 @@ def test_a_plan_leads_from_start_to_goal_and_verifies():
     assert found.verdict.passed
     np.testing.assert_allclose(found.shapes[[0, -1]], [task.keypoints("start"), task.keypoints("goal")], atol=1e-9)
     assert found.poses.shape == (found.steps + 1, 2, 7)
+
+
+def test_a_plan_is_slow_where_the_cable_would_trail_behind():
+    task, found = ball_task(), ball_plan()
+    careful = plan(task, config=SpatialPlannerConfig(lag=5e-5))
+    trailing = [spatial_lag(task.rod, q).max() * task.cable.damping_time / CONTROL_STEP for q in (found.q, careful.q)]
+    assert trailing[1] < 5.3e-5 < trailing[0] < 2e-3
+    assert careful.steps > found.steps
 
 
 def test_hands_are_planned_for():
