@@ -23,7 +23,7 @@ from cableway.motion.limits import Margins
 from cableway.motion.spatial import SpatialFreeSpace, SpatialProblem, continuous_poses, rows_between
 from cableway.motion.time_parametrization import gripper_effort, require_rows, with_ramps
 from cableway.outcome import Outcome
-from cableway.planning.projection import EFFORT_PIECES, KEYPOINT_STEP, LIMIT_SHARE, MOST_LAG, USUAL_RAMPS
+from cableway.planning.projection import EFFORT_PIECES, KEYPOINT_STEP, LIMIT_SHARE, USUAL_RAMPS
 from cableway.planning.routes.spatial import blocked, grid_path, slid_shapes
 from cableway.planning.spatial_optimization import optimize_in_space
 from cableway.planning.spatial_rrt import Sampler, Trees, about_path, about_shapes, anywhere, bursts
@@ -43,6 +43,10 @@ Progress = Callable[[str, float], None]
 
 SOURCES: tuple[Source, ...] = ("anywhere", "tube", "corridor", "tube-tail")
 
+SLOWEST = 3.0
+"""Times as long a plan takes at most where the cable trails behind, as the grippers' limits ask for: beside a fold a
+heavy cable would crawl."""
+
 SPARE = 0.002
 """Clearance [m] beyond the margin that the way of a sliding cable keeps."""
 
@@ -56,7 +60,8 @@ class SpatialPlannerConfig(Checked):
         most: Of the last ones.
         step: Largest move of a point of the cable between two shapes that are checked [m].
         row_step: Largest move of a keypoint between rows during the optimisation [m].
-        lag: Largest distance [m] by which the cable may trail behind its equilibria.
+        lag: Largest distance [m] by which the cable may trail behind its equilibria, where a plan `SLOWEST` times as
+            slow keeps it.
         margins: What shapes keep in the search.
         optimization: Weights of the trajectory optimisation.
         limits: What a plan must keep.
@@ -202,15 +207,11 @@ class _Search:
         fine = subdivided(len(q), EFFORT_PIECES)
         stations, poses = rod.shapes(rows_between(rod, q, fine))
         shift = np.linalg.norm(np.diff(rod.at_keypoints(stations), axis=0), axis=2).max(1)
-        trailing = np.minimum(spatial_lag(rod, q), MOST_LAG) * self.task.cable.damping_time / CONTROL_STEP
-        effort = np.max(
-            [
-                gripper_effort(poses, limits.max_step, limits.max_turn),
-                shift / (KEYPOINT_STEP * limits.max_step),
-                np.repeat(trailing / self.config.lag / EFFORT_PIECES, EFFORT_PIECES),
-            ],
-            axis=0,
+        effort = np.maximum(
+            gripper_effort(poses, limits.max_step, limits.max_turn), shift / (KEYPOINT_STEP * limits.max_step)
         )
+        trailing = spatial_lag(rod, q) * self.task.cable.damping_time / CONTROL_STEP / self.config.lag
+        effort = np.clip(np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES), effort, SLOWEST * effort)
         require_rows(effort.sum() / LIMIT_SHARE, rod.keypoints)
         ramped = replace(limits, **USUAL_RAMPS)
         poses_at = lambda places: rod.shapes(rows_between(rod, q, places))[1]  # noqa: E731
