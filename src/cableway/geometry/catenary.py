@@ -19,7 +19,7 @@ def hanging(ends: Float[np.ndarray, "t 2 3"], length: float, count: int) -> Floa
     """Points at equal arc length on the catenaries of a length between pairs of points, z upwards.
 
     With the horizontal distance h and the height difference v of the ends, the catenary z = a cosh(x / a) of length L
-    has sinh(u) / u = sqrt(L^2 - v^2) / h for u = h / (2 a).
+    has sinh(u) / u = sqrt(L^2 - v^2) / h for u = h / (2 a), and its lowest point is a artanh(v / L) before the middle.
 
     Args:
         ends: (t, 2, 3) first and last points [m].
@@ -40,9 +40,7 @@ def hanging(ends: Float[np.ndarray, "t 2 3"], length: float, count: int) -> Floa
     span = np.maximum(span, LEAST_SPAN * length)
     u = _half_width(np.sqrt(length**2 - rise**2) / span)
     scale = span / (2 * u)
-    # from z = a (cosh(x / a) - cosh(x0 / a)), the lowest point is off the middle by a asinh-like shift
-    shift = scale * np.arctanh(rise / length)
-    start = -span / 2 + shift
+    start = scale * np.arctanh(rise / length) - span / 2  # from the lowest point
     arc = np.linspace(0.0, length, count)
     x = scale[:, None] * np.arcsinh(np.sinh(start / scale)[:, None] + arc / scale[:, None])
     z = scale[:, None] * (np.cosh(x / scale[:, None]) - np.cosh(start / scale)[:, None])
@@ -52,7 +50,7 @@ def hanging(ends: Float[np.ndarray, "t 2 3"], length: float, count: int) -> Floa
 
 
 def _half_width(ratio: Float[np.ndarray, "t"]) -> Float[np.ndarray, "t"]:
-    """u > 0 with sinh(u) / u = ratio > 1, by Newton's method from above, where it is monotonic."""
+    """u > 0 with sinh(u) / u = ratio > 1, by Newton's method, which from the first step on is above: the curve is convex."""
     u = np.where(ratio < 3, np.sqrt(6 * (ratio - 1)), np.log(2 * ratio) + np.log(np.log(2 * ratio) + 1.0))
     for _ in range(NEWTON_STEPS):
         u = u - (np.sinh(u) - ratio * u) / (np.cosh(u) - ratio)
