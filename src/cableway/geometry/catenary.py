@@ -50,7 +50,7 @@ def hanging(ends: Float[np.ndarray, "t 2 3"], length: float, count: int) -> Floa
 
 
 def _half_width(ratio: Float[np.ndarray, "t"]) -> Float[np.ndarray, "t"]:
-    """u > 0 with sinh(u) / u = ratio > 1, by Newton's method, which from the first step on is above: the curve is convex."""
+    """u > 0 with sinh(u) / u = ratio > 1, by Newton's method: from the first step on from above, as it is convex."""
     u = np.where(ratio < 3, np.sqrt(6 * (ratio - 1)), np.log(2 * ratio) + np.log(np.log(2 * ratio) + 1.0))
     for _ in range(NEWTON_STEPS):
         u = u - (np.sinh(u) - ratio * u) / (np.cosh(u) - ratio)
