@@ -62,7 +62,7 @@ def find_alternatives(search: Search, count: int, default: Callable[[], Plan]) -
         while len(found) < count and (route := next(routes, None)) is not None:
             if signature(task.scene, route) in found:
                 continue
-            trajectories, names = search.trajectories(route=lambda route=route: route), config.initial_trajectories
+            trajectories, names = search.trajectories(route), config.initial_trajectories
             plans = (search.follow(trajectories, name, is_known) for name in routed(names))
             plan = next((plan for plan in plans if plan is not None), None)
             if plan is not None:

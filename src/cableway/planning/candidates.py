@@ -91,7 +91,7 @@ class Search:
         self._progress = progress
 
     def trajectories(
-        self, route: Callable[[], Float[np.ndarray, "P 2"]] | None = None, previous: Plan | None = None
+        self, route: Float[np.ndarray, "P 2"] | None = None, previous: Plan | None = None
     ) -> InitialTrajectories:
         """The initial trajectories of the task, along a given pivot path or an earlier plan if there are any."""
         return InitialTrajectories(self.task, self.config, self.seed, self.report, route=route, previous=previous)

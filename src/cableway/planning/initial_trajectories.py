@@ -82,7 +82,7 @@ class InitialTrajectories:
         config: Of all stages.
         seed: For those that draw random numbers.
         progress: Called with the name of a stage and the share of it that is done.
-        route: Finds the pivot path, in place of the best one.
+        route: (P, 2) the pivot path [m], in place of the best one.
         previous: An earlier plan, for the trajectory of that name.
     """
 
@@ -93,7 +93,7 @@ class InitialTrajectories:
         seed: int = 0,
         progress: Progress = lambda stage, share: None,
         *,
-        route: Callable[[], Float[np.ndarray, "P 2"]] | None = None,
+        route: Float[np.ndarray, "P 2"] | None = None,
         previous: Plan | None = None,
     ) -> None:
         self.task, self.config, self.seed, self.progress = task, config, seed, progress
@@ -127,13 +127,12 @@ class InitialTrajectories:
     @cached_property
     def pivot(self) -> Float[np.ndarray, "P 2"]:
         """(P, 2) path of the cable's middle [m]."""
-        self.progress("pivot path", 0.0)
         if self.route is not None:
-            path = self.route()
-        else:
-            task, middle = self.task, pivot_keypoint(self.task.cable.keypoints)
-            ends = task.start[middle], task.goal[middle]
-            path = plan_pivot_path(task.scene, *ends, task.cable.radius, self.config.pivot, seed=self.seed)
+            return self.route
+        self.progress("pivot path", 0.0)
+        task, middle = self.task, pivot_keypoint(self.task.cable.keypoints)
+        ends = task.start[middle], task.goal[middle]
+        path = plan_pivot_path(task.scene, *ends, task.cable.radius, self.config.pivot, seed=self.seed)
         self.progress("pivot path", 1.0)
         return path
 
@@ -151,8 +150,7 @@ class InitialTrajectories:
 
     def _slide(self, leading: End) -> Float[np.ndarray, "r n 2"]:
         if leading not in self._slides:
-            route = None if self.route is None else self.pivot
-            self._slides[leading] = slide(self.task, leading, self.config.pivot, seed=self.seed, route=route)
+            self._slides[leading] = slide(self.task, leading, self.config.pivot, seed=self.seed, route=self.route)
         return self._slides[leading]
 
     def _search(self, name: InitialName, restart: int) -> Float[np.ndarray, "r n 2"]:

@@ -19,7 +19,7 @@ from cableway.planning.config import InitialName, PlannerConfig
 from cableway.planning.initial_trajectories import Progress, routed
 from cableway.planning.projection import end_equilibria
 from cableway.planning.routes.homotopy import requested_route, unmet_request
-from cableway.records import Passage, Plan
+from cableway.records import Attempt, Passage, Plan
 from cableway.scene.files.loading import TaskSource, as_any_task
 from cableway.scene.spatial.task import SpatialTask
 
@@ -138,7 +138,12 @@ def _find(search: Search, through: Sequence[Passage], avoiding: Sequence[Passage
     trajectories = search.trajectories(previous=previous)
     if through or avoiding:
         names = routed(names)
-        trajectories = search.trajectories(lambda: requested_route(task, config.pivot, search.seed, through, avoiding))
+        search.report("pivot path", 0.0)
+        try:
+            trajectories = search.trajectories(requested_route(task, config.pivot, search.seed, through, avoiding))
+        except PlanningError as error:
+            reason = str(error)
+            raise search.blocked() or PlanningError(f"no plan was found: {reason}", Attempt(reason)) from None
     elif previous is not None:
         names = ("previous", *names)
 

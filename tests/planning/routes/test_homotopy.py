@@ -91,13 +91,11 @@ def test_alternatives_are_true_different_and_ranked():
     assert costs == sorted(costs)
 
 
-@pytest.mark.parametrize(
-    ("name", "count"), [("multi-obstacle-1", 2), ("clutter-7", 1), ("clutter-21", 2), ("maze-4", 1)]
-)
+@pytest.mark.parametrize(("name", "count"), [("multi-obstacle-1", 2), ("clutter-7", 1), ("clutter-21", 2)])
 def test_the_default_plan_is_among_the_alternatives(name: str, count: int):
     """So the first is never worse than the plan that is found where none are asked for."""
     kind, _, seed = name.partition("-")
-    task = random_task(int(seed), kind) if kind in ("clutter", "maze") else load_task(name)
+    task = random_task(int(seed), kind) if kind == "clutter" else load_task(name)
     default, plans = plan(task), plan(task, alternatives=2)
     assert any(np.array_equal(found.poses, default.poses) for found in plans)
     assert plan_cost(plans[0], task) <= plan_cost(default, task)
@@ -143,7 +141,7 @@ def test_a_way_that_does_not_exist():
     """The only door is not to be used."""
     task = problems.doorway()
     door = min(find_passages(task.scene), key=lambda passage: -passage.ends[:, 0].mean())
-    with pytest.raises(PlanningError):
+    with pytest.raises(PlanningError, match="no plan was found: no path of the cable's midpoint keeps"):
         plan(task, avoiding=[door])
 
 
