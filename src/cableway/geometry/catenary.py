@@ -28,7 +28,7 @@ def hanging(ends: Float[np.ndarray, "t 2 3"], length: float, count: int) -> Floa
 
     >>> low = hanging(np.array([[[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]]]), 0.5, 3)[0, 1]
     >>> low.round(4).tolist()
-    [0.15, 0.0, -0.1797]
+    [0.15, 0.0, -0.1814]
     """
     middle, half = ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2
     chord = 2 * np.linalg.norm(half, axis=1)
