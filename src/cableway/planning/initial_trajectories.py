@@ -34,7 +34,7 @@ PIVOTED: tuple[InitialName, ...] = ("corridor", *DEFORMED)
 """The initial trajectories that follow the pivot path."""
 
 ROUTED: tuple[InitialName, ...] = ("slide-head", "slide-tail", "tube", *PIVOTED)
-"""Those that follow a route that is asked for, those that leave its homotopy class least first."""
+"""Those that follow a route that is asked for; those that keep its homotopy class come first."""
 
 RESTARTS: tuple[tuple[InitialName, int], ...] = tuple(
     (name, samples) for samples in (12_000, 24_000, 48_000, 96_000) for name in ("tube", "corridor")

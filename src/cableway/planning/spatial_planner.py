@@ -44,8 +44,8 @@ Progress = Callable[[str, float], None]
 SOURCES: tuple[Source, ...] = ("anywhere", "tube", "corridor", "tube-tail")
 
 SLOWEST = 3.0
-"""Times as long a plan takes at most where the cable trails behind, as the grippers' limits ask for: beside a fold a
-heavy cable would crawl."""
+"""How many times as long as the grippers' limits ask for a plan may take where the cable trails behind: a heavy one
+would crawl past a fold."""
 
 SPARE = 0.002
 """Clearance [m] beyond the margin that the way of a sliding cable keeps."""

@@ -346,14 +346,3 @@ def batch_stability(q, p, hinges, ceiling, scale):
     for t in range(len(q)):
         mu[t] = stability(q[t], p, hinges, ceiling, scale, dmu[t])
     return mu, dmu
-
-
-@kernel
-def batch_second_variation(q, p, hinges):
-    """`second_variation` over rows of q (T, 12): its four results, each with T rows."""
-    rows, free = len(q), hinges - 1
-    diagonal, off = np.zeros((rows, free, 2, 2)), np.zeros((rows, free, 2, 2))
-    closure, twist = np.empty((rows, free, 2, 3)), np.empty((rows, free, 2))
-    for t in range(rows):
-        second_variation(q[t], p, hinges, diagonal[t], off[t], closure[t], twist[t])
-    return diagonal, off, closure, twist

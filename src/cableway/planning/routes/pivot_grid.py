@@ -42,6 +42,7 @@ NEIGHBOURS = np.array(
 )  # directions 18 degrees apart at most: paths at most 1.3% too long
 
 NOTHING = np.empty((0, 2))
+"""No points that a path must not change sides of."""
 
 
 def grid_path(
