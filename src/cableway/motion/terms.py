@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from cableway.geometry import convex, se2
 from cableway.geometry.groups import SE2, Group
 from cableway.motion.limits import BODY_SPACING, BodyPoints
 from cableway.rod.held_rod import HeldRod
-from cableway.scene.bodies import Body, into_frame
+from cableway.scene.bodies import Body, into_frame, out_of_frame
 from cableway.scene.clearance import free_stations
 from cableway.scene.task import Task
 
@@ -37,8 +37,7 @@ def body_shortfall(
 ) -> tuple[Float[np.ndarray, "t k"], Float[np.ndarray, "t k 2 3"]]:
     """How far points round the bodies lack a clearance of `margin` [m], and the slope by the gripper poses."""
     at = poses[:, bodies.side]
-    x, y = bodies.at.T[..., None]
-    points = SE2.position(at) + x * se2.direction(at[..., 2]) + y * se2.direction(at[..., 2] + np.pi / 2)
+    points = out_of_frame(bodies.at, at)
     lack, slope = clearance_shortfall(points, world, margin + bodies.rounding, bodies.lowest)
     by_poses = np.zeros((*lack.shape, 2, SE2.dof))
     by_poses[:, np.arange(len(bodies.side)), bodies.side] = SE2.pulled_back(slope, points, at)
@@ -52,22 +51,32 @@ def bodies_shortfall(
 
     Points that are nearer in no row are left out.
     """
-    short: list[np.ndarray] = [np.zeros((len(poses), 0))]
-    slopes: list[np.ndarray] = [np.zeros((len(poses), 0, 2, SE2.dof))]
-    least = np.linalg.norm(SE2.position(poses[:, 1]) - SE2.position(poses[:, 0]), axis=1).min()
+    count = len(poses)
+    short: list[np.ndarray] = [np.zeros((count, 0))]
+    slopes: list[np.ndarray] = [np.zeros((count, 0, 2, SE2.dof))]
     for a, b in pairs:
-        for one, other in ((a, b), (b, a)) if least < a.reach + b.reach + wanted else ():
-            held, at = poses[:, one.side], poses[:, other.side]
+        rows = np.flatnonzero(_may_be_nearer(a, b, poses, wanted))
+        for one, other in ((a, b), (b, a)) if len(rows) else ():
+            held, at = poses[rows, one.side], poses[rows, other.side]
             points = one.placed(held, BODY_SPACING)[:, :-1]
             lack, slope = _shortfall_of(points, other, at, wanted + one.rounding)
             some = lack.any(axis=0)
             points, lack, slope = points[:, some], lack[:, some], slope[:, some]
-            by_poses = np.zeros((*lack.shape, 2, SE2.dof))
-            by_poses[:, :, one.side] = SE2.pulled_back(slope, points, held[:, None])
-            by_poses[:, :, other.side] = -SE2.pulled_back(slope, points, at[:, None])
-            short.append(lack)
+            by_poses = np.zeros((count, lack.shape[1], 2, SE2.dof))
+            by_poses[rows, :, one.side] = SE2.pulled_back(slope, points, held[:, None])
+            by_poses[rows, :, other.side] = -SE2.pulled_back(slope, points, at[:, None])
+            lacks = np.zeros((count, lack.shape[1]))
+            lacks[rows] = lack
+            short.append(lacks)
             slopes.append(by_poses)
     return np.concatenate(short, axis=1), np.concatenate(slopes, axis=1)
+
+
+def _may_be_nearer(a: Body, b: Body, poses: Float[np.ndarray, "t 2 3"], wanted: float) -> Bool[np.ndarray, "t"]:
+    """In which rows the circles round two bodies are nearer to each other than `wanted` [m]."""
+    (one, radius), (other, other_radius) = a.circle, b.circle
+    between = out_of_frame(one, poses[:, a.side]) - out_of_frame(other, poses[:, b.side])
+    return np.linalg.norm(between, axis=1) < radius + other_radius + wanted
 
 
 def cable_shortfall(

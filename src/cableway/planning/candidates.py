@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -39,6 +38,8 @@ LOGGER = logging.getLogger(__name__)
 Accept = Callable[[Plan], str]
 """What is wrong with a verified plan, "" if nothing."""
 
+Tried = tuple[InitialName, int, InitialTrajectory]
+"""An initial trajectory with its name and which of that name it is."""
 
 STRAIGHT = 0.995
 """Distance between the grippers over L from which a plan is taken only where there is no other: an error of half a
@@ -72,7 +73,8 @@ class Search:
 
     Note:
         Plans are made for grippers first, and arms chosen that can follow. Where none can, arms are held to one choice
-        of branches after the other, and search and optimisation see them (`robot.free_arms`).
+        of branches after the other, and search and optimisation see them (`robot.free_arms`). Room beyond the margin
+        may lead grippers to where arms cannot; so less of it is tried before a new search.
     """
 
     def __init__(
@@ -87,7 +89,7 @@ class Search:
         self.straight: Plan | None = None
         self._unfollowed: Float[np.ndarray, "t 2 3"] | None = None
         self._seen = False
-        self._tried: list[tuple[InitialName, int, InitialTrajectory]] = []
+        self._tried: list[Tried] = []
         self._progress = progress
 
     def trajectories(
@@ -116,14 +118,19 @@ class Search:
         """The verified plan that one of the initial trajectories tried so far leads to where no more clearance than the
         margin is asked for; None where none does, or no more was.
         """
+        found = (self._closely(tried, accept) for tried in self._tried)
+        return next((plan for plan in found if plan is not None), None)
+
+    def _closely(self, tried: Tried, accept: Accept | None) -> Plan | None:
+        """The same for one of them."""
+        name, restart, initial = tried
         projection, optimization = self.config.projection, self.config.projection.optimization
         if projection.kind not in OPTIMIZING or optimization.room <= optimization.margin:
             return None
         close = replace(projection, optimization=replace(optimization, room=optimization.margin))
         closely = copy(self)
         closely.config = replace(self.config, projection=close)
-        found = (closely._noted(name, restart, closely._made_of(tried, accept)) for name, restart, tried in self._tried)
-        plan = next((plan for plan in found if plan is not None), None)
+        plan = closely._noted(name, restart, closely._made_of(initial, accept))
         self.best, self.straight = closely.best, closely.straight
         return plan
 
@@ -134,22 +141,40 @@ class Search:
             initial = trajectories.make(name, restart)
         except PlanningError as error:
             return self._noted(name, restart, Attempt(str(error)))
-        self._tried.append((name, restart, initial))
         self._unfollowed = None
         plan = self._noted(name, restart, self._made_of(initial, accept))
         if plan is not None or self._unfollowed is None:
+            self._tried.append((name, restart, initial))
             return plan
-        ranked, seeing = self._held(self._unfollowed), not self._seen
+        led = self._led_by_arms(trajectories, (name, restart, initial), self._unfollowed, accept)
+        return next((plan for plan in led if plan is not None), None)
+
+    def _led_by_arms(
+        self,
+        trajectories: InitialTrajectories,
+        tried: Tried,
+        unfollowed: Float[np.ndarray, "t 2 3"],
+        accept: Accept | None,
+    ) -> Iterator[Plan | None]:
+        """Plans that arms may follow, which cannot follow an initial trajectory as it was projected, `unfollowed`."""
+        name, restart, initial = tried
+        ranked, seeing = self._held(unfollowed), not self._seen
         self._seen = True
-        near = (held._noted(name, restart, held._made_of(initial, accept)) for share, held in ranked if share >= NEARLY)
+        for share, held in ranked:
+            if share >= NEARLY:
+                yield held._noted(name, restart, held._made_of(initial, accept))
+        yield self._closely(tried, accept)
         made = [(held.trajectories(trajectories.route), held) for _, held in ranked if seeing]
-        afresh = (held.follow(there, other, accept) for other in SEEING for there, held in made)
-        return next((plan for plan in chain(near, afresh) if plan is not None), None)
+        for other in SEEING:
+            for there, held in made:
+                yield held.follow(there, other, accept)
 
     def _held(self, poses: Float[np.ndarray, "t 2 3"]) -> list[tuple[float, Search]]:
         """Searches that see the arms in one way of holding the cable each, those in which arms can be at most of some
-        gripper poses [m, m, rad] first, and at which share."""
+        gripper poses [m, m, rad] first, and at which share; none where this one does."""
         assert self.task.cell is not None
+        if self.task.cell.way is not None:
+            return []
         ways = common_ways(self.task, self.task.cell)
         found: dict[Any, tuple[float, Search]] = {}
         for way in () if isinstance(ways, NoMotion) else ways:
@@ -234,8 +259,7 @@ class Search:
         if self.task.cell is not None:
             motion = arm_motion(plan.poses, self.task, self.task.cell)
             if isinstance(motion, NoMotion):
-                if self.task.cell.way is None:
-                    self._unfollowed = plan.poses
+                self._unfollowed = plan.poses
                 return replace(_attempt(motion.reason, plan), at=motion.at)
             if self.task.cell.way is None and projected.nodes is not None and projected.node_places is not None:
                 # now that it is known which joints move, they get the time that they need

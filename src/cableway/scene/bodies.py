@@ -78,10 +78,8 @@ class Body:
 
     def placed(self, poses: Float[np.ndarray, "... 3"], spacing: float = math.inf) -> Float[np.ndarray, "... m 2"]:
         """`boundary` [m] with the frame at `poses` [m, m, rad]; the one vertex of a disc where it is a disc."""
-        poses = np.asarray(poses, float)[..., None, :]
         points = self.outline if len(self.outline) == 1 else self.boundary(spacing)
-        x, y = points.T[..., None]
-        return poses[..., :2] + x * se2.direction(poses[..., 2]) + y * se2.direction(poses[..., 2] + np.pi / 2)
+        return out_of_frame(points, np.asarray(poses, float)[..., None, :])
 
     @cached_property
     def world(self) -> ConvexWorld:
@@ -92,6 +90,16 @@ class Body:
     def reach(self) -> float:
         """Farthest point of the body from the origin of its frame [m]."""
         return float(np.linalg.norm(self.outline, axis=1).max()) + self.rounding
+
+    @cached_property
+    def circle(self) -> tuple[Float[np.ndarray, "2"], float]:
+        """A circle that holds the body: its centre in the frame and its radius [m].
+
+        >>> Body.box("plug", RIGHT, 0.04, 0.03).circle
+        (array([0.02, 0.  ]), 0.025)
+        """
+        centre = (self.outline.min(axis=0) + self.outline.max(axis=0)) / 2
+        return centre, float(np.linalg.norm(self.outline - centre, axis=1).max()) + self.rounding
 
     def meets(self, other: Body) -> bool:
         """Whether the two are pieces of different grippers, both more than a disc, with a height in common.
@@ -146,6 +154,12 @@ def into_frame(points: Float[np.ndarray, "... m 2"], poses: Float[np.ndarray, ".
     offset, angle = points - SE2.position(poses)[..., None, :], poses[..., 2, None]
     along, aside = se2.direction(angle), se2.direction(angle + np.pi / 2)
     return np.stack([np.sum(offset * along, axis=-1), np.sum(offset * aside, axis=-1)], axis=-1)
+
+
+def out_of_frame(points: Float[np.ndarray, "... 2"], poses: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2"]:
+    """Points [m] of frames at `poses` [m, m, rad] in the world."""
+    x, y = points[..., :1], points[..., 1:]
+    return SE2.position(poses) + x * se2.direction(poses[..., 2]) + y * se2.direction(poses[..., 2] + np.pi / 2)
 
 
 class PackedBodies(NamedTuple):
