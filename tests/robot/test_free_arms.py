@@ -13,11 +13,12 @@ from cableway.planning.candidates import Search
 from cableway.planning.config import PlannerConfig
 from cableway.robot.branches import common_ways
 from cableway.robot.cell_kinematics import CellKinematics
-from cableway.robot.free_arms import LEAST, free_arms, room_shortfall, rooms
+from cableway.robot.free_arms import LEAST, ROOM, free_arms, room_shortfall, rooms
 from cableway.scene.cell import CELLS, Way
 
 CELL = CELLS["dual-ur5e"]
-ALL = np.full(5, 10.0)
+ELBOW = 2  # the one joint of a UR that turns by less than half a turn to either side
+ALL = np.full(ROOM, 10.0)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +48,10 @@ def test_room_is_what_the_kinematics_of_the_cell_leave(narrow: cw.Task):
         kinematics = CellKinematics(narrow, way)
         joints, away = kinematics.held(poses, np.zeros((2, 6)))
         found = rooms(poses, arms)
-        np.testing.assert_allclose(found[:, [0, 2]], away, atol=1e-12)
-        np.testing.assert_allclose(found[:, [1, 3, 4]], kinematics.room(joints)[0], atol=1e-12)
+        clearances, turns = kinematics.room(joints)
+        np.testing.assert_allclose(found[:, [0, 3]], away, atol=1e-12)
+        np.testing.assert_allclose(found[:, [1, 4, 6]], clearances, atol=1e-12)
+        np.testing.assert_allclose(found[:, [2, 5]], turns[:, :, ELBOW], atol=1e-12)
     assert free_arms(narrow, poses) is None, "how arms hold the cable is open"
     far = poses + np.array([[3.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     assert (rooms(far, arms) == -1).all()
@@ -65,7 +68,7 @@ def test_slopes_of_the_room_match_differences(narrow: cw.Task):
             step[side, k] = 1e-5
             ahead, behind = (room_shortfall(poses + sign * step, arms, ALL)[0] for sign in (1, -1))
             np.testing.assert_allclose(slopes[:, :, side, k], (ahead - behind) / 2e-5, atol=2e-3)
-    assert not room_shortfall(poses, arms, np.full(5, -2.0))[1].any()
+    assert not room_shortfall(poses, arms, np.full(ROOM, -2.0))[1].any()
 
 
 def test_a_shape_is_free_only_where_the_arms_can_be(narrow: cw.Task):

@@ -80,7 +80,7 @@ CLEARANCE_SCALE = 0.001
 LOAD_SCALE = 10.0
 """Of a load, in its unit (`HeldRod.units`)."""
 
-ARMS_WANTED, ARMS_SCALE = 2 * LEAST, np.array([0.01, 0.001, 0.01, 0.001, 0.001])
+ARMS_WANTED, ARMS_SCALE = 2 * LEAST, np.array([0.01, 0.001, 0.01, 0.01, 0.001, 0.01, 0.001])
 """Room of arms (`cableway.robot.free_arms`) under which they are pushed back: twice what a motion keeps; and the scale
 of the shortfall."""
 
@@ -255,7 +255,7 @@ class _Problem:
         return self._weighted(*terms.bodies_shortfall(self.task.body_pairs, poses, self.room))
 
     def _arms(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted shortfalls (t, 5) of the room of the arms, and their slopes by the gripper poses."""
+        """Weighted shortfalls (t, 7) of the room of the arms, and their slopes by the gripper poses."""
         assert self.arms is not None
         short, slope = room_shortfall(poses, self.arms, ARMS_WANTED)
         scale = np.sqrt(self.weight) / ARMS_SCALE

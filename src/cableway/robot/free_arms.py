@@ -1,8 +1,8 @@
 """Whether two arms that hold a cable in one way can be where its grippers are; compiled, for search and optimisation.
 
-The *room* of gripper poses is what the arms have left there: distances from singularities (`branch_joints`) and
-clearances of links [m] of the arm at the left gripper, the same of that at the right one, and the distance of the arms
-from each other [m].
+The *room* of gripper poses is what the arms have left there: distances from singularities (`branch_joints`),
+clearances of links [m] and ways to the joints' limits of position [rad], of the arm at the left gripper, then of the
+other, and the distance of the arms from each other [m].
 """
 
 from __future__ import annotations
@@ -19,10 +19,13 @@ from cableway.robot.kinematics import branch_joints
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps
 from cableway.scene.task import Draft
 
-ROOM = 5
+ROOM = 7
 """Numbers of a room."""
 
-LEAST = np.array([SINGULAR, CLEARANCE, SINGULAR, CLEARANCE, CLEARANCE])
+TURN = 0.03
+"""Way to the joints' limits of position [rad] that is left to corrections where it can be."""
+
+LEAST = np.array([SINGULAR, CLEARANCE, TURN, SINGULAR, CLEARANCE, TURN, CLEARANCE])
 """The room that motions keep."""
 
 SPARE = 1.2
@@ -44,6 +47,8 @@ class Arm(NamedTuple):
         height: Of its flange above the table [m].
         ahead: Of its flange from the gripper, along the cable's tangent [m].
         branch: Of its inverse kinematics.
+        position_limit: Of its joints [rad]; infinite where it leaves a whole turn, since then a joint that is beyond it
+            may be turned back.
         capsules: Its links.
     """
 
@@ -56,10 +61,11 @@ class Arm(NamedTuple):
     height: float
     ahead: float
     branch: int
+    position_limit: Float[np.ndarray, "6"]
     capsules: Capsules
 
 
-FreeArms = tuple[tuple[Arm, Arm], tuple[np.ndarray, ...], Float[np.ndarray, "5"]]
+FreeArms = tuple[tuple[Arm, Arm], tuple[np.ndarray, ...], Float[np.ndarray, "7"]]
 """The arms at the left and the right gripper, what links may touch, and the room that they keep."""
 
 
@@ -75,9 +81,11 @@ def free_arms(task: Draft, kept: Float[np.ndarray, "k 2 3"]) -> FreeArms | None:
     for (arm, turn, branch), lean in zip(map(cell.way.of, range(2)), packed.leans, strict=True):
         base, upright, aside = packed.bases[arm], math.cos(lean), math.sin(lean)
         height, ahead = packed.height + packed.reach * upright, packed.reach * aside
+        limit = np.array(cell.models[arm].position_limit)
+        limit[limit >= np.pi] = np.inf
         sides.append(
             Arm(packed.lengths[arm], base, np.linalg.inv(base), 1.0 - 2.0 * turn, upright, aside, height, ahead, branch,
-                packed.capsules[arm])
+                limit, packed.capsules[arm])
         )  # fmt: skip
     arms: FreeArms = ((sides[0], sides[1]), packed.world, np.full(ROOM, -np.inf))
     least = rooms(kept, arms).min(axis=0, initial=np.inf) - 1e-6
@@ -86,7 +94,7 @@ def free_arms(task: Draft, kept: Float[np.ndarray, "k 2 3"]) -> FreeArms | None:
 
 @kernel
 def arms_room(poses, arms, out):
-    """Write the room (5,) of gripper poses (2, 3) into `out`; all -1 where an arm does not reach its gripper."""
+    """Write the room (7,) of gripper poses (2, 3) into `out`; all -1 where an arm does not reach its gripper."""
     sides, world, _ = arms
     most = max(len(sides[0].capsules.frame), len(sides[1].capsules.frame))
     joints, placed, flange = np.empty((2, 1, 6)), np.empty((2, 1, most, 2, 3)), np.empty((3, 4))
@@ -105,11 +113,11 @@ def arms_room(poses, arms, out):
         if away < 0:
             out[:] = -1.0
             return
-        out[2 * side] = away
+        out[3 * side], out[3 * side + 2] = away, (arm.position_limit - np.abs(joints[side, 0])).min()
     for side in range(2):
         arm = sides[side]
-        out[2 * side + 1] = arm_clearances(arm.lengths, arm.base, joints[side], arm.capsules, world, placed[side])[0]
-    out[4] = arms_gaps(placed[0], sides[0].capsules, placed[1], sides[1].capsules)[0]
+        out[3 * side + 1] = arm_clearances(arm.lengths, arm.base, joints[side], arm.capsules, world, placed[side])[0]
+    out[6] = arms_gaps(placed[0], sides[0].capsules, placed[1], sides[1].capsules)[0]
 
 
 @kernel
@@ -117,7 +125,7 @@ def arms_keep(poses, arms):
     """Whether arms keep their room at gripper poses (2, 3); True, without more code, where there are none."""
     if arms is None:
         return True
-    room = np.empty(5)
+    room = np.empty(ROOM)
     arms_room(poses, arms, room)
     return (room >= arms[2]).all()
 
@@ -130,8 +138,8 @@ def _rooms(poses, arms, out):
 
 @kernel
 def _slopes(poses, arms, wanted, room, step, out):
-    """Write slopes (t, 5, 2, 3) of rooms (t, 5) that are below `wanted` (5,) by the poses (t, 2, 3) into `out`."""
-    other, moved = np.empty(5), np.empty((2, 3))
+    """Write slopes (t, 7, 2, 3) of rooms (t, 7) that are below `wanted` (7,) by the poses (t, 2, 3) into `out`."""
+    other, moved = np.empty(ROOM), np.empty((2, 3))
     for t in range(len(poses)):
         if room[t, 0] < 0 or (room[t] >= wanted).all():
             continue
@@ -141,12 +149,12 @@ def _slopes(poses, arms, wanted, room, step, out):
                 moved[side, k] += step
                 arms_room(moved, arms, other)
                 if other[0] >= 0:
-                    for i in range(5):
+                    for i in range(ROOM):
                         if room[t, i] < wanted[i]:
                             out[t, i, side, k] = (other[i] - room[t, i]) / step
 
 
-def rooms(poses: Float[np.ndarray, "t 2 3"], arms: FreeArms) -> Float[np.ndarray, "t 5"]:
+def rooms(poses: Float[np.ndarray, "t 2 3"], arms: FreeArms) -> Float[np.ndarray, "t 7"]:
     """The room at gripper poses [m, m, rad]; -1 all over where an arm does not reach its gripper."""
     out = np.empty((len(poses), ROOM))
     _rooms(np.ascontiguousarray(poses), arms, out)
@@ -154,8 +162,8 @@ def rooms(poses: Float[np.ndarray, "t 2 3"], arms: FreeArms) -> Float[np.ndarray
 
 
 def room_shortfall(
-    poses: Float[np.ndarray, "t 2 3"], arms: FreeArms, wanted: Float[np.ndarray, "5"]
-) -> tuple[Float[np.ndarray, "t 5"], Float[np.ndarray, "t 5 2 3"]]:
+    poses: Float[np.ndarray, "t 2 3"], arms: FreeArms, wanted: Float[np.ndarray, "7"]
+) -> tuple[Float[np.ndarray, "t 7"], Float[np.ndarray, "t 7 2 3"]]:
     """How far the room at gripper poses is below `wanted`, and the slope by the poses, by differences."""
     poses = np.ascontiguousarray(poses)
     room, slopes = rooms(poses, arms), np.zeros((len(poses), ROOM, 2, 3))

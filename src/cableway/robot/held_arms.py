@@ -22,6 +22,9 @@ HANDS = 0.001
 """Clearance [m] of hands from obstacles and each other that corrections leave: a hand may be that far off where it is
 sent, as the judge has it of a plan."""
 
+TURN = 1e-6
+"""Way to their limits of position [rad] that corrections leave joints, more than rounding takes in a run."""
+
 EASED = 0.999
 """Share of a limit of acceleration that is aimed at, since joints do not follow grippers along straight lines."""
 
@@ -102,6 +105,6 @@ class HeldArms:
         clearance, turn = self.kinematics.room(joints)
         speed = CONTROL_STEP * self.kinematics.speed_limit - np.abs(joints - self.joints)
         room = np.column_stack(
-            [clearance - ROOM, away - SINGULAR, turn.reshape(len(poses), -1), speed.reshape(len(poses), -1)]
+            [clearance - ROOM, away - SINGULAR, (turn - TURN).reshape(len(poses), -1), speed.reshape(len(poses), -1)]
         )
         return np.where((away > 0).all(axis=1, keepdims=True), room, -np.inf)
