@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,7 +48,7 @@ def leave_in_space(
     Args:
         options: Of the command.
         task: The task.
-        since: When reading it began, by `time.perf_counter`.
+        since: When reading it began, by `cableway.core.compiled.clock`.
         controller: What leads the simulated cable along the plan; None for a plan alone.
         plan: File of a plan of the task, in place of a new one.
         perturbation: How the simulated cable differs; not at all where None.
@@ -64,7 +63,7 @@ def leave_in_space(
     terminal, folder = Terminal(options), options.folder(task.name)
     chosen = SpatialOptions(
         plan=plan, controller=controller, perturbation=perturbation, seed=options.seed or 0,
-        time_limit=options.time_limit - (time.perf_counter() - since),
+        time_limit=options.time_limit - (clock() - since),
         clock=lambda: math.inf if INTERRUPTS.came else clock(),
     )  # fmt: skip
     with only_writer(folder), terminal.progress() as progress:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,9 +27,10 @@ class Plan(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.core.compiled import clock
         from cableway.scene.spatial.task import SpatialTask
 
-        since = time.perf_counter()
+        since = clock()
         task = self.load_any()
         if isinstance(task, SpatialTask):
             return self._in_space(task, since)

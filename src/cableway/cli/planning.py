@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -130,17 +129,18 @@ class PlanOptions(PictureOptions, TaskOptions):
 
         Args:
             task: The task.
-            since: When reading it began, by `time.perf_counter`.
+            since: When reading it began, by `cableway.core.compiled.clock`.
             video: Whether a video is made of the rollout.
             watch: Whether the run is shown on a page; the command then goes on until that is closed.
             options: Of `SolveOptions`.
         """
+        from cableway.core.compiled import clock
         from cableway.core.files import only_writer
         from cableway.workflow.run import SolveOptions
         from cableway.workflow.solve import solve
 
         terminal, folder = Terminal(self), self.folder(task.name)
-        left = max(self.time_limit - (time.perf_counter() - since), LEAST_TIME)
+        left = max(self.time_limit - (clock() - since), LEAST_TIME)
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=left, **options)
         page = self._opened(task, chosen, terminal) if watch else None
         with only_writer(folder), terminal.progress() as progress:

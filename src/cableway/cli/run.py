@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -100,11 +99,12 @@ class Run(PlanOptions):
 
     def execute(self) -> int:
         """Carry the command out and return its exit status."""
+        from cableway.core.compiled import clock
         from cableway.scene.task import Task
         from cableway.simulation.perturbations.perturbation import Perturbation
         from cableway.simulation.perturbations.reading import read_perturbation
 
-        since = time.perf_counter()
+        since = clock()
         spatial = self.load_any()
         if not isinstance(spatial, Task):
             return self._in_space(spatial, since)

@@ -34,6 +34,9 @@ ENOUGH = 0.05
 SINGULAR = 0.06
 """Least sine of the angles of elbow, wrist and shoulder: 3.4 degrees from a singularity."""
 
+TURN = 0.01
+"""Way to the joints' limits of position that is left to corrections [rad]."""
+
 SPEED_SHARE = 0.9
 """Share of the joints' speed limits that a motion uses."""
 
@@ -272,7 +275,7 @@ def _track(joints: Float[np.ndarray, "t 6"], arm: int, turn: int, branch: int, p
     joints = np.unwrap(joints, axis=0)
     joints -= 2 * np.pi * np.round((joints.max(axis=0) + joints.min(axis=0)) / (4 * np.pi))
     effort = float((np.abs(np.diff(joints, axis=0)).max(axis=0, initial=0.0) / CONTROL_STEP / model.speed_limit).max())
-    beyond = effort > packed.effort or (np.abs(joints).max(axis=0) > model.position_limit).any()
+    beyond = effort > packed.effort or (np.abs(joints).max(axis=0) > np.array(model.position_limit) - TURN).any()
     if beyond and np.isfinite(packed.effort):
         return None
     placed, clearance = packed.placed(arm, joints)

@@ -22,10 +22,10 @@ from cableway.scene.task import Draft
 ROOM = 7
 """Numbers of a room."""
 
-TURN = 0.03
-"""Way to the joints' limits of position [rad] that is left to corrections where it can be."""
+SPARE_TURN = 0.03
+"""Way to the joints' limits of position [rad] that a search leaves: more than a motion must (`branches.TURN`)."""
 
-LEAST = np.array([SINGULAR, CLEARANCE, TURN, SINGULAR, CLEARANCE, TURN, CLEARANCE])
+LEAST = np.array([SINGULAR, CLEARANCE, SPARE_TURN, SINGULAR, CLEARANCE, SPARE_TURN, CLEARANCE])
 """The room that motions keep."""
 
 SPARE = 1.2

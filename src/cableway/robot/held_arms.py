@@ -22,8 +22,8 @@ HANDS = 0.001
 """Clearance [m] of hands from obstacles and each other that corrections leave: a hand may be that far off where it is
 sent, as the judge has it of a plan."""
 
-TURN = 1e-6
-"""Way to their limits of position [rad] that corrections leave joints, more than rounding takes in a run."""
+TURN = 0.004
+"""Way to the joints' limits of position [rad] that corrections leave, since servos overshoot: less than plans leave."""
 
 EASED = 0.999
 """Share of a limit of acceleration that is aimed at, since joints do not follow grippers along straight lines."""
