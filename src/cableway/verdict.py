@@ -44,6 +44,7 @@ FINDINGS = {
     "tool distance": "a tool is {value} from its gripper's pose",
     "tool angle": "a tool is turned by {value} from its gripper's pose",
     "joint position": "a joint turns {value} times as far as it may",
+    "joint position beyond its range": "a joint turns {value} beyond its range",
     "joint speed": "a joint turns {value} times as fast as it may",
     "joint acceleration": "a joint accelerates {value} times as fast as it may",
     "arm clearance": "{gap}",

@@ -44,6 +44,10 @@ class Export(Options):
     """Rows per second on a smooth curve that keeps the limits of the rows; by default, 125 for urscript, 10 for ros,
     and for csv and json the rows as they are."""
 
+    arms: Maybe[Path] = None
+    """YAML file of two arms of any kind, each described by an MJCF or URDF file: with their joints along the plan, by
+    differential inverse kinematics (pip install 'cableway[arms]')."""
+
     cable: Flag = False
     """The keypoints of the cable, too."""
 
@@ -63,7 +67,7 @@ class Export(Options):
         if self.failures and self.format not in DATA:
             raise InputError(f"--failures: only goes with --format {' or '.join(DATA)}")
         if self.format in DATA:
-            for name in ("task", "rate", "cable", "unverified"):
+            for name in ("task", "rate", "cable", "unverified", "arms"):
                 if getattr(self, name):
                     raise InputError(f"--{name}: does not go with --format {self.format}")
 
@@ -71,6 +75,7 @@ class Export(Options):
         """Carry the command out and return its exit status."""
         if self.format in DATA:
             return export_data(self, self.format)
+        from cableway.scene.files.loading import load_described_arms
         from cableway.workflow.reading import read_record
         from cableway.workflow.trajectory import Trajectory
 
@@ -79,8 +84,9 @@ class Export(Options):
         record, task = read_record(file), self._load(file)
         rate = kind.rate if self.rate is None else self.rate
         trajectory = Trajectory.of(
-            record, task, rate=rate, cable=self.cable, unverified=self.unverified, source=str(file)
-        )
+            record, task, rate=rate, cable=self.cable, unverified=self.unverified, source=str(file),
+            arms=None if self.arms is None else load_described_arms(self.arms),
+        )  # fmt: skip
         path = self.out or self.folder("export") / f"{task.name}-{file.stem}{kind.suffix}"
         written = [str(each) for each in trajectory.write(path)]
         report = {"files": written, "rows": len(trajectory.times), "header": trajectory.header}

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from cableway.core.errors import MissingExtraError
 
 EXTRAS = {
+    "arms": {"coal": "Coal", "mink": "mink"},
     "cell": {"coal": "Coal"},
     "data": {"pyarrow": "pyarrow"},
     "gym": {"gymnasium": "Gymnasium"},

@@ -114,13 +114,21 @@ class MountedArm:
         return ARM_MODELS[self.model] if isinstance(self.model, str) else self.model.model
 
     def base(self, scene: Scene) -> Float[np.ndarray, "4 4"]:
-        """Pose of the base in the frame of the workspace, x to the right, y up in the plane of the table, z upwards."""
-        x, y, z = self.position
-        cosine, sine = math.cos(self.angle), math.sin(self.angle)
-        at = (scene.size[0] / 2 + x, scene.size[1] / 2 + y, z)
-        return np.array(
-            [[cosine, -sine, 0, at[0]], [sine, cosine, 0, at[1]], [0, 0, 1, at[2]], [0, 0, 0, 1]], dtype=float
-        )
+        """Pose of the base in the frame of the workspace, see `base_pose`."""
+        return base_pose(self.position, self.angle, scene)
+
+
+def base_pose(position: Place, angle: float, scene: Scene) -> Float[np.ndarray, "4 4"]:
+    """Pose of a base in the frame of the workspace, x to the right, y up in the plane of the table, z upwards.
+
+    Args:
+        position: Of the base (x, y, z) [m] from the middle of the workspace, at the height of the table.
+        angle: Of its x axis from that of the workspace [rad].
+        scene: The workspace.
+    """
+    cosine, sine = math.cos(angle), math.sin(angle)
+    x, y, z = scene.size[0] / 2 + position[0], scene.size[1] / 2 + position[1], position[2]
+    return np.array([[cosine, -sine, 0, x], [sine, cosine, 0, y], [0, 0, 1, z], [0, 0, 0, 1]], dtype=float)
 
 
 class Way(NamedTuple):

@@ -33,14 +33,14 @@ class JointMotion:
     """Joints of the left and the right arm at the times of a trajectory.
 
     Attributes:
-        names: Of the j joints of an arm.
+        names: Of the j joints of each arm.
         positions: (k, 2, j) [rad], without jumps.
         velocities: (k, 2, j) [rad/s]; None of rows that are no curve.
         accelerations: (k, 2, j) [rad/s²]; None of rows that are no curve.
         models: Of the two arms; None where it is not said which they are.
     """
 
-    names: tuple[str, ...]
+    names: tuple[tuple[str, ...], tuple[str, ...]]
     positions: Float[np.ndarray, "k 2 j"]
     velocities: Float[np.ndarray, "k 2 j"] | None = None
     accelerations: Float[np.ndarray, "k 2 j"] | None = None
@@ -61,10 +61,13 @@ class HandColumns(NamedTuple):
 
 def joint_motion(
     rows: Float[np.ndarray, "t 2 j"], at: Float[np.ndarray, "k"] | None, step: float,
-    models: tuple[ArmModel, ArmModel] | None,
+    models: tuple[ArmModel, ArmModel] | None, names: tuple[tuple[str, ...], tuple[str, ...]] | None = None,
 ) -> JointMotion:  # fmt: skip
-    """Joints at fractional indices of rows that are a time [s] apart; the rows themselves where there are none."""
-    names = joint_names(rows.shape[2])
+    """Joints at fractional indices of rows that are a time [s] apart; the rows themselves where there are none.
+
+    Without names of joints they are those of `joint_names`.
+    """
+    names = names or (joint_names(rows.shape[2]), joint_names(rows.shape[2]))
     if at is None:
         return JointMotion(names=names, positions=rows, models=models)
     positions, velocities, accelerations = (smoothed(rows, at, order) / step**order for order in range(3))
@@ -86,7 +89,7 @@ def joint_header(motion: JointMotion, times: Float[np.ndarray, "k"]) -> dict[str
     changes = np.diff(np.concatenate([still, speeds, still]), axis=0)
     between = np.concatenate([spacing[:1], (spacing[1:] + spacing[:-1]) / 2, spacing[-1:]])
     header = {
-        "names": list(motion.names),
+        "names": list(motion.names[0]) if motion.names[0] == motion.names[1] else [list(each) for each in motion.names],
         "unit": "rad",
         "reached": {
             "speed": float(np.abs(speeds).max(initial=0.0)),

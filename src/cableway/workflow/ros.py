@@ -87,7 +87,7 @@ def _joint_trajectory(trajectory: Trajectory, arm: int, side: str) -> dict[str, 
     columns = (joints.positions, joints.velocities, joints.accelerations)
     return {
         "header": _header(0.0, ""),
-        "joint_names": [f"{side}_{name}" for name in joints.names],
+        "joint_names": [f"{side}_{name}" for name in joints.names[arm]],
         "points": [
             {
                 "positions": positions.tolist(),

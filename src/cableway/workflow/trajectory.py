@@ -21,6 +21,7 @@ from cableway.motion.resampling import smoothed
 from cableway.records import Plan, Rollout, Verdict
 from cableway.scene.arm_models import ArmModel
 from cableway.scene.cell import Way
+from cableway.scene.described_arms import DescribedArms
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.grippers import Grippers
 from cableway.scene.task import CONTROL_STEP, Task
@@ -101,6 +102,7 @@ class Trajectory:
         cable: bool = False,
         unverified: bool = False,
         source: str = "the record",
+        arms: DescribedArms | None = None,
     ) -> Trajectory:
         """The trajectory of a plan, or of what the grippers did in a rollout.
 
@@ -112,6 +114,8 @@ class Trajectory:
             cable: Whether the shapes of the cable are in it.
             unverified: Whether a record that does not verify is taken, too.
             source: What the record is called in errors and in the header.
+            arms: Two arms of any kind that are to follow a plan; see `workflow.described_arms.follow_plan` for what
+                else it then raises.
 
         Raises:
             InputError: The record does not verify, or its curve does not; the rate is out of range; the rows of a
@@ -137,9 +141,17 @@ class Trajectory:
             "limits": limits_of(task.grippers),
             "reached": greatest_rates(times, poses),
         }
-        motion = None if joints is None else joint_motion(joints, at, _step(record), _models(record, task))
+        motion, of_arms = None, describe(record.metadata.get("arms", {}))
+        if arms is not None:
+            from cableway.workflow.described_arms import arms_header, follow_plan  # with an extra, which few need
+
+            followed = follow_plan(record, task, arms, source)
+            motion = joint_motion(followed.joints, at, _step(record), None, followed.names)
+            of_arms = arms_header(followed, arms)
+        elif joints is not None:
+            motion = joint_motion(joints, at, _step(record), _models(record, task))
         if motion is not None:
-            header["joints"] = {"arms": describe(record.metadata.get("arms", {})), **joint_header(motion, times)}
+            header["joints"] = {"arms": of_arms, **joint_header(motion, times)}
         found = cls(times=times, poses=poses, shapes=shapes if cable else None, joints=motion, header=header)
         return with_hands(found, record, task, rate) if isinstance(record, Plan) else found
 
@@ -174,7 +186,7 @@ class Trajectory:
         for unit, values in self._joint_columns().items():
             table = np.column_stack([table, values.reshape(len(table), -1)])
             assert self.joints is not None
-            names += [f"{side}_{name}{unit}" for side in SIDES for name in self.joints.names]
+            names += [f"{side}_{name}{unit}" for arm, side in enumerate(SIDES) for name in self.joints.names[arm]]
         if self.hands is not None:
             table = np.column_stack([table, self.hands.height, self.hands.opening])
             names += [f"{side}_{name}" for name in HandColumns._fields for side in SIDES]

@@ -122,6 +122,10 @@ def _rows(trajectory: Trajectory, arm: int, side: str) -> Float[np.ndarray, "k 6
         raise InputError(
             "a program for an arm needs joint positions, and the record has none: only runs in a cell with arms have"
         )
+    if "described" in trajectory.header["joints"]["arms"]:
+        raise InputError(
+            "URScript is for arms of Universal Robots in a cell; these are described by a file of their own"
+        )
     rows = trajectory.joints.positions[:, arm]
     if rows.shape[1] != len(JOINTS):
         raise InputError(f"a program in URScript needs {len(JOINTS)} joints an arm, and the record has {rows.shape[1]}")
