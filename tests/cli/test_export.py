@@ -14,6 +14,8 @@ from commands import Command
 
 from cableway.records import Plan, Rollout
 
+ARMS = Path(__file__).parents[2] / "examples" / "arms" / "two-arms.yaml"
+
 
 def test_a_plan_and_a_rollout_are_exported(cableway: Command, run_folder: Path):
     plan = Plan.load(run_folder / "plan.npz")
@@ -95,3 +97,27 @@ def test_an_unverified_plan_is_exported_on_demand(cableway: Command, run_folder:
     )
     assert (done.status, done.out, done.err) == (0, "", "")
     assert '# verified: "no: ' in Path("a.csv").read_text()
+
+
+def test_arms_that_files_describe_are_led_along_a_plan(cableway: Command, run_folder: Path):
+    """Each arm's joints stand in the file; nothing is written where they cannot be, nor in URScript."""
+    plan = Plan.load(run_folder / "plan.npz")
+    done = cableway("export", run_folder, "--arms", ARMS, "--out", "two.csv")
+    assert (done.status, done.err) == (0, "")
+    lines = Path("two.csv").read_text().splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    assert len(rows) == plan.steps + 1
+    assert {f"{side}_joint{k}" for side in ("left", "right") for k in range(1, 8)} <= set(rows[0])
+    header = json.loads(next(line for line in lines if line.startswith("# joints: ")).removeprefix("# joints: "))
+    assert header["arms"]["described"] == "two-arms"
+    assert header["arms"]["models"] == ["seven-joints.xml"] * 2
+    for options, fault in (
+        (["--arms", ARMS, "--format", "urscript"], "URScript is for arms of Universal Robots"),
+        (["--arms", "nowhere.yaml", "--out", "three.csv"], "nowhere.yaml: no such file"),
+    ):
+        done = cableway("export", run_folder, *options)
+        assert done.status == 2
+        assert fault in done.err
+    done = cableway("export", run_folder / "rollout.npz", "--arms", ARMS, "--out", "three.csv")
+    assert (done.status, "only a plan" in done.err) == (2, True)
+    assert sorted(path.name for path in Path().glob("*.csv")) == ["two.csv"]

@@ -105,6 +105,8 @@ class Export(Options):
         if name not in FORMATS:
             raise UnknownNameError("format", name, (*FORMATS, *DATA))
         kind = FORMATS[name]
+        if self.arms is not None and name == "urscript":
+            raise InputError("--arms: URScript is for arms of Universal Robots in a cell")
         if self.out is not None and self.out.suffix.lower() != kind.suffix:
             raise InputError(f"--out {self.out} must end in {kind.suffix} with --format {name}")
         return kind

@@ -125,7 +125,7 @@ def _looks(joints: Float[np.ndarray, "t 2 j"], chains: tuple[Chain, Chain]) -> F
     return np.concatenate([*(row + np.arange(n) / n for row, n in enumerate(counts)), [len(joints) - 1]])
 
 
-def _moves(each: _Placed) -> Float[np.ndarray, "s-1"]:
+def _moves(each: _Placed) -> Float[np.ndarray, "moves"]:
     """By how much any point of a solid moves from look to look, at most [m]."""
     turned = np.einsum("sji,sjk->sik", each.poses[:-1, :3, :3], each.poses[1:, :3, :3])
     angle = np.arccos(np.clip((np.trace(turned, axis1=1, axis2=2) - 1) / 2, -1.0, 1.0))
