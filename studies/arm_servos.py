@@ -4,7 +4,9 @@
     .venv/bin/python studies/arm_servos.py 5000 5020 --arms exact              # the same with arms that follow exactly
 
 Random tasks `cell` on perturbations of the suite `cell`. A joint is behind by its commanded position less the measured
-one at the end of a control step; times are the plant's processor time for one. Results are appended to
+one at the end of a control step. A tip is off by its distance from where it was asked to be a servo's `LAG` before, and
+by that from where ideal servos would have it, whose joints turn in proportion to what is missing to commands that go
+evenly from step to step. Times are the plant's processor time for a step. Results are appended to
 `ARMS.jsonl` in the folder as they come, and runs that are there are not done again.
 """
 
@@ -15,6 +17,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +27,8 @@ import cableway as cw
 from cableway.core.provenance import versions
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.cell import Way
+from cableway.scene.task import CONTROL_STEP
+from cableway.simulation.arms import LAG
 from cableway.simulation.perturbations.perturbation import Perturbation
 from cableway.simulation.perturbations.variants import named_perturbation
 from cableway.simulation.table_plant import TablePlant
@@ -44,18 +49,33 @@ def timed(step: Callable[..., Any]) -> Callable[..., Any]:
     return measured
 
 
-def behind(task: cw.Task, rollout: cw.Rollout) -> np.ndarray:
-    """How far (k, 2, 6) the joints of a rollout are behind their commands [rad] after each step."""
+def behind(task: cw.Task, rollout: cw.Rollout) -> dict[str, list[float]]:
+    """How far after each step the worst joint of a rollout is behind its command [rad], and the worst tip is off what
+    was asked `LAG` before [m], and off what ideal servos would do."""
     way = Way.of_record(rollout.metadata)
     if rollout.joints is None or way is None:
-        return np.zeros((0, 2, 6))
+        return {}
     arms, joints = CellKinematics(task, way), rollout.joints
-    target, near, rows = arms.poses(joints[0]), joints[0], []
+    target, rows = arms.poses(joints[0]), [joints[0]]
     for action in rollout.actions:
         target = target + action
-        near = arms.joints(target, near)
-        rows.append(near)
-    return np.array(rows) - joints[1:]
+        rows.append(arms.joints(target, rows[-1]))
+    commanded = np.array(rows)
+    shift = LAG / CONTROL_STEP
+    at = np.maximum(np.arange(len(rows)) - shift, 0.0)
+    low, share = np.floor(at).astype(int), (at % 1.0)[:, None, None]
+    asked = commanded[low] + share * (commanded[np.minimum(low + 1, len(rows) - 1)] - commanded[low])
+    alone, fading = [commanded[0]], np.exp(-CONTROL_STEP / LAG)
+    for before, after in pairwise(commanded):  # x' = (c - x) / LAG, c going evenly from one command to the next
+        trailing = shift * (after - before)
+        alone.append(after - trailing + (alone[-1] - before + trailing) * fading)
+
+    def off(wanted: np.ndarray | list[np.ndarray]) -> list[float]:
+        places = (np.array([arms.poses(row)[:, :2] for row in each]) for each in (wanted, joints))
+        return np.linalg.norm(np.subtract(*places), axis=2).max(axis=1)[1:].tolist()
+
+    late = np.abs(commanded - joints).max(axis=(1, 2))[1:].tolist()
+    return {"behind": late, "off": off(asked), "off_servo": off(alone)}
 
 
 def judged(task: cw.Task, perturbation: Perturbation, seed: int) -> dict[str, Any]:
@@ -65,7 +85,7 @@ def judged(task: cw.Task, perturbation: Perturbation, seed: int) -> dict[str, An
     run = cw.solve(task, options)
     report, found = run.report, {"steps": list(STEPS)}
     if run.rollout is not None:
-        found["behind"] = np.abs(behind(task, run.rollout)).max(axis=(1, 2)).tolist()
+        found |= behind(task, run.rollout)
         found["clearance"] = run.rollout.least_clearance
         found["recovered"] = len(run.rollout.metadata["recovered"])
         found["hands"] = run.rollout.metadata.get("hands", {})
@@ -86,7 +106,9 @@ def spread(values: list[float], scale: float) -> str:
 def summary(results: list[dict[str, Any]]) -> str:
     """The figures of some runs."""
     led = [each for each in results if each["shape_error"] is not None]
-    joints, steps = ([value for each in led for value in each.get(name, [])] for name in ("behind", "steps"))
+    joints, steps, off, alone = (
+        [value for each in led for value in each.get(name, [])] for name in ("behind", "steps", "off", "off_servo")
+    )
     succeeded = sum(each["outcome"] == "success" for each in results)
     hands = [each.get("hands", {}) for each in results]
     grasped, let_go = (sum(each.get(name, False) for each in hands) for name in ("grasped", "let_go"))
@@ -96,7 +118,8 @@ def summary(results: list[dict[str, Any]]) -> str:
         f"{touched} of {len(led)} with contact, "
         f"{sum(each['recovered'] > 0 for each in led)} with a recovery; median / 95% / worst: error [mm] "
         f"{spread([each['shape_error'] for each in led], 1e3)}, joint behind by [mrad] {spread(joints, 1e3)}, "
-        f"control step of the plant [ms] {spread(steps, 1e3)}"
+        f"tip off what was asked {1e3 * LAG:g} ms before [mm] {spread(off, 1e3)}, off ideal servos [mm] "
+        f"{spread(alone, 1e3)}, control step of the plant [ms] {spread(steps, 1e3)}"
     )
 
 
@@ -122,7 +145,11 @@ def main() -> None:
             done[key] = {"task": key[0], "plant": plant, **result, "versions": versions()}
             with path.open("a") as file:
                 file.write(json.dumps(done[key]) + "\n")
-        shown = {name: value for name, value in done[key].items() if name not in ("versions", "behind", "steps")}
+        shown = {
+            name: value
+            for name, value in done[key].items()
+            if name not in ("versions", "behind", "steps", "off", "off_servo")
+        }
         print(json.dumps(shown), flush=True)
     for plant in given.plants:
         print(f"{plant}: {summary([done[f'cell-{seed}', plant] for seed in range(*given.seeds)])}")

@@ -34,7 +34,7 @@ ENOUGH = 0.05
 SINGULAR = 0.06
 """Least sine of the angles of elbow, wrist and shoulder: 3.4 degrees from a singularity."""
 
-TURN = 0.01
+TURN = 5e-4
 """Way to the joints' limits of position that is left to corrections [rad]."""
 
 SPEED_SHARE = 0.9

@@ -22,7 +22,7 @@ HANDS = 0.001
 """Clearance [m] of hands from obstacles and each other that corrections leave: a hand may be that far off where it is
 sent, as the judge has it of a plan."""
 
-TURN = 0.004
+TURN = 2e-4
 """Way to the joints' limits of position [rad] that corrections leave, since servos overshoot: less than plans leave."""
 
 EASED = 0.999
