@@ -60,6 +60,9 @@ SETTLING, STEPS = 60, 12
 POSTURE_COST, ORIENTATION_COST, DAMPING = 1e-3, 0.3, 1e-6
 """Weights against an error of 1 m of a hand: of a joint's way from its posture [1/rad], and of a hand's angle."""
 
+ROOM = 0.1
+"""Clearance [m] that is as good as 1 rad of a joint to the end of its range, for who chooses a posture."""
+
 ALIKE = 0.1
 """Difference [rad] of a joint from which on two postures are two."""
 
@@ -119,13 +122,17 @@ class _Stuck(NamedTuple):
     reason: str
 
 
-def follow(plan: Plan, task: Task, arms: DescribedArms, progress: Callable[[float], None] = lambda _: None) -> Followed:
+def follow(
+    plan: Plan, task: Task, arms: DescribedArms, accept: Callable[[Followed], str] = lambda _: "",
+    progress: Callable[[float], None] = lambda _: None,
+) -> Followed:  # fmt: skip
     """The joints of two arms along the gripper poses of a plan, a control step from row to row.
 
     Args:
         plan: The plan.
         task: The task that it is of.
         arms: The arms.
+        accept: Says what is wrong with a motion, "" if nothing; where something is, others are tried.
         progress: Called with the share of the plan that the arms came along.
 
     Raises:
@@ -141,10 +148,10 @@ def follow(plan: Plan, task: Task, arms: DescribedArms, progress: Callable[[floa
             break
         found = robot.along(plan.poses, hold, progress)
         if not isinstance(found, _Stuck):
-            joints = np.stack([found[:, robot.places[arm]] for arm in hold.holders], axis=1)
-            left, right = (robot.chain(arm) for arm in hold.holders)
-            names = tuple(joint.name for joint in left.joints), tuple(joint.name for joint in right.joints)
-            return Followed(joints=joints, names=names, holders=hold.holders, turns=hold.turns, chains=(left, right))
+            followed = robot.followed(found, hold)
+            if not (fault := accept(followed)):
+                return followed
+            found = _Stuck(plan.steps, fault)
         furthest = max(furthest, found, key=lambda each: each.row)
     where = (
         "" if furthest.row < 0 else f" beyond {CONTROL_STEP * furthest.row:.1f} s of {CONTROL_STEP * plan.steps:.1f} s"
@@ -222,7 +229,14 @@ class _Robot:
             progress(row / (len(poses) - 1))
         return rows
 
-    def chain(self, index: int) -> Chain:
+    def followed(self, rows: Float[np.ndarray, "t n"], hold: _Hold) -> Followed:
+        """What is to be told of positions of all joints [rad]."""
+        joints = np.stack([rows[:, self.places[arm]] for arm in hold.holders], axis=1)
+        left, right = (self._chain(arm) for arm in hold.holders)
+        names = tuple(joint.name for joint in left.joints), tuple(joint.name for joint in right.joints)
+        return Followed(joints=joints, names=names, holders=hold.holders, turns=hold.turns, chains=(left, right))
+
+    def _chain(self, index: int) -> Chain:
         """One of the arms as plain numbers."""
         model, data = self.model, self.data
         data.qpos[:] = 0.0
@@ -409,8 +423,9 @@ class _Robot:
             alone = self._home.copy()
             alone[places] = joints
             clearance = self._clearance(alone, arm)
+            low, high = self._ranges(arm)
             if clearance > 0:
-                found.append((clearance, joints))
+                found.append((min(clearance, ROOM * np.minimum(joints - low, high - joints).min()), joints))
         return [joints for _, joints in sorted(found, key=lambda each: -each[0])[:POSTURES]]
 
     def _settle(

@@ -32,8 +32,8 @@ def follow_plan(
         progress: Called with the share of the plan that the arms came along.
 
     Raises:
-        InputError: It is no plan, or the task has arms of its own; or what was found does not verify.
-        PlanningError: No motion was found; the message says how far the arms came, and what stopped them.
+        InputError: It is no plan, or the task has arms of its own.
+        PlanningError: No motion was found that verifies; the message says how far the arms came, and what stopped them.
         FileFormatError: A file of an arm cannot be read.
         MissingExtraError: mink or Coal is not installed.
     """
@@ -41,14 +41,17 @@ def follow_plan(
         raise InputError(f"{source}: only a plan can be followed by other arms, not a rollout")
     if task.cell is not None:
         raise InputError(f"{source}: is a plan for the arms of the cell {task.cell.name!r}, not for others")
-    followed = follow(record, task, arms, progress)
     rows = np.arange(-1.0, len(record.poses) + 1)
-    curve = smoothed(record.poses, rows), smoothed(followed.joints, rows)
-    for poses, joints in ((record.poses, followed.joints), curve):  # a trajectory has either, by its rate
-        checks = described_arm_checks(poses, joints, followed.chains, followed.turns, task, arms.obstacle_height)
-        if faults := Verdict(tuple(checks)).failures():
-            raise InputError(f"{source}: the motion of the arms {arms.name!r} does not verify: {faults[0]}")
-    return followed
+
+    def fault(found: Followed) -> str:
+        curve = smoothed(record.poses, rows), smoothed(found.joints, rows)
+        for poses, joints in ((record.poses, found.joints), curve):  # a trajectory has either, by its rate
+            checks = described_arm_checks(poses, joints, found.chains, found.turns, task, arms.obstacle_height)
+            if faults := Verdict(tuple(checks)).failures():
+                return str(faults[0])
+        return ""
+
+    return follow(record, task, arms, fault, progress)
 
 
 def arms_header(followed: Followed, arms: DescribedArms) -> dict[str, Any]:
