@@ -39,7 +39,7 @@ from cableway.planning.banded_least_squares import (
     levenberg_marquardt,
     squared_differences,
 )
-from cableway.robot.free_arms import LEAST, free_arms, room_shortfall
+from cableway.robot.free_arms import WANTED, free_arms, room_shortfall
 from cableway.scene.task import Task
 
 CLEARANCE_WEIGHTS = (0.3, 1.0, 3.0)
@@ -80,9 +80,8 @@ CLEARANCE_SCALE = 0.001
 LOAD_SCALE = 10.0
 """Of a load, in its unit (`HeldRod.units`)."""
 
-ARMS_WANTED, ARMS_SCALE = 2 * LEAST, np.array([0.01, 0.001, 0.01, 0.01, 0.001, 0.01, 0.001])
-"""Room of arms (`cableway.robot.free_arms`) under which they are pushed back: twice what a motion keeps; and the scale
-of the shortfall."""
+ARMS_SCALE = np.array([0.01, 0.001, 0.01, 0.01, 0.001, 0.01, 0.001])
+"""Of the shortfall of arms' room against `free_arms.WANTED`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,7 +256,7 @@ class _Problem:
     def _arms(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted shortfalls (t, 7) of the room of the arms, and their slopes by the gripper poses."""
         assert self.arms is not None
-        short, slope = room_shortfall(poses, self.arms, ARMS_WANTED)
+        short, slope = room_shortfall(poses, self.arms, WANTED)
         scale = np.sqrt(self.weight) / ARMS_SCALE
         return scale * short, scale[:, None, None] * slope
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.compiled import kernel
-from cableway.robot.branches import CLEARANCE, SINGULAR, PackedCell
+from cableway.robot.branches import CLEARANCE, SINGULAR, TURN, PackedCell
 from cableway.robot.kinematics import branch_joints
 from cableway.robot.links import Capsules, arm_clearances, arms_gaps
 from cableway.scene.task import Draft
@@ -22,14 +22,18 @@ from cableway.scene.task import Draft
 ROOM = 7
 """Numbers of a room."""
 
-SPARE_TURN = 0.03
-"""Way to the joints' limits of position [rad] that a search leaves: more than a motion must (`branches.TURN`)."""
-
-LEAST = np.array([SINGULAR, CLEARANCE, SPARE_TURN, SINGULAR, CLEARANCE, SPARE_TURN, CLEARANCE])
+LEAST = np.array([SINGULAR, CLEARANCE, TURN, SINGULAR, CLEARANCE, TURN, CLEARANCE])
 """The room that motions keep."""
 
-SPARE = 1.2
-"""Of that, what a search keeps, which looks a few millimetres apart."""
+TURNS = np.array([2, 5])
+"""Where in a room ways to limits of position stand."""
+
+SPARED = np.where(np.isin(np.arange(ROOM), TURNS), 0.03, 1.2 * LEAST)
+"""What a search keeps, which looks a few millimetres apart. Where gripper poses that are kept are nearer to a limit of
+position, it goes as near as a motion may: most motions from such a pose first turn a joint a little farther."""
+
+WANTED = np.where(np.isin(np.arange(ROOM), TURNS), 0.06, 2 * LEAST)
+"""Room under which an optimisation pushes arms back."""
 
 DIFFERENCE = 1e-6
 """By which poses are changed for a slope [m, rad]."""
@@ -88,8 +92,10 @@ def free_arms(task: Draft, kept: Float[np.ndarray, "k 2 3"]) -> FreeArms | None:
                 limit, packed.capsules[arm])
         )  # fmt: skip
     arms: FreeArms = ((sides[0], sides[1]), packed.world, np.full(ROOM, -np.inf))
-    least = rooms(kept, arms).min(axis=0, initial=np.inf) - 1e-6
-    return (*arms[:2], np.minimum(SPARE * LEAST, least))
+    kept_room = rooms(kept, arms).min(axis=0, initial=np.inf) - 1e-6
+    least = np.minimum(SPARED, kept_room)
+    least[TURNS] = np.where(least[TURNS] < SPARED[TURNS], np.minimum(TURN, kept_room[TURNS]), least[TURNS])
+    return (*arms[:2], least)
 
 
 @kernel
