@@ -30,6 +30,7 @@ from cableway.records import Attempt, Plan, Verdict
 from cableway.robot.branches import NoMotion, arm_motion, common_ways, end_fault
 from cableway.robot.free_arms import LEAST, free_arms, rooms
 from cableway.robot.grasping import with_hands
+from cableway.scene.cell import Way
 from cableway.scene.task import Task
 from cableway.verification import verify_plan
 
@@ -73,8 +74,9 @@ class Search:
 
     Note:
         Plans are made for grippers first, and arms chosen that can follow. Where none can, arms are held to one choice
-        of branches after the other, and search and optimisation see them (`robot.free_arms`). Room beyond the margin
-        may lead grippers to where arms cannot; so less of it is tried before a new search.
+        of branches after the other, and search and optimisation see them (`robot.free_arms`); from the start where start
+        and goal leave one choice. Room beyond the margin may lead grippers to where arms cannot; so less of it is tried
+        before a new search.
     """
 
     def __init__(
@@ -84,7 +86,7 @@ class Search:
         seed: int,
         progress: Progress | None,
     ) -> None:
-        self.task, self.config, self.seed = task, config, seed
+        self.task, self.config, self.seed = _in_its_way(task), config, seed
         self.best: Attempt | None = None
         self.straight: Plan | None = None
         self._unfollowed: Float[np.ndarray, "t 2 3"] | None = None
@@ -173,19 +175,14 @@ class Search:
         """Searches that see the arms in one way of holding the cable each, those in which arms can be at most of some
         gripper poses [m, m, rad] first, and at which share; none where this one does."""
         assert self.task.cell is not None
-        if self.task.cell.way is not None:
-            return []
-        ways = common_ways(self.task, self.task.cell)
-        found: dict[Any, tuple[float, Search]] = {}
-        for way in () if isinstance(ways, NoMotion) else ways:
-            if (alike := (way.holders, way.branches)) in found:  # turns of tools hardly change where links are
-                continue
+        found: list[tuple[float, Search]] = []
+        for way in _distinct_ways(self.task) if self.task.cell.way is None else ():
             held = copy(self)
             held.task, held._tried = self.task.held(way), []
             arms = free_arms(held.task, poses[:0])
             assert arms is not None
-            found[alike] = float((rooms(poses, arms) >= LEAST).all(axis=1).mean()), held
-        return sorted(found.values(), key=lambda each: -each[0])[:WAYS]
+            found.append((float((rooms(poses, arms) >= LEAST).all(axis=1).mean()), held))
+        return sorted(found, key=lambda each: -each[0])[:WAYS]
 
     def _made_of(self, initial: InitialTrajectory, accept: Accept | None) -> Plan | Attempt:
         found = self._project(initial)
@@ -276,6 +273,25 @@ class Search:
     def _fail(self, attempt: Attempt) -> None:
         if self.best is None or _faults(attempt) < _faults(self.best):
             self.best = attempt
+
+
+def _distinct_ways(task: Task) -> list[Way]:
+    """The ways in which the arms of a cell can hold the cable at start and goal; of those that differ in the turns of
+    tools, which hardly change where links are, one."""
+    assert task.cell is not None
+    ways = common_ways(task, task.cell)
+    found: dict[Any, Way] = {}
+    for way in () if isinstance(ways, NoMotion) else ways:
+        found.setdefault((way.holders, way.branches), way)
+    return list(found.values())
+
+
+def _in_its_way(task: Task) -> Task:
+    """The task with its arms held to the only way in which they can hold the cable, where there is one only."""
+    if task.cell is None or task.cell.way is not None:
+        return task
+    ways = _distinct_ways(task)
+    return task.held(ways[0]) if len(ways) == 1 else task
 
 
 def _attempt(reason: str, plan: Plan, verdict: Verdict | None = None) -> Attempt:
