@@ -9,6 +9,7 @@ import cableway as cw
 from cableway.core.errors import PlanningError
 from cableway.motion.limits import Margins
 from cableway.motion.validity import FreeSpace
+from cableway.planning import candidates
 from cableway.planning.candidates import Search
 from cableway.planning.config import PlannerConfig
 from cableway.robot.branches import common_ways
@@ -94,5 +95,6 @@ def test_a_search_that_sees_the_arms_plans_what_they_cannot_follow_otherwise(
     assert arms is not None
     assert (rooms(plan.poses, arms) >= LEAST - 1e-9).all()
     monkeypatch.setattr(Search, "_held", lambda *_: [])
+    monkeypatch.setattr(candidates, "_in_its_way", lambda task: task)
     with pytest.raises(PlanningError, match="the arms come"):
         cw.plan(narrow, config=config)

@@ -74,8 +74,8 @@ class Search:
 
     Note:
         Plans are made for grippers first, and arms chosen that can follow. Where none can, arms are held to one choice
-        of branches after the other, and search and optimisation see them (`robot.free_arms`); from the start where start
-        and goal leave one choice. Room beyond the margin may lead grippers to where arms cannot; so less of it is tried
+        of branches after the other, and search and optimisation see them (`robot.free_arms`): at once where start and
+        goal leave one choice. Room beyond the margin may lead grippers to where arms cannot; so less of it is tried
         before a new search.
     """
 
