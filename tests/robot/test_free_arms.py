@@ -10,7 +10,7 @@ from cableway.core.errors import PlanningError
 from cableway.motion.limits import Margins
 from cableway.motion.validity import FreeSpace
 from cableway.planning import candidates
-from cableway.planning.candidates import Search
+from cableway.planning.candidates import SEEING, Search
 from cableway.planning.config import PlannerConfig
 from cableway.robot.branches import common_ways
 from cableway.robot.cell_kinematics import CellKinematics
@@ -87,7 +87,7 @@ def test_a_shape_is_free_only_where_the_arms_can_be(narrow: cw.Task):
 def test_a_search_that_sees_the_arms_plans_what_they_cannot_follow_otherwise(
     narrow: cw.Task, monkeypatch: pytest.MonkeyPatch
 ):
-    config = PlannerConfig(initial_trajectories=("corridor",))
+    config = PlannerConfig(initial_trajectories=SEEING)
     plan = cw.plan(narrow, config=config)
     way = Way.of_record(plan.metadata)
     assert way is not None
