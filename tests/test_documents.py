@@ -22,7 +22,7 @@ from cableway.cli.entry import DONE, FAILED, INTERRUPTED, WRONG_INPUT
 from cableway.datasets.recordings import Description
 from cableway.outcome import Outcome
 from cableway.scene.files.document import read_document
-from cableway.scene.files.loading import load_cell
+from cableway.scene.files.loading import load_cell, load_described_arms
 from cableway.scene.files.schema import GrippersSection, TaskFile, WorkspaceSection, validate
 from cableway.scene.grippers import Plug, Port
 from cableway.simulation.episodes import CollectionConfig
@@ -111,8 +111,8 @@ def whole_files() -> list[str]:
 
 
 def test_every_file_shown_can_be_read(tmp_path: Path):
-    """A task, which has a start, a collection, a recording, a cell, which has arms, or a plant, in space or not."""
-    path, tasks, plants, collections, recordings, cells, spatial = tmp_path / "shown.yaml", 0, 0, 0, 0, 0, 0
+    """A task, which has a start, a collection, a recording, a cell, arms, or a plant, in space or not."""
+    path, tasks, plants, collections, recordings, cells, arms, spatial = tmp_path / "shown.yaml", 0, 0, 0, 0, 0, 0, 0
     for block in whole_files():
         path.write_text(block)
         if "\nstart:" in block:
@@ -121,6 +121,8 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
             collections += Collect(config=path).configuration() != CollectionConfig()
         elif "\nfile:" in block:
             recordings += Path(validate(read_document(path), Description)["file"]).suffix == ".csv"
+        elif "frame: grasp" in block:
+            arms += len(load_described_arms(path).arms) == 2
         elif "\narms:" in block:
             cells += len(load_cell(path).arms) == 2
         elif "\nspatial:" in block:
@@ -129,8 +131,8 @@ def test_every_file_shown_can_be_read(tmp_path: Path):
             spatial += 1
         else:
             plants += read_perturbation(path, cableway.load_task("multi-obstacle-1")).cable != cableway.Cable()
-    assert tasks + plants + collections + recordings + cells + spatial == len(whole_files())
-    assert min(tasks, plants, collections, recordings, cells, spatial) > 0
+    assert tasks + plants + collections + recordings + cells + arms + spatial == len(whole_files())
+    assert min(tasks, plants, collections, recordings, cells, arms, spatial) > 0
 
 
 def blocks(page: str, first: str) -> list[str]:

@@ -146,15 +146,15 @@ def test_reading_the_task_counts_against_the_time_limit_but_not_compiling_kernel
     cableway: Command, moved_file: Path, monkeypatch: pytest.MonkeyPatch, compiling: bool
 ):
     """A file that takes longer to read than the limit leaves no time to search."""
-    load = TaskOptions.load
+    load, limit = TaskOptions.load, 1.5 if compiling else 0.2
 
     def slow(options: TaskOptions) -> Task:
         with compiled._BUSY if compiling else nullcontext():
-            time.sleep(1.6)
+            time.sleep(1.05 * limit)
         return load(options)
 
     monkeypatch.setattr(TaskOptions, "load", slow)
-    done = cableway("plan", moved_file, "--time-limit", "1.5", "--out", "o")
+    done = cableway("plan", moved_file, "--time-limit", limit, "--out", "o")
     assert done.status == (0 if compiling else 1)
     failure = report(Path("o")).get("failure")
     assert failure is None if compiling else failure.startswith("the time limit ran out")

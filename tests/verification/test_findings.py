@@ -21,6 +21,7 @@ ARMS = {
     *("gripper body clearance", "gripper body from the cable", "gripper bodies apart", "arms", "tool distance"),
     *("tool angle", "joint position", "joint speed", "arm clearance", "arm clearance from the table"),
     *("joint acceleration", "open hands", "open hand clearance", "hand clearance from the table"),
+    "joint position beyond its range",
 }
 """Of tasks with gripper bodies or arms."""
 
