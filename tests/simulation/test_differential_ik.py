@@ -79,6 +79,11 @@ def test_the_judge_sees_what_arms_touch(plan: cw.Plan, seven: Followed):
     shifted = [replace(solid, pose=_lifted(solid.pose, -0.45)) for solid in seven.chains[0].solids]
     sunk = replace(seven.chains[0], solids=tuple(shifted))
     assert "arm clearance from the table" in failing(replace(seven, chains=(sunk, seven.chains[1])), plan.poses)
+    first, further = seven.chains[0], np.zeros((4, 4))
+    further[:3, 3] = 0.02 * first.tip[:3, 2]
+    low = tuple(replace(each, pose=each.pose + further) if each.hand else each for each in first.solids)
+    reaching = replace(first, solids=low)
+    assert failing(replace(seven, chains=(reaching, seven.chains[1])), plan.poses) == {"hand clearance from the table"}
     same = replace(seven, joints=seven.joints[:, [0, 0]], chains=(seven.chains[0],) * 2)
     assert "arm clearance" in failing(same, plan.poses)
 

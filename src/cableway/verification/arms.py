@@ -25,7 +25,7 @@ from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.bodies import lift_of_hand
 from cableway.verification.geometry import pose_distance
 from cableway.verification.grasps import tool_poses
-from cableway.verification.spatial_distance import capsule, library, placed
+from cableway.verification.spatial_distance import capsule, library, nearest, placed
 
 STEP = 0.004
 """Greatest way [m] of an end of a capsule between two looks at the motion."""
@@ -267,22 +267,21 @@ def closest_pair(pairs: list[tuple[Solid, Solid]], at: Float[np.ndarray, "s"], s
     for a, b in pairs:
         (at_a, r_a), (at_b, r_b) = sphere(a), sphere(b)
         least.append(np.linalg.norm(at_a - at_b, axis=1) - r_a - r_b)
-    bounds = np.array(least)
     shapes = {id(solid): capsule(solid.ends[0], solid.radius) for pair in pairs for solid in pair}
     coal = library()
     request, result = coal.DistanceRequest(), coal.DistanceResult()
-    best, place, who = np.inf, 0.0, ""
-    for flat in np.argsort(bounds, axis=None):
-        pair, row = np.unravel_index(flat, bounds.shape)
-        if bounds[pair, row] >= best:
-            break
+
+    def gap(pair: int, row: int) -> float:
         a, b = pairs[pair]
         result.clear()
-        gap = coal.distance(shapes[id(a)], placed(a.ends[row]), shapes[id(b)], placed(b.ends[row]), request, result)
-        if gap < best:
-            best, place, who = float(gap), float(at[row]), f"{a.name} and {b.name if b.name != a.name else 'itself'}"
+        at_a, at_b = placed(a.ends[row]), placed(b.ends[row])
+        return float(coal.distance(shapes[id(a)], at_a, shapes[id(b)], at_b, request, result))
+
+    best, pair, row = nearest(np.array(least), gap)
+    a, b = pairs[pair]
+    who = f"{a.name} and {b.name if b.name != a.name else 'itself'}"
     value = best - step
-    return Check("arm clearance", value, "m", limit, value >= limit and value > 0, who, place)
+    return Check("arm clearance", value, "m", limit, value >= limit and value > 0, who, float(at[row]))
 
 
 def _lowest_finger(

@@ -7,6 +7,7 @@ what it may have come nearer in between is taken off the clearance.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any, NamedTuple
@@ -18,11 +19,12 @@ from scipy.spatial.transform import Rotation
 from cableway.core.extras import require
 from cableway.records import Check
 from cableway.scene.chains import Chain, ChainSolid
+from cableway.scene.gripper_bodies import ABOVE_TABLE
 from cableway.scene.spatial.obstacles import Prism
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.arms import CLEARANCE, FINEST, STEP, TIP, TIP_ANGLE, most
 from cableway.verification.geometry import pose_distance
-from cableway.verification.spatial_distance import between, hull, library, shape_of
+from cableway.verification.spatial_distance import between, hull, library, nearest, shape_of
 
 NEIGHBOURS = 2
 """Joints between two links of an arm whose solids may overlap, as those of neighbours do at their joint."""
@@ -47,8 +49,8 @@ def described_arm_checks(
 ) -> list[Check]:  # fmt: skip
     """Whether arms hold the grippers along a plan, within their joints' limits, and touch nothing.
 
-    Hands are compared with the other arm's links; with obstacles and the other hand only where grippers of the plan
-    have no body, which stands for them and is judged with the plan.
+    Hands are compared with the other arm's links and the table; with obstacles and the other hand only where grippers
+    of the plan have no body, which stands for them and is judged with the plan.
 
     Args:
         poses: Of the grippers [m, m, rad], a control step from row to row.
@@ -67,12 +69,16 @@ def described_arm_checks(
     dense = joints[row] + (looks - row)[:, None, None] * (joints[row + 1] - joints[row])
     arms, hands = [_placed(chain, dense[:, arm]) for arm, chain in enumerate(chains)], task.grippers.body is None
     step = max(_moves(each).max(initial=0.0) for arm in arms for each in arm)
-    standing = _standing(arms, chains, hands, task, obstacle_height)
+    table, *obstacles = _things(task, obstacle_height, len(looks))
+    standing = _among(arms, chains, lambda solid: not solid.hand and solid.link > 0, [table, *obstacles])
+    standing += _among(arms, chains, lambda solid: solid.hand and hands, obstacles)
+    low = _among(arms, chains, lambda solid: solid.hand, [table])  # which hands move along, so nothing is taken off
     return [
         *_tips(poses, dense, looks, chains, turns, task),
         *_limits(joints, chains),
-        _closest(_met(arms, chains, hands), looks, step, "arm clearance"),
-        _closest(standing, looks, step / 2, "arm clearance from the table"),
+        _closest("arm clearance", _met(arms, chains, hands), looks, step, CLEARANCE),
+        _closest("arm clearance from the table", standing, looks, step / 2, CLEARANCE),
+        _closest("hand clearance from the table", low, looks, 0.0, ABOVE_TABLE / 2),
     ]
 
 
@@ -174,42 +180,50 @@ def _met(arms: list[list[_Placed]], chains: tuple[Chain, Chain], hands: bool) ->
     return pairs
 
 
-def _standing(
-    arms: list[list[_Placed]], chains: tuple[Chain, Chain], hands: bool, task: Task, height: float | None
-) -> list[tuple[_Placed, _Placed]]:
-    """What could touch the table or an obstacle: links beyond the base, and hands, but not the table, if `hands`."""
-    coal, looks = library(), len(arms[0][0].poses)
-    table = np.eye(4)
-    table[2, 3] = -0.5
-    things = [_Placed("the table", coal.Box(10.0, 10.0, 1.0), table[None].repeat(looks, 0), np.zeros((looks, 3)), 10.0)]
+def _things(task: Task, height: float | None, looks: int) -> list[_Placed]:
+    """The table, and what stands on it."""
+    pose = np.eye(4)
+    pose[2, 3] = -0.5
+    things = [_still("the table", library().Box(10.0, 10.0, 1.0), pose, np.zeros(3), 10.0, looks)]
     for index, obstacle in enumerate(task.scene.obstacles):
         stated = height if obstacle.height is None else obstacle.height
         shape = shape_of(Prism(section=replace(obstacle, height=stated)), ABOVE)
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = shape.place.getRotation(), shape.place.getTranslation()
         middle, radius = (shape.low + shape.high) / 2, float(np.linalg.norm(shape.high - shape.low) / 2)
-        poses, middles = pose[None].repeat(looks, 0), middle[None].repeat(looks, 0)
-        things.append(_Placed(task.scene.name_of(index), shape.solid, poses, middles, radius))
-    pairs = []
-    for arm, chain in zip(arms, chains, strict=True):
-        for each, solid in zip(arm, chain.solids, strict=True):
-            met = (things[1:] if hands else []) if solid.hand else things if solid.link > 0 else []
-            pairs += [(each, thing) for thing in met]
-    return pairs
+        things.append(_still(task.scene.name_of(index), shape.solid, pose, middle, radius, looks))
+    return things
 
 
-def _closest(pairs: list[tuple[_Placed, _Placed]], looks: Float[np.ndarray, "s"], step: float, name: str) -> Check:
-    """Least clearance of pairs, nearest by their balls first, until none can be nearer."""
-    coal = library()
-    bounds = np.array([np.linalg.norm(a.middle - b.middle, axis=1) - a.radius - b.radius for a, b in pairs])
-    best, place, who = np.inf, 0.0, ""
-    for flat in np.argsort(bounds, axis=None):
-        pair, row = np.unravel_index(flat, bounds.shape)
-        if bounds[pair, row] >= best:
-            break
+def _still(
+    name: str, shape: Any, pose: Float[np.ndarray, "4 4"], middle: Float[np.ndarray, "3"], radius: float, looks: int
+) -> _Placed:
+    return _Placed(name, shape, pose[None].repeat(looks, 0), middle[None].repeat(looks, 0), radius)
+
+
+def _among(
+    arms: list[list[_Placed]], chains: tuple[Chain, Chain], which: Callable[[ChainSolid], bool], things: list[_Placed]
+) -> list[tuple[_Placed, _Placed]]:
+    """Each of the solids that could touch some things, with each of these."""
+    solids = [pair for arm, chain in zip(arms, chains, strict=True) for pair in zip(arm, chain.solids, strict=True)]
+    return [(each, thing) for each, solid in solids if which(solid) for thing in things]
+
+
+def _closest(
+    name: str, pairs: list[tuple[_Placed, _Placed]], looks: Float[np.ndarray, "s"], step: float, limit: float
+) -> Check:
+    """Least clearance of pairs, less what they may come nearer between looks."""
+    if not pairs:
+        return most(name, np.zeros(0), "m", limit, np.zeros(0))
+    transform = library().Transform3s
+
+    def gap(pair: int, row: int) -> float:
         a, b = pairs[pair]
-        at_a, at_b = (coal.Transform3s(each.poses[row, :3, :3], each.poses[row, :3, 3]) for each in (a, b))
-        if (gap := between(a.shape, at_a, b.shape, at_b)) < best:
-            best, place, who = gap, float(looks[row]), f"{a.name} and {b.name}"
-    value = best - step
-    return Check(name, value, "m", CLEARANCE, value >= CLEARANCE and value > 0, who, place)
+        at_a, at_b = (transform(each.poses[row, :3, :3], each.poses[row, :3, 3]) for each in (a, b))
+        return between(a.shape, at_a, b.shape, at_b)
+
+    bounds = np.array([np.linalg.norm(a.middle - b.middle, axis=1) - a.radius - b.radius for a, b in pairs])
+    least, pair, row = nearest(bounds, gap)
+    a, b = pairs[pair]
+    value = least - step
+    return Check(name, value, "m", limit, value >= limit and value > 0, f"{a.name} and {b.name}", float(looks[row]))

@@ -6,6 +6,7 @@ Obstacles become Coal's own shapes, from the records of the scene; nothing is sh
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -244,3 +245,18 @@ def between(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
     """Distance [m] of two shapes, negative by their depth."""
     coal = library()
     return float(coal.distance(a, at_a, b, at_b, coal.DistanceRequest(), coal.DistanceResult()))
+
+
+def nearest(bounds: Float[np.ndarray, "pairs rows"], gap: Callable[[int, int], float]) -> tuple[float, int, int]:
+    """The least distance [m] of pairs in rows, with the pair and the row, where `bounds` [m] are below each.
+
+    Pairs are measured by their bounds, least first, until none can be nearer.
+    """
+    best, at = np.inf, (0, 0)
+    for flat in np.argsort(bounds, axis=None):
+        pair, row = (int(each) for each in np.unravel_index(flat, bounds.shape))
+        if bounds[pair, row] >= best:
+            break
+        if (found := gap(pair, row)) < best:
+            best, at = found, (pair, row)
+    return float(best), *at
