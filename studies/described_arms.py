@@ -24,7 +24,7 @@ from cableway.core.errors import CablewayError
 from cableway.robot.branches import ArmMotion, arm_motion
 from cableway.scene.cell import CELLS
 from cableway.scene.described_arms import DescribedArms
-from cableway.scene.files.loading import load_described_arms
+from cableway.scene.files.described_arms import load_described_arms
 from cableway.workflow.described_arms import follow_plan
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "arms" / "two-arms.yaml"

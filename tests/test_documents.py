@@ -21,8 +21,9 @@ from cableway.cli.collect import Collect
 from cableway.cli.entry import DONE, FAILED, INTERRUPTED, WRONG_INPUT
 from cableway.datasets.recordings import Description
 from cableway.outcome import Outcome
+from cableway.scene.files.described_arms import load_described_arms
 from cableway.scene.files.document import read_document
-from cableway.scene.files.loading import load_cell, load_described_arms
+from cableway.scene.files.loading import load_cell
 from cableway.scene.files.schema import GrippersSection, TaskFile, WorkspaceSection, validate
 from cableway.scene.grippers import Plug, Port
 from cableway.simulation.episodes import CollectionConfig

@@ -16,7 +16,7 @@ from cableway.geometry.se2 import wrap_angle
 from cableway.records import Rollout
 from cableway.robot.cell_kinematics import CellKinematics
 from cableway.scene.cell import CELLS, Way
-from cableway.scene.files.loading import load_described_arms
+from cableway.scene.files.described_arms import load_described_arms
 from cableway.simulation import differential_ik
 from cableway.simulation.differential_ik import Followed, follow
 from cableway.verification.described_arms import described_arm_checks

@@ -75,7 +75,7 @@ class Export(Options):
         """Carry the command out and return its exit status."""
         if self.format in DATA:
             return export_data(self, self.format)
-        from cableway.scene.files.loading import load_described_arms
+        from cableway.scene.files.described_arms import load_described_arms
         from cableway.workflow.reading import read_record
         from cableway.workflow.trajectory import Trajectory
 

@@ -122,10 +122,7 @@ class _Stuck(NamedTuple):
     reason: str
 
 
-def follow(
-    plan: Plan, task: Task, arms: DescribedArms, accept: Callable[[Followed], str] = lambda _: "",
-    progress: Callable[[float], None] = lambda _: None,
-) -> Followed:  # fmt: skip
+def follow(plan: Plan, task: Task, arms: DescribedArms, accept: Callable[[Followed], str] = lambda _: "") -> Followed:
     """The joints of two arms along the gripper poses of a plan, a control step from row to row.
 
     Args:
@@ -133,7 +130,6 @@ def follow(
         task: The task that it is of.
         arms: The arms.
         accept: Says what is wrong with a motion, "" if nothing; where something is, others are tried.
-        progress: Called with the share of the plan that the arms came along.
 
     Raises:
         FileFormatError: A file of an arm cannot be read, or is of no arm with hinges.
@@ -146,7 +142,7 @@ def follow(
     for tried, hold in enumerate(robot.holds(plan.poses[0])):
         if tried >= TRIES:
             break
-        found = robot.along(plan.poses, hold, progress)
+        found = robot.along(plan.poses, hold)
         if not isinstance(found, _Stuck):
             followed = robot.followed(found, hold)
             if not (fault := accept(followed)):
@@ -207,9 +203,7 @@ class _Robot:
             ranked += enumerate(sorted(ways, key=lambda way: -way.clearance))
         yield from (way for _, way in sorted(ranked, key=lambda pair: (pair[0], -pair[1].clearance)))
 
-    def along(
-        self, poses: Float[np.ndarray, "t 2 3"], hold: _Hold, progress: Callable[[float], None]
-    ) -> Float[np.ndarray, "t n"] | _Stuck:
+    def along(self, poses: Float[np.ndarray, "t 2 3"], hold: _Hold) -> Float[np.ndarray, "t n"] | _Stuck:
         """Positions of all joints [rad] from one way to hold the first poses on; or where it ends."""
         import mink
 
@@ -226,7 +220,6 @@ class _Robot:
             if not self._settle(configuration, [*tasks, posture], tasks, self._limits, CONTROL_STEP / STEPS, STEPS):
                 return _Stuck(row, self._why(poses[row], rows[row - 1], configuration.q))
             rows[row] = configuration.q
-            progress(row / (len(poses) - 1))
         return rows
 
     def followed(self, rows: Float[np.ndarray, "t n"], hold: _Hold) -> Followed:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +17,7 @@ from cableway.simulation.differential_ik import Followed, follow
 from cableway.verification.described_arms import described_arm_checks
 
 
-def follow_plan(
-    record: Plan | Rollout, task: Task, arms: DescribedArms, source: str = "the record",
-    progress: Callable[[float], None] = lambda _: None,
-) -> Followed:  # fmt: skip
+def follow_plan(record: Plan | Rollout, task: Task, arms: DescribedArms, source: str = "the record") -> Followed:
     """The joints of two arms along a plan, which other code finds within their limits and touching nothing.
 
     Args:
@@ -29,7 +25,6 @@ def follow_plan(
         task: The task that it is of.
         arms: The arms.
         source: What the plan is called in errors.
-        progress: Called with the share of the plan that the arms came along.
 
     Raises:
         InputError: It is no plan, or the task has arms of its own.
@@ -51,7 +46,7 @@ def follow_plan(
                 return str(faults[0])
         return ""
 
-    return follow(record, task, arms, fault, progress)
+    return follow(record, task, arms, fault)
 
 
 def arms_header(followed: Followed, arms: DescribedArms) -> dict[str, Any]:

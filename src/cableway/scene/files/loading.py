@@ -13,17 +13,16 @@ from typing import Any
 import numpy as np
 
 from cableway.core.checks import shown
-from cableway.core.errors import InputError, Place, TaskError, UnknownNameError
+from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.rod.inverse import shape_between
 from cableway.scene import checks
 from cableway.scene.arm_models import Capsule
 from cableway.scene.cable import Cable
 from cableway.scene.cell import CELLS, Cell, MountedArm
-from cableway.scene.described_arms import DescribedArm, DescribedArms
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
-from cableway.scene.files.schema import CellFile, DescribedArmsFile, planar_obstacle, validate, with_steps
+from cableway.scene.files.schema import CellFile, planar_obstacle, validate, with_steps
 from cableway.scene.files.spatial import SpatialTaskFile, is_spatial, spatial_task
 from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.grippers import Grippers, Plug, Port
@@ -232,29 +231,6 @@ def load_cell(source: str | os.PathLike[str]) -> Cell:
         return _cell({key: value for key, value in content.items() if key not in ("cableway", "units", "angles")})
     except TaskError as error:
         raise document.locate(TaskError(error.problem, error.place[1:])) from None
-
-
-def load_described_arms(path: str | os.PathLike[str]) -> DescribedArms:
-    """The arms of a YAML file; files that it names are found beside it.
-
-    Raises:
-        TaskError: The file is not one of arms; the message has the place.
-        FileFormatError: It cannot be read.
-    """
-    path = Path(path)
-    document = read_document(path)
-    content = validate(document, DescribedArmsFile)
-    place: Place = ()
-    try:
-        arms = []
-        for index, section in enumerate(content["arms"]):
-            place = ("arms", index)
-            arms.append(DescribedArm(**{**section, "model": str(path.parent / section["model"])}))
-        place = ()
-        given = {key: value for key, value in content.items() if key not in ("cableway", "units", "angles")}
-        return DescribedArms(**{**given, "arms": tuple(arms)})
-    except TaskError as error:
-        raise document.locate(error.within(*place)) from None
 
 
 def named_cell(name: str) -> Cell:

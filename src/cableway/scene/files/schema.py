@@ -17,7 +17,6 @@ from cableway.scene import checks
 from cableway.scene.cable import Cable
 from cableway.scene.cell import CELLS, TOOLS, MountedArm
 from cableway.scene.checks import AngleUnit, LengthUnit, Quantity
-from cableway.scene.described_arms import CLEARANCE, DescribedArm, DescribedArms
 from cableway.scene.files.document import Document
 from cableway.scene.gripper_bodies import GRIPPER_BODIES, Tilt
 from cableway.scene.gripper_bodies import Height as Level
@@ -125,25 +124,6 @@ class TaskFile:
 @dataclass(frozen=True)
 class CellFile(CellSection):
     """All keys of a file with a cell."""
-
-    cableway: Annotated[int, f"the format version, {FORMAT_VERSION}"]
-    units: Annotated[LengthUnit, "m, cm or mm"] = field(default="m", kw_only=True)
-    angles: Annotated[AngleUnit, "rad or deg"] = field(default="rad", kw_only=True)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DescribedArmsSection:
-    """What a file with arms of any kind says of them."""
-
-    name: Annotated[str, "a short text"]
-    arms: Annotated[list[DescribedArm], "a list of two arms"]
-    clearance: Annotated[float, "a length", CLEARANCE] = DescribedArms.clearance
-    obstacle_height: Height = None
-
-
-@dataclass(frozen=True)
-class DescribedArmsFile(DescribedArmsSection):
-    """All keys of that file."""
 
     cableway: Annotated[int, f"the format version, {FORMAT_VERSION}"]
     units: Annotated[LengthUnit, "m, cm or mm"] = field(default="m", kw_only=True)
