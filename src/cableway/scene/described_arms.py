@@ -20,7 +20,7 @@ from cableway.scene.obstacles import Height
 from cableway.scene.scene import Scene
 
 SPEED = Quantity("rad/s", 1e-3, 30.0)
-CLEARANCE = Quantity("m", 0.005, 0.1)
+CLEARANCE = Quantity("m", 0.005, 0.04)
 
 
 @dataclass(frozen=True, kw_only=True)

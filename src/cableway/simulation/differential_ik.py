@@ -64,7 +64,7 @@ SPARE = 1e-3
 """What links keep beyond their clearance [m], as a linear program lets them come nearer between its steps."""
 
 FAR = 0.05
-"""Distance [m] from which on pairs are not measured."""
+"""Distance [m] from which on pairs are not measured: more than any clearance that a file may ask for."""
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
