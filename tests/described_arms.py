@@ -52,7 +52,8 @@ def ur5e_mjcf(hand: str = HAND) -> str:
     tool = f'<body name="hand">{hand}<site name="grasp" pos="0 0 {REACH}"/></body>'
     base = '<geom type="cylinder" size="0.07 0.04" pos="0 0 0.04"/>'
     body = f'<body name="base">{base}{"".join(opened)}{tool}{"".join(closed)}</body>'
-    return f'<mujoco><compiler angle="radian"/><worldbody>{body}</worldbody></mujoco>'
+    options = '<compiler angle="radian"/><option cone="elliptic" impratio="10"/>'  # which other models do not have
+    return f"<mujoco>{options}<worldbody>{body}</worldbody></mujoco>"
 
 
 SEVEN = (Path(__file__).parents[1] / "examples" / "arms" / "seven-joints.xml").read_text()

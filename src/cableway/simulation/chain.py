@@ -10,8 +10,6 @@ over the hinges to the right end, N + 2 vertices.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -24,7 +22,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.scene import Scene
 from cableway.simulation.links import link_lengths, middle_link
 from cableway.simulation.model import build_model
-from cableway.simulation.surroundings import gripper_bodies
+from cableway.simulation.surroundings import collected_warnings, gripper_bodies
 
 SETTLED = 1e-6
 """Motion [m] of the centreline in `SETTLING_BLOCK` below which a cable counts as at rest."""
@@ -171,15 +169,3 @@ def chain_coordinates(rod: PlanarRod, q: Float[np.ndarray, "6"]) -> Float[np.nda
     middle = middle_link(rod)
     angle = angles[0] + bends[:middle].sum()
     return np.concatenate([stations[0, 2 * middle - 1], [angle], bends[middle:], -bends[:middle][::-1]])
-
-
-@contextmanager
-def collected_warnings() -> Iterator[list[str]]:
-    """MuJoCo's warnings as a list, where it would otherwise write them to a file in the working directory."""
-    messages: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(messages.append)
-    try:
-        yield messages
-    finally:
-        mujoco.set_mju_user_warning(before)

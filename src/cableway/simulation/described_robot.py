@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from itertools import combinations
+from warnings import catch_warnings
 
 import mujoco
 import numpy as np
@@ -22,7 +23,7 @@ from cableway.scene.cell import ARMS
 from cableway.scene.chains import Chain, ChainJoint, ChainSolid, Kind
 from cableway.scene.described_arms import DescribedArm, DescribedArms
 from cableway.scene.task import Task
-from cableway.simulation.surroundings import add_obstacle
+from cableway.simulation.surroundings import add_obstacle, collected_warnings
 
 NEIGHBOURS = 2
 """Joints between two links of an arm that are not kept apart: shapes of neighbours overlap at their joint."""
@@ -70,12 +71,14 @@ class DescribedRobot:
             stated = arms.obstacle_height if obstacle.height is None else obstacle.height
             top = UNLIMITED if stated is None else stated
             add_obstacle(spec, obstacle, (0.0, top), mujoco.mjtGeom.mjGEOM_CYLINDER, name=f"obstacles[{index}]")
-        for index, arm in enumerate(arms.arms):
-            _attach(spec, arm, index, arm.base(task.scene))
-        try:
-            self.model = spec.compile()
-        except ValueError as error:
-            raise FileFormatError(f"{arms.name}: the arms make no model: {one_line(error)}") from None
+        # MuJoCo warns, in two ways, that options of the files' dynamics differ, which nothing here uses
+        with collected_warnings(), catch_warnings(action="ignore"):
+            for index, arm in enumerate(arms.arms):
+                _attach(spec, arm, index, arm.base(task.scene))
+            try:
+                self.model = spec.compile()
+            except ValueError as error:
+                raise FileFormatError(f"{arms.name}: the arms make no model: {one_line(error)}") from None
         self.data = mujoco.MjData(self.model)
         self.frames = [self._frame(index, arm) for index, arm in enumerate(arms.arms)]
         self.chained = [self._joints(index, arm) for index, arm in enumerate(arms.arms)]

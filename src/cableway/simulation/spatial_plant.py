@@ -36,7 +36,6 @@ from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Spher
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
-from cableway.simulation.chain import collected_warnings
 from cableway.simulation.drives import NAMES
 from cableway.simulation.spatial_chain import SpatialChain
 from cableway.simulation.surroundings import (
@@ -47,6 +46,7 @@ from cableway.simulation.surroundings import (
     add_hull,
     add_obstacle,
     add_plane,
+    collected_warnings,
     hold,
 )
 

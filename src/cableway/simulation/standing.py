@@ -24,7 +24,7 @@ from cableway.core.xml import read_xml
 from cableway.drawings.curves import arc_steps
 from cableway.drawings.records import Drawing, LeftOut, Outline, circle_outline, require_points
 from cableway.scene.obstacles import MINIMUM_AREA
-from cableway.simulation.chain import collected_warnings
+from cableway.simulation.surroundings import collected_warnings
 
 READ = {
     "mujoco": ("compiler", "default", "asset", "worldbody"),

@@ -1,11 +1,12 @@
-"""What the plants' MuJoCo models have in common: obstacles, walls, grippers, and turns about the vertical."""
+"""What MuJoCo models have in common: obstacles, walls, grippers, turns about the vertical, and where warnings go."""
 
 # MuJoCo's bindings are compiled and carry no type information
 # pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import mujoco
@@ -125,3 +126,15 @@ def turned(angles: Float[np.ndarray, "..."]) -> Float[np.ndarray, "... 4"]:
     """Quaternions of turns about the vertical."""
     half, zero = angles / 2, np.zeros_like(angles)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+
+
+@contextmanager
+def collected_warnings() -> Iterator[list[str]]:
+    """MuJoCo's warnings as a list, where it would otherwise write them to a file in the working directory."""
+    messages: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(messages.append)
+    try:
+        yield messages
+    finally:
+        mujoco.set_mju_user_warning(before)

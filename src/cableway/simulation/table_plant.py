@@ -36,7 +36,6 @@ from cableway.scene.cable import Cable
 from cableway.scene.clearance import pieces_clearance
 from cableway.scene.scene import Scene
 from cableway.scene.task import CONTROL_STEP, Task
-from cableway.simulation.chain import collected_warnings
 from cableway.simulation.drives import NAMES, FreeGrippers, GripperDrive
 from cableway.simulation.perturbations.grasp import GraspConfig
 from cableway.simulation.plant import PlantConfig, checked_action, nearest_start
@@ -49,6 +48,7 @@ from cableway.simulation.surroundings import (
     add_clip,
     add_plane,
     add_scene,
+    collected_warnings,
     hold,
     turned,
 )
