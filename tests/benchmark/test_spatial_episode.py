@@ -62,7 +62,7 @@ def test_an_episode_that_died_is_drawn():
 
 
 def test_methods_and_options_of_the_table_alone_are_refused():
-    with pytest.raises(UnknownNameError, match="method in space 'broyden'; known: cableway, open-loop, rod-jacobian"):
+    with pytest.raises(UnknownNameError, match="method in space 'broyden'; known: cableway, open-loop, rod-jacobian,"):
         jobs_of("broyden", [EPISODE])
     with pytest.raises(InputError, match="no deadline of control steps yet"):
         jobs_of("cableway", [EPISODE], deadline=0.1)

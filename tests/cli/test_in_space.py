@@ -78,7 +78,7 @@ def test_a_cable_is_planned_led_and_checked_in_space(cableway: Command, tmp_path
     [
         (("--plant", "package.module:Mine"), "in space the plant is the simulated one; give a YAML file"),
         (("--cell", "dual-ur5e", "--camera", "front"), "no --cell, --camera yet"),
-        (("--controller", "rod-mpc"), "open-loop, rod-jacobian"),
+        (("--controller", "broyden"), "open-loop, rod-jacobian, rod-mpc"),
     ],
 )
 def test_what_there_is_not_in_space_is_refused(cableway: Command, ball: Path, given: tuple[str, ...], words: str):

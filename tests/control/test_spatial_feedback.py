@@ -9,10 +9,14 @@ import pytest
 from spatial_problems import HANGING, ball_task
 
 from cableway.control.base import Status
-from cableway.control.spatial_feedback import BLIND_STEPS, SpatialFeedback, SpatialFeedbackConfig, within_limits
+from cableway.control.spatial_feedback import SpatialFeedback, SpatialFeedbackConfig
+from cableway.control.spatial_following import BLIND_STEPS, kept_clear, within_limits
+from cableway.control.spatial_mpc import SpatialMPC, SpatialMPCConfig
 from cableway.core.errors import InputError, SimulationError, UnknownNameError
 from cableway.geometry.groups import SE3
+from cableway.motion.spatial import SpatialProblem
 from cableway.records import Measurement, Observation, Plan
+from cableway.scene.spatial.obstacles import Sphere
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.simulation.spatial_plant import SAME, SpatialConfig
 from cableway.tracking.spatial_loop import track_in_space
@@ -32,16 +36,44 @@ def test_a_perturbed_cable_comes_nearer_to_the_goal_with_feedback():
     off = SpatialPerturbation.drawn(TASK, 3)
     off = replace(off, config=replace(off.config, links=21))
     errors = []
-    for controller in ("open-loop", "rod-jacobian"):
+    for controller in ("open-loop", "rod-jacobian", "rod-mpc"):
         rollout, verdict, outcome, _ = follow_in_space(
             TASK, straight(), controller=controller, perturbation=off, seed=1
         )
         assert rollout is not None
         errors.append(rollout.shape_error(TASK.keypoints("goal")))
-    assert errors[1] < 0.5 * errors[0]
-    assert verdict is not None
-    assert verdict.passed
-    assert outcome == "success"
+        assert verdict is not None
+        assert verdict.passed
+        assert outcome == "success"
+    assert max(errors[1:]) < 0.5 * errors[0]
+
+
+def test_a_cable_is_led_round_what_its_plan_grazes():
+    """The ball is where the straight way would touch it; feedback alone follows the plan into it."""
+    under = float(HANGING[2]) - TASK.cable.radius - 0.0305
+    ball = Sphere(center=(0.4, 0.4, under), radius=0.03)
+    grazed = replace(TASK, scene=replace(TASK.scene, obstacles=(ball,)))
+    nothing, clearances = SpatialPerturbation(config=SpatialConfig(links=21)), []
+    for controller in ("rod-jacobian", "rod-mpc"):
+        rollout, *_ = follow_in_space(grazed, straight(), controller=controller, perturbation=nothing)
+        assert rollout is not None
+        clearances.append(rollout.least_clearance)
+    assert clearances[1] > clearances[0] + 0.002
+
+
+def test_what_no_rod_explains_is_left_to_the_nominal_one():
+    plan, controllers = (
+        straight(),
+        (SpatialMPC(SpatialMPCConfig(hold=0.0)), SpatialFeedback(SpatialFeedbackConfig(hold=0.0))),
+    )
+    torn = SE3.plus(plan.poses[0], np.array([[0.0, -0.2, 0, 0, 0, 0], [0, 0.2, 0, 0, 0, 0]]))
+    said, actions = [], []
+    for controller in controllers:
+        action, state = controller.step(controller.init(TASK, plan), Observation(0.0, plan.shapes[0], torn))
+        said.append(state.status)
+        actions.append(action)
+    assert said == [Status.NOMINAL, Status.TRACKING]
+    np.testing.assert_allclose(*actions)
 
 
 def test_the_tasks_cable_held_askew_begins_in_another_shape_and_is_judged_so():
@@ -89,8 +121,8 @@ def test_a_plant_that_cannot_start_or_fails_on_the_way_is_said():
     rollout, _, outcome, why = follow_in_space(TASK, straight(), perturbation=short)
     assert (rollout, outcome) == (None, "plant failed")
     assert "no stable shape" in why
-    with pytest.raises(UnknownNameError, match="rod-mpc"):
-        follow_in_space(TASK, straight(), controller="rod-mpc")
+    with pytest.raises(UnknownNameError, match="rod-jacobian, rod-mpc"):
+        follow_in_space(TASK, straight(), controller="broyden")
 
     class Failing:
         control_step = 0.1
@@ -121,6 +153,20 @@ def test_actions_keep_the_limits_and_do_not_pull_the_cable_taut():
     kept = within_limits(pulled, poses, TASK.grippers, span + 0.001)
     np.testing.assert_allclose(kept[:, :3], np.tile([0.0, 0.0, 0.002], (2, 1)), atol=1e-12)
     assert not within_limits(np.full((2, 6), np.nan), poses, TASK.grippers, 1.0).any()
+
+
+def test_hands_are_not_led_into_what_stands_there():
+    poses = TASK.gripper_poses("start")
+    beside = Sphere(center=tuple(poses[0, :3] + [0.05, 0.0, 0.0]), radius=0.02)
+    problem = SpatialProblem.of(replace(TASK, scene=replace(TASK.scene, obstacles=(beside,))))
+    ahead = np.zeros((2, 6))
+    ahead[:, 0] = 0.02
+    room = 0.03 - TASK.grippers.radius
+    kept = kept_clear(ahead, poses, problem)
+    assert 0 < kept[0, 0] <= room + 1e-9
+    np.testing.assert_allclose(kept_clear(-ahead, poses, problem), -ahead)
+    inside = SE3.plus(poses, 2 * ahead)
+    assert not kept_clear(ahead, inside, problem).any()
 
 
 def test_without_keypoints_the_plan_goes_on_for_a_second_and_then_stops():

@@ -15,11 +15,11 @@ import cableway as cw
 from cableway.core.errors import PlanningError
 from cableway.core.time_limit import OutOfTime, time_limit
 from cableway.motion import time_parametrization
+from cableway.motion.banded_least_squares import squared_differences
 from cableway.motion.interpolation import MOST_STATIONS, evenly_moved
 from cableway.motion.time_parametrization import MOST_ROWS, require_rows, with_ramps
 from cableway.outcome import Outcome
 from cableway.planning import candidates, rrt_connect
-from cableway.planning.banded_least_squares import squared_differences
 from cableway.planning.config import PivotConfig
 from cableway.planning.projection import USUAL_RAMPS, ProjectedTrajectory, ProjectionConfig, project
 from cableway.planning.routes import pivot_grid

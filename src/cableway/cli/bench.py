@@ -40,7 +40,7 @@ class Bench(EpisodeOptions):
     clutter, dense, corridors, mazes, sensing, unconstrained, blocked. Suites that judge controllers: plants,
     plants-rough, table, limp, faults, cell, eyes, paper-cell, lengths, lab-constrained, lab-unconstrained,
     lab-drawn. In space, and not among all: space-clutter, space-dense, windows, yu, extruded, lift, with the
-    methods cableway, rod-jacobian and open-loop."""
+    methods cableway (rod-mpc), rod-jacobian and open-loop."""
 
     size: Annotated[str, tyro.conf.arg(metavar="{quick,standard,full}")] = "quick"
     """How many episodes of each suite."""

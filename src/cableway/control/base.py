@@ -36,6 +36,8 @@ class Status(StrEnum):
     """Too many such observations in a row, or gripper poses unknown; the grippers stand still."""
     UNEXPLAINED = "unexplained: stopped"
     """The model cannot be held as the grippers hold the cable; they stand still until it can."""
+    NOMINAL = "unexplained: nominal rod"
+    """The model cannot be held as the grippers hold the cable; the action is feedback by the nominal one."""
     FAILED = "solver failed: feedforward"
     """The computation gave numbers that are not finite; the plan's gripper motion went on."""
 

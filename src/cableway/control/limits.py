@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from cableway.estimation.rod_filter import MET
+from cableway.estimation.parameter_filter import MET
 from cableway.geometry.groups import SE2
 from cableway.motion.validity import gripper_spans
 from cableway.robot.held_arms import HANDS, HeldArms

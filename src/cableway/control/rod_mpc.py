@@ -39,7 +39,8 @@ from cableway.control.following import LEAST_RATE
 from cableway.control.limits import span_limit, within_limits
 from cableway.core.checks import Checked, NotNegative, Positive
 from cableway.core.deprecation import renamed_keywords
-from cableway.estimation.rod_filter import MET, EstimatorConfig
+from cableway.estimation.parameter_filter import MET
+from cableway.estimation.rod_filter import EstimatorConfig
 from cableway.motion.interpolation import rows_at
 from cableway.motion.limits import BodyMeetings, BodyPoints
 from cableway.motion.time_parametrization import gripper_effort

@@ -1,23 +1,11 @@
-"""The rod filter: estimates a few parameters of the rod while it moves, and the output offset they leave unexplained.
+"""The rod filter: estimates a few parameters of the rod in the plane, those of `cableway.rod.material`.
 
-An observation is predicted as the equilibrium of the adapted rod (`cableway.rod.material`) between the grippers as
-they were when it was taken, h(theta) = s(q(theta); theta): between gripper poses y with grasps g its shape q solves
-e(q; theta) = y o g for the end poses e, so that ::
-
-    dh/dtheta = ds/dtheta - ds/dq (de/dq)^-1 (de/dtheta - d(y o g)/dtheta).
-
-The parameters drift towards their prior (theta_0, P_0) as an Ornstein-Uhlenbeck process, so that no unobservable one
-runs away: with rho = e^(-dt/T), theta <- theta_0 + rho (theta - theta_0) and P <- rho^2 P + (1 - rho^2) P_0. An
-extended Kalman filter corrects them by what was measured. Keypoints far from their prediction count less (Huber 1964,
-"Robust estimation of a location parameter"), missing ones not at all. What remains of the difference, low-pass
-filtered, is the output offset.
+`cableway.estimation.parameter_filter` says how.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -25,31 +13,11 @@ from jaxtyping import Float
 
 from cableway.core.checks import Bounds, Checked, NotNegative, Share
 from cableway.estimation import rod_kernels
-from cableway.estimation.surprise import Surprise
-from cableway.records import Estimate
+from cableway.estimation.parameter_filter import MET, ParameterEstimate, ParameterFilter, Prediction
 from cableway.rod import material
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.material import CURVATURE, GRASPS, LENGTH, PARAMETERS, ROD, STIFFNESS
 from cableway.rod.planar import PlanarRod
-
-MET = 1e-3
-"""Residual of the ends, in lengths and radians, up to which the rod is held as it should be."""
-
-HALVINGS = 6
-"""Shorter corrections tried where the corrected rod cannot be held by its grippers."""
-
-LONGER = (1.0025, 1.005, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1)
-"""Lengths tried, in estimated ones, where the rod is too short for the grippers that hold the cable: no more than it
-takes, for what is taken to be longer than it is will be pulled taut."""
-
-LONGEST = 1.1
-"""In nominal lengths, what a cable may turn out to be."""
-
-FAR_OFF = 0.03
-"""Distance [m] of a keypoint from where the latency tried would have it, beyond which it says no more about it."""
-
-JUMP = 0.015
-"""Mean distance [m] of the keypoints from their prediction from which the cable may have jumped to another shape."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,210 +66,32 @@ class EstimatorConfig(Checked):
 
 
 @dataclass(frozen=True)
-class RodEstimate:
-    """An estimate of the filter.
-
-    Attributes:
-        theta: (p,) parameters, see `cableway.rod.material`.
-        covariance: (p, p) of theta, in units of its prior.
-        q: (d,) shape last predicted.
-        offset: (n, 2) [m] what the prediction is short of.
-        surprise: What it leaves unexplained.
-        updates: Observations that it is made of.
-    """
-
-    theta: Float[np.ndarray, "p"]
-    covariance: Float[np.ndarray, "p p"]
-    q: Float[np.ndarray, "d"]
-    offset: Float[np.ndarray, "n 2"]
-    surprise: Surprise
-    updates: int = 0
-
-    @property
-    def length(self) -> float:
-        """Of the cable [m]."""
-        return float(self.theta[LENGTH])
+class RodEstimate(ParameterEstimate):
+    """An estimate of a rod in the plane; theta is laid out as in `cableway.rod.material`."""
 
     @property
     def grasps(self) -> Float[np.ndarray, "2 3"]:
-        """Poses of the cable's ends in the frames of the grippers."""
+        """See `ParameterEstimate.grasps`."""
         return self.theta[GRASPS].reshape(2, -1)
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """Shape q (d,), keypoints (n, 2) or other stations, their derivative by theta, and whether it can be held so."""
-
-    q: Float[np.ndarray, "d"]
-    keypoints: Float[np.ndarray, "n 2"]
-    by_theta: Float[np.ndarray, "n 2 p"]
-    possible: bool
-
-    def distances(self, keypoints: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k"]:
-        """From the visible keypoints [m]; infinite where the rod cannot be held so."""
-        if not self.possible:
-            return np.array([np.inf])
-        distances = np.linalg.norm(keypoints - self.keypoints, axis=1)
-        return distances[np.isfinite(distances)]
-
-
-class RodEstimator:
-    """Estimates theta and the output offset.
+class RodEstimator(ParameterFilter[RodEstimate]):
+    """`ParameterFilter` of a rod in the plane.
 
     Args:
         rod: The rod; its length is the first guess.
         config: The settings.
         control_step: Time [s] between two updates.
-        trust: Share by which a frame counts: less where the cable swings about its equilibrium. What looks like a
-            contact is not known from swinging then.
+        trust: See `ParameterFilter`.
     """
 
+    _estimate, _grasps = RodEstimate, GRASPS
+
     def __init__(self, rod: PlanarRod, config: EstimatorConfig, control_step: float, trust: float = 1.0) -> None:
-        self.rod, self.modes, self._config = rod, material.modes(rod.hinges), config
-        self._nominal = material.nominal(rod)
-        self._prior, self._trust = config.prior(rod.length), trust
-        self._kept = math.exp(-control_step / config.memory)
-        self._lag = config.lag / control_step
+        super().__init__(rod, config, control_step, material.nominal(rod), material.NAMES, trust)
+        self.rod, self.modes = rod, material.modes(rod.hinges)
 
-    @property
-    def adapts(self) -> bool:
-        """Whether parameters are estimated, and not the output offset alone."""
-        return bool(self._prior.any())
-
-    def start(self, q: Float[np.ndarray, "d"], known: Mapping[str, Estimate] | None = None) -> RodEstimate:
-        """The first shape q, and what was estimated of the parameters before, each by itself; by default nothing."""
-        keypoints = self.rod.at_keypoints(self.rod.shapes(q[None])[0])[0]
-        theta, variance = self._nominal.copy(), np.ones(PARAMETERS)
-        for k, name in enumerate(material.NAMES):
-            if known and name in known and self._prior[k] > 0:
-                theta[k], variance[k] = known[name].value, (known[name].deviation / self._prior[k]) ** 2
-        surprise = Surprise.none(keypoints, self.rod.length)
-        return RodEstimate(theta, np.diag(variance), np.array(q, float), np.zeros_like(keypoints), surprise)
-
-    def estimates(self, estimate: RodEstimate) -> dict[str, Estimate]:
-        """The parameters by name."""
-        deviations = self._prior * np.sqrt(np.diag(estimate.covariance))
-        theta, nominal, prior = estimate.theta, self._nominal, self._prior
-        return {
-            name: Estimate(float(theta[k]), float(deviations[k]), float(nominal[k]), float(prior[k]), unit)
-            for k, (name, unit) in enumerate(material.NAMES.items())
-        }
-
-    def slack(self, estimate: RodEstimate, poses: Float[np.ndarray, "2 3"]) -> tuple[float, float]:
-        """How much longer [m] the cable is than the distance between its ends, and the standard deviation of that.
-
-        Args:
-            estimate: The present one.
-            poses: (2, 3) grippers [m, m, rad].
-        """
-        ends = self.rod.group.compose(poses, estimate.grasps)[:, : self.rod.group.space]
-        apart = ends[1] - ends[0]
-        gap = float(np.linalg.norm(apart))
-        toward = apart / max(gap, 1e-9)
-        by_grasps = self._by_grasps(poses)
-        by_theta = np.zeros(PARAMETERS)
-        by_theta[LENGTH] = 1.0
-        by_theta[GRASPS] = toward @ (by_grasps[0] - by_grasps[1])[: len(toward)]
-        scaled = by_theta * self._prior
-        return estimate.length - gap, math.sqrt(float(scaled @ estimate.covariance @ scaled))
-
-    def _by_grasps(self, poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "2 3 g"]:
-        """Derivative of the ends' poses by the grasps."""
-        dof = self.rod.group.dof
-        out = np.zeros((2, dof, 2 * dof))
-        out[0, :, :dof], out[1, :, dof:] = self.rod.group.to_world(poses)
-        return out
-
-    def residuals(
-        self,
-        estimate: RodEstimate,
-        keypoints: Float[np.ndarray, "n 2"],
-        poses: Float[np.ndarray, "2 3"],
-        others: Float[np.ndarray, "A 2 3"],
-    ) -> Float[np.ndarray, "A"]:
-        """Mean squared distance [m^2] of the visible keypoints from the cable, were the grippers at other poses.
-
-        Distances beyond `FAR_OFF` count as that.
-
-        The cable follows its ends to first order from where it would be at `poses`. The output offset is left out: in
-        steady motion it takes up what a wrong latency leaves.
-
-        Args:
-            estimate: The present one.
-            keypoints: (n, 2) [m], NaN where missing.
-            poses: (2, 3) grippers [m, m, rad].
-            others: (A, 2, 3) such poses.
-        """
-        group, dof = self.rod.group, self.rod.group.dof
-        _, expected = self._held(estimate, keypoints, poses)
-        moved = group.minus(group.compose(others, estimate.grasps), group.compose(poses, estimate.grasps))
-        by_grasps = self._by_grasps(poses)
-        inward = np.stack([np.linalg.inv(by_grasps[end, :, end * dof : (end + 1) * dof]) for end in range(2)])
-        in_grippers = np.einsum("eij,aej->aei", inward, moved).reshape(len(others), -1)
-        there = expected.keypoints + np.einsum("nkg,ag->ank", expected.by_theta[..., GRASPS], in_grippers)
-        return np.nanmean(np.minimum(np.sum((keypoints - there) ** 2, axis=-1), FAR_OFF**2), axis=-1)
-
-    def update(
-        self,
-        estimate: RodEstimate,
-        keypoints: Float[np.ndarray, "n 2"],
-        poses: Float[np.ndarray, "2 3"],
-        speed: float,
-        confidence: Float[np.ndarray, "n"] | None = None,
-    ) -> RodEstimate:
-        """The estimate after an observation; as it was where the rod cannot explain it.
-
-        Args:
-            estimate: Before it.
-            keypoints: (n, 2) [m], NaN where missing.
-            poses: (2, 3) grippers at the time of the frame [m, m, rad].
-            speed: Of the faster gripper then [m per control step].
-            confidence: (n,) from 0 to 1, by which each keypoint counts; None where all count the same.
-        """
-        visible = np.isfinite(keypoints[:, 0])
-        if not visible.any():
-            return estimate
-        estimate, expected = self._held(estimate, keypoints, poses)
-        if not expected.possible:
-            return estimate
-        theta, covariance = self._corrected(estimate, expected, keypoints, speed, confidence)
-        corrected = self._explained(expected.q, theta, keypoints, poses)
-        for _ in range(HALVINGS):
-            if corrected.possible:
-                break
-            # a rod that is too short for its grippers: part of the way, and no surer than before
-            theta, covariance = (theta + estimate.theta) / 2, estimate.covariance
-            corrected = self._explained(expected.q, theta, keypoints, poses)
-        if not corrected.possible:
-            return estimate
-        rest = np.where(visible[:, None], keypoints - corrected.keypoints, estimate.offset)
-        gain = max(self._trust * self._config.offset_gain, 1 / (1 + estimate.updates))
-        offset = estimate.offset + gain * (rest - estimate.offset)
-        surprise = estimate.surprise.updated(keypoints, expected.keypoints, estimate.offset, corrected.keypoints)
-        return RodEstimate(theta, covariance, corrected.q, offset, surprise, estimate.updates + 1)
-
-    def held_at(self, estimate: RodEstimate, share: float = 1.0) -> tuple[int, Float[np.ndarray, "2"], float] | None:
-        """See `Surprise.held_at`; None, too, where the cable swings, as that is not known from it."""
-        return None if self._trust < 1.0 else estimate.surprise.held_at(share)
-
-    def _held(
-        self, estimate: RodEstimate, keypoints: Float[np.ndarray, "n 2"] | None, poses: Float[np.ndarray, "2 3"]
-    ) -> tuple[RodEstimate, Prediction]:
-        """The estimate and its prediction; where the grippers are too far apart for it, with a longer rod."""
-        expected = self._explained(estimate.q, estimate.theta, keypoints, poses)
-        for share in LONGER:
-            if expected.possible:
-                break
-            theta = estimate.theta.copy()
-            theta[LENGTH] *= share
-            if theta[LENGTH] > LONGEST * self.rod.length:
-                break
-            longer = self._explained(estimate.q, theta, keypoints, poses)
-            if longer.possible:
-                return replace(estimate, theta=theta), longer
-        return estimate, expected
-
-    def _predict(
+    def predict(
         self, q: Float[np.ndarray, "d"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 3"], stride: int = 0
     ) -> Prediction:
         """Of every station that is a multiple of `stride`, by default of the keypoints."""
@@ -315,49 +105,5 @@ class RodEstimator:
         finite = bool(np.isfinite(keypoints).all() and np.isfinite(by_theta).all())
         return Prediction(q, keypoints, by_theta, finite and left < MET)
 
-    def _explained(
-        self,
-        q: Float[np.ndarray, "d"],
-        theta: Float[np.ndarray, "p"],
-        keypoints: Float[np.ndarray, "n 2"] | None,
-        poses: Float[np.ndarray, "2 3"],
-    ) -> Prediction:
-        """The prediction that goes on from q or, after a jump, from the keypoints, whichever is nearer to them."""
-        going_on = self._predict(q, theta, poses)
-        if keypoints is None:
-            return going_on
-        missed = float(going_on.distances(keypoints).mean())
-        if missed < JUMP:
-            return going_on
-        filled = np.where(np.isfinite(keypoints), keypoints, self.rod.at_keypoints(self.rod.shapes(q[None])[0])[0])
-        q = self.rod.continued(fit_keypoints(self.rod, filled)[0], poses)
-        anew = self._predict(q, theta, poses)
-        return anew if float(anew.distances(keypoints).mean()) < 0.5 * missed else going_on
-
-    def _corrected(
-        self,
-        estimate: RodEstimate,
-        expected: Prediction,
-        keypoints: Float[np.ndarray, "n 2"],
-        speed: float,
-        confidence: Float[np.ndarray, "n"] | None,
-    ) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
-        """One step of the filter: theta and its covariance in units of the prior."""
-        config, prior = self._config, self._prior
-        distance = np.linalg.norm(keypoints - expected.keypoints, axis=1)
-        deviation = math.hypot(config.noise, self._lag * speed)
-        certainty = self._trust / np.maximum(1.0, distance / (config.outlier * deviation)) / deviation**2
-        certainty = certainty if confidence is None else certainty * confidence
-        weights = np.repeat(np.where(np.isfinite(distance), certainty, 0.0), keypoints.shape[1])
-        error = np.nan_to_num(keypoints - expected.keypoints).ravel()
-        rows = (expected.by_theta * prior).reshape(-1, PARAMETERS)
-        theta, drifted = self._drifted(estimate)
-        weighted = rows.T * weights
-        covariance = np.linalg.inv(np.linalg.inv(drifted) + weighted @ rows)
-        return theta + prior * (covariance @ (weighted @ error)), covariance
-
-    def _drifted(self, estimate: RodEstimate) -> tuple[Float[np.ndarray, "p"], Float[np.ndarray, "p p"]]:
-        """Theta and its covariance, in units of the prior, one control step later."""
-        kept, nominal = self._kept, self._nominal
-        theta = nominal + kept * (estimate.theta - nominal)
-        return theta, kept**2 * estimate.covariance + (1 - kept**2) * np.eye(PARAMETERS)
+    def _fitted(self, keypoints: Float[np.ndarray, "n 2"], poses: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "d"]:
+        return self.rod.continued(fit_keypoints(self.rod, keypoints)[0], poses)

@@ -42,23 +42,23 @@ class Surprise:
 
     Attributes:
         limits: (2,) of innovation and residual [m].
-        differences: (2, n, 2) innovation, of prediction and output offset, and residual, of the corrected prediction
+        differences: (2, n, space) innovation, of prediction and output offset, and residual, of the corrected one
             alone [m], low-passed and smoothed along the cable.
-        predicted: (n, 2) keypoints of the last corrected prediction [m].
+        predicted: (n, space) keypoints of the last corrected prediction [m].
         late: By how many ways from frame to frame the last one was taken later than expected.
         way: The mean way [m] of a keypoint between the last two frames.
         jitter: How far [m] that put the cable, of late, from where the frame before would have had it.
     """
 
     limits: Float[np.ndarray, "2"]
-    differences: Float[np.ndarray, "2 n 2"]
-    predicted: Float[np.ndarray, "n 2"]
+    differences: Float[np.ndarray, "2 n space"]
+    predicted: Float[np.ndarray, "n space"]
     late: float = 0.0
     way: float = 0.0
     jitter: float = 0.0
 
     @classmethod
-    def none(cls, predicted: Float[np.ndarray, "n 2"], length: float) -> Self:
+    def none(cls, predicted: Float[np.ndarray, "n space"], length: float) -> Self:
         """Before the first frame, of a cable of nominal `length` [m]."""
         limits = np.maximum(LEAST_LIMITS, np.multiply(LIMITS, length))
         return cls(limits=limits, differences=np.zeros((2, *predicted.shape)), predicted=predicted)
@@ -69,18 +69,18 @@ class Surprise:
 
     def updated(
         self,
-        keypoints: Float[np.ndarray, "n 2"],
-        expected: Float[np.ndarray, "n 2"],
-        offset: Float[np.ndarray, "n 2"],
-        corrected: Float[np.ndarray, "n 2"],
+        keypoints: Float[np.ndarray, "n space"],
+        expected: Float[np.ndarray, "n space"],
+        offset: Float[np.ndarray, "n space"],
+        corrected: Float[np.ndarray, "n space"],
     ) -> Self:
         """After a frame.
 
         Args:
-            keypoints: (n, 2) [m], NaN where missing.
-            expected: (n, 2) predicted before it [m].
-            offset: (n, 2) output offset before it [m].
-            corrected: (n, 2) predicted with what was learned from it [m].
+            keypoints: (n, space) [m], NaN where missing.
+            expected: (n, space) predicted before it [m].
+            offset: (n, space) output offset before it [m].
+            corrected: (n, space) predicted with what was learned from it [m].
         """
         way = expected - self.predicted
         late, far = _lateness(keypoints - expected, way), float(np.linalg.norm(way, axis=1).mean())
@@ -98,7 +98,7 @@ class Surprise:
             jitter=max(differs, JITTER_KEPT * self.jitter),
         )
 
-    def held_at(self, share: float = 1.0) -> tuple[int, Float[np.ndarray, "2"], float] | None:
+    def held_at(self, share: float = 1.0) -> tuple[int, Float[np.ndarray, "space"], float] | None:
         """Keypoint at which something that is not known holds the cable, in which direction, and the root mean square
         residual [m]; None where innovation and residual are not both beyond that share of their limits.
         """
@@ -110,7 +110,7 @@ class Surprise:
         return worst, self.differences[1, worst] / residuals[worst], float(np.sqrt(np.mean(residuals**2)))
 
 
-def _lateness(differences: Float[np.ndarray, "n 2"], way: Float[np.ndarray, "n 2"]) -> float:
+def _lateness(differences: Float[np.ndarray, "n space"], way: Float[np.ndarray, "n space"]) -> float:
     """Of how many such ways what is seen is short, by the median of the keypoints that move; 0 where none does."""
     moving = (np.linalg.norm(way, axis=1) > STILL) & np.isfinite(differences[:, 0])
     if not moving.any():
@@ -119,7 +119,7 @@ def _lateness(differences: Float[np.ndarray, "n 2"], way: Float[np.ndarray, "n 2
     return float(np.clip(np.median(shares), -LONGEST_DELAY, LONGEST_DELAY))
 
 
-def _smoothed(differences: Float[np.ndarray, "2 n 2"]) -> Float[np.ndarray, "2 n 2"]:
+def _smoothed(differences: Float[np.ndarray, "2 n space"]) -> Float[np.ndarray, "2 n space"]:
     """Weighted means of neighbours along the cable, hidden ones left out; zero where all are hidden."""
     visible = np.isfinite(differences[0, :, 0])
     values = np.pad(np.where(visible[:, None], differences, 0.0), ((0, 0), (1, 1), (0, 0)))

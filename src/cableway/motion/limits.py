@@ -36,6 +36,27 @@ class Margins(Checked):
     self_distance: Annotated[float, Bounds(0, 1)] = 0.001
 
 
+@dataclass(frozen=True, kw_only=True)
+class SoftLimits:
+    """What costs a shape nothing; the shortfalls of `cableway.motion.terms` are against it.
+
+    Attributes:
+        margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
+        room: Clearance of all of these that is asked for where the way is wide [m].
+        stability_wanted: Margin mu under which a shape is pushed back.
+        span_wanted: Distance between the grippers over L above which the cable is given slack.
+        separation_margin: Distance between the grippers beyond the least one that the task allows [m].
+        bend_share: Of the curvature that the cable allows.
+    """
+
+    margin: float = 0.010
+    room: float = 0.025
+    stability_wanted: float = 34.0
+    span_wanted: float = 0.97
+    separation_margin: float = 0.002
+    bend_share: float = 0.95
+
+
 class ShapeLimits(NamedTuple):
     """What a shape of one task must keep.
 

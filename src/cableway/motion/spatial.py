@@ -21,10 +21,14 @@ from cableway.geometry.spatial_convex import SpatialWorld, signed_distance
 from cableway.geometry.spatial_convex_kernels import self_distance
 from cableway.motion import spatial_kernels
 from cableway.motion.limits import Margins
+from cableway.motion.spatial_kernels import OTHER, WORLD
 from cableway.rod.spatial import SpatialRod
 from cableway.scene.grippers import Grippers
 from cableway.scene.spatial.grippers import SpatialBody
 from cableway.scene.spatial.task import SpatialTask
+
+NEAR, FAR = 0.001, 1e3
+"""Distances [m]: of hulls, above which nothing is in the way; of a cable that is not looked at."""
 
 OFF_CABLE = 0.001
 """Clearance [m] of gripper bodies from parts of the cable that they do not hold."""
@@ -119,6 +123,19 @@ class SpatialBodies:
         arrays = self.arrays(length, stations.shape[1])
         return spatial_kernels.hull_gaps(
             self.hulls.placed(poses), self.points(poses), stations, world.arrays, arrays, ceilings
+        )
+
+    def gaps(self, poses: Float[np.ndarray, "t 2 7"], world: SpatialWorld) -> Float[np.ndarray, "t 2"]:
+        """Least distances [m] of the bodies from the world, and of the hands from each other; of hulls, to `NEAR`."""
+        points = self.points(poses)
+        off_world, apart = signed_distance(points, world)[0] - self.radius, _balls_gaps(points, self)
+        elsewhere = np.full((len(poses), 3, 3), FAR)
+        hulls = self.hull_gaps(poses, elsewhere, world, 1.0, np.full(3, NEAR))[0]
+        return np.column_stack(
+            [
+                np.minimum(off_world.min(axis=1, initial=math.inf), hulls[..., WORLD].min(axis=1, initial=math.inf)),
+                np.minimum(apart, hulls[..., OTHER].min(axis=1, initial=math.inf)),
+            ]
         )
 
     @property
@@ -253,7 +270,7 @@ class SpatialFreeSpace:
                 problem.radius + margins.clearance, float(signed_distance(stations, problem.world)[0].min()) - 1e-6
             ),
             gripper_clearance=min(margins.clearance, float(of_balls.min()) - 1e-6, to_world - 1e-6),
-            bodies_apart=min(margins.clearance, _balls_gap(points, bodies) - 1e-6, apart_from - 1e-6),
+            bodies_apart=min(margins.clearance, float(_balls_gaps(points, bodies).min()) - 1e-6, apart_from - 1e-6),
             bodies_off_cable=min(
                 problem.radius + OFF_CABLE,
                 off_cable - 1e-6,
@@ -289,11 +306,11 @@ def continuous_poses(poses: Float[np.ndarray, "t 2 7"]) -> Float[np.ndarray, "t 
     return out
 
 
-def _balls_gap(points: Float[np.ndarray, "t k 3"], bodies: SpatialBodies) -> float:
+def _balls_gaps(points: Float[np.ndarray, "t k 3"], bodies: SpatialBodies) -> Float[np.ndarray, "t"]:
     left, right = bodies.side == 0, bodies.side == 1
     gaps = np.linalg.norm(points[:, left][:, :, None] - points[:, right][:, None], axis=3)
     gaps -= bodies.radius[left][:, None] + bodies.radius[right]
-    return float(gaps.min(initial=math.inf))
+    return gaps.min(axis=(1, 2), initial=math.inf)
 
 
 def _off_cable(

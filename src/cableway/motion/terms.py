@@ -19,6 +19,26 @@ from cableway.scene.bodies import Body, into_frame, out_of_frame
 from cableway.scene.clearance import free_stations
 from cableway.scene.task import Task
 
+CLEARANCE_SCALE = 0.001
+"""Of what is missing of the margin [m]; a scale is the size of a residual that counts as 1."""
+
+ROOM_SCALE = 0.005
+"""Of the shortfall of the clearance against the room [m]."""
+
+STABILITY_SCALE = 2.0
+"""Of the shortfall of the stability margin."""
+
+TENSION, TENSION_SCALE = 40.0, 5.0
+"""Force along the rod at its centre, in EI/L^2, that costs nothing, and the scale of what is beyond. The room asked for
+would stretch the cable to 200 in narrow bends, and under tension small errors of the model turn into large motions of
+the grippers; plans in clutter stay below 40."""
+
+SPAN_SCALE = 0.005
+"""Of the excess of the gripper span, over L."""
+
+BEND_SCALE = 0.01
+"""Of the excess of the sine of the turn at a hinge."""
+
 
 def clearance_shortfall(
     points: Float[np.ndarray, "... 2"],

@@ -13,7 +13,7 @@ Levenberg-Marquardt over q_1..q_{T-1} with both ends fixed, minimising
                                                                                            they hold the cable
     + small pulls on the loads and on their differences,
 
-with the clearance weight w rising in stages; `cableway.planning.banded_least_squares` solves it.
+with the clearance weight w rising in stages; `cableway.motion.banded_least_squares` solves it.
 
 Note:
     Not in the paper (Tang et al.), whose planned shapes are never made equilibria.
@@ -29,9 +29,7 @@ from jaxtyping import Float
 
 from cableway.core.deprecation import renamed
 from cableway.motion import terms
-from cableway.motion.limits import BodyPoints, Margins, sharpest_turn_of
-from cableway.motion.validity import is_pulled_straight
-from cableway.planning.banded_least_squares import (
+from cableway.motion.banded_least_squares import (
     BANDS,
     Normal,
     band_form,
@@ -39,17 +37,25 @@ from cableway.planning.banded_least_squares import (
     levenberg_marquardt,
     squared_differences,
 )
+from cableway.motion.limits import BodyPoints, Margins, SoftLimits, sharpest_turn_of
+from cableway.motion.terms import (
+    BEND_SCALE,
+    CLEARANCE_SCALE,
+    ROOM_SCALE,
+    SPAN_SCALE,
+    STABILITY_SCALE,
+    TENSION,
+    TENSION_SCALE,
+)
+from cableway.motion.validity import is_pulled_straight
 from cableway.robot.free_arms import WANTED, free_arms, room_shortfall
 from cableway.scene.task import Task
 
 CLEARANCE_WEIGHTS = (0.3, 1.0, 3.0)
 """The rising stages of the clearance weight."""
 
-ROOM_SCALE = 0.005
-"""Of the shortfall of the clearance against `room` [m]."""
-
 STEP_SCALE = 0.05
-"""Of a keypoint's move from row to row [m]; a scale is the size of a residual that counts as 1."""
+"""Of a keypoint's move from row to row [m]."""
 
 CHANGE_SCALE = 0.005
 """Of the change of that move [m]."""
@@ -57,25 +63,8 @@ CHANGE_SCALE = 0.005
 LOAD_STEP_SCALE = 1.0
 """Of the change of a load from row to row, in its units."""
 
-STABILITY_SCALE = 2.0
-"""Of the shortfall of the stability margin."""
-
-TENSION, TENSION_SCALE = 40.0, 5.0
-"""Force along the rod at its centre, in EI/L^2, that costs nothing, and the scale of what is beyond. The room asked for
-would stretch the cable to 200 in narrow bends, and under tension small errors of the model turn into large motions of
-the grippers; plans in clutter stay below 40."""
-
 TAUT = Margins().gripper_span
 """Distance between the grippers over L from which the cable is nearly straight; lengths are known to 2%."""
-
-SPAN_SCALE = 0.005
-"""Of the excess of the gripper span, over L."""
-
-BEND_SCALE = 0.01
-"""Of the excess of the sine of the turn at a hinge."""
-
-CLEARANCE_SCALE = 0.001
-"""Of what is missing of the margin [m]."""
 
 LOAD_SCALE = 10.0
 """Of a load, in its unit (`HeldRod.units`)."""
@@ -85,26 +74,14 @@ ARMS_SCALE = np.array([0.01, 0.001, 0.01, 0.01, 0.001, 0.01, 0.001])
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrajectoryOptimizationConfig:
-    """Weights and margins of the trajectory optimisation; a scale is the size of a residual that counts as 1.
+class TrajectoryOptimizationConfig(SoftLimits):
+    """What shapes are to keep, and how long that is tried.
 
     Attributes:
-        margin: Clearance of the cable's surface, the gripper discs and the plug that is asked for [m].
-        room: Clearance of all of these that is asked for where the way is wide [m].
-        stability_wanted: Margin mu under which a shape is pushed back.
-        span_wanted: Distance between the grippers over L above which the cable is given slack.
-        separation_margin: Distance between the grippers beyond the least one that the task allows [m].
-        bend_share: Of the curvature that the cable allows.
         iterations: Cap for each stage.
         tolerance: Relative fall of the cost that ends a stage.
     """
 
-    margin: float = 0.010
-    room: float = 0.025
-    stability_wanted: float = 34.0
-    span_wanted: float = 0.97
-    separation_margin: float = 0.002
-    bend_share: float = 0.95
     iterations: int = 60
     tolerance: float = 1e-4
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.estimation.gating import LEAST_SHARE, connected, poses_usable
-from cableway.estimation.rod_filter import LONGEST
+from cableway.estimation.parameter_filter import LONGEST
 from cableway.geometry.groups import SE2
 from cableway.motion.validity import gripper_spans
 from cableway.records import Observation

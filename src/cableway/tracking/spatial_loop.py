@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
-from cableway.control.spatial_feedback import SpatialFeedback
+from cableway.control.spatial_following import SpatialFollower
 from cableway.core.errors import Cancelled, SimulationError
 from cableway.core.provenance import versions
 from cableway.core.time_limit import checkpoint
@@ -47,10 +48,12 @@ class SpatialPlantLike(Protocol):
         ...
 
 
+# Threads of the linear algebra library wait for each other in small matrices.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def track_in_space(
     task: SpatialTask,
     plant: SpatialPlantLike,
-    controller: SpatialFeedback,
+    controller: SpatialFollower[Any],
     plan: Plan,
     on_row: OnRow | None = None,
 ) -> Rollout:

@@ -43,7 +43,7 @@ KERNELS = {
         "planning.rrt_connect_kernels.connect",
         "planning.rrt_connect_kernels.features",
         "planning.rrt_connect_kernels.shortcut",
-        "planning.banded_least_squares._fill_bands",
+        "motion.banded_least_squares._fill_bands",
         "rod.fitting.fit_shape",
         "rod.kernels.batch_shapes",
         "rod.kernels.batch_stability",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from cableway.control.spatial_feedback import SpatialFeedback, SpatialFeedbackConfig
+from cableway.control.spatial_mpc import SpatialMPC
 from cableway.core.errors import SimulationError, UnknownNameError
 from cableway.core.provenance import describe
 from cableway.judge import judge_in_space
@@ -16,7 +18,11 @@ from cableway.tracking.logbook import OnRow
 from cableway.tracking.spatial_loop import track_in_space
 from cableway.verification.spatial_rollout import verify_spatial_rollout
 
-CONTROLLERS = {"rod-jacobian": SpatialFeedbackConfig(), "open-loop": SpatialFeedbackConfig(gain=0.0)}
+CONTROLLERS: dict[str, Callable[[], SpatialMPC | SpatialFeedback]] = {
+    "rod-mpc": SpatialMPC,
+    "rod-jacobian": SpatialFeedback,
+    "open-loop": lambda: SpatialFeedback(SpatialFeedbackConfig(gain=0.0)),
+}
 """Controllers in space, the first one the default."""
 
 
@@ -24,7 +30,7 @@ def follow_in_space(
     task: SpatialTask,
     plan: Plan,
     *,
-    controller: str = "rod-jacobian",
+    controller: str = "rod-mpc",
     perturbation: SpatialPerturbation | None = None,
     seed: int = 0,
     on_row: OnRow | None = None,
@@ -49,17 +55,17 @@ def follow_in_space(
     """
     if controller not in CONTROLLERS:
         raise UnknownNameError("controller in space", controller, CONTROLLERS)
-    perturbation, config = perturbation or SpatialPerturbation(), CONTROLLERS[controller]
+    perturbation, leading = perturbation or SpatialPerturbation(), CONTROLLERS[controller]()
     try:
         plant = perturbation.build(task, seed)
     except SimulationError as error:
         return None, None, Outcome.PLANT_FAILED, f"the plant cannot start: {error}"
-    rollout = track_in_space(task, plant, SpatialFeedback(config), plan, on_row)
+    rollout = track_in_space(task, plant, leading, plan, on_row)
     made_by = {
         "seed": seed,
         "controller": controller,
         "another_start": perturbation.another_start,
-        "configuration": describe({"controller": config, "plant": perturbation}),
+        "configuration": describe({"controller": leading.config, "plant": perturbation}),
     }
     rollout = replace(rollout, metadata={**rollout.metadata, **made_by})
     verdict = verify_spatial_rollout(rollout, task, same_start=not perturbation.another_start)

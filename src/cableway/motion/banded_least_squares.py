@@ -1,7 +1,7 @@
-"""Levenberg-Marquardt over rows of rod coordinates of which the first and the last stay.
+"""Levenberg-Marquardt over rows of rod coordinates of which the first, and often the last, stay.
 
 Smoothness couples rows at most two apart, so the normal matrix has blocks on five diagonals, square in the rod's
-coordinates, and each step is one banded Cholesky solution. Planner of the plane and of space share it.
+coordinates, and each step is one banded Cholesky solution. Planners of the plane and of space share it, and control.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from cableway.rod.least_squares import DAMPING, DONE, TRIED, Rule, fresh_state, 
 
 BANDS = 3
 """Block diagonals of the normal matrix from the middle one up: smoothness couples rows at most two apart."""
+
+INNER = slice(1, -1)
+"""All rows but the first and the last."""
 
 STAGE = Rule(first=1e-3, shrink=4.0, least=1e-9, grow=6.0, restart=0.0, most=1e9)
 """How the damping follows in each stage."""
@@ -85,8 +88,9 @@ def levenberg_marquardt(
     iterations: int,
     tolerance: float,
     progress: Callable[[float], None] = lambda _: None,
+    free: slice = INNER,
 ) -> Float[np.ndarray, "t d"]:
-    """The rows moved to a local minimum of the problem's cost; the first and the last one stay.
+    """The rows moved to a local minimum of the problem's cost; by default the first and the last one stay.
 
     Args:
         q: Rod coordinates of the rows.
@@ -94,6 +98,7 @@ def levenberg_marquardt(
         iterations: Most steps that are tried.
         tolerance: Relative fall of the cost that ends it.
         progress: Called with the share that is done; it may raise to stop.
+        free: The rows that move.
     """
     most = iterations
     rule = STAGE._replace(fall=tolerance, trials=float(most))
@@ -102,23 +107,24 @@ def levenberg_marquardt(
     while not state[DONE]:
         progress(state[TRIED] / most)
         trial = q.copy()
-        trial[1:-1] = problem.rod.retract(q[1:-1], _solve(normal, state[DAMPING]))
+        trial[free] = problem.rod.retract(q[free], _solve(normal, state[DAMPING], free))
         if judge(state, problem.cost(trial), rule):
             q, normal = trial, problem.linearise(trial)
     return q
 
 
-def _solve(normal: Normal, damping: float) -> Float[np.ndarray, "t-2 d"]:
+def _solve(normal: Normal, damping: float, free: slice) -> Float[np.ndarray, "k d"]:
     """Solve (H + damping diag H) step = -gradient on the free rows; NaN where H is not positive definite."""
-    diagonal, above, further = (block[1:-1] for block in normal.blocks)
-    free, dof = normal.gradient[1:-1].shape
-    banded = np.zeros((BANDS * dof, free * dof))
+    diagonal, above, further = (block[free] for block in normal.blocks)
+    gradient = normal.gradient[free]
+    count, dof = gradient.shape
+    banded = np.zeros((BANDS * dof, count * dof))
     _fill_bands(diagonal, above, further, banded)
     banded[-1] += damping * np.maximum(banded[-1], 1e-9)
     try:
-        return -solveh_banded(banded, normal.gradient[1:-1].ravel(), check_finite=False).reshape(free, dof)
+        return -solveh_banded(banded, gradient.ravel(), check_finite=False).reshape(count, dof)
     except LinAlgError:
-        return np.full((free, dof), np.nan)
+        return np.full((count, dof), np.nan)
 
 
 @kernel

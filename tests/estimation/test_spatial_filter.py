@@ -1,0 +1,59 @@
+"""The filter in space: its derivatives, what it finds of cables that differ, and what it cannot explain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from spatial_problems import HANGING, ball_task
+
+from cableway.control.spatial_mpc import SpatialMPC
+from cableway.estimation.spatial_filter import NAMES, WEIGHT, SpatialEstimator, SpatialEstimatorConfig
+from cableway.geometry.groups import SE3
+from cableway.records import Plan
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
+
+TASK = replace(ball_task(), scene=replace(ball_task().scene, obstacles=()))
+ROD = replace(TASK.rod, weight=20.0)
+
+
+def test_predictions_change_with_parameters_as_finite_differences_do():
+    estimator = SpatialEstimator(ROD, SpatialEstimatorConfig(), 0.1)
+    poses = ROD.end_poses(HANGING[None])[0]
+    theta = np.concatenate([[1.01 * ROD.length, 0.1, 0.2], np.random.default_rng(0).normal(0, 0.003, 12)])
+    here = estimator.predict(HANGING, theta, poses)
+    assert here.possible
+    for k, (name, unit) in enumerate(NAMES.items()):
+        moved = [estimator.predict(here.q, theta + sign * 1e-5 * np.eye(15)[k], poses).keypoints for sign in (1, -1)]
+        slope, size = (moved[0] - moved[1]) / 2e-5, 2e-3 if unit == "rad" else 1e-6
+        np.testing.assert_allclose(here.by_theta[..., k], slope, atol=size, err_msg=name)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_length_and_weight_of_a_cable_in_another_simulator_are_found_while_it_rests(seed: int):
+    task = replace(TASK, cable=replace(TASK.cable, linear_density=0.12))
+    drawn = SpatialPerturbation.drawn(task, seed)
+    assert drawn.cable is not None
+    plant, controller = drawn.build(task, seed), SpatialMPC()
+    plan = Plan.of(task.rod, HANGING + np.linspace(0, 1, 40)[:, None] * (task.goal - HANGING))
+    state, seen = controller.init(task, plan), plant.reset()
+    for _ in range(40):
+        action, state = controller.step(state, seen)
+        seen = plant.step(action)
+    found = state.estimator.estimates(state.estimate)
+    for name, true in (
+        ("length", drawn.cable.length), ("log weight", np.log(drawn.cable.weight / task.cable.weight))
+    ):  # fmt: skip
+        assert abs(found[name].value - true) < 2.5 * found[name].deviation
+    assert found["length"].deviation < 0.5 * found["length"].prior
+
+
+def test_a_cable_that_no_rod_explains_changes_nothing():
+    estimator = SpatialEstimator(ROD, SpatialEstimatorConfig(), 0.1)
+    before = estimator.start(HANGING)
+    poses = ROD.end_poses(HANGING[None])[0]
+    torn = SE3.plus(poses, np.array([[0.0, -0.2, 0, 0, 0, 0], [0, 0.2, 0, 0, 0, 0]]))
+    keypoints = ROD.at_keypoints(ROD.shapes(HANGING[None])[0])[0]
+    assert estimator.update(before, keypoints, torn, 0.0) is before
+    assert before.theta[WEIGHT] == 0.0
