@@ -1,11 +1,12 @@
 """Runs in space: plans of random tasks, led open loop on the nominal cable, and with feedback on cables that differ.
 
-    .venv/bin/python studies/space_runs.py KIND ... [--seeds 3000:3030] [--body B] [--out runs/space-runs]
+    .venv/bin/python studies/space_runs.py KIND ... [--seeds 3000:3030] [--runs R,...] [--body B] [--out FOLDER]
 
 Each task is planned with a time limit of 30 s of processor time. Its plan is led open loop, by grippers without lag, on
-the nominal cable of the plant in MuJoCo; then by both controllers on a cable of `SpatialPerturbation.drawn`: up to 2%
+the nominal cable of the plant in MuJoCo; then by each controller on a cable of `SpatialPerturbation.drawn`: up to 2%
 longer or shorter, 30% stiffer or less stiff, held up to 3 mm and 5 degrees askew, seen with 1 mm of noise and 0.1 s
-late. Results are kept in the folder, so that an interrupted study goes on. Prints Markdown; tasks without a plan count.
+late. Results are kept in the folder, so that an interrupted study goes on, with the runs that were asked for then.
+Prints Markdown; tasks without a plan count.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +36,7 @@ LIMIT = 30.0
 RUNS = ("nominal", *CONTROLLERS)
 
 
-def runs_of(kind: str, seed: int, body: str | None) -> dict[str, Any]:
+def runs_of(kind: str, seed: int, body: str | None, runs: Sequence[str]) -> dict[str, Any]:
     """What became of a task, by run."""
     task, begun = random_spatial_task(seed, kind, body=body), time.process_time()
     found: dict[str, Any] = {"weight": task.rod.weight}
@@ -45,7 +47,7 @@ def runs_of(kind: str, seed: int, body: str | None) -> dict[str, Any]:
     exact = SpatialPerturbation(config=SpatialConfig(servo_time=0.0))
     cases = {"nominal": ("open-loop", exact)}
     cases |= {name: (name, SpatialPerturbation.drawn(task, seed)) for name in CONTROLLERS}
-    for name, (controller, perturbation) in cases.items():
+    for name, (controller, perturbation) in ((name, cases[name]) for name in runs):
         rollout, _, outcome, why = follow_in_space(
             task, made, controller=controller, perturbation=perturbation, seed=seed
         )
@@ -86,25 +88,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kinds", nargs="+", choices=SPATIAL_KINDS)
     parser.add_argument("--seeds", default="3000:3030")
+    parser.add_argument("--runs", default=",".join(RUNS), help=f"of {', '.join(RUNS)}")
     parser.add_argument("--body", help="of the grippers, by name")
     parser.add_argument("--out", type=Path, default=Path("runs/space-runs"))
     given = parser.parse_args()
-    lines, every = [TITLES], []
+    lines, every, runs = [TITLES], [], given.runs.split(",")
     for kind in given.kinds:
-        rows = [kept(kind, seed, given.body, given.out) for seed in range(*map(int, given.seeds.split(":")))]
+        rows = [kept(kind, seed, given.body, runs, given.out) for seed in range(*map(int, given.seeds.split(":")))]
         every += rows
-        lines += [line(kind, name, rows) for name in RUNS]
+        lines += [line(kind, name, rows) for name in runs]
     if len(given.kinds) > 1:
-        lines += [line("all", name, every) for name in RUNS]
+        lines += [line("all", name, every) for name in runs]
     print("\n" + Table("", tuple(lines)).markdown())
 
 
-def kept(kind: str, seed: int, body: str | None, out: Path) -> dict[str, Any]:
+def kept(kind: str, seed: int, body: str | None, runs: Sequence[str], out: Path) -> dict[str, Any]:
     """What became of a task, from the folder or now."""
     file = out / f"{'-'.join(filter(None, (kind, body, str(seed))))}.json"
     if not file.exists():
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_json(file, runs_of(kind, seed, body))
+        write_json(file, runs_of(kind, seed, body, runs))
     row = json.loads(file.read_text())
     outcomes = {name: run["outcome"] for name, run in row.items() if isinstance(run, dict)}
     print(kind, seed, outcomes or row, flush=True)

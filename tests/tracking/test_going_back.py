@@ -11,7 +11,7 @@ from cableway.control.base import Contact
 from cableway.control.following import FollowerState
 from cableway.control.open_loop import OpenLoop, OpenLoopConfig
 from cableway.core.errors import CablewayError, PlanningError
-from cableway.estimation.rod_filter import LONGEST
+from cableway.estimation.parameter_filter import LONGEST
 from cableway.geometry.convex import signed_distance
 from cableway.outcome import Outcome
 from cableway.records import Observation, Plan

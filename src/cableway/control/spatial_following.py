@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -13,7 +14,7 @@ from cableway.control.base import Status
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE3
 from cableway.motion.spatial import SpatialProblem
-from cableway.records import Observation, Plan
+from cableway.records import Estimate, Observation, Plan
 from cableway.scene.spatial.grippers import SpatialGrippers
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
@@ -63,6 +64,10 @@ class SpatialState:
         taken = observation.time if observation.taken is None else observation.taken
         k = min(range(len(self.seen)), key=lambda k: abs(self.seen[k][0] - taken))
         return self.seen[k][1], self.seen[max(0, k - 1)][1]
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """What is estimated of the cable, by name; by default nothing."""
+        return {}
 
 
 S = TypeVar("S", bound=SpatialState)

@@ -20,6 +20,7 @@ Note:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -36,7 +37,7 @@ from cableway.motion.limits import SoftLimits
 from cableway.motion.spatial import SpatialProblem
 from cableway.motion.spatial_terms import SpatialTerms
 from cableway.motion.terms import TENSION
-from cableway.records import Observation, Plan
+from cableway.records import Estimate, Observation, Plan
 from cableway.rod.inverse import meet_poses
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
@@ -99,6 +100,10 @@ class SpatialMPCState(SpatialState):
 
     estimator: SpatialEstimator
     estimate: SpatialEstimate
+
+    def estimates(self) -> Mapping[str, Estimate]:
+        """See `SpatialState.estimates`."""
+        return self.estimator.estimates(self.estimate)
 
 
 class SpatialMPC(SpatialFollower[SpatialMPCState]):

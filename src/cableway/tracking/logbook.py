@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.core.errors import GraspError, PressedError, SimulationError
-from cableway.geometry.groups import SE2
+from cableway.geometry.groups import SE2, SE3
 from cableway.outcome import Outcome
 from cableway.records import THEN_FAILED, Estimate, Measurement, Observation, Rollout
 from cableway.tracking.stopping import Ending
@@ -100,11 +100,12 @@ class Log:
             for name in ("keypoints", "poses", "centreline", "clearance", "gripper_clearance")
         }
         estimates = self._estimates(steps)
+        dof = SE2.dof if truth["poses"].shape[-1] == SE2.size else SE3.dof
         return Rollout(
             times=np.array(self.times[: steps + 1]),
             observed=np.array(self.observed[: steps + 1]),
             reference=np.array(self.reference[: steps + 1]),
-            actions=np.array(self.actions[:steps]).reshape(steps, 2, SE2.dof),
+            actions=np.array(self.actions[:steps]).reshape(steps, 2, dof),
             solve_time=np.array(self.solve_time[:steps]),
             status=np.array(self.status[:steps], dtype=np.str_),
             metadata={**metadata, **estimates.pop("metadata", {})},
