@@ -12,6 +12,7 @@ from cableway.control.spatial_mpc import SpatialMPC
 from cableway.estimation.spatial_filter import NAMES, WEIGHT, SpatialEstimator, SpatialEstimatorConfig
 from cableway.geometry.groups import SE3
 from cableway.records import Plan
+from cableway.rod.material import MODES
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 
 TASK = replace(ball_task(), scene=replace(ball_task().scene, obstacles=()))
@@ -21,11 +22,14 @@ ROD = replace(TASK.rod, weight=20.0)
 def test_predictions_change_with_parameters_as_finite_differences_do():
     estimator = SpatialEstimator(ROD, SpatialEstimatorConfig(), 0.1)
     poses = ROD.end_poses(HANGING[None])[0]
-    theta = np.concatenate([[1.01 * ROD.length, 0.1, 0.2], np.random.default_rng(0).normal(0, 0.003, 12)])
+    rng = np.random.default_rng(0)
+    theta = np.concatenate([[1.01 * ROD.length, 0.1, 0.2], rng.normal(0, 0.2, MODES), rng.normal(0, 0.003, 12)])
     here = estimator.predict(HANGING, theta, poses)
     assert here.possible
     for k, (name, unit) in enumerate(NAMES.items()):
-        moved = [estimator.predict(here.q, theta + sign * 1e-5 * np.eye(15)[k], poses).keypoints for sign in (1, -1)]
+        moved = [
+            estimator.predict(here.q, theta + sign * 1e-5 * np.eye(len(NAMES))[k], poses).keypoints for sign in (1, -1)
+        ]
         slope, size = (moved[0] - moved[1]) / 2e-5, 2e-3 if unit == "rad" else 1e-6
         np.testing.assert_allclose(here.by_theta[..., k], slope, atol=size, err_msg=name)
 

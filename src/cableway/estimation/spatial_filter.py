@@ -1,12 +1,14 @@
 """The filter of `cableway.estimation.parameter_filter` for a cable held in space.
 
-theta = (L, log twist, log weight, g_L, g_R): the twisting stiffness C/B and the weight rho A g L^3/B by those of the
-nominal rod, and where the cable is in each gripper, position [m] and rotation vector [rad]. The bending stiffness shows
-in the weight alone: of a cable without weight nothing tells it.
+theta = (L, log twist, log weight, b_1..b_K, g_L, g_R): the twisting stiffness C/B and the weight rho A g L^3/B by those
+of the nominal rod, the modes of the bending stiffness along it as in the plane, and where the cable is in each gripper,
+position [m] and rotation vector [rad]. The mean of the bending stiffness shows in the weight alone: of a cable without
+weight nothing tells it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -18,15 +20,17 @@ from cableway.estimation.parameter_filter import LENGTH, ParameterEstimate, Para
 from cableway.geometry.groups import SE3
 from cableway.rod import spatial_kernels
 from cableway.rod.inverse import meet_poses
+from cableway.rod.material import MODES, modes
 from cableway.rod.spatial import SpatialRod
 from cableway.rod.spatial_inverse import fit_shape
 
-TWIST, WEIGHT, GRASPS = 1, 2, slice(3, 15)
+TWIST, WEIGHT, STIFFNESS, GRASPS = 1, 2, slice(3, 3 + MODES), slice(3 + MODES, 15 + MODES)
 
 NAMES = {
     "length": "m",
     "log twist": "",
     "log weight": "",
+    **{f"stiffness mode {k}": "" for k in range(1, MODES + 1)},
     **{f"{side} grasp {axis}": unit for side in ("left", "right")
        for axis, unit in (("x", "m"), ("y", "m"), ("z", "m"), ("turn x", "rad"), ("turn y", "rad"), ("turn z", "rad"))},
 }  # fmt: skip
@@ -35,8 +39,8 @@ NAMES = {
 UNMOVED = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 """The pose of a frame in itself."""
 
-STEP = 1e-4
-"""Of the rod's parameters, by their own size, for central differences."""
+STEP = 1e-5
+"""Of the rod's parameters for central differences [m] and in logarithms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +51,7 @@ class SpatialEstimatorConfig(Checked):
         length: Prior standard deviation of the length, in lengths; 0 where it is known, as for all the others.
         twist: Of the logarithm of the twisting stiffness.
         weight: Of the logarithm of the weight.
+        stiffness: Of each mode of the logarithm of the bending stiffness.
         grasp: Of where the cable is in a gripper [m].
         grasp_turn: Of its turn there [rad].
         memory: Time [s] in which the parameters forget.
@@ -62,6 +67,7 @@ class SpatialEstimatorConfig(Checked):
     length: NotNegative[float] = 0.02
     twist: NotNegative[float] = 0.15
     weight: NotNegative[float] = 0.3
+    stiffness: NotNegative[float] = 0.5
     grasp: NotNegative[float] = 0.004
     grasp_turn: NotNegative[float] = 0.06
     memory: Annotated[float, Bounds(1e-9)] = 30.0
@@ -70,10 +76,11 @@ class SpatialEstimatorConfig(Checked):
     outlier: Annotated[float, Bounds(1e-9)] = 3.0
     offset_gain: Share = 0.2
 
-    def prior(self, length: float) -> Float[np.ndarray, "15"]:
+    def prior(self, length: float) -> Float[np.ndarray, "p"]:
         """Standard deviations of theta for a cable of nominal `length` [m]."""
         deviation = np.empty(len(NAMES))
         deviation[[LENGTH, TWIST, WEIGHT]] = self.length * length, self.twist, self.weight
+        deviation[STIFFNESS] = self.stiffness
         deviation[GRASPS] = [*[self.grasp] * 3, *[self.grasp_turn] * 3] * 2
         return deviation
 
@@ -105,15 +112,14 @@ class SpatialEstimator(ParameterFilter[SpatialEstimate]):
         super().__init__(rod, config, control_step, nominal, NAMES)
         self.rod = rod
 
-    def adapted(self, theta: Float[np.ndarray, "15"]) -> SpatialRod:
+    def adapted(self, theta: Float[np.ndarray, "p"]) -> SpatialRod:
         """The rod with these parameters."""
-        length, twist, weight = theta[: GRASPS.start].tolist()
-        return replace(
-            self.rod, length=length, twist=self.rod.twist * np.exp(twist), weight=self.rod.weight * np.exp(weight)
-        )
+        length, twist, weight, *modes = theta[: GRASPS.start].tolist()
+        scaled = {"twist": self.rod.twist * math.exp(twist), "weight": self.rod.weight * math.exp(weight)}
+        return replace(self.rod, length=length, modes=tuple(modes), **scaled)
 
     def predict(
-        self, q: Float[np.ndarray, "12"], theta: Float[np.ndarray, "15"], poses: Float[np.ndarray, "2 7"]
+        self, q: Float[np.ndarray, "12"], theta: Float[np.ndarray, "p"], poses: Float[np.ndarray, "2 7"]
     ) -> Prediction:
         """See `ParameterFilter.predict`."""
         rod, keypoints = self.adapted(theta), self.rod.keypoints
@@ -125,35 +131,30 @@ class SpatialEstimator(ParameterFilter[SpatialEstimate]):
         by_ends = np.linalg.solve(dends[0].reshape(rod.dof, rod.dof).T, by_q.T).T
         by_theta = np.empty((by_q.shape[0], len(NAMES)))
         by_theta[:, GRASPS] = by_ends @ self._by_grasps(poses).reshape(rod.dof, -1)
-        for k, per_unit in ((LENGTH, 1.0), (TWIST, rod.twist), (WEIGHT, rod.weight)):
-            moved, ends = _by_parameter(rod, found, k)
-            by_theta[:, k] = per_unit * (moved - by_ends @ ends)
-        return Prediction(
-            found[0],
-            rod.at_keypoints(stations)[0],
-            by_theta.reshape(keypoints, 3, -1),
-            bool(np.isfinite(by_theta).all()),
+        steps = STEP * np.eye(len(NAMES))[: GRASPS.start]
+        (more, ends_more), (less, ends_less) = (self._shapes(found, theta + sides, rod) for sides in (steps, -steps))
+        moved = (more - less).reshape(len(steps), -1) - SE3.minus(ends_more, ends_less).reshape(
+            len(steps), -1
+        ) @ by_ends.T
+        by_theta[:, : GRASPS.start] = moved.T / (2 * STEP)
+        finite = bool(np.isfinite(by_theta).all())
+        return Prediction(found[0], rod.at_keypoints(stations)[0], by_theta.reshape(keypoints, 3, -1), finite)
+
+    def _shapes(
+        self, q: Float[np.ndarray, "1 12"], thetas: Float[np.ndarray, "m p"], near: SpatialRod
+    ) -> tuple[Float[np.ndarray, "m n 3"], Float[np.ndarray, "m 2 7"]]:
+        """Keypoints [m] and end poses of coordinates of rods with parameters, all with the hinges of one near."""
+        stiff = near.hinges * np.exp(thetas[:, STIFFNESS] @ modes(near.hinges))
+        nominal = np.array([1.0, self.rod.twist, self.rod.weight])
+        rods = nominal * np.column_stack([thetas[:, LENGTH], np.exp(thetas[:, [TWIST, WEIGHT]])])
+        found = [spatial_kernels.batch_shapes(q, *each, 0) for each in zip(rods, stiff, strict=True)]
+        return np.array([near.at_keypoints(stations)[0] for stations, *_ in found]), np.array(
+            [each[2][0] for each in found]
         )
 
     def _fitted(self, keypoints: Float[np.ndarray, "n 3"], poses: Float[np.ndarray, "2 7"]) -> Float[np.ndarray, "12"]:
         return fit_shape(self.rod, keypoints, poses[:, 3:])[0]
 
 
-def _grasps(theta: Float[np.ndarray, "15"]) -> Float[np.ndarray, "2 7"]:
+def _grasps(theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "2 7"]:
     return SE3.plus(np.tile(UNMOVED, (2, 1)), theta[GRASPS].reshape(2, SE3.dof))
-
-
-def _by_parameter(
-    rod: SpatialRod, q: Float[np.ndarray, "1 12"], k: int
-) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "12"]]:
-    """Derivatives of the keypoints [m] and of the end poses by a parameter of the rod, its coordinates held."""
-    parameters, hinges = rod.arrays
-    step = STEP * max(float(parameters[k]), STEP)
-    sides = []
-    for sign in (1, -1):
-        moved = parameters.copy()
-        moved[k] += sign * step
-        stations, _, poses, _ = spatial_kernels.batch_shapes(q, moved, hinges, 0)
-        sides.append((rod.at_keypoints(stations)[0], poses[0]))
-    (more, ends_more), (less, ends_less) = sides
-    return (more - less).ravel() / (2 * step), SE3.minus(ends_more, ends_less).ravel() / (2 * step)

@@ -1,8 +1,8 @@
 """Compiled kernels of `cableway.motion.spatial`: whether one shape in space is free, and the way between two.
 
-A `space` is (rod, world, limits, bodies): parameters and hinges of the rod (`cableway.rod.spatial_kernels`), the arrays
-of a `SpatialWorld`, `SpatialLimits` and the arrays of `SpatialBodies`, of which the last are those of its hulls, or
-None.
+A `space` is (rod, world, limits, bodies): parameters and stiffness of the rod (`cableway.rod.spatial_kernels`), the
+arrays of a `SpatialWorld`, `SpatialLimits` and the arrays of `SpatialBodies`, of which the last are those of its hulls,
+or None.
 """
 
 from __future__ import annotations
@@ -275,13 +275,13 @@ def is_free(q, space):
     The cheapest tests come first.
     """
     rod, world, limits, bodies = space
-    p, hinges = rod
+    p, stiff = rod
     if abs(q[9]) > limits.most_twist * p[1]:
         return False
-    last = 2 * hinges
+    last = 2 * len(stiff)
     stations, flat = np.empty((last + 1, 3)), np.empty((last + 1, 3, 0))
     poses, none = np.empty((2, 7)), np.empty((2, 6, 0))
-    held_shape(q, p, hinges, stations, flat, poses, none)
+    held_shape(q, p, stiff, stations, flat, poses, none)
     squared = _squared(stations[0], stations[last])
     if not limits.least_span**2 <= squared <= limits.most_span**2:
         return False
@@ -297,7 +297,7 @@ def is_free(q, space):
         return False
     if self_distance(stations, limits.apart) < limits.self_distance:
         return False
-    return has_margin(q, p, hinges, limits.stability)
+    return has_margin(q, p, stiff, limits.stability)
 
 
 @kernel

@@ -36,11 +36,11 @@ TURNED_WAY = 1 / 3
 @kernel
 def features(q, rod, out):
     """Coordinates (FEATURES,) [m] of points at equal arc length on the rod, ends included, and of one beside it."""
-    p, hinges = rod
-    last = 2 * hinges
+    p, stiff = rod
+    last = 2 * len(stiff)
     stations, flat = np.empty((last + 1, 3)), np.empty((last + 1, 3, 0))
     poses, none, frame = np.empty((2, 7)), np.empty((2, 6, 0)), np.empty((3, 3))
-    held_shape(q, p, hinges, stations, flat, poses, none)
+    held_shape(q, p, stiff, stations, flat, poses, none)
     rotation(q[3:6], frame)
     for k in range(3):
         for i in range(STATIONS):

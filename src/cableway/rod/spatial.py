@@ -1,8 +1,9 @@
 """Equilibria of an elastic rod in space, twisted and heavy, clamped at both ends, in coordinates of its centre.
 
-The uniform, isotropic, inextensible rod has bending stiffness B, twisting stiffness C and length L. Forces are counted
-in B/L^2, moments in B/L, lengths in L; then it is told by kappa = C/B and its weight gamma = rho A g L^3/B. As in the
-plane (`cableway.rod.planar`) it is a chain of N hinges, N even, whose first and last link are half as long.
+The isotropic, inextensible rod has bending stiffness B, twisting stiffness C and length L. Forces are counted in B/L^2,
+moments in B/L, lengths in L; then it is told by kappa = C/B and its weight gamma = rho A g L^3/B. As in the plane
+(`cableway.rod.planar`) it is a chain of N hinges, N even, whose first and last link are half as long. Where B is not
+the same everywhere, N is N e^b at a hinge below, with b as `cableway.rod.material` has it; C is the same everywhere.
 
 Let n_c and m_c be force and moment at the middle of the centre link, and t_i the direction of link i. Going outward, ::
 
@@ -44,7 +45,7 @@ from jaxtyping import Float
 from cableway.core.errors import InputError
 from cableway.geometry import rotations
 from cableway.geometry.groups import SE3, Group
-from cableway.rod import spatial_kernels, spatial_stability
+from cableway.rod import material, spatial_kernels, spatial_stability
 from cableway.rod.fitting import LOAD_UNITS
 from cableway.rod.held_rod import HeldRod
 from cableway.rod.material import GRAVITY
@@ -67,12 +68,15 @@ class SpatialRod(HeldRod):
         twist: kappa = C/B, the twisting stiffness by the bending stiffness; 2/3 for a solid round rod whose material
             keeps its volume.
         weight: gamma = rho A g L^3/B, the weight by the force B/L^2.
+        modes: b_k, k = 1, 2, ..., of the logarithm of the bending stiffness along the rod, as in the plane; none of a
+            uniform rod. C is the same everywhere.
     """
 
     length: float
     keypoints: int = 13
     twist: float = 2 / 3
     weight: float = 0.0
+    modes: tuple[float, ...] = ()
     group: ClassVar[type[Group]] = SE3
 
     def __post_init__(self) -> None:
@@ -82,6 +86,8 @@ class SpatialRod(HeldRod):
                 raise InputError(f"rod {name} must be positive and finite, got {value!r}")
         if not (np.isfinite(self.weight) and self.weight >= 0):
             raise InputError(f"rod weight must be finite and not negative, got {self.weight!r}")
+        if not np.isfinite(self.modes).all():
+            raise InputError(f"the modes of a rod's stiffness must be finite, got {self.modes!r}")
         if self.keypoints < 3:
             raise InputError(f"a rod needs at least 3 keypoints, got {self.keypoints!r}")
 
@@ -97,9 +103,17 @@ class SpatialRod(HeldRod):
         return cls(length, keypoints, twist, linear_density * GRAVITY * length**3 / bending_stiffness)
 
     @cached_property
-    def arrays(self) -> tuple[Float[np.ndarray, "3"], int]:
-        """Parameters and number of hinges as `cableway.rod.spatial_kernels` takes them."""
-        return np.array([self.length, self.twist, self.weight]), self.hinges
+    def arrays(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "N"]]:
+        """Parameters and stiffness of the hinges as `cableway.rod.spatial_kernels` takes them."""
+        return np.array([self.length, self.twist, self.weight]), self.stiffness
+
+    @cached_property
+    def stiffness(self) -> Float[np.ndarray, "N"]:
+        """Bending stiffness of the hinges, by B/L."""
+        count = self.hinges
+        if not self.modes:
+            return np.full(count, float(count))
+        return count * np.exp(np.array(self.modes) @ material.modes(count, len(self.modes)))
 
     @property
     def dof(self) -> int:
@@ -233,7 +247,7 @@ class SpatialRod(HeldRod):
         links = np.diff(corners, axis=1)
         lengths = np.linalg.norm(links, axis=2)
         t = links / lengths[..., None]
-        bending = -2 * self.hinges * np.sum(np.log((1 + np.sum(t[:, :-1] * t[:, 1:], axis=2)) / 2), axis=1)
+        bending = -2 * np.sum(self.stiffness * np.log((1 + np.sum(t[:, :-1] * t[:, 1:], axis=2)) / 2), axis=1)
         heights = (corners[:, 1:, 2] + corners[:, :-1, 2]) / 2 - poses[:, :, 2].mean(1)[:, None]
         hanging = self.weight * np.sum(lengths * heights, axis=1) / self.length**2
         return bending + q[:, 9] ** 2 / (2 * self.twist) + hanging

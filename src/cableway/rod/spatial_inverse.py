@@ -185,16 +185,16 @@ def _turned_by(found, wanted, out):
 
 
 @kernel
-def _fit(q, keypoints, wanted, weight, p, hinges, stride):
+def _fit(q, keypoints, wanted, weight, p, stiff, stride):
     """Move q (12,) to the nearest equilibrium, in place; half the squared distance, in squared lengths."""
-    count, length = 2 * hinges + 1, p[0]
+    count, length = 2 * len(stiff) + 1, p[0]
     stations, dstations = np.empty((count, 3)), np.empty((count, 3, 12))
     poses, dposes = np.empty((2, 7)), np.empty((2, 6, 12))
     search, rates, turns, changes = begin(q), np.empty(12), np.empty((3, 3)), np.empty((3, 3))
     scale = np.array([length, length, length, 1.0, 1.0, 1.0, 10.0, 10.0, 10.0, 3.0, 3.0, 3.0])
     off = np.empty(3)
     while True:
-        spatial_kernels.held_shape(search.trial, p, hinges, stations, dstations, poses, dposes)
+        spatial_kernels.held_shape(search.trial, p, stiff, stations, dstations, poses, dposes)
         spatial_kernels.turns_of(search.trial[3:6], turns)
         clear(search)
         cost = 0.0

@@ -1,7 +1,8 @@
 """Compiled kernels of the rod in space; `cableway.rod.spatial` explains the quantities and is what to call.
 
-Parameters p (3,): length L, twisting stiffness kappa = C/B, weight gamma = rho A g L^3/B. The number N of hinges is
-even, so a link has its middle at the rod's centre. Stations are those of the planar rod: 2N + 1 of them.
+Parameters p (3,): length L, twisting stiffness kappa = C/B, weight gamma = rho A g L^3/B; and `stiff` (N,), the bending
+stiffness of each hinge by B/L, which is N for a uniform rod. N is even, so a link has its middle at the rod's centre.
+Stations are those of the planar rod: 2N + 1 of them.
 
 Derivatives are by small steps of q: columns 0-2 move the centre, 3-5 turn it about the world's axes, 6-8 and 9-11
 change force and moment in the centre's frame.
@@ -109,15 +110,15 @@ def quaternion(tangent, across, out):
 
 
 @inlined
-def _turn(side, hinges, tau, t, m, d, rates, dt, dm, dtau, spin, w, dw, a, b):
+def _turn(side, stiff, tau, t, m, d, rates, dt, dm, dtau, spin, w, dw, a, b):
     """Go over a hinge: the tangent t, the frame's second axis d, and their changes `dt` and `spin` by `rates` columns.
 
-    t' = ((1 - |w|^2) t + 2 w) / (1 + |w|^2) solves m = 2N t x t'/(1 + t.t') + tau (t + t')/(1 + t.t').
+    t' = ((1 - |w|^2) t + 2 w) / (1 + |w|^2) solves m = 2 stiff t x t'/(1 + t.t') + tau (t + t')/(1 + t.t').
     """
-    share = 1.0 / (tau * tau + 4.0 * hinges * hinges)
+    share = 1.0 / (tau * tau + 4.0 * stiff * stiff)
     cross(t, m, a)
     for k in range(3):
-        w[k] = share * (tau * (m[k] - tau * t[k]) - side * 2.0 * hinges * a[k])
+        w[k] = share * (tau * (m[k] - tau * t[k]) - side * 2.0 * stiff * a[k])
     square = dot(w, w)
     for k in range(3):
         b[k] = ((1.0 - square) * t[k] + 2.0 * w[k]) / (1.0 + square)  # t'
@@ -127,11 +128,11 @@ def _turn(side, hinges, tau, t, m, d, rates, dt, dm, dtau, spin, w, dw, a, b):
         cross(dt[column], m, a)
         for k in range(3):
             dw[k] = change * (m[k] - 2.0 * tau * t[k]) + tau * (dm[column, k] - tau * dt[column, k])
-            dw[k] -= side * 2.0 * hinges * a[k] + 2.0 * tau * change * w[k]
+            dw[k] -= side * 2.0 * stiff * a[k] + 2.0 * tau * change * w[k]
         cross(t, dm[column], a)
         dsquare = 0.0
         for k in range(3):
-            dw[k] = share * (dw[k] - side * 2.0 * hinges * a[k])
+            dw[k] = share * (dw[k] - side * 2.0 * stiff * a[k])
             dsquare += 2.0 * w[k] * dw[k]
         onto = dot(spin[column], t) + dot(spin[column], b)
         for k in range(3):
@@ -185,20 +186,20 @@ def _loads(q, turn, force, moment, dforce, dtau):
 
 
 @kernel
-def walk(q, p, hinges, points, rates, frames, ends, end_rates):
+def walk(q, p, stiff, points, rates, frames, ends, end_rates):
     """Go outward from the centre to both ends, in lengths of the rod and the world's axes.
 
     Args:
         q: (12,).
         p: (3,).
-        hinges: N.
+        stiff: (N,).
         points: (2N + 1, 3) gets the stations relative to the centre.
         rates: (2N + 1, c, 3) gets their derivatives by the first c of `INNER` columns: c is 0 or `INNER`.
         frames: (N + 1, 2, 3) gets the tangent of each link and its second axis, carried without twist.
         ends: (2, 2, 3) gets the same of the grippers, with the twist.
         end_rates: (2, c, 3) gets the rotation [rad] of the grippers by each column, about the world's axes.
     """
-    columns = rates.shape[1]
+    columns, hinges = rates.shape[1], len(stiff)
     kappa, weight = p[1], p[2]
     half, tau, middle = 0.5 / hinges, q[9], hinges // 2
     turn, force, moment = np.empty((3, 3)), np.empty(3), np.empty(3)
@@ -229,7 +230,8 @@ def walk(q, p, hinges, points, rates, frames, ends, end_rates):
             _advance(side, half, weight, at, force, t, m, x, columns, dforce, dt, dm, dx, a, b)
             points[hinges + side * (2 * step + 1)] = x
             rates[hinges + side * (2 * step + 1)] = dx
-            _turn(side, hinges, tau, t, m, d, columns, dt, dm, dtau, spin, w, dw, a, b)
+            hinge = middle + step if row else middle - 1 - step
+            _turn(side, stiff[hinge], tau, t, m, d, columns, dt, dm, dtau, spin, w, dw, a, b)
             _advance(side, half, weight, at + side * half, force, t, m, x, columns, dforce, dt, dm, dx, a, b)
             points[hinges + side * (2 * step + 2)] = x
             rates[hinges + side * (2 * step + 2)] = dx
@@ -245,16 +247,17 @@ def walk(q, p, hinges, points, rates, frames, ends, end_rates):
 
 
 @kernel
-def held_shape(q, p, hinges, stations, dstations, poses, dposes):
+def held_shape(q, p, stiff, stations, dstations, poses, dposes):
     """Stations (2N+1, 3) and gripper poses (2, 7) of q, and their derivatives by the first 0 or 12 columns.
 
     `dstations` (2N+1, 3, m), and `dposes` (2, 6, m) for steps of the poses.
     """
-    count, columns = 2 * hinges + 1, dstations.shape[2]
+    hinges, columns = len(stiff), dstations.shape[2]
+    count = 2 * hinges + 1
     inner = INNER if columns > 0 else 0
     points, rates = np.empty((count, 3)), np.empty((count, inner, 3))
     frames, ends, end_rates = np.empty((hinges + 1, 2, 3)), np.empty((2, 2, 3)), np.empty((2, inner, 3))
-    walk(q, p, hinges, points, rates, frames, ends, end_rates)
+    walk(q, p, stiff, points, rates, frames, ends, end_rates)
     length = p[0]
     for i in range(count):
         for k in range(3):
@@ -274,11 +277,11 @@ def held_shape(q, p, hinges, stations, dstations, poses, dposes):
 
 
 @kernel
-def batch_shapes(q, p, hinges, columns):
+def batch_shapes(q, p, stiff, columns):
     """`held_shape` over rows of q (T, 12): stations, derivatives, poses and their derivatives."""
-    rows, count = len(q), 2 * hinges + 1
+    rows, count = len(q), 2 * len(stiff) + 1
     stations, dstations = np.empty((rows, count, 3)), np.empty((rows, count, 3, columns))
     poses, dposes = np.empty((rows, 2, 7)), np.empty((rows, 2, 6, columns))
     for t in range(rows):
-        held_shape(q[t], p, hinges, stations[t], dstations[t], poses[t], dposes[t])
+        held_shape(q[t], p, stiff, stations[t], dstations[t], poses[t], dposes[t])
     return stations, dstations, poses, dposes

@@ -58,8 +58,10 @@ def matrices(
     t, u = tangents[:, :-1], tangents[:, 1:]
     along = (t + u) / np.linalg.norm(t + u, axis=2, keepdims=True)
     bend = 2 * np.cross(t, u) / (1 + np.sum(t * u, axis=2, keepdims=True))
-    moment = count * bend + q[:, None, 9:10] * along
-    stiff = count * (np.eye(3) + (rod.twist - 1) * along[..., :, None] * along[..., None, :])
+    bending = rod.stiffness[:, None]
+    moment = bending * bend + q[:, None, 9:10] * along
+    beyond = (rod.twist * (count / bending) - 1)[..., None]
+    stiff = bending[..., None] * (np.eye(3) + beyond * along[..., :, None] * along[..., None, :])
     damping = np.zeros((rows, links, 3, links, 3))
     for a, b, sign in ((before, before, 1), (after, after, 1), (before, after, -1), (after, before, -1)):
         damping[:, a, :, b] += sign * stiff.swapaxes(0, 1)

@@ -30,21 +30,22 @@ NUDGE = 1e-5
 
 
 @kernel
-def second_variation(q, p, hinges, diagonal, off, closure, twist):
+def second_variation(q, p, stiff, diagonal, off, closure, twist):
     """Fill A and its borders.
 
     Args:
         q: (12,).
         p: (3,).
-        hinges: N.
+        stiff: (N,) bending stiffness of the hinges by B/L.
         diagonal: (N - 1, 2, 2) gets its blocks on the diagonal.
         off: (N - 1, 2, 2) gets the blocks that couple each inner link to the next one.
         closure: (N - 1, 2, 3) gets what each turn moves the end by.
         twist: (N - 1, 2) gets what it twists the rod by.
     """
+    hinges = len(stiff)
     points, none = np.empty((2 * hinges + 1, 3)), np.empty((2 * hinges + 1, 0, 3))
     frames, ends, flat = np.empty((hinges + 1, 2, 3)), np.empty((2, 2, 3)), np.empty((2, 0, 3))
-    walk(q, p, hinges, points, none, frames, ends, flat)
+    walk(q, p, stiff, points, none, frames, ends, flat)
     h, middle = 1.0 / hinges, hinges // 2
     axes, force = np.empty((hinges + 1, 3, 3)), np.empty(3)
     for i in range(hinges + 1):
@@ -63,7 +64,7 @@ def second_variation(q, p, hinges, diagonal, off, closure, twist):
     before, across, after = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2))
     change = np.empty((2, 2))
     for j in range(hinges):
-        _hinge(axes[j], axes[j + 1], q[9], hinges, before, across, after, change)
+        _hinge(axes[j], axes[j + 1], q[9], stiff[j], before, across, after, change)
         for r in range(2):
             if j > 0:
                 twist[j - 1, r] += change[0, r]
@@ -79,19 +80,19 @@ def second_variation(q, p, hinges, diagonal, off, closure, twist):
 
 
 @inlined
-def _hinge(one, other, tau, hinges, before, across, after, change):
+def _hinge(one, other, tau, stiff, before, across, after, change):
     """Second variation of a hinge between links with axes `one` and `other` (3, 3), and the change of its twist.
 
     With c = t . t' and k = t x t', along great circles p and p' of the tangents: of the bending energy it is
-    2N/(1 + c)^2 (dc)^2 - 2N/(1 + c) ddc, where dc = p . t' + t . p' and ddc = 2 p . p' - c (p . p + p' . p'); of tau
-    times the twist, tau (p . ((t + t') x p')/(1 + c) - (p + p') . k dc/(1 + c)^2). The twist changes by
-    (p + p') . k/(1 + c).
+    2K/(1 + c)^2 (dc)^2 - 2K/(1 + c) ddc, K its stiffness, where dc = p . t' + t . p' and
+    ddc = 2 p . p' - c (p . p + p' . p'); of tau times the twist, tau (p . ((t + t') x p')/(1 + c)
+    - (p + p') . k dc/(1 + c)^2). The twist changes by (p + p') . k/(1 + c).
     """
     t, u = one[0], other[0]
     c = dot(t, u)
     k, a = np.empty(3), np.empty(3)
     cross(t, u, k)
-    fall, curve = 2.0 * hinges / (1.0 + c), 2.0 * hinges / ((1.0 + c) * (1.0 + c))
+    fall, curve = 2.0 * stiff / (1.0 + c), 2.0 * stiff / ((1.0 + c) * (1.0 + c))
     lean, roll = 0.5 * tau / ((1.0 + c) * (1.0 + c)), 0.5 * tau / (1.0 + c)
     along = np.empty((2, 2))
     for r in range(2):
@@ -217,12 +218,13 @@ def _back(off, inverses, x):
 
 
 @kernel
-def _quadratic(q, p, hinges, v, multipliers):
+def _quadratic(q, p, stiff, v, multipliers):
     """N (v'Av + kappa (g.v)^2 + 2 multipliers . C v) at q."""
+    hinges = len(stiff)
     free = hinges - 1
     diagonal, off = np.empty((free, 2, 2)), np.empty((free, 2, 2))
     closure, twist = np.empty((free, 2, 3)), np.empty((free, 2))
-    second_variation(q, p, hinges, diagonal, off, closure, twist)
+    second_variation(q, p, stiff, diagonal, off, closure, twist)
     value, turned = 0.0, 0.0
     for i in range(free):
         for r in range(2):
@@ -237,19 +239,20 @@ def _quadratic(q, p, hinges, v, multipliers):
 
 
 @kernel
-def stability(q, p, hinges, ceiling, scale, gradient):
+def stability(q, p, stiff, ceiling, scale, gradient):
     """Margin of q (12,), at most `ceiling`, and its derivative (12,), zero where that is reached.
 
     The margin is an eigenvalue and stationary in v and in the multipliers, so its slope is that of the quadratic form
     with both held, here by central differences in units of `scale` (12,).
     """
+    hinges = len(stiff)
     free = hinges - 1
     diagonal, off = np.empty((free, 2, 2)), np.empty((free, 2, 2))
     closure, twist = np.empty((free, 2, 3)), np.empty((free, 2))
     border, corner = np.empty((BORDER, free, 2)), np.empty(BORDER)
     inverses, solved, schur = np.empty((free, 2, 2)), np.empty((BORDER, free, 2)), np.empty((BORDER, BORDER))
     gradient[:] = 0.0
-    second_variation(q, p, hinges, diagonal, off, closure, twist)
+    second_variation(q, p, stiff, diagonal, off, closure, twist)
     _bordered(closure, twist, p[1], border, corner)
     if _factor(diagonal, off, border, corner, ceiling / hinges, inverses, solved, schur) == BORDER:
         return ceiling
@@ -278,19 +281,20 @@ def stability(q, p, hinges, ceiling, scale, gradient):
                     nudged[3 + k] += nudge * changes[k, column - 3]
             else:
                 nudged[column] += nudge
-            gradient[column] += _quadratic(nudged, p, hinges, v, multipliers) / (2.0 * nudge)
+            gradient[column] += _quadratic(nudged, p, stiff, v, multipliers) / (2.0 * nudge)
     return mu
 
 
 @kernel
-def has_margin(q, p, hinges, margin):
+def has_margin(q, p, stiff, margin):
     """Whether the stability margin of q (12,) is above `margin`: one factorisation, where `stability` needs many."""
+    hinges = len(stiff)
     free = hinges - 1
     diagonal, off = np.empty((free, 2, 2)), np.empty((free, 2, 2))
     closure, twist = np.empty((free, 2, 3)), np.empty((free, 2))
     border, corner = np.empty((BORDER, free, 2)), np.empty(BORDER)
     inverses, solved, schur = np.empty((free, 2, 2)), np.empty((BORDER, free, 2)), np.empty((BORDER, BORDER))
-    second_variation(q, p, hinges, diagonal, off, closure, twist)
+    second_variation(q, p, stiff, diagonal, off, closure, twist)
     _bordered(closure, twist, p[1], border, corner)
     return _factor(diagonal, off, border, corner, margin / hinges, inverses, solved, schur) == BORDER
 
@@ -340,9 +344,9 @@ def _multipliers(diagonal, off, closure, twist, kappa, shift, v):
 
 
 @kernel
-def batch_stability(q, p, hinges, ceiling, scale):
+def batch_stability(q, p, stiff, ceiling, scale):
     """`stability` over rows of q (T, 12): margins (T,) and derivatives (T, 12)."""
     mu, dmu = np.empty(len(q)), np.empty((len(q), 12))
     for t in range(len(q)):
-        mu[t] = stability(q[t], p, hinges, ceiling, scale, dmu[t])
+        mu[t] = stability(q[t], p, stiff, ceiling, scale, dmu[t])
     return mu, dmu
