@@ -37,16 +37,23 @@ class SpatialChain:
     Attributes:
         cable: Length, radius, stiffnesses, damping time and density.
         links: How many, the first and the last half as long.
+        profile: Factors on both stiffnesses at places evenly along the cable.
     """
 
     cable: SpatialCable
     links: int
+    profile: tuple[float, ...] = (1.0,)
 
     @property
     def joints(self) -> Float[np.ndarray, "v"]:
         """Where the ends and the joints are, from 0 to 1 along the cable."""
         inner = np.arange(self.links - 1) + 0.5
         return np.concatenate([[0.0], inner / (self.links - 1), [1.0]])
+
+    @property
+    def _factors(self) -> Float[np.ndarray, "j"]:
+        """Factors on the stiffness of each joint."""
+        return np.interp(self.joints[1:-1], np.linspace(0.0, 1.0, len(self.profile)), self.profile)
 
     @property
     def coordinates(self) -> int:
@@ -61,7 +68,7 @@ class SpatialChain:
             surface: How the capsules meet other things.
         """
         cable, body, before = self.cable, spec.worldbody, 0.0
-        stiffness = cable.bending_stiffness * (self.links - 1) / cable.length
+        stiffness = cable.bending_stiffness * (self.links - 1) / cable.length * self._factors
         for index, share in enumerate(np.diff(self.joints) * cable.length):
             name = f"segment {index}"
             body, before = body.add_body(name=name, pos=[before, 0.0, 0.0]), float(share)
@@ -71,8 +78,8 @@ class SpatialChain:
                 across = ACROSS if index % 2 else ACROSS[::-1]
                 for axis, factor in (*((axis, 1.0) for axis in across), (ALONG, cable.twist_ratio)):
                     joint = body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-                    joint.stiffness[0] = factor * stiffness
-                    joint.damping[0] = factor * stiffness * cable.damping_time
+                    joint.stiffness[0] = factor * stiffness[index - 1]
+                    joint.damping[0] = factor * stiffness[index - 1] * cable.damping_time
             body.add_geom(
                 name=name,
                 type=mujoco.mjtGeom.mjGEOM_CAPSULE,

@@ -30,7 +30,9 @@ from cableway.motion.spatial import SpatialBodies
 from cableway.motion.spatial_kernels import OTHER, WORLD
 from cableway.records import Measurement, Observation
 from cableway.rod.inverse import equilibria_at, meet_poses
+from cableway.scene import checks
 from cableway.scene.bodies import LEFT
+from cableway.scene.cable import MOST_VALUES, PROFILES
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Sphere
 from cableway.scene.spatial.scene import SpatialScene
@@ -75,6 +77,7 @@ class SpatialConfig(Checked):
 
     Attributes:
         links: Of the chain.
+        stiffness_profile: Factors on bending and twisting stiffness at places evenly along the cable.
         time_step: Of MuJoCo [s]; must divide the control step.
         servo_time: Time constant of the grippers [s].
         friction: Coefficient between cable and obstacles.
@@ -86,6 +89,7 @@ class SpatialConfig(Checked):
     """
 
     links: Annotated[int, Bounds(10, 200)] = 41
+    stiffness_profile: Annotated[tuple[float, ...], "a list of factors", 1] = (1.0,)
     time_step: Annotated[float, Bounds(5e-4, 5e-3)] = 0.0025
     servo_time: Annotated[float, Bounds(0, 1)] = 0.05
     friction: Annotated[float, Bounds(0, 3)] = 0.3
@@ -94,6 +98,8 @@ class SpatialConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        quantity, place = PROFILES["stiffness_profile"], ("stiffness_profile",)
+        object.__setattr__(self, place[0], checks.profile(self.stiffness_profile, place, MOST_VALUES, quantity))
         if abs(CONTROL_STEP / self.time_step - self.substeps) > 1e-6:
             raise InputError(f"time_step must divide {CONTROL_STEP} s, got {self.time_step!r}")
 
@@ -129,7 +135,7 @@ class SpatialPlant:
         seed: int = 0,
     ) -> None:
         self.task, self.cable, self.config = task, cable or task.cable, config or SpatialConfig()
-        self._chain, self._steps = SpatialChain(self.cable, self.config.links), 0
+        self._chain, self._steps = SpatialChain(self.cable, self.config.links, self.config.stiffness_profile), 0
         self._rng, self._clearances = np.random.default_rng(seed), (math.inf, math.inf)
         self._grasps = np.tile(SAME, (2, 1)) if grasps is None else np.array(grasps, float)
         self.model = self._built()
