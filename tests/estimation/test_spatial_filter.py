@@ -38,20 +38,21 @@ def test_predictions_change_with_parameters_as_finite_differences_do():
 
 
 def estimates_of(perturbation: SpatialPerturbation, task: SpatialTask, seed: int = 0) -> Mapping[str, Estimate]:
-    """What is estimated of a cable after 4 s of a run."""
+    """What is estimated of a cable after 3 s of a run."""
     plant, controller = perturbation.build(task, seed), SpatialMPC()
     plan = Plan.of(task.rod, task.start + np.linspace(0, 1, 40)[:, None] * (task.goal - task.start))
     state, seen = controller.init(task, plan), plant.reset()
-    for _ in range(40):
+    for _ in range(30):
         action, state = controller.step(state, seen)
         seen = plant.step(action)
     return state.estimates()
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_length_and_weight_of_a_cable_in_another_simulator_are_found_while_it_rests(seed: int):
     task = replace(TASK, cable=replace(TASK.cable, linear_density=0.12))
     drawn = SpatialPerturbation.drawn(task, seed)
+    drawn = replace(drawn, config=replace(drawn.config, links=21))
     assert drawn.cable is not None
     found = estimates_of(drawn, task, seed)
     for name, true in (
@@ -61,13 +62,13 @@ def test_length_and_weight_of_a_cable_in_another_simulator_are_found_while_it_re
     assert found["length"].deviation < 0.5 * found["length"].prior
 
 
-@pytest.mark.parametrize("profile", [(0.5, 1.0, 1.5), (1.5, 1.0, 0.5)])
-def test_the_end_at_which_a_cable_is_stiffer_is_found(profile: tuple[float, ...]):
+def test_the_end_at_which_a_cable_is_stiffer_is_found():
+    profile = (0.5, 1.0, 1.5)
     start, goal = TASK.start.copy(), TASK.goal.copy()
     for end in (start, goal):
         end[[6, 11]] = -20.0, 3.0
     bent = replace(TASK, start=start, goal=goal)
-    found = estimates_of(SpatialPerturbation(config=SpatialConfig(stiffness_profile=profile)), bent)
+    found = estimates_of(SpatialPerturbation(config=SpatialConfig(links=21, stiffness_profile=profile)), bent)
     slope = np.log(profile[-1] / profile[0]) / 2
     assert 0.6 < found["stiffness mode 1"].value / slope < 1.1
 
