@@ -18,7 +18,7 @@ from cableway.motion.spatial import SpatialProblem
 from cableway.records import Measurement, Observation, Plan
 from cableway.scene.spatial.obstacles import Sphere
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
-from cableway.simulation.spatial_plant import SAME, SpatialConfig
+from cableway.simulation.spatial_plant import SpatialConfig
 from cableway.tracking.spatial_loop import track_in_space
 from cableway.verification.record import verify_record
 from cableway.workflow.spatial_run import follow_in_space
@@ -78,7 +78,9 @@ def test_what_no_rod_explains_is_left_to_the_nominal_one():
 
 def test_the_tasks_cable_held_askew_begins_in_another_shape_and_is_judged_so():
     nothing = SpatialPerturbation(config=SpatialConfig(links=21))
-    askew = SE3.plus(np.tile(SAME, (2, 1)), np.array([[0, 0.006, 0, 0, 0.1, 0.1], [0.006, 0, 0.004, 0, 0, 0.1]]))
+    askew = SE3.plus(
+        np.tile(SE3.identity, (2, 1)), np.array([[0, 0.006, 0, 0, 0.1, 0.1], [0.006, 0, 0.004, 0, 0, 0.1]])
+    )
     held = replace(nothing, grasps=askew)
     assert (nothing.another_start, held.another_start) == (False, True)
     rollout, verdict, outcome, _ = follow_in_space(TASK, straight(), perturbation=held)
@@ -98,7 +100,7 @@ def test_a_drawn_cable_differs_as_said_and_the_same_seed_draws_it_again():
     for name, most in (("length", 0.02), ("bending_stiffness", 0.3)):
         off = np.array([getattr(cable, name) for cable in cables]) / getattr(TASK.cable, name) - 1
         assert 0.6 * most < np.abs(off).max() <= most
-    off = np.abs(SE3.minus(np.array([each.grasps for each in drawn]), np.tile(SAME, (2, 1))))
+    off = np.abs(SE3.minus(np.array([each.grasps for each in drawn]), np.tile(SE3.identity, (2, 1))))
     for part, most in ((off[..., :3], 0.003), (off[..., 3:], np.radians(5.0))):
         assert 0.6 * most < np.linalg.norm(part, axis=-1).max() <= most
     assert {each.config.measurement_delay for each in drawn} == {1}

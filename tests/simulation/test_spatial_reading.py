@@ -13,7 +13,7 @@ from cableway.geometry.groups import SE3
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.simulation.perturbations.spatial_reading import read_spatial_perturbation
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
-from cableway.simulation.spatial_plant import SAME, SpatialConfig
+from cableway.simulation.spatial_plant import SpatialConfig
 
 TASK = ball_task()
 
@@ -26,7 +26,7 @@ def read(folder: Path, text: str) -> SpatialPerturbation:
 def test_what_a_file_leaves_out_is_as_in_the_task(tmp_path: Path):
     nothing = read(tmp_path, "")
     assert nothing.cable is None
-    assert np.array_equal(nothing.grasps, np.tile(SAME, (2, 1)))
+    assert np.array_equal(nothing.grasps, np.tile(SE3.identity, (2, 1)))
     assert nothing.config == SpatialConfig()
 
 
@@ -37,7 +37,7 @@ def test_a_file_changes_cable_grasps_and_plant(tmp_path: Path):
     )
     assert found.cable is not None
     assert (found.cable.length, found.cable.bending_stiffness) == (0.344, TASK.cable.bending_stiffness)
-    offsets = SE3.minus(found.grasps, np.tile(SAME, (2, 1)))
+    offsets = SE3.minus(found.grasps, np.tile(SE3.identity, (2, 1)))
     np.testing.assert_allclose(offsets, [6 * [0], [0.002, 0, 0, 0, 0, 0.06]], atol=1e-12)
     assert found.config.keypoint_noise == 0.001
 

@@ -107,10 +107,19 @@ def last_filter(
         kept = np.column_stack([kept, _cable_room(lies, reached, task)])
     if arms is not None:
         kept = np.column_stack([kept, arms.room(reached)])
+    return allowed_part(action, kept)
+
+
+def allowed_part(action: Float[np.ndarray, "2 step"], kept: Float[np.ndarray, "k rooms"]) -> np.ndarray:
+    """As much of an action as makes no room worse than it is, or smaller than nothing where it is not.
+
+    Args:
+        action: (2, step) gripper motion.
+        kept: (k, rooms) what is kept after each of `SHARES` of it, nothing of it first.
+    """
     allowed = (kept >= np.minimum(kept[0], 0.0) - ROUNDING).all(axis=1)
     # the first share that is not allowed bounds those that are
-    share = SHARES[int(np.argmin(allowed)) - 1] if not allowed.all() else 1.0
-    return action if share == 1.0 else share * action
+    return action if allowed.all() else SHARES[int(np.argmin(allowed)) - 1] * action
 
 
 def _body_room(body: Body, poses: Float[np.ndarray, "k 2 3"], task: Task) -> Float[np.ndarray, "k"]:

@@ -263,7 +263,7 @@ class RodMPC(Controller[RodMPCState]):
             clearance=clearance,
         )
         rod_kernels.optimize(
-            q, before, p, modes, rod.stride, _at_stations(estimate.offset, rod.stride), horizon, state.bodies,
+            q, before, p, modes, rod.stride, rod.at_stations(estimate.offset), horizon, state.bodies,
             state.meetings, state.task.scene.world.arrays, state.limits, config.weights,
         )  # fmt: skip
         reached = kernels.batch_shapes(q[:1], p, modes, 0)[2]
@@ -284,10 +284,3 @@ def plan_shapes(rod: PlanarRod, plan: Plan) -> Float[np.ndarray, "t 6"]:
         first = fit_keypoints(rod, plan.shapes[0])[0]
         q = np.vstack([first, fit_sequence(rod, plan.shapes[1:], first)])
     return np.array([rod.continued(row, poses) for row, poses in zip(q, plan.poses, strict=True)])
-
-
-def _at_stations(offset: Float[np.ndarray, "n 2"], stride: int) -> Float[np.ndarray, "s 2"]:
-    """The offset of the keypoints at all stations, linear between them."""
-    keypoints = np.arange(len(offset))
-    stations = np.arange((len(offset) - 1) * stride + 1) / stride
-    return np.column_stack([np.interp(stations, keypoints, column) for column in offset.T])

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from cableway.control.base import Status
+from cableway.control.limits import SHARES, allowed_part
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE3
 from cableway.motion.spatial import SpatialProblem
@@ -18,9 +19,6 @@ from cableway.records import Estimate, Observation, Plan
 from cableway.scene.spatial.grippers import SpatialGrippers
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
-
-SHARES = np.linspace(0.0, 1.0, 5)
-"""Parts of an action that may be made where all of it would lead a hand into something."""
 
 ROUNDING = 1.0 - 1e-9
 """Factor on the limits, so that rounding in the sums of poses does not exceed them."""
@@ -168,6 +166,4 @@ def kept_clear(
         problem: With the hands and what they may meet.
     """
     gaps = problem.bodies.gaps(SE3.plus(poses, SHARES[:, None, None] * action), problem.world)
-    allowed = (gaps >= np.minimum(gaps[0], 0.0) - 1e-9).all(axis=1)
-    # the first share that is not allowed bounds those that are
-    return action if allowed.all() else SHARES[int(np.argmin(allowed)) - 1] * action
+    return allowed_part(action, gaps)

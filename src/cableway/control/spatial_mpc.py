@@ -187,9 +187,7 @@ class _Horizon:
             span_wanted=config.max_span, separation_margin=0.0, bend_share=1.0,
         )  # fmt: skip
         self._terms = SpatialTerms(problem, soft, 1.0, max(TENSION, float(q[:, rod.loads.start].max())))
-        places = np.arange(len(offset))
-        stations = np.arange((len(offset) - 1) * rod.stride + 1) / rod.stride
-        self._offset = np.column_stack([np.interp(stations, places, column) for column in offset.T])
+        self._offset = rod.at_stations(offset)
 
     def cost(self, q: Float[np.ndarray, "H 12"]) -> float:
         """The cost alone, for trial steps."""

@@ -21,14 +21,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Generic, Protocol, TypeVar, cast
+from typing import Annotated, ClassVar, Generic, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.checks import Bounds, Checked, NotNegative, Share
 from cableway.estimation.surprise import Surprise
 from cableway.records import Estimate
 from cableway.rod.held_rod import HeldRod
+from cableway.rod.material import LENGTH
 
 MET = 1e-3
 """Residual of the ends, in lengths and radians, up to which the rod is held as it should be."""
@@ -45,9 +47,6 @@ LONGEST = 1.1
 
 JUMP = 0.015
 """Mean distance [m] of the keypoints from their prediction from which the cable may have jumped to another shape."""
-
-LENGTH = 0
-"""Of theta."""
 
 FAR_OFF = 0.03
 """Distance [m] of a keypoint from where the latency tried would have it, beyond which it says no more about it."""
@@ -101,37 +100,36 @@ class Prediction:
         return distances[np.isfinite(distances)]
 
 
-class FilterSettings(Protocol):
-    """Settings of a filter."""
+@dataclass(frozen=True, kw_only=True)
+class FilterConfig(Checked, ABC):
+    """Settings of a filter.
 
-    @property
-    def memory(self) -> float:
-        """Time [s] in which the parameters forget."""
-        ...
+    Attributes:
+        length: Prior standard deviation of the length, in lengths; 0 where it is known, as for all the others.
+        grasp: Of where the cable is in a gripper [m].
+        grasp_turn: Of its turn there [rad].
+        memory: Time [s] in which the parameters forget.
+        noise: Standard deviation [m] of what an equilibrium cannot explain, at rest.
+        lag: Time [s] by which a moving cable may be behind; that share of its motion adds to the noise.
+        outlier: Distance from the prediction, in standard deviations, from which a keypoint counts less.
+        offset_gain: Share of the newest difference that enters the output offset; of the first ones it is the mean.
 
-    @property
-    def noise(self) -> float:
-        """Standard deviation [m] of what an equilibrium cannot explain, at rest."""
-        ...
+    Raises:
+        InputError: A value is out of range.
+    """
 
-    @property
-    def lag(self) -> float:
-        """Time [s] by which a moving cable may be behind; that share of its motion adds to the noise."""
-        ...
+    length: NotNegative[float] = 0.02
+    grasp: NotNegative[float] = 0.004
+    grasp_turn: NotNegative[float] = 0.06
+    memory: Annotated[float, Bounds(1e-9)] = 30.0
+    noise: Annotated[float, Bounds(1e-9)] = 0.004
+    lag: NotNegative[float] = 0.1
+    outlier: Annotated[float, Bounds(1e-9)] = 3.0
+    offset_gain: Share = 0.2
 
-    @property
-    def outlier(self) -> float:
-        """Distance from the prediction, in standard deviations, from which a keypoint counts less."""
-        ...
-
-    @property
-    def offset_gain(self) -> float:
-        """Share of the newest difference that enters the output offset; of the first ones it is the mean."""
-        ...
-
+    @abstractmethod
     def prior(self, length: float) -> Float[np.ndarray, "p"]:
         """Standard deviations of theta for a cable of nominal `length` [m]."""
-        ...
 
 
 E = TypeVar("E", bound=ParameterEstimate)
@@ -155,7 +153,7 @@ class ParameterFilter(ABC, Generic[E]):
     """Of theta."""
 
     def __init__(
-        self, rod: HeldRod, config: FilterSettings, control_step: float, nominal: Float[np.ndarray, "p"],
+        self, rod: HeldRod, config: FilterConfig, control_step: float, nominal: Float[np.ndarray, "p"],
         names: Mapping[str, str], trust: float = 1.0,
     ) -> None:  # fmt: skip
         self.rod, self._config, self._nominal, self._names = rod, config, nominal, names

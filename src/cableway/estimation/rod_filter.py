@@ -6,14 +6,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import Bounds, Checked, NotNegative, Share
+from cableway.core.checks import NotNegative
 from cableway.estimation import rod_kernels
-from cableway.estimation.parameter_filter import MET, ParameterEstimate, ParameterFilter, Prediction
+from cableway.estimation.parameter_filter import MET, FilterConfig, ParameterEstimate, ParameterFilter, Prediction
 from cableway.rod import material
 from cableway.rod.inverse import fit_keypoints
 from cableway.rod.material import CURVATURE, GRASPS, LENGTH, PARAMETERS, ROD, STIFFNESS
@@ -21,35 +20,20 @@ from cableway.rod.planar import PlanarRod
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatorConfig(Checked):
+class EstimatorConfig(FilterConfig):
     """Settings of the estimation.
 
     Attributes:
-        length: Prior standard deviation of the length, in lengths; 0 where it is known, as for all the others.
-        stiffness: Of each mode of the logarithm of the stiffness.
+        stiffness: Prior standard deviation of each mode of the logarithm of the stiffness; 0 where it is known, as for
+            all the others.
         curvature: Of each mode of the turn at rest [rad].
-        grasp: Of where the cable is in a gripper [m].
-        grasp_turn: Of its turn there [rad].
-        memory: Time [s] in which the parameters forget.
-        noise: Standard deviation [m] of what an equilibrium cannot explain, at rest.
-        lag: Time [s] by which a moving cable may be behind; that share of its motion adds to the noise.
-        outlier: Distance from the prediction, in standard deviations, from which a keypoint counts less.
-        offset_gain: Share of the newest difference that enters the output offset; of the first ones it is the mean.
 
     Raises:
         InputError: A value is out of range.
     """
 
-    length: NotNegative[float] = 0.02
     stiffness: NotNegative[float] = 0.5
     curvature: NotNegative[float] = 1.0
-    grasp: NotNegative[float] = 0.004
-    grasp_turn: NotNegative[float] = 0.06
-    memory: Annotated[float, Bounds(1e-9)] = 30.0
-    noise: Annotated[float, Bounds(1e-9)] = 0.004
-    lag: NotNegative[float] = 0.1
-    outlier: Annotated[float, Bounds(1e-9)] = 3.0
-    offset_gain: Share = 0.2
 
     @classmethod
     def nominal(cls, offset_gain: float = 0.2) -> EstimatorConfig:
@@ -57,7 +41,7 @@ class EstimatorConfig(Checked):
         return cls(length=0.0, stiffness=0.0, curvature=0.0, grasp=0.0, grasp_turn=0.0, offset_gain=offset_gain)
 
     def prior(self, length: float) -> Float[np.ndarray, "p"]:
-        """Standard deviations of theta for a cable of nominal `length` [m]."""
+        """See `FilterConfig.prior`."""
         deviation = np.zeros(PARAMETERS)
         deviation[LENGTH] = self.length * length
         deviation[STIFFNESS], deviation[CURVATURE] = self.stiffness, self.curvature

@@ -10,17 +10,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 
-from cableway.core.checks import Bounds, Checked, NotNegative, Share
-from cableway.estimation.parameter_filter import LENGTH, ParameterEstimate, ParameterFilter, Prediction
+from cableway.core.checks import NotNegative
+from cableway.estimation.parameter_filter import FilterConfig, ParameterEstimate, ParameterFilter, Prediction
 from cableway.geometry.groups import SE3
 from cableway.rod import spatial_kernels
 from cableway.rod.inverse import meet_poses
-from cableway.rod.material import MODES, modes
+from cableway.rod.material import LENGTH, MODES, modes
 from cableway.rod.spatial import SpatialRod
 from cableway.rod.spatial_inverse import fit_shape
 
@@ -36,48 +35,30 @@ NAMES = {
 }  # fmt: skip
 """Names and units of theta, in its order."""
 
-UNMOVED = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""The pose of a frame in itself."""
-
 STEP = 1e-5
 """Of the rod's parameters for central differences [m] and in logarithms."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpatialEstimatorConfig(Checked):
-    """Settings of the estimation in space; those from `memory` on are of `EstimatorConfig`.
+class SpatialEstimatorConfig(FilterConfig):
+    """Settings of the estimation in space.
 
     Attributes:
-        length: Prior standard deviation of the length, in lengths; 0 where it is known, as for all the others.
-        twist: Of the logarithm of the twisting stiffness.
+        twist: Prior standard deviation of the logarithm of the twisting stiffness; 0 where it is known, as for all the
+            others.
         weight: Of the logarithm of the weight.
         stiffness: Of each mode of the logarithm of the bending stiffness.
-        grasp: Of where the cable is in a gripper [m].
-        grasp_turn: Of its turn there [rad].
-        memory: Time [s] in which the parameters forget.
-        noise: Standard deviation [m] of what an equilibrium cannot explain, at rest.
-        lag: Time [s] by which a moving cable may be behind; that share of its motion adds to the noise.
-        outlier: Distance from the prediction, in standard deviations, from which a keypoint counts less.
-        offset_gain: Share of the newest difference that enters the output offset; of the first ones it is the mean.
 
     Raises:
         InputError: A value is out of range.
     """
 
-    length: NotNegative[float] = 0.02
     twist: NotNegative[float] = 0.15
     weight: NotNegative[float] = 0.3
     stiffness: NotNegative[float] = 0.5
-    grasp: NotNegative[float] = 0.004
-    grasp_turn: NotNegative[float] = 0.06
-    memory: Annotated[float, Bounds(1e-9)] = 30.0
-    noise: Annotated[float, Bounds(1e-9)] = 0.004
-    lag: NotNegative[float] = 0.1
-    outlier: Annotated[float, Bounds(1e-9)] = 3.0
-    offset_gain: Share = 0.2
 
     def prior(self, length: float) -> Float[np.ndarray, "p"]:
-        """Standard deviations of theta for a cable of nominal `length` [m]."""
+        """See `FilterConfig.prior`."""
         deviation = np.empty(len(NAMES))
         deviation[[LENGTH, TWIST, WEIGHT]] = self.length * length, self.twist, self.weight
         deviation[STIFFNESS] = self.stiffness
@@ -157,4 +138,4 @@ class SpatialEstimator(ParameterFilter[SpatialEstimate]):
 
 
 def _grasps(theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "2 7"]:
-    return SE3.plus(np.tile(UNMOVED, (2, 1)), theta[GRASPS].reshape(2, SE3.dof))
+    return SE3.plus(np.tile(SE3.identity, (2, 1)), theta[GRASPS].reshape(2, SE3.dof))

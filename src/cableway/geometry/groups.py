@@ -195,6 +195,8 @@ class SE3(Group):
     size = 7
     dof = 6
     space = 3
+    identity = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    """The pose of a frame in itself."""
 
     @staticmethod
     def compose(a: Float[np.ndarray, "... 7"], b: Float[np.ndarray, "... 7"]) -> Float[np.ndarray, "... 7"]:

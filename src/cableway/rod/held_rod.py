@@ -129,6 +129,11 @@ class HeldRod(ABC):
         """Gripper poses [m, rad] of each row of q."""
         return self.shapes(q)[1]
 
+    def at_stations(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "s k"]:
+        """Values of the keypoints at all stations, linear between them."""
+        stations = np.arange((len(values) - 1) * self.stride + 1) / self.stride
+        return np.column_stack([np.interp(stations, np.arange(len(values)), column) for column in values.T])
+
     def at_keypoints(self, stations: Float[np.ndarray, "t s ..."]) -> Float[np.ndarray, "t n ..."]:
         """The rows of `stations` (axis 1) that are keypoints."""
         return stations[:, :: self.stride]

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from cableway.geometry.groups import SE3
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.task import SpatialTask
-from cableway.simulation.spatial_plant import SAME, SpatialConfig, SpatialPlant
+from cableway.simulation.spatial_plant import SpatialConfig, SpatialPlant
 
 LENGTH, STIFFNESS = 0.02, 0.3
 """Shares by which length and bending stiffness of a drawn cable differ at most."""
@@ -35,13 +35,13 @@ class SpatialPerturbation:
     """
 
     cable: SpatialCable | None = None
-    grasps: Float[np.ndarray, "2 7"] = field(default_factory=lambda: np.tile(SAME, (2, 1)))
+    grasps: Float[np.ndarray, "2 7"] = field(default_factory=lambda: np.tile(SE3.identity, (2, 1)))
     config: SpatialConfig = field(default_factory=SpatialConfig)
 
     @property
     def another_start(self) -> bool:
         """Whether the cable begins in another shape than the task's: it is another one, or is held otherwise."""
-        return self.cable is not None or not np.array_equal(self.grasps, np.tile(SAME, (2, 1)))
+        return self.cable is not None or not np.array_equal(self.grasps, np.tile(SE3.identity, (2, 1)))
 
     @classmethod
     def drawn(cls, task: SpatialTask, seed: int) -> Self:
@@ -53,7 +53,7 @@ class SpatialPerturbation:
             cable, length=cable.length * length, bending_stiffness=cable.bending_stiffness * stiffness, preset=None
         )
         off = np.concatenate([_within(rng, GRASP), _within(rng, GRASP_TURN)], axis=1)
-        grasps = SE3.plus(np.tile(SAME, (2, 1)), off)
+        grasps = SE3.plus(np.tile(SE3.identity, (2, 1)), off)
         return cls(cable=other, grasps=grasps, config=SpatialConfig(keypoint_noise=NOISE, measurement_delay=DELAY))
 
     def build(self, task: SpatialTask, seed: int) -> SpatialPlant:

@@ -52,9 +52,6 @@ from cableway.simulation.surroundings import (
     hold,
 )
 
-SAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""The pose of a frame in itself."""
-
 HOLD = {"solref": [0.005, 1.0], "solimp": [0.99, 0.9999, 0.001, 0.5, 2.0]}
 """Stiffness of a grasp: a time constant of two time steps."""
 
@@ -137,7 +134,7 @@ class SpatialPlant:
         self.task, self.cable, self.config = task, cable or task.cable, config or SpatialConfig()
         self._chain, self._steps = SpatialChain(self.cable, self.config.links, self.config.stiffness_profile), 0
         self._rng, self._clearances = np.random.default_rng(seed), (math.inf, math.inf)
-        self._grasps = np.tile(SAME, (2, 1)) if grasps is None else np.array(grasps, float)
+        self._grasps = np.tile(SE3.identity, (2, 1)) if grasps is None else np.array(grasps, float)
         self.model = self._built()
         self._data = mujoco.MjData(self.model)
         self._is_cable = self.model.geom_contype == CABLE

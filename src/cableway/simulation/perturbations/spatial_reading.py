@@ -18,7 +18,7 @@ from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.perturbations.reading import FORMAT_VERSION
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
-from cableway.simulation.spatial_plant import SAME, SpatialConfig
+from cableway.simulation.spatial_plant import SpatialConfig
 
 MOST_SHIFT, MOST_TURN = 0.01, 1.0
 """Largest shift [m] and turn [rad] of a grasp; farther off, the ends are not at the task's start."""
@@ -85,7 +85,9 @@ def read_spatial_perturbation(path: Path, task: SpatialTask) -> SpatialPerturbat
         raise document.locate(TaskError(fault.problem, fault.place))
     rest = from_mapping(SpatialSections, content, str(path))
     offsets = np.array([rest.grasp.left, rest.grasp.right])
-    return SpatialPerturbation(cable=cable, grasps=SE3.plus(np.tile(SAME, (2, 1)), offsets), config=rest.spatial)
+    return SpatialPerturbation(
+        cable=cable, grasps=SE3.plus(np.tile(SE3.identity, (2, 1)), offsets), config=rest.spatial
+    )
 
 
 def spatial_perturbation_text(perturbation: SpatialPerturbation) -> str:
@@ -94,7 +96,7 @@ def spatial_perturbation_text(perturbation: SpatialPerturbation) -> str:
     if perturbation.cable is not None:
         values = {each.name: getattr(perturbation.cable, each.name) for each in fields(SpatialCable)}
         content["cable"] = {name: value for name, value in values.items() if name != "preset"}
-    offsets = SE3.minus(perturbation.grasps, np.tile(SAME, (2, 1)))
+    offsets = SE3.minus(perturbation.grasps, np.tile(SE3.identity, (2, 1)))
     if offsets.any():
         content["grasp"] = dict(zip(("left", "right"), offsets.tolist(), strict=True))
     if perturbation.config != SpatialConfig():
