@@ -13,6 +13,7 @@ from cableway.control.spatial_feedback import SpatialFeedback, SpatialFeedbackCo
 from cableway.control.spatial_following import BLIND_STEPS, kept_clear, within_limits
 from cableway.control.spatial_mpc import SpatialMPC, SpatialMPCConfig
 from cableway.core.errors import InputError, SimulationError, UnknownNameError
+from cableway.estimation.spatial_filter import SpatialEstimatorConfig
 from cableway.geometry.groups import SE3
 from cableway.motion.spatial import SpatialProblem
 from cableway.records import Measurement, Observation, Plan
@@ -169,6 +170,31 @@ def test_hands_are_not_led_into_what_stands_there():
     np.testing.assert_allclose(kept_clear(-ahead, poses, problem), -ahead)
     inside = SE3.plus(poses, 2 * ahead)
     assert not kept_clear(ahead, inside, problem).any()
+
+
+def test_a_plan_that_leads_a_hand_into_something_stops_before_it():
+    poses, plan = TASK.gripper_poses("start"), straight()
+    ahead = Sphere(center=tuple(poses[0, :3] + [0.1, 0.0, 0.0]), radius=0.02)
+    task = replace(TASK, scene=replace(TASK.scene, obstacles=(ahead,)))
+    controller = SpatialFeedback(SpatialFeedbackConfig(gain=0.0, hold=0.0))
+    state, gaps = controller.init(task, plan), []
+    for row in range(20):
+        action, state = controller.step(state, Observation(0.1 * row, plan.shapes[row], state.commanded))
+        gaps.append(state.problem.bodies.gaps(state.commanded[None], state.problem.world).min())
+    assert 0 <= min(gaps) < 0.011, "a quarter of a step may be left"
+    assert plan.poses[20, 0, 0] - poses[0, 0] > 0.15, "the plan goes on"
+    assert not action.any()
+
+
+def test_what_parameters_leave_is_taken_off_the_way():
+    """A cable that is seen 4 mm higher than any rod between these grippers is led lower."""
+    known = SpatialEstimatorConfig(length=0, twist=0, weight=0, stiffness=0, grasp=0, grasp_turn=0)
+    controller, plan, ways = SpatialMPC(SpatialMPCConfig(hold=0.0, estimator=known)), straight(), []
+    for height in (0.0, 0.004):
+        state = controller.init(TASK, plan)
+        action, _ = controller.step(state, Observation(0.0, plan.shapes[0] + [0, 0, height], plan.poses[0]))
+        ways.append(action[:, 2].mean())
+    assert -0.004 < ways[1] - ways[0] < -0.0005
 
 
 def test_without_keypoints_the_plan_goes_on_for_a_second_and_then_stops():

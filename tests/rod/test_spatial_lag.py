@@ -43,10 +43,10 @@ def test_lag_is_speed_times_what_it_is():
     assert fast.max() > 1e-4
 
 
-@pytest.mark.parametrize("weight", [0.0, 40.0, 160.0])
-def test_equilibria_follow_each_other_as_the_second_derivative_says(weight: float):
+@pytest.mark.parametrize(("weight", "modes"), [(0.0, ()), (40.0, ()), (160.0, ()), (40.0, (0.8, -0.4))])
+def test_equilibria_follow_each_other_as_the_second_derivative_says(weight: float, modes: tuple[float, ...]):
     """H omega is balanced by a change of the force that closes the chain, up to the square of the spacing."""
-    rod, step = SpatialRod(0.5, 13, 0.7, weight), 1e-4
+    rod, step = SpatialRod(0.5, 13, 0.7, weight, modes), 1e-4
     q = rod.retract(np.tile(HELD, (3, 1)), np.array([-step, 0.0, step])[:, None] * WAY)
     carried = frames(rod, q)
     turned = rotations.to_vector(rotations.product(carried[2], rotations.conjugate(carried[0]))) / (2 * step)
