@@ -28,6 +28,7 @@ from cableway.studio.opening import opened
 from cableway.studio.studio import Studio
 from cableway.studio.view import arms, look
 from cableway.studio.view.canvas import Canvas
+from cableway.studio.view.dragging import Drags
 from cableway.studio.view.events import in_order
 from cableway.studio.view.meshes import CORD, circle, cord, creases, prism, ribbon, ring, tube, welded
 from cableway.studio.view.page import LONG, TELL, Page
@@ -88,7 +89,14 @@ def test_in_a_drag_the_numbers_are_told_now_and_then(monkeypatch: pytest.MonkeyP
     panel: Any = SimpleNamespace(show=lambda *_: told.append(time.monotonic()))
     page._told, page._selected, page._task_panel = 0.0, None, panel
     held: Any = object()
-    for page._held, now in ((held, 9.0), (held, 9.0 + 0.9 * TELL), (held, 9.0 + 1.1 * TELL), (None, 9.3), (None, 9.3)):
+    page._drags = Drags.__new__(Drags)
+    for page._drags.held, now in (
+        (held, 9.0),
+        (held, 9.0 + 0.9 * TELL),
+        (held, 9.0 + 1.1 * TELL),
+        (None, 9.3),
+        (None, 9.3),
+    ):
         monkeypatch.setattr("time.monotonic", lambda now=now: now)
         page._show_task(held, held)
     assert told == [9.0, 9.0 + 1.1 * TELL, 9.3, 9.3]
@@ -111,7 +119,8 @@ def test_that_it_plans_is_said_once_it_takes_long(
     page, delays = Page.__new__(Page), []
     session: Any = SimpleNamespace(moment=moment, planning=SimpleNamespace(status=status), running=None)
     shown: Any = "shown"
-    page._session, page._moment, page._released = session, shown, 50.0
+    page._session, page._moment, page._drags = session, shown, Drags.__new__(Drags)
+    page._drags.released = 50.0
     page._do = lambda do, key="", delay=0.0: delays.append(delay)
     monkeypatch.setattr("time.monotonic", lambda: 50.0 + passed)
     page._changed()
@@ -191,10 +200,11 @@ def test_what_a_page_tells_is_heard_as_it_comes():
 
 def test_two_drags_of_one_thing_are_two():
     """Also where the page was too slow for the first, which is not replaced by the second."""
-    page, done = Page.__new__(Page), []
-    page._grabs, page._do = 0, lambda do, key="", delay=0.0: done.append(key)
+    done: list[str] = []
+    unused: Any = None
+    drags = Drags(unused, lambda do, key="", delay=0.0: done.append(key), unused)
     for phase in ("start", "update", "end") * 2:
-        page._dragged("/obstacles/0", phase, (0.0, 0.0))
+        drags.dragged("/obstacles/0", phase, (0.0, 0.0))
     assert done == ["", "drag 1", "drag 1", "drag 1", "", "", "drag 2", "drag 2", "drag 2", ""]
 
 

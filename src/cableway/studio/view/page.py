@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import viser
-from jaxtyping import Float
 
-from cableway.core.errors import CablewayError, Point
 from cableway.figures import palette
 from cableway.records import Plan
 from cableway.scene.files.loading import AnyDraft
@@ -28,6 +24,7 @@ from cableway.studio.session import Moment, Session
 from cableway.studio.view import look, space, table
 from cableway.studio.view.arms import Arms
 from cableway.studio.view.canvas import Canvas
+from cableway.studio.view.dragging import Drags
 from cableway.studio.view.events import in_order
 from cableway.studio.view.hands import SpaceHands, TableHands, gripper, parts
 from cableway.studio.view.panel import WIDTH, PlanPanel, TaskPanel
@@ -59,17 +56,14 @@ class Page:
         self._client, self._session, self._out = client, session, out
         self._inbox = Inbox(self._complain)
         self._do = self._inbox.post
-        self._canvas = Canvas(client, self._dragged, lambda name: self._do(lambda: self._clicked(name)), self._posed)
-        self._hands: TableHands | SpaceHands = TableHands(session, lambda: self._selected)
+        self._drags = drags = Drags(session, self._do, self)
+        self._canvas = Canvas(client, drags.dragged, lambda name: self._do(lambda: self.clicked(name)), drags.posed)
+        self.hands: TableHands | SpaceHands = TableHands(session, lambda: self._selected)
         self._view: Any = table
         self._grasped: tuple[End, int] | None = None
         self._selected: int | None = None
-        self._held: Moment | None = None
-        self._grabs = 0
-        self._offset = np.zeros(2)
-        self._told = self._released = 0.0
+        self._told = 0.0
         self._moment: Moment | None = None
-        self._pushed: tuple[int, Any] | None = None
         self._run_row: int | None = None
         self._plan: Plan | None = None
         self._drawn: tuple[Any, ...] = ()
@@ -82,14 +76,13 @@ class Page:
         self._build()
         client.camera.on_update(lambda _: self._do(self._fit, key="fit"))
         self._end = session.listen(self._changed)
-        self._do(self._show, key="show")
+        self._do(self.show, key="show")
 
     def close(self) -> None:
         """The connection is over."""
         self._end()
         self._inbox.close()
-        if self._held is not None:
-            self._session.release(self._held)
+        self._drags.close()
 
     # ------------------------------------------------------------------------------------------ what is shown
     def _build(self) -> None:
@@ -98,7 +91,7 @@ class Page:
         self._look_button = above = gui.add_button(LOOK[False], icon=viser.Icon.CAMERA, color=look.rgb(palette.MUTED))
         above.on_click(in_order(lambda _: self._do(self._look)))
         self._with_arms = gui.add_checkbox("Show the arms", True, visible=False)
-        self._with_arms.on_update(lambda event: event.client and self._do(self._show, key="show"))
+        self._with_arms.on_update(lambda event: event.client and self._do(self.show, key="show"))
         gui.main_panel.dock_left()
         gui.main_panel.set_width(WIDTH)
         right = gui.add_panel()
@@ -138,7 +131,7 @@ class Page:
 
     def _fit(self) -> None:
         """Look at the whole table again where the page has another shape, as once its panels are there."""
-        if self._held is None and abs(self._client.camera.aspect - self._aspect) > 0.01:
+        if self._drags.held is None and abs(self._client.camera.aspect - self._aspect) > 0.01:
             self._look()
 
     def _changed(self) -> None:
@@ -146,10 +139,11 @@ class Page:
         page without graphics hardware would draw all the while, on the processor that plans."""
         session = self._session
         same = session.moment is self._moment and session.planning.status == "planning"
-        waits = self._released + LONG - time.monotonic() if same and session.running is None else 0.0
-        self._do(self._show, key="show", delay=max(waits, 0.0))
+        waits = self._drags.released + LONG - time.monotonic() if same and session.running is None else 0.0
+        self._do(self.show, key="show", delay=max(waits, 0.0))
 
-    def _show(self) -> None:
+    def show(self) -> None:
+        """See `Shown.show`."""
         session = self._session
         moment, inspection, planning = session.moment, session.inspection, session.planning
         self._moment, draft = moment, moment.draft
@@ -189,7 +183,7 @@ class Page:
     def _draw_draft(self) -> None:
         """Obstacles, start and goal."""
         session, canvas = self._session, self._canvas
-        held: dict[str, Any] = {"held": self._held is not None} if self._in_space else {}
+        held: dict[str, Any] = {"held": self._drags.held is not None} if self._in_space else {}
         grasped: dict[str, Any] = {"grasped": self._grasped} if self._in_space else {}
         self._view.draw_obstacles(canvas, self._as_it_stands(), self._selected, **held)
         self._view.draw_ends(canvas, session.moment, session.inspection, **held, **grasped)
@@ -205,7 +199,7 @@ class Page:
             self._canvas.clear()
             self._drawn, self._selected, self._grasped = (), None, None
             self._view = space if self._in_space else table
-            self._hands = (
+            self.hands = (
                 SpaceHands(self._session) if self._in_space else TableHands(self._session, lambda: self._selected)
             )
         in_cell = isinstance(draft, Draft) and draft.cell is not None
@@ -217,7 +211,7 @@ class Page:
     def _show_task(self, moment: Moment, inspection: Inspection) -> None:
         """The panel of the task; in a drag only now and then, since letters take a page longer than shapes."""
         now = time.monotonic()
-        if self._held is None or now - self._told >= TELL:
+        if self._drags.held is None or now - self._told >= TELL:
             self._told = now
             self._task_panel.show(moment, inspection, self._selected)
 
@@ -241,7 +235,7 @@ class Page:
         draft, running = self._session.draft, self._session.running
         if running is not None:
             draft = replace(draft, scene=running.scene)
-        return draft if self._pushed is None else with_obstacle(draft, *self._pushed)
+        return draft if self._drags.pushed is None else with_obstacle(draft, *self._drags.pushed)
 
     def _complain(self, sentence: str) -> None:
         self._client.add_notification("Not possible", sentence, color="red", auto_close_seconds=8.0)
@@ -280,7 +274,7 @@ class Page:
 
     def _choose(self, place: int) -> None:
         self._chosen = place
-        self._show()
+        self.show()
 
     # ------------------------------------------------------------------------------------------ running
     def _run(self) -> None:
@@ -321,92 +315,28 @@ class Page:
     # ------------------------------------------------------------------------------------------ hands
     def _select(self, index: int | None) -> None:
         self._selected, self._grasped = index, None
-        self._show()
+        self.show()
 
-    def _clicked(self, name: str) -> None:
+    def clicked(self, name: str) -> None:
+        """See `Shown.clicked`."""
         what, which, more = parts(name)
         if what == "obstacles":
             self._select(int(which))
         elif what == "ends":
             self._selected, self._grasped = None, gripper(which, more)
-            self._show()
+            self.show()
 
-    def _dragged(self, name: str, phase: str, to: Point) -> None:
-        if phase == "start":
-            self._grabs += 1
-            self._do(lambda: self._grab(name, to))
-        self._do(lambda: self._drag(name, to), key=f"drag {self._grabs}")
-        if phase == "end":
-            self._do(self._let_go)
+    def snapped(self, name: str) -> None:
+        """See `Shown.snapped`."""
+        end = "start" if "start" in name else "goal"
+        self._client.add_notification("The cable snapped", f"The {end} was unstable, and took the nearest shape.",
+                                      color="orange", auto_close_seconds=4.0)  # fmt: skip
 
-    def _grab(self, name: str, to: Point) -> None:
-        running = self._session.running
-        if name.startswith("/obstacles/") and running is not None and running.live:
-            index = int(name.split("/")[2])
-            self._pushed = index, running.scene.obstacles[index]
-            self._offset = self._hands.middle_of(running.scene.obstacles[index]) - np.array(to)
-            return
-        self._take()
-        place = self._hands.place_of(name)
-        if self._in_space or name.startswith("/obstacles/"):
-            self._clicked(name)
-        self._offset = place - np.array(to)
-
-    def _drag(self, name: str, pointer: Point) -> None:
-        to = np.array(pointer) + self._offset
-        if self._pushed is not None:
-            self._pushed = self._pushed[0], self._hands.moved(self._pushed[1], (float(to[0]), float(to[1])))
-            self._show()
-        elif self._held is not None:
-            held = self._held
-            self._lead(name, lambda: self._hands.drag(name, held, to))
-
-    def _posed(self, name: str, phase: str, frame: Float[np.ndarray, "7"]) -> None:
-        """What a gizmo is taken to."""
-        if phase == "start":
-            self._grabs += 1
-            self._do(self._take)
-        self._do(lambda: self._pose(name, frame), key=f"drag {self._grabs}")
-        if phase == "end":
-            self._do(self._let_go)
-
-    def _take(self) -> None:
-        self._held = self._session.hold()
-
-    def _pose(self, name: str, frame: Float[np.ndarray, "7"]) -> None:
-        held = self._held
-        if held is not None and isinstance(self._hands, SpaceHands):
-            hands = self._hands
-            self._lead(name, lambda: hands.pose(name, held, frame))
-
-    def _lead(self, name: str, drag: Callable[[], bool]) -> None:
-        try:
-            snapped = drag()
-        except CablewayError:
-            return  # a hand may go where nothing can be; it stays at the last place where it can
-        if snapped:
-            end = "start" if "start" in name else "goal"
-            self._client.add_notification("The cable snapped", f"The {end} was unstable, and took the nearest shape.",
-                                          color="orange", auto_close_seconds=4.0)  # fmt: skip
-
-    def _let_go(self) -> None:
-        pushed, self._pushed = self._pushed, None
-        if pushed is not None:
-            index, draft = pushed[0], self._session.draft
-            obstacle = with_obstacle(draft, *pushed).scene.obstacles[index]
-            x, y = self._hands.middle_of(obstacle) - self._hands.middle_of(draft.scene.obstacles[index])
-            try:
-                self._session.push(index, (float(x), float(y)))
-            finally:
-                self._show()
-            return
-        held, self._held = self._held, None
-        if held is not None:
-            self._released = time.monotonic()
-            self._session.release(held)
-            if self._in_space:  # a gizmo returns to what it moved
-                self._draw_draft()
-                self._client.flush()
+    def let_go(self) -> None:
+        """See `Shown.let_go`: a gizmo returns to what it moved."""
+        if self._in_space:
+            self._draw_draft()
+            self._client.flush()
 
     # ------------------------------------------------------------------------------------------ files
     def _save(self) -> None:
