@@ -12,12 +12,14 @@ from cableway.control.base import Status
 from cableway.control.spatial_feedback import SpatialFeedback, SpatialFeedbackConfig
 from cableway.control.spatial_following import BLIND_STEPS, kept_clear, within_limits
 from cableway.control.spatial_mpc import SpatialMPC, SpatialMPCConfig
-from cableway.core.errors import InputError, SimulationError, UnknownNameError
+from cableway.core.errors import InputError, PlanningError, SimulationError, UnknownNameError
 from cableway.estimation.spatial_filter import SpatialEstimatorConfig
+from cableway.figures.space import as_it_stood
 from cableway.geometry.groups import SE3
 from cableway.motion.spatial import SpatialProblem
 from cableway.records import Measurement, Observation, Plan
 from cableway.scene.spatial.obstacles import Sphere
+from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.simulation.spatial_plant import SpatialConfig
 from cableway.tracking.spatial_loop import track_in_space
@@ -31,6 +33,11 @@ def straight() -> Plan:
     """From start to goal, no ball between."""
     rows = np.linspace(0, 1, 40)[:, None]
     return Plan.of(TASK.rod, HANGING + rows * (TASK.goal - HANGING))
+
+
+def no_way(task: SpatialTask) -> Plan:
+    """Finds no plan."""
+    raise PlanningError("a wall stands there")
 
 
 def test_a_perturbed_cable_comes_nearer_to_the_goal_with_feedback():
@@ -60,6 +67,42 @@ def test_a_cable_is_led_round_what_its_plan_grazes():
         assert rollout is not None
         clearances.append(rollout.least_clearance)
     assert clearances[1] > clearances[0] + 0.002
+
+
+BELOW = replace(TASK, scene=replace(TASK.scene, obstacles=(Sphere(center=(0.4, 0.4, 0.1), radius=0.06),)))
+"""With a ball below the straight way."""
+
+RAISED = SpatialPerturbation(config=SpatialConfig(links=21), obstacles=((0.0, 0.0, 0.26),), revealed=1.0)
+"""It turns out to stand in the middle of it."""
+
+
+def test_what_turns_out_to_stand_in_the_way_is_gone_round():
+    rollout, verdict, outcome, why = follow_in_space(BELOW, straight(), perturbation=RAISED)
+    assert rollout is not None
+    assert (outcome, why) == ("success", "")
+    assert verdict is not None
+    (since,) = rollout.metadata["recovered"]
+    still = rollout.poses[(rollout.times > since - 0.4) & (rollout.times < since)]
+    assert np.abs(still - still[0]).max() < 1e-3
+    assert as_it_stood(BELOW, rollout).scene.obstacles[0] == Sphere(center=(0.4, 0.4, 0.36), radius=0.06)
+    never = replace(RAISED, revealed=None)
+    rollout, _, outcome, _ = follow_in_space(BELOW, straight(), controller="open-loop", perturbation=never)
+    assert outcome == "contact", "nothing is known of it, and nothing stops"
+
+
+def test_the_grippers_stand_where_nothing_leads_round():
+    plant, controller = RAISED.build(BELOW, 0), SpatialFeedback(SpatialFeedbackConfig(hold=0.5))
+    rollout = track_in_space(BELOW, plant, controller, straight(), no_way)
+    assert (rollout.outcome, rollout.detail) == ("blocked way", "a wall stands there")
+    assert rollout.least_clearance > 0.05
+    assert not rollout.actions[-5:].any()
+
+
+def test_what_stands_elsewhere_is_known_and_the_plan_goes_on():
+    aside = replace(RAISED, obstacles=((0.0, 0.0, 0.02),))
+    rollout = track_in_space(BELOW, aside.build(BELOW, 0), SpatialFeedback(), straight(), no_way)
+    assert rollout.outcome == "settled"
+    assert rollout.metadata["recovered"] == []
 
 
 def test_what_no_rod_explains_is_left_to_the_nominal_one():
@@ -129,6 +172,7 @@ def test_a_plant_that_cannot_start_or_fails_on_the_way_is_said():
 
     class Failing:
         control_step = 0.1
+        task = TASK
 
         def reset(self) -> Observation:
             return Observation(0.0, TASK.keypoints("start"), TASK.gripper_poses("start"))
@@ -139,7 +183,7 @@ def test_a_plant_that_cannot_start_or_fails_on_the_way_is_said():
         def measure(self) -> Measurement:
             return Measurement(TASK.keypoints("start"), TASK.gripper_poses("start"), TASK.stations("start"), 0.1, 0.1)
 
-    led = track_in_space(TASK, Failing(), SpatialFeedback(), straight())
+    led = track_in_space(TASK, Failing(), SpatialFeedback(), straight(), no_way)
     assert (led.outcome, led.detail, led.steps) == ("plant failed", "a gripper stopped", 0)
 
 

@@ -11,7 +11,7 @@ from spatial_problems import ball_task
 from cableway.core.errors import InputError
 from cableway.geometry.groups import SE3
 from cableway.scene.spatial.cable import SpatialCable
-from cableway.simulation.perturbations.spatial_reading import read_spatial_perturbation
+from cableway.simulation.perturbations.spatial_reading import read_spatial_perturbation, spatial_perturbation_text
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.simulation.spatial_plant import SpatialConfig
 
@@ -52,7 +52,7 @@ def test_a_preset_keeps_the_tasks_length_and_radius(tmp_path: Path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("sensing: {}", "unknown section 'sensing' for a task in space; known: cableway, cable, grasp, spatial"),
+        ("sensing: {}", "unknown section 'sensing' for a task in space; known: cableway, cable, grasp, spatial, obst"),
         ("cable: {lenght: 1}", "2: cable.lenght is not a known key; did you mean 'length'?"),
         ("cable: {length: -1}", "2: cable.length must be positive, got -1.0"),
         ("cable: {preset: rope}", "cable.preset must be one of cotton, "),
@@ -60,6 +60,11 @@ def test_a_preset_keeps_the_tasks_length_and_radius(tmp_path: Path):
         ("cable: {radius: 0.01}", f"cable.radius must be {TASK.cable.radius}, as in the task"),
         ("grasp: {left: [0, 0, 0]}", "2: grasp.left must be [x, y, z] of at most 0.01 m"),
         ("grasp: {left: [0.008, 0.008, 0, 0, 0, 0]}", "grasp.left must be [x, y, z] of at most 0.01 m"),
+        ("obstacles: [[0, 1]]", "2: obstacles[0] must be [x, y, z], got 2 values"),
+        ("obstacles: [[0, 0, 0.1], [0, 0, 0]]", "with obstacles as here, obstacles must be one displacement for each"),
+        ("obstacles: [[-0.2, 0, 0]]", "with obstacles as here, start overlaps obstacles[0]"),
+        ("obstacles: [[9, 0, 0]]", "wholly outside the workspace"),
+        ("revealed: -1", "revealed must be finite and not negative, got -1"),
         ("spatial: {links: 3}", "spatial.links must be from 10 to 200, got 3"),
     ],
 )
@@ -68,3 +73,17 @@ def test_what_is_wrong_is_named_with_its_file(tmp_path: Path, text: str, said: s
         read(tmp_path, text)
     assert str(caught.value).startswith(str(tmp_path / "off.yaml"))
     assert said in str(caught.value)
+
+
+def test_obstacles_are_elsewhere_and_known_late(tmp_path: Path):
+    found = read(tmp_path, "obstacles: [[0, 0.02, 0.05]]\nrevealed: 2.5")
+    assert (found.obstacles, found.revealed) == (((0.0, 0.02, 0.05),), 2.5)
+    assert np.allclose(found.true_task(TASK).scene.obstacles[0].solid.centre, (0.4, 0.42, 0.43))
+    (tmp_path / "again.yaml").write_text(spatial_perturbation_text(found))
+    again = read_spatial_perturbation(tmp_path / "again.yaml", TASK)
+    assert (again.obstacles, again.revealed) == (found.obstacles, found.revealed)
+    known = found.build(TASK, 0)
+    assert known.task == TASK
+    for _ in range(25):
+        known.step(np.zeros((2, 6)))
+    assert known.task == found.true_task(TASK)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,8 +25,10 @@ from cableway.scene.obstacles import Box, Polygon
 from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, SpatialObstacle, Sphere
 from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.perturbations.spatial_reading import read_spatial_perturbation
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.studio import spatial_obstacles as hands
 from cableway.studio.curves import curves_of
+from cableway.studio.film import film_page
 from cableway.studio.opening import opened
 from cableway.studio.replanner import Answer, _answer
 from cableway.studio.running import Running, Wanted
@@ -166,6 +171,44 @@ def test_curves_of_a_plan_in_space_are_near_what_the_judge_found(ran: Any):
     assert float(curves.speed.max()) <= 1.0
 
 
+def test_an_obstacle_is_pushed_in_space_where_nothing_has_been(ran: Any):
+    run, rows, wanted = ran
+    running = Running(task=run.task, plan=run.plan, controller="open-loop", **wanted)
+    with pytest.raises(InputError, match="no run is under way"):
+        running.pushed(0, (0.0, 0.01))
+    pushed = replace(running, rows=rows[:20]).pushed(0, (0.0, 0.01))
+    assert isinstance(pushed.perturbation, SpatialPerturbation)
+    assert (pushed.perturbation.obstacles, pushed.perturbation.revealed) == (((0.0, 0.01, 0.0),), rows[19].time)
+    assert np.allclose(pushed.scene.obstacles[0].center, (0.4, 0.41, 0.38))
+    assert pushed.seen == rows[:20]
+    with pytest.raises(InputError, match="one push a run"):
+        replace(pushed, rows=rows[:20]).pushed(0, (0.0, 0.01))
+    passed = rows[len(rows) // 2].measured.keypoints
+    low = passed[np.argmin(passed[:, 2])]
+    with pytest.raises(InputError, match="have been there: it would overlap them by"):
+        replace(running, rows=rows[:-10]).pushed(0, tuple(low[:2] - [0.4, 0.4]))
+
+
+def test_a_page_plays_a_run_in_space_by_itself(ran: Any):
+    run, _, _ = ran
+    page = film_page(run.task, run.rollout)
+    assert not re.search(r"(src|href)=|https?:|import |fetch", page)
+    (data,) = re.findall(r"const film = (.*);", page)
+    film = json.loads(data)
+    shown = {
+        name: np.frombuffer(base64.b64decode(film[name]), "<f4") for name in ("cables", "poses", "reference", "seen")
+    }
+    rows = run.rollout.steps + 1
+    np.testing.assert_allclose(shown["cables"].reshape(rows, film["points"], 3), run.rollout.centreline, atol=1e-6)
+    np.testing.assert_allclose(shown["poses"].reshape(rows, 2, 7), run.rollout.poses, atol=1e-6)
+    wanted = shown["reference"].reshape(rows, film["points"], 3)
+    np.testing.assert_allclose(wanted[:, [0, -1]], run.rollout.reference[:, [0, -1]], atol=1e-6)
+    np.testing.assert_allclose(shown["seen"].reshape(run.rollout.observed.shape), run.rollout.observed, atol=1e-6)
+    plan = json.loads(re.findall(r"const film = (.*);", film_page(run.task, run.plan))[0])
+    assert len(plan["times"]) == len(plan["clearance"]) == run.plan.steps + 1
+    assert min(plan["clearance"]) == pytest.approx(run.report.min_clearance, abs=2e-3)
+
+
 def test_a_run_in_space_is_kept_as_files_that_repeat_it(tmp_path: Path, ran: Any):
     run, rows, wanted = ran
     session, planner = begun(ball_task())
@@ -175,8 +218,6 @@ def test_a_run_in_space_is_kept_as_files_that_repeat_it(tmp_path: Path, ran: Any
     assert planner.asked[-1][1].plan is run.plan
     for row in rows[:2]:
         planner.on_answer(Answer(2, row=row))
-    with pytest.raises(InputError, match="no obstacle is pushed"):
-        session.push(0, (0.0, 0.01))
     planner.on_answer(Answer(2, run))
     names = {path.name for path in session.save(tmp_path)}
     assert names == {"task.yaml", "plan.npz", "report.json", "rollout.npz", "plant.yaml"}

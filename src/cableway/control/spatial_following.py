@@ -96,6 +96,19 @@ class SpatialFollower(ABC, Generic[S]):
     ) -> tuple[Float[np.ndarray, "2 6"], S]:
         """An action where keypoints were seen, given the plan's own motion, and the state with its status."""
 
+    def in_scene(self, state: S, task: SpatialTask) -> S:
+        """The state once obstacles are known to be where the task has them."""
+        return replace(state, task=task, problem=replace(state.problem, world=task.scene.world))
+
+    def resume(self, state: S, plan: Plan) -> S:
+        """The state with another plan, which begins where the last one was left; what was learned stays.
+
+        Raises:
+            InputError: See `init`.
+        """
+        require_coordinates(state.task, plan)
+        return replace(state, plan=plan, steps=self._held_steps)
+
     def row(self, state: SpatialState, ahead: int = 0) -> int:
         """Row of the plan that is the reference after so many steps more."""
         return min(max(state.steps + ahead - self._held_steps, 0), state.plan.steps)
@@ -126,11 +139,20 @@ def begun(task: SpatialTask, plan: Plan) -> SpatialState:
     Raises:
         InputError: See `SpatialFollower.init`.
     """
+    require_coordinates(task, plan)
+    return SpatialState(task=task, problem=SpatialProblem.of(task), plan=plan, steps=0, commanded=plan.poses[0])
+
+
+def require_coordinates(task: SpatialTask, plan: Plan) -> None:
+    """Require of a plan that it can be followed.
+
+    Raises:
+        InputError: See `SpatialFollower.init`.
+    """
     if plan.q is None or plan.q.shape[1] != task.rod.dof:
         raise InputError("a plan in space must have the rod coordinates of its shapes")
     if plan.shapes.shape[1] != task.cable.keypoints:
         raise InputError(f"the plan has {plan.shapes.shape[1]} keypoints, the task {task.cable.keypoints}")
-    return SpatialState(task=task, problem=SpatialProblem.of(task), plan=plan, steps=0, commanded=plan.poses[0])
 
 
 def within_limits(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from cableway.core.errors import Point, TaskError, printable
+from cableway.core.errors import InputError, Point, TaskError, printable
 from cableway.core.quantities import limit_text, size_text
 from cableway.figures import palette, style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
@@ -25,6 +26,7 @@ from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh
 from cableway.rendering.picture import Light, Picture, render
 from cableway.rendering.space import CABLE, DIRECTION, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
+from cableway.scene.spatial.scene import recorded_displacements
 from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import ENDS, End
 
@@ -204,7 +206,7 @@ def spatial_rollout_figure(task: SpatialTask, rollout: Rollout, failure: str | N
         rollout: What happened.
         failure: Why it did not succeed.
     """
-    width = WIDE + CURVES + 0.95
+    task, width = as_it_stood(task, rollout), WIDE + CURVES + 0.95
     view, lines = SpaceView(task, WIDE), sentence_lines([failure] if failure else [], width, "Failed: ")
     below = 0.1 + LINE * len(lines) if lines else 0.0
     height, bottom = WIDE * TALL, 0.45 + below
@@ -235,6 +237,18 @@ def spatial_rollout_figure(task: SpatialTask, rollout: Rollout, failure: str | N
             panel.tick_params(labelbottom=False)
     write_lines(figure, 0.1, lines)
     return figure
+
+
+def as_it_stood(task: SpatialTask, rollout: Rollout) -> SpatialTask:
+    """The task with the obstacles where they were in a rollout.
+
+    Raises:
+        InputError: The rollout is of a task with other obstacles.
+    """
+    by = recorded_displacements(rollout.metadata)
+    if by and len(by) != len(task.scene.obstacles):
+        raise InputError(f"the rollout is of a task with {len(by)} obstacles, not {len(task.scene.obstacles)}")
+    return replace(task, scene=task.scene.changed(by))
 
 
 def _pair(point: Float[np.ndarray, "2"]) -> Point:

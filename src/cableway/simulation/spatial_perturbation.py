@@ -9,6 +9,8 @@ from typing import Self
 import numpy as np
 from jaxtyping import Float
 
+from cableway.core.checks import Checked, NotNegative
+from cableway.core.errors import InputError
 from cableway.geometry.groups import SE3
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.task import SpatialTask
@@ -25,18 +27,30 @@ NOISE, DELAY = 0.001, 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpatialPerturbation:
+class SpatialPerturbation(Checked):
     """What differs; by default, nothing.
 
     Attributes:
         cable: The true cable; the task's where None.
         grasps: (2, 7) poses of the cable's ends in the gripper frames.
         config: Of the plant; noise and delay of what is seen among it.
+        obstacles: Displacement [m] of each obstacle, in the order of the task; none moves where empty.
+        revealed: Time [s] from which the controller knows of these; never where None. The plan does not.
+
+    Raises:
+        InputError: A displacement is not finite, or `revealed` is out of range.
     """
 
     cable: SpatialCable | None = None
     grasps: Float[np.ndarray, "2 7"] = field(default_factory=lambda: np.tile(SE3.identity, (2, 1)))
     config: SpatialConfig = field(default_factory=SpatialConfig)
+    obstacles: tuple[tuple[float, float, float], ...] = ()
+    revealed: NotNegative[float] | None = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not np.isfinite(self.obstacles).all():
+            raise InputError(f"obstacles must be finite displacements, got {self.obstacles!r}")
 
     @property
     def another_start(self) -> bool:
@@ -56,13 +70,52 @@ class SpatialPerturbation:
         grasps = SE3.plus(np.tile(SE3.identity, (2, 1)), off)
         return cls(cable=other, grasps=grasps, config=SpatialConfig(keypoint_noise=NOISE, measurement_delay=DELAY))
 
-    def build(self, task: SpatialTask, seed: int) -> SpatialPlant:
+    def true_task(self, task: SpatialTask) -> SpatialTask:
+        """The task with the obstacles where they are, which the controller knows from `revealed` on.
+
+        Raises:
+            InputError: There is not one displacement for each obstacle of the task.
+            TaskError: A displaced obstacle touches the start or the goal, lies outside, or cannot be raised.
+        """
+        if not self.obstacles:
+            return task
+        if len(self.obstacles) != (count := len(task.scene.obstacles)):
+            raise InputError(
+                f"obstacles must be one displacement for each of the task's {count} obstacles, "
+                f"got {len(self.obstacles)}"
+            )
+        return replace(task, scene=task.scene.changed(self.obstacles))
+
+    def build(self, task: SpatialTask, seed: int) -> SpatialPlant | RevealingPlant:
         """The plant; `seed` is of its noise.
 
         Raises:
+            InputError: See `true_task`.
             SimulationError: See `SpatialPlant`.
         """
-        return SpatialPlant(task, self.cable, self.grasps, self.config, seed)
+        plant = SpatialPlant(self.true_task(task), self.cable, self.grasps, self.config, seed)
+        return plant if not self.obstacles or self.revealed == 0 else RevealingPlant(plant, task, self.revealed)
+
+
+class RevealingPlant:
+    """A plant whose obstacles are known from some time on.
+
+    Args:
+        plant: The plant.
+        planned: The task as it is known until then.
+        revealed: That time [s]; never where None.
+    """
+
+    def __init__(self, plant: SpatialPlant, planned: SpatialTask, revealed: float | None) -> None:
+        self._plant, self._planned = plant, planned
+        self._revealed = math.inf if revealed is None else revealed
+        self.control_step = plant.control_step
+        self.reset, self.step, self.measure = plant.reset, plant.step, plant.measure
+
+    @property
+    def task(self) -> SpatialTask:
+        """As it is known by now."""
+        return self._planned if self._plant.time < self._revealed else self._plant.task
 
 
 def _within(rng: np.random.Generator, most: float) -> Float[np.ndarray, "2 3"]:

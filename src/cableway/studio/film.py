@@ -18,13 +18,17 @@ from cableway.figures import palette
 from cableway.geometry import polyline
 from cableway.records import Plan, Rollout
 from cableway.scene.clearance import PIECES
+from cableway.scene.files.loading import AnyTask
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP, Task
+from cableway.studio.spatial_film import film_in_space
 from cableway.workflow.run import Run
 
 if TYPE_CHECKING:
     from cableway.studio.running import Running
 
-TEMPLATE = "film.html.jinja"
+TEMPLATE, TABLE, SPACE = "film.html.jinja", "film_table.js.jinja", "film_space.js.jinja"
+"""The page, and what draws on the table and in space."""
 
 DECIMALS = 4
 """Of a metre: a tenth of a millimetre is less than a page shows."""
@@ -36,29 +40,22 @@ COLORS = {
 }  # fmt: skip
 
 
-def film_page(task: Task, record: Plan | Rollout, sentence: str = "") -> str:
+def film_page(task: AnyTask, record: Plan | Rollout, sentence: str = "") -> str:
     """An HTML page that plays a plan or a rollout of a task.
 
     Args:
-        task: The task.
+        task: The task, on the table or in space.
         record: What is played.
         sentence: Said below the task's name; what the record is where "".
     """
-    film: dict[str, Any] = {
-        "size": list(task.scene.size),
-        "obstacles": [{"points": _points(each.vertices), "radius": each.rounding} for each in task.scene.obstacles],
-        "radius": task.cable.radius,
-        "gripper": task.grippers.radius,
-        "start": _points(polyline.spline(task.start, PIECES)),
-        "goal": _points(polyline.spline(task.goal, PIECES)),
-        "ways": [_points(record.poses[:, side, :2]) for side in (0, 1)],
-    }
-    film |= _of_rollout(record) if isinstance(record, Rollout) else _of_plan(task, record)
-    if not sentence:
-        sentence = repr(record)
+    in_space = isinstance(task, SpatialTask)
+    film = film_in_space(task, record) if isinstance(task, SpatialTask) else _on_table(task, record)
+    times = record.times if isinstance(record, Rollout) else CONTROL_STEP * np.arange(record.steps + 1)
+    film["times"] = times.round(3).tolist()
     return render(
-        TEMPLATE, "cableway.studio", title=task.name, sentence=sentence, last=len(film["times"]) - 1,
-        reference="reference" in film, colors=COLORS, palette=Markup(_script(COLORS)), data=Markup(_script(film)),
+        TEMPLATE, "cableway.studio", title=task.name, sentence=sentence or repr(record), last=len(times) - 1,
+        in_space=in_space, drawing=SPACE if in_space else TABLE, reference="reference" in film, colors=COLORS,
+        palette=Markup(_script(COLORS)), data=Markup(_script(film)),
     )  # fmt: skip
 
 
@@ -79,10 +76,23 @@ def film_video(running: Running) -> bytes:
         return path.read_bytes()
 
 
+def _on_table(task: Task, record: Plan | Rollout) -> dict[str, Any]:
+    """What `film_table.js.jinja` draws."""
+    return {
+        "size": list(task.scene.size),
+        "obstacles": [{"points": _points(each.vertices), "radius": each.rounding} for each in task.scene.obstacles],
+        "radius": task.cable.radius,
+        "gripper": task.grippers.radius,
+        "start": _points(polyline.spline(task.start, PIECES)),
+        "goal": _points(polyline.spline(task.goal, PIECES)),
+        "ways": [_points(record.poses[:, side, :2]) for side in (0, 1)],
+        **(_of_rollout(record) if isinstance(record, Rollout) else _of_plan(task, record)),
+    }
+
+
 def _of_plan(task: Task, plan: Plan) -> dict[str, Any]:
     lines = polyline.spline(plan.shapes, PIECES)
     return {
-        "times": [round(CONTROL_STEP * row, 3) for row in range(plan.steps + 1)],
         "cables": [_points(line) for line in lines],
         "clearance": task.scene.clearance(lines, task.cable.radius).round(6).tolist(),
     }
@@ -90,7 +100,6 @@ def _of_plan(task: Task, plan: Plan) -> dict[str, Any]:
 
 def _of_rollout(rollout: Rollout) -> dict[str, Any]:
     return {
-        "times": rollout.times.round(3).tolist(),
         "cables": [_points(line) for line in rollout.centreline],
         "reference": [_points(line) for line in polyline.spline(rollout.reference, PIECES)],
         "seen": [[_seen(point) for point in row] for row in rollout.observed],

@@ -9,10 +9,12 @@ import numpy as np
 
 from cableway.core.errors import InputError, Point, UnknownNameError
 from cableway.core.quantities import quantity
+from cableway.geometry.spatial_convex import chain_distance
+from cableway.motion.spatial import SpatialBodies
 from cableway.records import Measurement, Plan, Rollout
 from cableway.scene.files.loading import AnyTask
 from cableway.scene.scene import Scene
-from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.spatial.scene import SpatialScene, recorded_displacements
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.perturbation import Perturbation
@@ -132,10 +134,12 @@ class Running:
     def of_rollout(cls, task: AnyTask, plan: Plan | None, rollout: Rollout, name: str) -> Running:
         """A run that was recorded in the file of that name."""
         plant = rollout.metadata.get("plant", {})
-        where = Perturbation(
+        where: Any = Perturbation(
             obstacles=tuple(tuple(each) for each in plant.get("obstacles", ())),
             pegs=tuple(tuple(each) for each in plant.get("pegs", ())),
         )
+        if isinstance(task, SpatialTask):
+            where = SpatialPerturbation(obstacles=recorded_displacements(rollout.metadata))
         rows = _rows(rollout)
         told = f"{name}: {rollout.outcome}{f' ({rollout.detail})' if rollout.detail else ''}."
         return cls(task=task, plan=plan, perturbation=where, rows=rows, sentence=told, rollout=rollout, live=False)
@@ -149,9 +153,11 @@ class Running:
     def scene(self) -> Scene | SpatialScene:
         """Where the obstacles truly are."""
         task, perturbation = self.task, self.perturbation
-        if isinstance(task, Task) and isinstance(perturbation, Perturbation):
-            return perturbation.known_task(task).scene
-        return task.scene
+        if isinstance(perturbation, SpatialPerturbation):
+            assert isinstance(task, SpatialTask)
+            return perturbation.true_task(task).scene
+        assert isinstance(task, Task)
+        return perturbation.known_task(task).scene
 
     def options(self, others: SolveOptions) -> SolveOptions | SpatialOptions:
         """What makes the run, by `workflow.solve.solve`, or in space by `workflow.solve_in_space`."""
@@ -187,27 +193,37 @@ class Running:
         Raises:
             InputError: It cannot stand there, something has been there, or it is not the first push of this run.
         """
-        if not (isinstance(self.task, Task) and isinstance(self.perturbation, Perturbation)):
-            raise InputError("in space no obstacle is pushed while it runs")
         if not self.live or not self.rows:
             raise InputError("no run is under way: an obstacle is pushed while there is one")
-        if self.perturbation.obstacles or self.perturbation.pegs:
+        perturbation: Any = self.perturbation
+        if perturbation.obstacles or getattr(perturbation, "pegs", ()):
             raise InputError("one push a run: a file holds where obstacles are, and from when on that is known")
-        moved = [(0.0, 0.0)] * len(self.task.scene.obstacles)
-        moved[index] = (float(by[0]), float(by[1]))
+        more = (0.0,) if isinstance(self.task, SpatialTask) else ()
+        moved: Any = [(0.0, 0.0, *more)] * len(self.task.scene.obstacles)
+        moved[index] = (float(by[0]), float(by[1]), *more)
         pushed = replace(self.perturbation, obstacles=tuple(moved), revealed=self.rows[-1].time)
-        scene = pushed.true_task(self.task).scene
-        alone = replace(scene, obstacles=(scene.obstacles[index],))
-        lines = np.stack([row.measured.centreline for row in self.rows])
-        grippers = np.stack([row.measured.poses[:, :2] for row in self.rows])
-        room = min(
-            float(alone.clearance(lines, self.task.cable.radius).min()),
-            float(alone.signed_distance(grippers).min()) - self.task.grippers.radius,
-        )
+        room = replace(self, perturbation=pushed)._room_at(index)
         if room < 0:
             raise InputError(f"cable or grippers have been there: it would overlap them by {quantity(-room)}")
         anew = "The obstacle is pushed: the run begins anew, up to here ..."
         return replace(self, perturbation=pushed, rows=(), kept=self.seen, sentence=anew)
+
+    def _room_at(self, index: int) -> float:
+        """Least distance [m] of cable and grippers, so far, from where an obstacle truly is.
+
+        Raises:
+            InputError: It cannot be there.
+        """
+        task, scene = self.task, self.scene
+        alone: Any = replace(scene, obstacles=(scene.obstacles[index],))
+        lines = np.stack([row.measured.centreline for row in self.rows])
+        poses = np.stack([row.measured.poses for row in self.rows])
+        if isinstance(task, SpatialTask):
+            bodies = SpatialBodies.of(task.bodies, task.cable.radius)
+            cable = float(chain_distance(lines, alone.world)[0].min()) - task.cable.radius
+            return min(cable, float(bodies.gaps(poses, alone.world)[:, 0].min()))
+        cable = float(alone.clearance(lines, task.cable.radius).min())
+        return min(cable, float(alone.signed_distance(poses[..., :2]).min()) - task.grippers.radius)
 
 
 def _rows(rollout: Rollout) -> tuple[Row, ...]:

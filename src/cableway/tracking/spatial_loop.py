@@ -1,13 +1,18 @@
 """The closed loop in space: a controller leads a plant along a plan until the cable has come to rest.
 
+Where an obstacle turns out to stand in the way of the rest of the plan, the grippers stand still, a new plan is made
+from the shape that the cable was to have there, and the run goes on with it; without one, it ends.
+
 Note:
-    Simulation only: there is no watchdog and no recovery here as there are in `tracking.closed_loop`.
+    Simulation only: there is no watchdog here, and no recovery of a cable that has left its plan, as there are in
+    `tracking.closed_loop`.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,13 +20,16 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from cableway.control.spatial_following import SpatialFollower
-from cableway.core.errors import Cancelled, SimulationError
+from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted, SimulationError, TaskError
 from cableway.core.provenance import versions
 from cableway.core.time_limit import checkpoint
+from cableway.motion.limits import Margins
+from cableway.motion.spatial import SpatialFreeSpace
 from cableway.outcome import Outcome
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.scene.spatial.task import SpatialTask
 from cableway.tracking.logbook import Log, OnRow
+from cableway.tracking.loop import BLOCKED
 from cableway.tracking.stopping import Ending
 
 SETTLING = (1.0, 5.0)
@@ -31,10 +39,25 @@ REST = 0.002
 """Speed [m/s] of a keypoint that counts as rest."""
 
 
+PAUSE = 1.0
+"""Time [s] that the grippers stand still before a new plan is followed."""
+
+ROOMY = Margins(clearance=0.002, stability=0.0)
+"""What the rest of a plan keeps where nothing stands in its way; controllers make more room themselves."""
+
+Replan = Callable[[SpatialTask], Plan]
+"""Plans a task that starts where the cable is. Raises `PlanningError` where there is no way."""
+
+
 class SpatialPlantLike(Protocol):
     """A cable between two grippers in space, as the loop sees it; see `tracking.plant.Plant`."""
 
     control_step: float
+
+    @property
+    def task(self) -> SpatialTask:
+        """The task with the obstacles as they are known by now; the loop reads it at every step."""
+        ...
 
     def reset(self) -> Observation:
         """What is seen at the start."""
@@ -56,41 +79,101 @@ def track_in_space(
     plant: SpatialPlantLike,
     controller: SpatialFollower[Any],
     plan: Plan,
+    replan: Replan,
     on_row: OnRow | None = None,
 ) -> Rollout:
     """Lead a cable along a plan in space.
 
     Args:
-        task: The task, as the controller knows it.
+        task: The task that was planned for.
         plant: The cable.
         controller: The controller.
         plan: The plan.
+        replan: Makes a new plan.
         on_row: Told of each row as it comes; the run ends where it raises `Cancelled`.
 
     Returns:
         What happened; a plant that fails ends it, which its outcome says.
     """
-    state, log, arrived = controller.init(task, plan), Log(on_row), 0
-    seen, ending = plant.reset(), Ending(Outcome.SETTLED)
+    run = _Run(task, plant, controller, plan, replan, on_row)
     try:
-        log.see(seen.time, seen, plant.measure(), plan.shapes[0])
-        while not _over(log.measured, arrived * plant.control_step, plant.control_step):
-            checkpoint()
-            begun = time.perf_counter()
-            action, state = controller.step(state, seen)
-            log.act(action, time.perf_counter() - begun, str(state.status), state.estimates())
-            try:
-                seen = plant.step(action)
-            except SimulationError as error:
-                ending = log.end_early(error)
-                break
-            row = controller.row(state)
-            arrived += row == plan.steps
-            log.see(seen.time, seen, plant.measure(), plan.shapes[row])
+        ending = run.followed()
     except Cancelled as stop:
         ending = Ending(Outcome.INTERRUPTED, str(stop))
     outcome, detail = ending
-    return log.rollout({"outcome": str(outcome), "detail": detail, "versions": versions()})
+    metadata = {"outcome": str(outcome), "detail": detail, "versions": versions(), "recovered": run.recovered}
+    return run.log.rollout(metadata)
+
+
+class _Run:
+    """A run under way; `recovered` has the times [s] from which a new plan was followed."""
+
+    def __init__(
+        self, task: SpatialTask, plant: SpatialPlantLike, controller: SpatialFollower[Any], plan: Plan, replan: Replan,
+        on_row: OnRow | None,
+    ) -> None:  # fmt: skip
+        self._plant, self._controller, self._replan = plant, controller, replan
+        self._scene, self._state, self.log = task.scene, controller.init(task, plan), Log(on_row)
+        self._seen = plant.reset()
+        self.recovered: list[float] = []
+
+    def followed(self) -> Ending:
+        """Follow the plan to its end, and those that take its place; how the run ended."""
+        plant, controller, log, arrived = self._plant, self._controller, self.log, 0
+        log.see(self._seen.time, self._seen, plant.measure(), self._reference)
+        while not _over(log.measured, arrived * plant.control_step, plant.control_step):
+            checkpoint()
+            if (ending := self._look_round()) is not None:
+                return ending
+            begun = time.perf_counter()
+            action, self._state = controller.step(self._state, self._seen)
+            seconds = time.perf_counter() - begun
+            if (ending := self._acted(action, seconds, str(self._state.status))) is not None:
+                return ending
+            arrived = arrived + 1 if controller.row(self._state) == self._state.plan.steps else 0
+        return Ending(Outcome.SETTLED)
+
+    @property
+    def _reference(self) -> Float[np.ndarray, "n 3"]:
+        return self._state.plan.shapes[self._controller.row(self._state)]
+
+    def _acted(self, action: Float[np.ndarray, "2 6"], seconds: float, status: str) -> Ending | None:
+        """One control step; how the run ended, if it did."""
+        self.log.act(action, seconds, status, self._state.estimates())
+        try:
+            self._seen = self._plant.step(action)
+        except SimulationError as error:
+            return self.log.end_early(error)
+        self.log.see(self._seen.time, self._seen, self._plant.measure(), self._reference)
+        return None
+
+    def _look_round(self) -> Ending | None:
+        """Give the controller the scene as it is known, and a new plan where something stands in the way of the present
+        one; how the run ended, if it did."""
+        task = self._plant.task
+        if task.scene == self._scene:
+            return None
+        before, self._scene = self._state.problem, task.scene
+        self._state = state = self._controller.in_scene(self._state, task)
+        assert state.plan.q is not None
+        rest = state.plan.q[self._controller.row(state) :]
+        free = [SpatialFreeSpace.of(problem, ROOMY).are_free(rest) for problem in (before, state.problem)]
+        return self._go_round(task, rest[0]) if (free[0] & ~free[1]).any() else None
+
+    def _go_round(self, task: SpatialTask, here: Float[np.ndarray, "12"]) -> Ending | None:
+        """Stand still, and follow a new plan from the shape that was to be had; how the run ended, if it did."""
+        for _ in range(round(PAUSE / self._plant.control_step)):
+            if (ending := self._acted(np.zeros((2, 6)), 0.0, BLOCKED)) is not None:
+                return ending
+        try:
+            plan = self._replan(replace(task, start=here))
+        except PlanningInterrupted as error:
+            return Ending(Outcome.INTERRUPTED, str(error))
+        except (TaskError, PlanningError) as error:
+            return Ending(Outcome.BLOCKED_WAY, str(error))
+        self._state = self._controller.resume(self._state, plan)
+        self.recovered.append(self._seen.time)
+        return None
 
 
 def _over(measured: Sequence[Measurement], since: float, step: float) -> bool:

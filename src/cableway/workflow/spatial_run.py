@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from cableway.control.spatial_feedback import SpatialFeedback, SpatialFeedbackConfig
 from cableway.control.spatial_mpc import SpatialMPC
+from cableway.core.compiled import clock
 from cableway.core.errors import SimulationError, UnknownNameError
 from cableway.core.provenance import describe
 from cableway.judge import judge_in_space
 from cableway.outcome import Outcome
+from cableway.planning.planner import plan as find_plan
 from cableway.records import Plan, Rollout, Verdict
 from cableway.scene.spatial.task import SpatialTask
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
@@ -24,6 +27,10 @@ CONTROLLERS: dict[str, Callable[[], SpatialMPC | SpatialFeedback]] = {
     "open-loop": lambda: SpatialFeedback(SpatialFeedbackConfig(gain=0.0)),
 }
 """Controllers in space, the first one the default."""
+
+
+REPLANNING = 10.0
+"""Time [s] that the search for a plan takes at most in a run."""
 
 
 def follow_in_space(
@@ -51,6 +58,7 @@ def follow_in_space(
 
     Raises:
         UnknownNameError: There is no such controller.
+        InputError: Obstacles cannot be where the perturbation has them.
         MissingExtraError: Coal, which the judge needs, is not installed.
     """
     if controller not in CONTROLLERS:
@@ -60,13 +68,23 @@ def follow_in_space(
         plant = perturbation.build(task, seed)
     except SimulationError as error:
         return None, None, Outcome.PLANT_FAILED, f"the plant cannot start: {error}"
-    rollout = track_in_space(task, plant, leading, plan, on_row)
+    rollout = track_in_space(task, plant, leading, plan, partial(_planned_anew, seed), on_row)
     made_by = {
         "seed": seed,
         "controller": controller,
         "another_start": perturbation.another_start,
         "configuration": describe({"controller": leading.config, "plant": perturbation}),
     }
-    rollout = replace(rollout, metadata={**rollout.metadata, **made_by})
-    verdict = verify_spatial_rollout(rollout, task, same_start=not perturbation.another_start)
-    return rollout, verdict, *judge_in_space(task, rollout, verdict)
+    rollout, true = replace(rollout, metadata={**rollout.metadata, **made_by}), perturbation.true_task(task)
+    verdict = verify_spatial_rollout(rollout, true, same_start=not perturbation.another_start)
+    return rollout, verdict, *judge_in_space(true, rollout, verdict)
+
+
+def _planned_anew(seed: int, task: SpatialTask) -> Plan:
+    """A plan of a run under way.
+
+    Raises:
+        PlanningError: None was found in `REPLANNING` seconds.
+    """
+    deadline = clock() + REPLANNING
+    return find_plan(task, seed=seed, expired=lambda: clock() > deadline)

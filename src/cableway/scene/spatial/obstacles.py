@@ -6,7 +6,7 @@ The world's z points up and the table is at z = 0. Each record gives the `Solid`
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -170,6 +170,22 @@ class Prism:
 
 
 SpatialObstacle = Cuboid | Cylinder | Sphere | ConvexMesh | Prism
+
+
+def displaced(obstacle: SpatialObstacle, by: tuple[float, float, float]) -> SpatialObstacle:
+    """The obstacle moved by (dx, dy, dz) [m].
+
+    Raises:
+        TaskError: It stands on the table, and is to be raised.
+    """
+    if isinstance(obstacle, Prism):
+        if by[2]:
+            raise TaskError(f"({describe(obstacle)}) stands on the table, where it can be moved by x and y alone")
+        return Prism(section=obstacles.displaced(obstacle.section, by[:2]))
+    if isinstance(obstacle, ConvexMesh):
+        return ConvexMesh(points=obstacle.points + np.array(by))
+    return replace(obstacle, center=tuple(np.add(obstacle.center, by).tolist()))
+
 
 THICKNESS = Quantity("m", THINNEST, 50.0)
 

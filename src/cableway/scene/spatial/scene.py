@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from cableway.core.errors import SpacePoint, TaskError
+from cableway.core.errors import InputError, SpacePoint, TaskError
 from cableway.core.quantities import size_text
 from cableway.geometry.spatial_convex import WALLS, SpatialWorld, chain_distance, signed_distance
 from cableway.scene import checks
-from cableway.scene.spatial.obstacles import SpatialObstacle, describe
+from cableway.scene.spatial.obstacles import SpatialObstacle, describe, displaced
 
 MOST_OBSTACLES = 1000
 
@@ -43,6 +45,15 @@ class SpatialScene:
                 problem = f"({describe(obstacle)}) lies wholly outside the workspace of {size_text(self.size)}"
                 raise TaskError(problem, ("obstacles", index))
 
+    def changed(self, by: Sequence[tuple[float, float, float]]) -> SpatialScene:
+        """The scene with each obstacle displaced by (dx, dy, dz) [m]; none where `by` is empty.
+
+        Raises:
+            TaskError: An obstacle is then wholly outside, or stands on the table and is to be raised.
+        """
+        moved = [displaced(*pair) for pair in zip(self.obstacles, by, strict=True)] if by else self.obstacles
+        return replace(self, obstacles=tuple(moved))
+
     @cached_property
     def world(self) -> SpatialWorld:
         """The obstacles and the walls, packed for the compiled kernels."""
@@ -64,3 +75,16 @@ class SpatialScene:
     def contains(self, points: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
         """Which points [m] are within the workspace."""
         return np.all((points >= 0) & (points <= self.size), axis=1)
+
+
+def recorded_displacements(metadata: Mapping[str, Any]) -> tuple[SpacePoint, ...]:
+    """Displacement [m] of each obstacle in the plant of a rollout, by its metadata; empty where none was moved.
+
+    Raises:
+        InputError: They are no displacements.
+    """
+    made_by: Any = metadata.get("configuration") or {}
+    try:
+        return tuple((float(x), float(y), float(z)) for x, y, z in made_by.get("plant", {}).get("obstacles", ()))
+    except (AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"the rollout's plant.obstacles are no displacements: {error}") from error

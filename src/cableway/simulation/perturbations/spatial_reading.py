@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_args
 import numpy as np
 import yaml
 
-from cableway.core.checks import shown
+from cableway.core.checks import Checked, NotNegative, shown
 from cableway.core.configuration import faults, from_mapping
 from cableway.core.errors import InputError, TaskError
 from cableway.geometry.groups import SE3
@@ -32,6 +32,9 @@ Offset = Annotated[
 ]
 
 
+Displacement = Annotated[tuple[float, float, float], "[x, y, z]"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class GraspSection:
     """The key `grasp`: where the cable's ends are in the gripper frames.
@@ -50,11 +53,13 @@ class GraspSection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpatialSections:
+class SpatialSections(Checked):
     """The keys of the file, but for `cableway` and `cable`."""
 
     grasp: GraspSection = field(default_factory=GraspSection)
     spatial: SpatialConfig = field(default_factory=SpatialConfig)
+    obstacles: Annotated[tuple[Displacement, ...], "a list of displacements [x, y, z]"] = ()
+    revealed: NotNegative[float] | None = 0.0
 
 
 def read_spatial_perturbation(path: Path, task: SpatialTask) -> SpatialPerturbation:
@@ -85,9 +90,15 @@ def read_spatial_perturbation(path: Path, task: SpatialTask) -> SpatialPerturbat
         raise document.locate(TaskError(fault.problem, fault.place))
     rest = from_mapping(SpatialSections, content, str(path))
     offsets = np.array([rest.grasp.left, rest.grasp.right])
-    return SpatialPerturbation(
-        cable=cable, grasps=SE3.plus(np.tile(SE3.identity, (2, 1)), offsets), config=rest.spatial
-    )
+    perturbation = SpatialPerturbation(
+        cable=cable, grasps=SE3.plus(np.tile(SE3.identity, (2, 1)), offsets), config=rest.spatial,
+        obstacles=rest.obstacles, revealed=rest.revealed,
+    )  # fmt: skip
+    try:
+        perturbation.true_task(task)
+    except InputError as error:
+        raise InputError(f"{path}: with obstacles as here, {error}") from None
+    return perturbation
 
 
 def spatial_perturbation_text(perturbation: SpatialPerturbation) -> str:
@@ -101,6 +112,9 @@ def spatial_perturbation_text(perturbation: SpatialPerturbation) -> str:
         content["grasp"] = dict(zip(("left", "right"), offsets.tolist(), strict=True))
     if perturbation.config != SpatialConfig():
         content["spatial"] = {each.name: getattr(perturbation.config, each.name) for each in fields(SpatialConfig)}
+    if perturbation.obstacles:
+        content["obstacles"] = [list(by) for by in perturbation.obstacles]
+        content["revealed"] = perturbation.revealed
     return yaml.dump(content, Dumper=Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)
 
 

@@ -66,12 +66,14 @@ def cord(line: Float[np.ndarray, "m 3"], radius: float) -> Mesh:
 
 def creases(surface: Surface) -> Float[np.ndarray, "e 2 3"]:
     """The edges of a surface [m] at which it bends by more than `CREASE`."""
-    corners = surface.corners.reshape(-1, 3)
+    a, b, c = surface.corners.swapaxes(0, 1)
+    triangles = surface.corners[np.cross(b - a, c - a).any(axis=1)]  # at the poles of a ball some have no area
+    corners = triangles.reshape(-1, 3)
     first, faces = shared(corners)
-    normals = mesh.flat_normals(surface.corners)[:, 0]
+    normals = mesh.flat_normals(triangles)[:, 0]
     sides: dict[tuple[int, int], list[int]] = {}
-    for face, (a, b, c) in enumerate(faces.tolist()):
-        for pair in ((a, b), (b, c), (c, a)):
+    for face, (i, j, k) in enumerate(faces.tolist()):
+        for pair in ((i, j), (j, k), (k, i)):
             sides.setdefault((min(pair), max(pair)), []).append(face)
     sharp = [
         pair

@@ -14,7 +14,7 @@ from cableway.records import Plan
 from cableway.scene.files.loading import AnyDraft
 from cableway.scene.files.saving import task_text
 from cableway.scene.spatial.task import SpatialDraft
-from cableway.scene.task import CONTROL_STEP, Draft, End, Task
+from cableway.scene.task import CONTROL_STEP, Draft, End
 from cableway.studio.curves import Curves, curves_of
 from cableway.studio.film import film_page, film_video
 from cableway.studio.inbox import Inbox
@@ -297,8 +297,9 @@ class Page:
     def _export_run(self) -> None:
         """A page that plays the run, by itself."""
         running = self._session.running
-        if running is not None and running.rollout is not None and isinstance(running.task, Task):
-            page = film_page(replace(running.task, scene=running.scene), running.rollout, running.sentence)
+        if running is not None and running.rollout is not None:
+            task: Any = running.task
+            page = film_page(replace(task, scene=running.scene), running.rollout, running.sentence)
             self._client.send_file_download(f"{running.task.name}-run.html", page.encode(), save_immediately=True)
 
     def _film(self) -> None:
@@ -347,7 +348,7 @@ class Page:
     def _export(self) -> None:
         """A page that plays the plan that is chosen, by itself."""
         draft, planning = self._session.draft, self._session.planning
-        if self._plan is not None and planning.status == "found" and isinstance(draft, Draft):
+        if self._plan is not None and planning.status == "found":
             page = film_page(draft.checked(), self._plan, planning.sentence)
             self._client.send_file_download(f"{draft.name}.html", page.encode(), save_immediately=True)
 

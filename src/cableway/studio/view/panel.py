@@ -310,7 +310,7 @@ class PlanPanel:
         set_changed(self._hint, "visible", not there)
         for field in (self.step, self.play, self.now, *self._clear, *self._speed):
             set_changed(field, "visible", there)
-        set_changed(self._export, "visible", there and not in_space)
+        set_changed(self._export, "visible", there)
         set_changed(self._ways, "visible", there and not in_space and not stale and len(planning.plans) == 1)
         count = len(planning.plans)
         set_changed(self.way, "visible", count > 1)

@@ -88,14 +88,14 @@ class RunPanel:
         if running is None:
             set_changed(self.said, "content", look.hint(NO_RUN))
         else:
-            told = [running.sentence, *([PUSH] if live and rows and not running.kept and not in_space else [])]
+            told = [running.sentence, *([PUSH] if live and rows and not running.kept else [])]
             set_changed(self.said, "content", look.sentences(told, _color(running)))
         set_changed(self.start, "label", "Stop" if live else "Run")
         set_changed(self.start, "disabled", not (live or can_run))
         for field in (self.step, self.now, self._key, *self._clear):
             set_changed(field, "visible", len(rows) > 1)
         made = running is not None and running.rollout is not None and len(rows) > 1
-        set_changed(self._export, "visible", made and not in_space)
+        set_changed(self._export, "visible", made)
         set_changed(self._film, "visible", made)
         if len(rows) < 2:
             self._drawn = 0
