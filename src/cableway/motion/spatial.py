@@ -22,6 +22,7 @@ from cableway.geometry.spatial_convex_kernels import self_distance
 from cableway.motion import spatial_kernels
 from cableway.motion.limits import Margins
 from cableway.motion.spatial_kernels import OTHER, WORLD
+from cableway.robot.spatial_arms import FreeSpatialArms
 from cableway.rod.spatial import SpatialRod
 from cableway.scene.grippers import Grippers
 from cableway.scene.spatial.grippers import SpatialBody
@@ -251,8 +252,8 @@ class SpatialFreeSpace:
     arrays: tuple[Any, ...]
 
     @classmethod
-    def of(cls, problem: SpatialProblem, margins: Margins) -> SpatialFreeSpace:
-        """What margins allow: never more than start and goal keep."""
+    def of(cls, problem: SpatialProblem, margins: Margins, arms: FreeSpatialArms | None = None) -> SpatialFreeSpace:
+        """What margins allow, never more than start and goal keep, and where arms can hold the grippers."""
         rod, bodies = problem.rod, problem.bodies
         kept = np.array([problem.start, problem.goal])
         stations, poses = rod.shapes(kept)
@@ -284,7 +285,7 @@ class SpatialFreeSpace:
             apart=apart,
             self_distance=min(2 * problem.radius + margins.self_distance, selves - 1e-9),
         )
-        return cls((rod.arrays, problem.world.arrays, limits, arrays))
+        return cls((rod.arrays, problem.world.arrays, limits, arrays, arms))
 
     def are_free(self, q: Float[np.ndarray, "k 12"]) -> Bool[np.ndarray, "k"]:
         """Which configurations are free."""

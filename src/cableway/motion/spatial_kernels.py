@@ -1,8 +1,8 @@
 """Compiled kernels of `cableway.motion.spatial`: whether one shape in space is free, and the way between two.
 
-A `space` is (rod, world, limits, bodies): parameters and stiffness of the rod (`cableway.rod.spatial_kernels`), the
-arrays of a `SpatialWorld`, `SpatialLimits` and the arrays of `SpatialBodies`, of which the last are those of its hulls,
-or None.
+A `space` is (rod, world, limits, bodies, arms): parameters and stiffness of the rod (`cableway.rod.spatial_kernels`),
+the arrays of a `SpatialWorld`, `SpatialLimits`, the arrays of `SpatialBodies`, of which the last are those of its
+hulls, or None, and the arms of `cableway.robot.spatial_arms`, or None.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from cableway.core.compiled import inlined, kernel
 from cableway.geometry.pose_kernels import product, quaternion_of, turned, vector_of
 from cableway.geometry.spatial_convex_kernels import box_gap, nearest_solid, points_keep, self_distance
 from cableway.geometry.spatial_pair_kernels import ROOM, core_depth, core_gap, solid_core
+from cableway.robot.spatial_arms import spatial_arms_keep
 from cableway.rod.spatial_kernels import held_shape
 from cableway.rod.spatial_stability import has_margin
 
@@ -274,7 +275,7 @@ def is_free(q, space):
 
     The cheapest tests come first.
     """
-    rod, world, limits, bodies = space
+    rod, world, limits, bodies, arms = space
     p, stiff = rod
     if abs(q[9]) > limits.most_twist * p[1]:
         return False
@@ -297,7 +298,7 @@ def is_free(q, space):
         return False
     if self_distance(stations, limits.apart) < limits.self_distance:
         return False
-    return has_margin(q, p, stiff, limits.stability)
+    return has_margin(q, p, stiff, limits.stability) and spatial_arms_keep(poses, stations, arms)
 
 
 @kernel

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Annotated, Literal
 
 import numpy as np
@@ -29,6 +30,7 @@ from cableway.planning.spatial_optimization import optimize_in_space
 from cableway.planning.spatial_rrt import Sampler, Trees, about_path, about_shapes, anywhere, bursts
 from cableway.planning.trajectory_optimization import CLEARANCE_WEIGHTS, TrajectoryOptimizationConfig
 from cableway.records import Attempt, Plan, Verdict
+from cableway.robot.spatial_arms import SpatialArms, SpatialWay
 from cableway.rod.spatial_lag import spatial_lag
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
@@ -46,6 +48,12 @@ SOURCES: tuple[Source, ...] = ("anywhere", "tube", "corridor", "tube-tail")
 SLOWEST = 3.0
 """How many times as long as the grippers' limits ask for a plan may take where the cable trails behind: a heavy one
 would crawl past a fold."""
+
+WAYS = 6
+"""In which arms may hold the cable that are searched, in turns."""
+
+ARMS_CLEARANCE, ARMS_KEPT = 0.012, 0.008
+"""Clearance [m] of links and hands in the search, and in the rows of a plan, which are not quite those looked at."""
 
 SPARE = 0.002
 """Clearance [m] beyond the margin that the way of a sliding cable keeps."""
@@ -125,26 +133,48 @@ class _Search:
         self.task, self.config, self.seed, self.report = task, config, seed, progress
         self.problem = SpatialProblem.of(task)
         self.best: Attempt | None = None
-        self._trees = Trees(self.problem, SpatialFreeSpace.of(self.problem, config.margins), config.step)
+        self._arms = None if task.cell is None else SpatialArms(task, ARMS_CLEARANCE)
+        self._trees: dict[SpatialWay | None, Trees] = {}
         self._samplers: dict[Source, Sampler | None] = {}
+
+    def _ways(self) -> list[SpatialWay | None]:
+        """How the arms may hold the cable, None for grippers alone.
+
+        Raises:
+            PlanningError: They cannot.
+        """
+        if self._arms is None:
+            return [None]
+        found = self._arms.ways()
+        if isinstance(found, str):
+            raise PlanningError(f"there is no plan: {found}", Attempt(found), Outcome.INFEASIBLE)
+        return [*found[:WAYS]]
+
+    def _trees_of(self, way: SpatialWay | None) -> Trees:
+        if way not in self._trees:
+            arms = None if self._arms is None or way is None else self._arms.held(way)
+            space = SpatialFreeSpace.of(self.problem, self.config.margins, arms)
+            self._trees[way] = Trees(self.problem, space, self.config.step)
+        return self._trees[way]
 
     def run(self) -> Plan:
         """The first plan that verifies."""
         config, tried = self.config, 0
         most = config.first * 2 ** int(np.log2(config.most / config.first))
-        searches: Iterator[tuple[Source, int, int]] = bursts(SOURCES, config.first, most)
-        for source, samples, burst in searches:
-            if burst == 1 and source == SOURCES[0] and (fault := blocked(self.problem, config.limits.clearance)):
+        names = tuple(product(self._ways(), SOURCES))
+        searches: Iterator[tuple[tuple[SpatialWay | None, Source], int, int]] = bursts(names, config.first, most)
+        for (way, source), samples, burst in searches:
+            if burst == 1 and (way, source) == names[0] and (fault := blocked(self.problem, config.limits.clearance)):
                 attempt = replace(self.best or Attempt(""), reason=fault)
                 raise PlanningError(f"there is no plan: {fault}", attempt, Outcome.INFEASIBLE)
-            self.report("search", tried / (len(SOURCES) * 2 * most))
+            self.report("search", tried / (len(names) * 2 * most))
             tried += samples
             sampler = self._sampler(source)
             if sampler is None:
                 continue
-            path, used = self._trees.search(sampler, samples, (self.seed, SOURCES.index(source), burst))
+            path, used = self._trees_of(way).search(sampler, samples, (self.seed, SOURCES.index(source), burst))
             LOGGER.info("%s, %d of %d samples: %s", source, used, samples, "no path" if path is None else "a path")
-            if path is not None and (found := self._made_of(path, source)) is not None:
+            if path is not None and (found := self._made_of(path, source, way)) is not None:
                 return found
         raise self.error(f"no plan was found with {tried} samples", Outcome.NO_PLAN)
 
@@ -177,7 +207,7 @@ class _Search:
         eased = replace(self.config.optimization, iterations=12)
         return about_shapes(problem, optimize_in_space(slid, problem, eased, weights=CLEARANCE_WEIGHTS[1:2]))
 
-    def _made_of(self, path: Float[np.ndarray, "r 12"], source: Source) -> Plan | None:
+    def _made_of(self, path: Float[np.ndarray, "r 12"], source: Source, way: SpatialWay | None) -> Plan | None:
         """The plan of a free path, made smooth; or as it is, where that does not verify."""
         rod, config = self.problem.rod, self.config
         self.report("optimisation", 0.0)
@@ -186,7 +216,7 @@ class _Search:
         smooth = optimize_in_space(q, self.problem, config.optimization, report, weights=CLEARANCE_WEIGHTS[-1:])
         for rows in (smooth, path):
             try:
-                plan = self._timed(rows)
+                plan = self._timed(rows, way)
             except PlanningError as error:
                 self._note(Attempt(str(error)))
                 continue
@@ -201,8 +231,12 @@ class _Search:
             self._note(Attempt(str(verdict), plan.shapes, plan.poses, verdict))
         return None
 
-    def _timed(self, q: Float[np.ndarray, "r 12"]) -> Plan:
-        """Rows one control step apart, from rest to rest, within `LIMIT_SHARE` of the limits."""
+    def _timed(self, q: Float[np.ndarray, "r 12"], way: SpatialWay | None) -> Plan:
+        """Rows one control step apart, from rest to rest, within `LIMIT_SHARE` of the limits.
+
+        Raises:
+            PlanningError: There would be too many, or the arms cannot follow.
+        """
         rod, limits = self.problem.rod, self.problem.grippers
         fine = subdivided(len(q), EFFORT_PIECES)
         stations, poses = rod.shapes(rows_between(rod, q, fine))
@@ -210,6 +244,8 @@ class _Search:
         effort = np.maximum(
             gripper_effort(poses, limits.max_step, limits.max_turn), shift / (KEYPOINT_STEP * limits.max_step)
         )
+        if self._arms is not None and way is not None:
+            effort = np.maximum(effort, self._arms.effort(self._arms.joints(poses, way), way))
         trailing = spatial_lag(rod, q) * self.task.cable.damping_time / CONTROL_STEP / self.config.lag
         effort = np.clip(np.repeat(trailing / EFFORT_PIECES, EFFORT_PIECES), effort, SLOWEST * effort)
         require_rows(effort.sum() / LIMIT_SHARE, rod.keypoints)
@@ -218,7 +254,13 @@ class _Search:
         rows = rows_between(rod, q, with_ramps(fine, effort, LIMIT_SHARE, poses_at, ramped, rod.keypoints))
         stations, poses = rod.shapes(rows)
         shapes = np.ascontiguousarray(rod.at_keypoints(stations))
-        return Plan(shapes, continuous_poses(poses), rows)
+        plan = Plan(shapes, continuous_poses(poses), rows)
+        if self._arms is None or way is None:
+            return plan
+        joints = SpatialArms(self.task, ARMS_KEPT).along(plan.poses, stations, way)
+        if isinstance(joints, str):
+            raise PlanningError(joints)
+        return replace(plan, joints=joints, metadata={"arms": way.described()})
 
     def _note(self, attempt: Attempt) -> None:
         if self.best is None or _faults(attempt.verdict) < _faults(self.best.verdict):

@@ -21,6 +21,7 @@ from cableway.scene.gripper_bodies import Tilt, gripper_body, lift_of
 from cableway.scene.obstacles import Height
 from cableway.scene.own_arms import OwnArm
 from cableway.scene.scene import Scene
+from cableway.scene.spatial.scene import SpatialScene
 
 ARMS = 2
 """Arms of a cell; arm 0 holds the left end of the cable, or the right one."""
@@ -113,12 +114,12 @@ class MountedArm:
         """What the arm is."""
         return ARM_MODELS[self.model] if isinstance(self.model, str) else self.model.model
 
-    def base(self, scene: Scene) -> Float[np.ndarray, "4 4"]:
+    def base(self, scene: Scene | SpatialScene) -> Float[np.ndarray, "4 4"]:
         """Pose of the base in the frame of the workspace, see `base_pose`."""
         return base_pose(self.position, self.angle, scene)
 
 
-def base_pose(position: Place, angle: float, scene: Scene) -> Float[np.ndarray, "4 4"]:
+def base_pose(position: Place, angle: float, scene: Scene | SpatialScene) -> Float[np.ndarray, "4 4"]:
     """Pose of a base in the frame of the workspace, x to the right, y up in the plane of the table, z upwards.
 
     Args:

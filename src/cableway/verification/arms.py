@@ -21,6 +21,7 @@ from cableway.scene.arm_models import ArmModel, Capsule
 from cableway.scene.cell import TOOLS, Cell, Tool
 from cableway.scene.gripper_bodies import ABOVE_TABLE, AXIS, gripper_body
 from cableway.scene.obstacles import to_shapely
+from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP, Task
 from cableway.verification.bodies import lift_of_hand
 from cableway.verification.geometry import pose_distance
@@ -113,7 +114,7 @@ def how_held(record: Plan | Rollout) -> tuple[list[int], list[int]]:
 
 
 def dense_joints(
-    joints: Float[np.ndarray, "t 2 6"], holders: list[int], task: Task, cell: Cell
+    joints: Float[np.ndarray, "t 2 6"], holders: list[int], task: Task | SpatialTask, cell: Cell
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s 2 6"]]:
     """Fractional rows between which no capsule moves farther than `STEP`, and the joints there."""
     solids = [*chain(*(solids_of(cell, holders[side], joints[:, side], task) for side in range(2)))]
@@ -217,14 +218,16 @@ def _homes(model: ArmModel) -> list[Float[np.ndarray, "4 4"]]:
     return homes
 
 
-def flanges_of(cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task) -> Float[np.ndarray, "s 4 4"]:
+def flanges_of(
+    cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task | SpatialTask
+) -> Float[np.ndarray, "s 4 4"]:
     """Poses of an arm's flange along a motion."""
     model = cell.models[arm]
     return cell.arms[arm].base(task.scene) @ _exponentials(model, joints)[-1] @ _homes(model)[-1]
 
 
 def solids_of(
-    cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task, tool: Tool | None = None
+    cell: Cell, arm: int, joints: Float[np.ndarray, "s 6"], task: Task | SpatialTask, tool: Tool | None = None
 ) -> list[Solid]:
     """An arm's capsules and its tool's along a motion; the tool is closed where none is given."""
     model, base = cell.models[arm], cell.arms[arm].base(task.scene)

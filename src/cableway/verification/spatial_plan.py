@@ -28,6 +28,7 @@ from cableway.verification.plan import (
     separation,
     with_halves,
 )
+from cableway.verification.spatial_arms import spatial_arm_checks
 from cableway.verification.spatial_bodies import bodies_off_cable, bodies_off_scene, with_half_poses
 from cableway.verification.spatial_distance import ToScene
 from cableway.verification.spatial_follower import FollowedInSpace, follow_in_space
@@ -96,6 +97,7 @@ def verify_spatial_plan(plan: Plan, task: SpatialTask, limits: SpatialVerificati
         *_following(followed, plan, task, limits, ends),
         *_rod_coordinates(plan, task, limits),
         *_ends(plan, task, limits),
+        *spatial_arm_checks(plan, task),
     ]
     if len(followed.stations) > 1:
         rows = np.arange(len(followed.stations)) / 2

@@ -17,9 +17,9 @@ from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.core.quantities import limit_text, quantity, told_apart
 from cableway.rod.inverse import shape_between
 from cableway.scene import checks
-from cableway.scene.arm_models import Capsule
 from cableway.scene.cable import Cable
-from cableway.scene.cell import CELLS, Cell, MountedArm
+from cableway.scene.cell import Cell
+from cableway.scene.files.cells import cell_of, named_cell
 from cableway.scene.files.document import read_document
 from cableway.scene.files.presets import preset_names, preset_values
 from cableway.scene.files.schema import CellFile, planar_obstacle, validate, with_steps
@@ -27,7 +27,6 @@ from cableway.scene.files.spatial import SpatialTaskFile, is_spatial, spatial_ta
 from cableway.scene.gripper_bodies import BodyPart
 from cableway.scene.grippers import Grippers, Plug, Port
 from cableway.scene.obstacles import Obstacle
-from cableway.scene.own_arms import OwnArm
 from cableway.scene.scene import Scene
 from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import ENDS, Draft, Task
@@ -203,7 +202,7 @@ def _task(content: Mapping[str, Any], path: Path) -> Task:
         **shapes,
     }
     if (cell := content.get("cell")) is not None:
-        values |= _in_cell(named_cell(cell) if isinstance(cell, str) else _cell(cell), values)
+        values |= _in_cell(named_cell(cell) if isinstance(cell, str) else cell_of(cell), values)
     try:
         if not wrong:
             return Task(**values)
@@ -228,51 +227,9 @@ def load_cell(source: str | os.PathLike[str]) -> Cell:
     document = read_document(path)
     content = validate(document, CellFile)
     try:
-        return _cell({key: value for key, value in content.items() if key not in ("cableway", "units", "angles")})
+        return cell_of({key: value for key, value in content.items() if key not in ("cableway", "units", "angles")})
     except TaskError as error:
         raise document.locate(TaskError(error.problem, error.place[1:])) from None
-
-
-def named_cell(name: str) -> Cell:
-    """The cell of a name.
-
-    Raises:
-        UnknownNameError: There is none; the message lists them.
-    """
-    if name not in CELLS:
-        raise UnknownNameError("cell", name, tuple(CELLS))
-    return CELLS[name]
-
-
-def _cell(section: Mapping[str, Any]) -> Cell:
-    return Cell(**{**section, "arms": tuple(_arm(index, arm) for index, arm in enumerate(section["arms"]))})
-
-
-def _arm(index: int, section: Mapping[str, Any]) -> MountedArm:
-    try:
-        if isinstance(model := section.get("model"), Mapping):
-            section = {**section, "model": _own_arm(model)}
-        return MountedArm(**section)
-    except TaskError as error:
-        raise error.within("cell", "arms", index) from None
-
-
-def _own_arm(section: Mapping[str, Any]) -> OwnArm:
-    """An arm that is given in the file.
-
-    Raises:
-        TaskError: It is none that is known.
-    """
-    capsules = []
-    try:
-        for index, capsule in enumerate(section["capsules"]):
-            try:
-                capsules.append(Capsule(**capsule))
-            except TaskError as error:
-                raise error.within("capsules", index) from None
-        return OwnArm(**{**section, "capsules": capsules})
-    except TaskError as error:
-        raise error.within("model") from None
 
 
 def _in_cell(cell: Cell, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,13 +11,12 @@ import yaml
 from jaxtyping import Float
 
 from cableway.core.files import write_text
-from cableway.scene.cell import Cell, MountedArm
+from cableway.scene.files.cells import stated, stated_cell
 from cableway.scene.files.document import Dumper
 from cableway.scene.files.presets import preset_names
 from cableway.scene.files.schema import FORMAT_VERSION
 from cableway.scene.files.spatial import spatial_content
 from cableway.scene.gripper_bodies import BodyPart
-from cableway.scene.grippers import Grippers
 from cableway.scene.obstacles import Box, Disc, Obstacle
 from cableway.scene.spatial.task import SpatialDraft
 from cableway.scene.task import Draft
@@ -47,9 +46,11 @@ def _content(task: Draft) -> dict[str, Any]:
         "cableway": FORMAT_VERSION,
         "name": task.name,
         "description": task.description,
-        "workspace": _stated({"size": list(task.scene.size), "wall_height": task.scene.wall_height}),
+        "workspace": stated({"size": list(task.scene.size), "wall_height": task.scene.wall_height}),
         "cable": cable,
-        "grippers": _stated({**vars(task.grippers), "body": _gripper_body(task.grippers.body), **_tilt(task.grippers)}),
+        "grippers": stated(
+            {**vars(task.grippers), "body": _gripper_body(task.grippers.body), "tilt": task.grippers.tilt or None}
+        ),
         "obstacles": [_obstacle(obstacle) for obstacle in task.scene.obstacles],
         "start": _shape(task.start, task.start_poses),
         "goal": _shape(task.goal, task.goal_poses),
@@ -59,26 +60,8 @@ def _content(task: Draft) -> dict[str, Any]:
     if task.port is not None:
         content["port"] = {**vars(task.port), "position": list(task.port.position)}
     if task.cell is not None:
-        arms = [{**vars(arm), "position": list(arm.position), "model": _arm_model(arm)} for arm in task.cell.arms]
-        content["cell"] = _stated({**vars(task.cell), "arms": arms, "way": None, **_tilt(task.cell)})
+        content["cell"] = stated_cell(task.cell)
     return content
-
-
-def _stated(section: dict[str, Any]) -> dict[str, Any]:
-    """A section without the values that stand for nothing."""
-    return {name: value for name, value in section.items() if value is not None}
-
-
-def _tilt(holder: Grippers | Cell) -> dict[str, float | None]:
-    return {"tilt": holder.tilt or None}
-
-
-def _arm_model(arm: MountedArm) -> Any:
-    if isinstance(arm.model, str):
-        return arm.model
-    own = {name: list(value) if isinstance(value, tuple) else value for name, value in vars(arm.model).items()}
-    capsules = [{**vars(each), "start": list(each.start), "end": list(each.end)} for each in arm.model.capsules]
-    return _stated({**own, "dh": [list(row) for row in arm.model.dh], "capsules": capsules})
 
 
 def _gripper_body(body: str | tuple[BodyPart, ...] | None) -> Any:
@@ -94,7 +77,7 @@ def _obstacle(obstacle: Obstacle) -> dict[str, Any]:
         kind, shape = "disc", {"center": list(obstacle.center), "radius": obstacle.radius}
     else:
         kind, shape = "polygon", {"vertices": obstacle.vertices.tolist()}
-    return _stated({"type": kind, **shape, "height": obstacle.height})
+    return stated({"type": kind, **shape, "height": obstacle.height})
 
 
 def _shape(keypoints: Float[np.ndarray, "n 2"] | None, poses: Float[np.ndarray, "2 3"] | None) -> Any:

@@ -101,6 +101,9 @@ class CellSection:
     wall_height: Height = None
 
 
+CellKey = Annotated[str | CellSection | None, f"{', '.join(CELLS)}, or a mapping"]
+
+
 @dataclass(frozen=True)
 class TaskFile:
     """All keys of a task file, in their order."""
@@ -118,7 +121,7 @@ class TaskFile:
     goal: Shape
     plug: Annotated[Plug | None, "a mapping"] = field(default=None, kw_only=True)
     port: Annotated[Port | None, "a mapping"] = field(default=None, kw_only=True)
-    cell: Annotated[str | CellSection | None, f"{', '.join(CELLS)}, or a mapping"] = field(default=None, kw_only=True)
+    cell: CellKey = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True)

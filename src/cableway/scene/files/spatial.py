@@ -21,8 +21,9 @@ from cableway.rod.inverse import equilibria_at, meet_poses
 from cableway.rod.spatial_inverse import fit_shape
 from cableway.scene import checks
 from cableway.scene.checks import AngleUnit, LengthUnit, Quantity
+from cableway.scene.files.cells import cell_of, named_cell, stated_cell
 from cableway.scene.files.document import Document
-from cableway.scene.files.schema import FORMAT_VERSION, Speed, TurnSpeed, planar_obstacle, with_steps
+from cableway.scene.files.schema import FORMAT_VERSION, CellKey, Speed, TurnSpeed, planar_obstacle, with_steps
 from cableway.scene.files.schema import AnyObstacle as PlanarObstacle
 from cableway.scene.files.stl import read_stl
 from cableway.scene.gripper_bodies import GRIPPER_BODIES
@@ -141,6 +142,7 @@ class SpatialTaskFile:
     obstacles: Annotated[list[AnyObstacle], "a list of obstacles"] = field(default_factory=list, kw_only=True)
     start: Annotated[EndSection, "a mapping of equilibrium, grippers, or keypoints and orientations"]
     goal: Annotated[EndSection, "a mapping of equilibrium, grippers, or keypoints and orientations"]
+    cell: CellKey = field(default=None, kw_only=True)
 
 
 def is_spatial(document: Document) -> bool:
@@ -169,6 +171,8 @@ def spatial_task(content: Mapping[str, Any], name: str, folder: Path) -> Spatial
         "cable": cable,
         "grippers": _grippers(content.get("grippers", {})),
     }
+    if (cell := content.get("cell")) is not None:
+        values["cell"] = named_cell(cell) if isinstance(cell, str) else cell_of(cell)
     wrong: list[TaskError] = []
     for end in ENDS:
         try:
@@ -339,6 +343,7 @@ def spatial_content(task: SpatialDraft) -> dict[str, Any]:
         "grippers": grippers,
         "obstacles": [_stated_obstacle(obstacle) for obstacle in task.scene.obstacles],
         **ends,
+        **({} if task.cell is None else {"cell": stated_cell(task.cell)}),
     }
 
 

@@ -21,6 +21,7 @@ from cableway.core.errors import TaskError
 from cableway.core.quantities import limit_text, size_text
 from cableway.rod.spatial import SpatialRod
 from cableway.scene import checks
+from cableway.scene.cell import Cell
 from cableway.scene.checks import Quantity
 from cableway.scene.spatial import validity
 from cableway.scene.spatial.cable import SpatialCable
@@ -48,6 +49,7 @@ class SpatialDraft(Shown):
         goal: (12,) the same.
         grippers: Bodies and limits.
         description: One sentence.
+        cell: Arms that hold the grippers, which stand on the table; None for grippers alone.
 
     Raises:
         TaskError: A value is of the wrong form.
@@ -60,12 +62,15 @@ class SpatialDraft(Shown):
     goal: Float[np.ndarray, "12"] | None
     grippers: SpatialGrippers = field(default_factory=SpatialGrippers)
     description: str = ""
+    cell: Cell | None = None
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and NAME.fullmatch(self.name)):
             raise TaskError(
                 f"must be letters, digits, spaces or any of . _ + -, got {checks.shown(self.name)}", ("name",)
             )
+        if self.cell is not None and self.cell.tilt:
+            raise TaskError("must be 0 in space, where hands take hold from any side", ("cell", "tilt"))
         for end in ENDS:
             if (value := getattr(self, end)) is not None:
                 row = np.array(checks.numbers(value, (end, "equilibrium"), EQUILIBRIUM))
