@@ -95,6 +95,7 @@ PATTERNS = {
     "corridors": ("slot-{}@0.025", "corridor-{}@0.04", "serpentine-{}@0.06", "serpentine-{}@0.05"),
     "mazes": ("maze-{}@0.085", "maze-{}@0.07"),
     "windows": tuple(f"window-{{}}@{round(share * LENGTH, 4):g}" for share in WINDOWS),
+    "yu-cell": ("yu-{}+dual-ur5e",),
     "lengths": tuple(f"clutter-{{}}^{length}" for length in LENGTHS),
     "unconstrained": ("open-near-{}", "open-far-{}"),
     "lab-unconstrained": tuple(f"open-{way}-{{}}~{cable}" for way in ("near", "far") for cable in LONG),

@@ -159,6 +159,8 @@ SUITES = {
         Suite("windows", 2, "in space; windows of 0.35, 0.25 and 0.18 cable lengths", "kind", (3, 51, 171)),
         Suite("yu", 2, "in space; the four public scenes of Yu et al., boxes alone, with ends of our making", "kind",
               (4, 48, 168)),
+        Suite("yu-cell", 1, "in space; the same scenes between the arms of dual-ur5e, which can hold both ends: plans "
+              "alone, as arms are not simulated there", "kind", (4, 48, 168)),
         Suite("extruded", 2, "in space; the catalogue's obstacles with heights of 5 to 30 cm, and endless", "kind",
               (4, 44, 176)),
         Suite("lift", 2, "in space; from close to the table over a ridge, past three to eight obstacles", "kind",
@@ -167,7 +169,7 @@ SUITES = {
 }  # fmt: skip
 """Suites by name."""
 
-SPACE_SUITES = frozenset({"space-clutter", "space-dense", "windows", "yu", "extruded", "lift"})
+SPACE_SUITES = frozenset({"space-clutter", "space-dense", "windows", "yu", "yu-cell", "extruded", "lift"})
 """Suites in space; "all" is all others."""
 
 PLANNER_SUITES = frozenset({"paper", "clutter", "dense", "corridors", "mazes", "sensing", "unconstrained", "blocked"})
@@ -233,10 +235,10 @@ def cable_of(task: str) -> str:
 def is_in_space(reference: str) -> bool:
     """Whether what `Episode.task` names is a task in space.
 
-    >>> is_in_space("window-20001@0.085"), is_in_space("clutter-20001")
-    (True, False)
+    >>> is_in_space("window-20001@0.085"), is_in_space("yu-20001+dual-ur5e"), is_in_space("clutter-20001")
+    (True, True, False)
     """
-    return reference.partition("@")[0].rpartition("-")[0] in SPATIAL_KINDS
+    return reference.partition("+")[0].partition("@")[0].rpartition("-")[0] in SPATIAL_KINDS
 
 
 def make_spatial_task(reference: str) -> SpatialTask:
@@ -245,9 +247,10 @@ def make_spatial_task(reference: str) -> SpatialTask:
     Raises:
         InputError: There is none.
     """
-    name, _, width = reference.partition("@")
+    drawn, _, cell = reference.partition("+")
+    name, _, width = drawn.partition("@")
     kind, _, seed = name.rpartition("-")
-    return random_spatial_task(int(seed), kind, width=float(width) if width else None)
+    return random_spatial_task(int(seed), kind, width=float(width) if width else None, cell=cell or None)
 
 
 def make_task(reference: str) -> Task:

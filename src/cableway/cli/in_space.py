@@ -86,9 +86,8 @@ def leave_in_space(
             rollout.save(folder / outputs.ROLLOUT)
         save_task(task, folder / outputs.TASK)
         outputs.write_report(folder, report)
-        shown = run.plan or run.attempt
         failure = report.failure if rollout is None else None
-        figure = spatial_plan_figure(task, None if shown is None else shown.shapes, failure)
+        figure = spatial_plan_figure(task, run.plan or run.attempt, failure)
         options.draw(figure, folder / outputs.PLAN_PICTURE)
         if rollout is not None:
             options.draw(spatial_rollout_figure(task, rollout, report.failure), folder / outputs.ROLLOUT_PICTURE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cableway.cli.planning import PlanOptions
@@ -40,4 +40,8 @@ class Plan(PlanOptions):
         from cableway.cli.in_space import leave_in_space, refuse
 
         refuse(task, self.planar_options() | {"--alternatives": self.alternatives != 1})
+        if self.cell is not None:
+            from cableway.scene.files.loading import load_cell
+
+            task = replace(task, cell=load_cell(self.cell))
         return leave_in_space(self, task, since)

@@ -96,7 +96,6 @@ class PlanOptions(PictureOptions, TaskOptions):
         return {
             "--planner": self.planner != DEFAULT_PLANNER,
             "--pivot": self.pivot is not None,
-            "--cell": self.cell is not None,
             "--move-ends": self.move_ends,
         }
 

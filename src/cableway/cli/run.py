@@ -138,7 +138,7 @@ class Run(PlanOptions):
             f"--{name.replace('_', '-')}": getattr(self, name) != default[name]
             for name in ("model", "adapt", "camera", "watch", "deadline", "speed", "dry_run")
         }
-        refuse(task, self.planar_options() | chosen)
+        refuse(task, self.planar_options() | chosen | {"--cell": self.cell is not None})
         controller = self.controller or next(iter(CONTROLLERS))
         if controller not in CONTROLLERS:
             raise UnknownNameError("controller in space", controller, CONTROLLERS)

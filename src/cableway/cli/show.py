@@ -109,7 +109,7 @@ def _figure_in_space(task: SpatialTask, record: Plan | Rollout) -> tuple[Figure,
     if points.shape[1:] != wanted:
         raise InputError(f"its keypoints have shape {points.shape[1:]}, those of the task {task.name} {wanted}")
     if isinstance(record, Plan):
-        return spatial_plan_figure(task, record.shapes), PLAN_PICTURE
+        return spatial_plan_figure(task, record), PLAN_PICTURE
     return spatial_rollout_figure(task, record), ROLLOUT_PICTURE
 
 

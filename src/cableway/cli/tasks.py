@@ -11,6 +11,7 @@ from rich.text import Text
 
 from cableway.cli.interrupts import INTERRUPTS
 from cableway.cli.options import LARGEST_SEED, Flag, Maybe, PictureOptions, option
+from cableway.cli.planning import CELL_NAMES
 from cableway.cli.terminal import Terminal, columns
 from cableway.core.errors import InputError
 from cableway.core.quantities import limit_text
@@ -44,6 +45,9 @@ class Tasks(PictureOptions):
     """What their grippers take up beyond balls, for kinds in space: 2f-85, 2f-85-long-fingers or hand-e; by default,
     nothing."""
 
+    cell: Annotated[str | None, option(metavar=CELL_NAMES)] = None
+    """Arms that hold their grippers, for kinds in space; by default, grippers alone."""
+
     picture: Flag = False
     """Also draw the random tasks, in one picture."""
 
@@ -53,8 +57,8 @@ class Tasks(PictureOptions):
             raise InputError(f"--count must be from 1 to 1000000, got {self.count}")
         if (self.seed or 0) + self.count - 1 > LARGEST_SEED:
             raise InputError(f"--seed and --count exceed the largest seed {LARGEST_SEED}")
-        if self.random is None and (self.count != 1 or self.width or self.body or self.picture):
-            raise InputError("--count, --width, --body and --picture need --random")
+        if self.random is None and (self.count != 1 or self.width or self.body or self.cell or self.picture):
+            raise InputError("--count, --width, --body, --cell and --picture need --random")
         if self.vector is not None and not self.picture:
             raise InputError("--vector needs --picture")
 
@@ -80,7 +84,7 @@ class Tasks(PictureOptions):
         INTERRUPTS.kept = lambda: f"{len(tasks)} of {self.count} tasks are in {folder}" if tasks else ""
         with only_writer(folder), terminal.progress() as progress:
             for k in range(self.count):
-                task = random_any_task((self.seed or 0) + k, kind, width=self.width, body=self.body)
+                task = random_any_task((self.seed or 0) + k, kind, width=self.width, body=self.body, cell=self.cell)
                 path = folder / f"{task.name}.yaml"
                 save_task(task, path)
                 tasks.append(task)

@@ -21,11 +21,12 @@ from cableway.figures import palette, style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
 from cableway.figures.perspective import pale
 from cableway.figures.scene import TASKS_SHOWN, small_panels, smooth
-from cableway.records import Rollout
+from cableway.records import Attempt, Plan, Rollout
 from cableway.rendering.camera import Camera
-from cableway.rendering.mesh import Mesh
+from cableway.rendering.mesh import Mesh, capsules
 from cableway.rendering.picture import Light, Picture, render
 from cableway.rendering.space import CABLE, DIRECTION, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
+from cableway.robot.spatial_arms import SpatialArms
 from cableway.scene.spatial.scene import recorded_displacements
 from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import ENDS, End
@@ -51,6 +52,9 @@ BEHIND = 0.004
 CURVES, GAP = 2.4, 0.35
 """Width [inch] of a panel with curves, and the height between two."""
 
+TALL_ARM, WIDE_ARM = 0.7, 0.2
+"""How high above its base, and how far about it, a picture shows an arm [m]."""
+
 COLORS: dict[End, str] = dict(zip(ENDS, (palette.START, palette.GOAL), strict=True))
 
 
@@ -67,8 +71,7 @@ class SpaceView:
         self.task = task
         self.size = pixels or (round(FINE * width), round(FINE * width * TALL))
         scene = task.scene
-        corners = np.array(list(product(*((0.0, side) for side in scene.size))))
-        self._camera = Camera.framing(corners, np.array(DIRECTION), size=self.size, view=VIEW, margin=0.02)
+        self._camera = Camera.framing(_framed(task), np.array(DIRECTION), size=self.size, view=VIEW, margin=0.02)
         x, y, z = (LAMP * max(scene.size)).tolist()
         self._light = Light(position=(x, y, z), ambient=AMBIENT)
         self._solid = scene_mesh(scene, pale(palette.OBSTACLE, 0.3), pale(palette.OBSTACLE_EDGE, 0.75))
@@ -77,23 +80,25 @@ class SpaceView:
         self,
         cables: Sequence[tuple[Float[np.ndarray, "s 3"], str]],
         held: Sequence[tuple[Float[np.ndarray, "2 7"], str]],
+        arms: Sequence[Mesh] = (),
     ) -> Picture:
-        """The scene with cables and gripper poses, each with its colour, as the camera sees it."""
+        """The scene with cables and gripper poses, each with its colour, and arms, as the camera sees it."""
         radius = self.task.cable.radius
         meshes = [cable_mesh(stations, radius, to_rgb(color)) for stations, color in cables]
         meshes += [
             body_mesh(body, poses[body.side], pale(color, 0.55)) for poses, color in held for body in self.task.bodies
         ]
-        return render(Mesh.joined([self._solid, *meshes]), self._camera, self._light, samples=3)
+        return render(Mesh.joined([self._solid, *meshes, *arms]), self._camera, self._light, samples=3)
 
     def draw(
         self,
         ax: Axes,
         cables: Sequence[tuple[Float[np.ndarray, "s 3"], str]],
         held: Sequence[tuple[Float[np.ndarray, "2 7"], str]],
+        arms: Sequence[Mesh] = (),
     ) -> None:
         """The same in a panel, what is hidden of cables dashed."""
-        radius, picture = self.task.cable.radius, self.picture(cables, held)
+        radius, picture = self.task.cable.radius, self.picture(cables, held, arms)
         width, height = self.size
         ax.imshow(picture.color, extent=(-0.5, width - 0.5, -0.5, height - 0.5), aspect="auto")
         for stations, color in cables:
@@ -167,16 +172,16 @@ def spatial_task_figure(task: SpatialDraft, faults: Sequence[TaskError] = ()) ->
     return figure
 
 
-def spatial_plan_figure(
-    task: SpatialTask, shapes: Float[np.ndarray, "t n 3"] | None, failure: str | None = None
-) -> Figure:
-    """The picture of a plan in space: `SHAPES` of its shapes, and the way of the keypoints; or why there is none.
+def spatial_plan_figure(task: SpatialTask, made: Plan | Attempt | None, failure: str | None = None) -> Figure:
+    """The picture of a plan in space: `SHAPES` of its shapes, the way of the keypoints, and the arms that hold it half
+    way; or why there is none.
 
     Args:
         task: The task.
-        shapes: Keypoints [m] of the plan, or of the closest attempt, or None.
+        made: The plan, or the closest attempt, or None.
         failure: Why there is no plan.
     """
+    shapes = None if made is None else made.shapes
     view, lines = SpaceView(task, WIDE), sentence_lines([failure] if failure else [], WIDE, "No plan: ")
     height = WIDE * TALL
     tall = 0.4 + height + 0.3 + (0.1 + LINE * len(lines) if lines else 0.0)
@@ -187,7 +192,8 @@ def spatial_plan_figure(
         rows = np.linspace(0, len(shapes) - 1, SHAPES + 2).round().astype(int)[1:-1]
         colors = [to_hex(style.TIME(row / (len(shapes) - 1))) for row in rows]
         cables += list(zip(smooth(shapes[rows]), colors, strict=True))
-    view.draw(ax, cables, [(task.gripper_poses(end), COLORS[end]) for end in ENDS])
+    arms = _arms(task, made) if isinstance(made, Plan) else []
+    view.draw(ax, cables, [(task.gripper_poses(end), COLORS[end]) for end in ENDS], arms)
     if shapes is not None:
         for keypoint in range(0, shapes.shape[1], (shapes.shape[1] - 1) // 2):
             ax.plot(*view.at(shapes[:, keypoint]).T, color=palette.INK, linewidth=0.6, alpha=0.6, zorder=5)
@@ -249,6 +255,29 @@ def as_it_stood(task: SpatialTask, rollout: Rollout) -> SpatialTask:
     if by and len(by) != len(task.scene.obstacles):
         raise InputError(f"the rollout is of a task with {len(by)} obstacles, not {len(task.scene.obstacles)}")
     return replace(task, scene=task.scene.changed(by))
+
+
+def _framed(task: SpatialDraft) -> Float[np.ndarray, "k 3"]:
+    """What a picture shows: the corners of the workspace, and where arms stand and how high they go."""
+    corners = np.array(list(product(*((0.0, side) for side in task.scene.size))))
+    if task.cell is None:
+        return corners
+    bases = np.array([arm.base(task.scene)[:3, 3] for arm in task.cell.arms])
+    about = np.array(list(product((-WIDE_ARM, WIDE_ARM), (-WIDE_ARM, WIDE_ARM), (0.0, TALL_ARM))))
+    return np.concatenate([corners, (bases[:, None] + about).reshape(-1, 3)])
+
+
+def _arms(task: SpatialTask, plan: Plan) -> list[Mesh]:
+    """The arms of a plan half way; none where it has no joints."""
+    held = plan.metadata.get("arms")
+    if task.cell is None or plan.joints is None or not isinstance(held, dict):
+        return []
+    joints, (left, right) = plan.joints[plan.steps // 2], held["holders"]
+    links = SpatialArms(task).links(joints, (left, right))
+    return [
+        capsules(ends, radius).painted(pale(color, 0.5), GRIPPER)
+        for (ends, radius), color in zip(links, (palette.LEFT, palette.RIGHT), strict=True)
+    ]
 
 
 def _pair(point: Float[np.ndarray, "2"]) -> Point:

@@ -302,6 +302,20 @@ class SpatialArms:
                     out[t, side] = out[max(0, t - 1), side]
         return out
 
+    def links(
+        self, joints: Float[np.ndarray, "2 6"], holders: tuple[int, int]
+    ) -> list[tuple[Float[np.ndarray, "k 2 3"], Float[np.ndarray, "k"]]]:
+        """Ends [m] and radii [m] of the capsules of the arms at the left and the right gripper, hands included."""
+        found = []
+        for arm, row in zip(holders, joints, strict=True):
+            capsules, ends = self._capsules[arm], np.empty((1, len(self._capsules[arm].frame), 2, 3))
+            arm_clearances(
+                np.array(self.cell.models[arm].lengths), self._bases[arm], row[None].copy(), capsules,
+                self._around.table, ends,
+            )  # fmt: skip
+            found.append((ends[0], capsules.radius))
+        return found
+
     def _arm(self, arm: int, roll: float, turn: int, branch: int) -> SpatialArm:
         model, base = self.cell.models[arm], self._bases[arm]
         limit = np.array(model.position_limit)

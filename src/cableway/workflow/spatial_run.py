@@ -9,7 +9,7 @@ from functools import partial
 from cableway.control.spatial_feedback import SpatialFeedback, SpatialFeedbackConfig
 from cableway.control.spatial_mpc import SpatialMPC
 from cableway.core.compiled import clock
-from cableway.core.errors import SimulationError, UnknownNameError
+from cableway.core.errors import InputError, SimulationError, UnknownNameError
 from cableway.core.provenance import describe
 from cableway.judge import judge_in_space
 from cableway.outcome import Outcome
@@ -58,11 +58,15 @@ def follow_in_space(
 
     Raises:
         UnknownNameError: There is no such controller.
-        InputError: Obstacles cannot be where the perturbation has them.
+        InputError: The task has a cell, or obstacles cannot be where the perturbation has them.
         MissingExtraError: Coal, which the judge needs, is not installed.
     """
     if controller not in CONTROLLERS:
         raise UnknownNameError("controller in space", controller, CONTROLLERS)
+    if task.cell is not None:
+        raise InputError(
+            f"in space arms, as of {task.cell.name}, are planned for and judged, but not simulated: no run"
+        )
     perturbation, leading = perturbation or SpatialPerturbation(), CONTROLLERS[controller]()
     try:
         plant = perturbation.build(task, seed)

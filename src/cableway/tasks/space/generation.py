@@ -20,7 +20,10 @@ from cableway.core.errors import InputError, TaskError, UnknownNameError
 from cableway.geometry.spatial_convex import signed_distance
 from cableway.geometry.spatial_convex_kernels import self_distance
 from cableway.motion.spatial import SpatialBodies
+from cableway.robot.spatial_arms import SpatialArms
 from cableway.rod.material import GRAVITY
+from cableway.scene.cell import Cell
+from cableway.scene.files.cells import named_cell
 from cableway.scene.files.loading import load_planar_task, task_names
 from cableway.scene.files.presets import preset_names
 from cableway.scene.obstacles import Obstacle
@@ -79,18 +82,22 @@ class Draw:
     Attributes:
         scene: The scene.
         description: One sentence.
+        alone: What it says besides of grippers without arms.
         parts: Of the workspace in which the cable is at start and goal.
         low: Whether the cable is close to the table at both ends.
         radius: Of the grippers' balls [m].
         body: What else of them takes room, a name or nothing.
+        cell: Whose arms hold them, or nothing.
     """
 
     scene: SpatialScene
     description: str
+    alone: str = ""
     parts: tuple[Part, Part] = ("anywhere", "anywhere")
     low: bool = False
     radius: float = 0.02
     body: str | None = None
+    cell: Cell | None = None
 
     @cached_property
     def grippers(self) -> SpatialGrippers:
@@ -156,10 +163,10 @@ def _as_high(rng: np.random.Generator, obstacle: Obstacle, endless: bool) -> Obs
 
 
 def yu(rng: np.random.Generator, seed: int, width: float | None) -> Draw:
-    """One of the four public scenes of Yu et al., by seed, with ends of our making and without arms."""
+    """One of the four public scenes of Yu et al., by seed, with ends of our making."""
     number = seed % YU_SCENES
-    description = f"Scene {number} of Yu et al. (IJRR 2024), boxes only; ends of our making, without arms."
-    return Draw(scene=yu_scene(number), description=description)
+    description = f"Scene {number} of Yu et al. (IJRR 2024), boxes only; ends of our making"
+    return Draw(scene=yu_scene(number), description=description, alone=", without arms.")
 
 
 SPATIAL_KINDS: dict[str, Kind] = {
@@ -176,17 +183,20 @@ WIDTHS = (0.05, 0.3)
 """Least and largest width of a window [m] that may be asked for."""
 
 
-def random_spatial_task(seed: int, kind: str, *, width: float | None = None, body: str | None = None) -> SpatialTask:
-    """The random task in space of a seed, a kind and, if it has one, a body of grippers; named after them.
+def random_spatial_task(
+    seed: int, kind: str, *, width: float | None = None, body: str | None = None, cell: str | None = None
+) -> SpatialTask:
+    """The random task in space of a seed, a kind and, if it has them, a body of grippers and a cell; named after them.
 
     Args:
         seed: Not negative.
         kind: One of `SPATIAL_KINDS`.
         width: Of the window [m], for that kind.
         body: What grippers take up beyond their balls, by name.
+        cell: Name of a cell, whose arms can hold both ends in the same way.
 
     Raises:
-        UnknownNameError: No such kind; the message lists them.
+        UnknownNameError: No such kind or cell; the message lists them.
         TaskError: No such body; the message lists them.
         InputError: The seed is negative, the width out of range or for another kind, or nothing was found.
     """
@@ -200,29 +210,33 @@ def random_spatial_task(seed: int, kind: str, *, width: float | None = None, bod
         raise InputError(f"width of {kind} must be from {WIDTHS[0]:g} to {WIDTHS[1]:g} m, got {width!r}")
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     cable, reasons = random_cable(rng), dict[str, int]()
-    name = f"{kind}-{seed}" if body is None else f"{kind}-{body}-{seed}"
+    name = "-".join([kind, *(each for each in (body, cell) if each is not None), str(seed)])
+    arms = None if cell is None else named_cell(cell)
     for _ in range(TRIES):
         try:
-            return _task(name, rng, replace(SPATIAL_KINDS[kind](rng, seed, width), body=body), cable)
+            return _task(name, rng, replace(SPATIAL_KINDS[kind](rng, seed, width), body=body, cell=arms), cable)
         except Rejected as reason:
             reasons[str(reason)] = reasons.get(str(reason), 0) + 1
     listed = ", ".join(f"{reason} ({count})" for reason, count in reasons.items())
     raise InputError(f"no {kind} task was found for seed {seed} in {TRIES} draws: {listed}")
 
 
-def random_any_task(seed: int, kind: str, *, width: float | None = None, body: str | None = None) -> Task | SpatialTask:
+def random_any_task(
+    seed: int, kind: str, *, width: float | None = None, body: str | None = None, cell: str | None = None
+) -> Task | SpatialTask:
     """The random task of a seed and a kind, on the table or in space; see `random_task` and `random_spatial_task`.
 
     Raises:
         UnknownNameError: There is no such kind; the message lists them.
-        InputError: As there, or a body is asked for on the table.
+        InputError: As there, or a body or a cell is asked for on the table.
     """
     if kind in SPATIAL_KINDS:
-        return random_spatial_task(seed, kind, width=width, body=body)
+        return random_spatial_task(seed, kind, width=width, body=body, cell=cell)
     if kind not in KINDS:
         raise UnknownNameError("kind of random task", kind, (*KINDS, *SPATIAL_KINDS))
-    if body is not None:
-        raise InputError(f"body is not for {kind}; kinds in space: {', '.join(SPATIAL_KINDS)}")
+    for name, given in (("body", body), ("cell", cell)):
+        if given is not None:
+            raise InputError(f"{name} is not for {kind}; kinds in space: {', '.join(SPATIAL_KINDS)}")
     return random_task(seed, kind, width=width)
 
 
@@ -242,13 +256,19 @@ def _task(name: str, rng: np.random.Generator, draw: Draw, cable: SpatialCable) 
         raise Rejected("the goal is near the start")
     if line_is_free(np.array(ends), draw.scene, cable, draw.radius):
         raise Rejected("nothing stands in the way")
+    said = f"{draw.description}{draw.alone}"
+    if draw.cell is not None:
+        said = f"{draw.description.removesuffix('.')}. Between the arms of {draw.cell.name}."
     try:
-        return SpatialTask(
-            name=name, description=draw.description, scene=draw.scene, cable=cable, start=ends[0], goal=ends[1],
-            grippers=draw.grippers,
+        task = SpatialTask(
+            name=name, description=said, scene=draw.scene, cable=cable, start=ends[0], goal=ends[1],
+            grippers=draw.grippers, cell=draw.cell,
         )  # fmt: skip
     except TaskError as error:
         raise Rejected(error.problem) from None
+    if draw.cell is not None and isinstance(SpatialArms(task).ways(), str):
+        raise Rejected("arms cannot hold both ends in the same way")
+    return task
 
 
 def random_end(rng: np.random.Generator, draw: Draw, cable: SpatialCable, part: Part) -> Float[np.ndarray, "12"]:
