@@ -52,8 +52,9 @@ would crawl past a fold."""
 WAYS = 6
 """In which arms may hold the cable that are searched, in turns."""
 
-ARMS_CLEARANCE, ARMS_KEPT = 0.012, 0.008
-"""Clearance [m] of links and hands in the search, and in the rows of a plan, which are not quite those looked at."""
+ARMS_CLEARANCES, ARMS_KEPT = (0.012, 0.008), 0.007
+"""Clearance [m] of links and hands in the search, the lesser one where start or goal leave no more; and in the rows of
+a plan, which are not quite those looked at."""
 
 SPARE = 0.002
 """Clearance [m] beyond the margin that the way of a sliding cable keeps."""
@@ -133,7 +134,7 @@ class _Search:
         self.task, self.config, self.seed, self.report = task, config, seed, progress
         self.problem = SpatialProblem.of(task)
         self.best: Attempt | None = None
-        self._arms = None if task.cell is None else SpatialArms(task, ARMS_CLEARANCE)
+        self._arms: SpatialArms | None = None
         self._trees: dict[SpatialWay | None, Trees] = {}
         self._samplers: dict[Source, Sampler | None] = {}
 
@@ -143,12 +144,14 @@ class _Search:
         Raises:
             PlanningError: They cannot.
         """
-        if self._arms is None:
+        if self.task.cell is None:
             return [None]
-        found = self._arms.ways()
-        if isinstance(found, str):
-            raise PlanningError(f"there is no plan: {found}", Attempt(found), Outcome.INFEASIBLE)
-        return [*found[:WAYS]]
+        found: list[SpatialWay] | str = ""
+        for clearance in ARMS_CLEARANCES:
+            self._arms = SpatialArms(self.task, clearance)
+            if not isinstance(found := self._arms.ways(), str):
+                return [*found[:WAYS]]
+        raise PlanningError(f"there is no plan: {found}", Attempt(found), Outcome.INFEASIBLE)
 
     def _trees_of(self, way: SpatialWay | None) -> Trees:
         if way not in self._trees:
