@@ -61,22 +61,22 @@ def test_what_breaks_a_limit_is_not_free(q):
     ],
 )
 def test_without_its_limit_it_is_free(name, loose):
-    rod, world, limits, bodies = SPACE.arrays
-    free = SpatialFreeSpace((rod, world, limits._replace(**loose), bodies))
+    rod, world, limits, bodies, arms = SPACE.arrays
+    free = SpatialFreeSpace((rod, world, limits._replace(**loose), bodies, arms))
     assert free.are_free(FORBIDDEN[name][None])[0]
 
 
 def test_a_gripper_that_the_cable_comes_back_to_is_in_its_way():
-    rod, world, limits, bodies = SPACE.arrays
+    rod, world, limits, bodies, arms = SPACE.arrays
     curl = changed(_6=-20.0, _11=12.0)
     loose = limits._replace(least_span=0.0, most_span=9.0, stability=-1e9, bodies_apart=-1.0, self_distance=0.0)
-    assert not SpatialFreeSpace((rod, world, loose, bodies)).are_free(curl[None])[0]
-    assert SpatialFreeSpace((rod, world, loose._replace(bodies_off_cable=-1.0), bodies)).are_free(curl[None])[0]
+    assert not SpatialFreeSpace((rod, world, loose, bodies, arms)).are_free(curl[None])[0]
+    assert SpatialFreeSpace((rod, world, loose._replace(bodies_off_cable=-1.0), bodies, arms)).are_free(curl[None])[0]
 
 
 def test_a_cable_that_touches_itself_is_not_free():
     """A loop whose ends pass each other at 5.8 mm, and it is 8 mm thick."""
-    rod, world, limits, bodies = SPACE.arrays
+    rod, world, limits, bodies, arms = SPACE.arrays
     loop = changed(_6=0.0, _9=0.0, _11=6.2)
     loose = limits._replace(
         least_span=0.0, most_span=9.0, stability=-1e9, bodies_apart=-1.0, bodies_off_cable=-1.0, most_twist=9.0
@@ -84,8 +84,8 @@ def test_a_cable_that_touches_itself_is_not_free():
     stations = PROBLEM.rod.shapes(loop[None])[0][0]
     gap = np.linalg.norm(stations[0] - stations[-1])
     assert gap < limits.self_distance
-    assert not SpatialFreeSpace((rod, world, loose, bodies)).are_free(loop[None])[0]
-    assert SpatialFreeSpace((rod, world, loose._replace(self_distance=0.5 * gap), bodies)).are_free(loop[None])[0]
+    assert not SpatialFreeSpace((rod, world, loose, bodies, arms)).are_free(loop[None])[0]
+    assert SpatialFreeSpace((rod, world, loose._replace(self_distance=0.5 * gap), bodies, arms)).are_free(loop[None])[0]
 
 
 def test_the_way_between_two_shapes_is_that_of_the_rod():
@@ -123,11 +123,11 @@ HANDS = {
 def test_a_hand_is_kept_off_what_it_may_be_in(case: str):
     q, pieces, limit = HANDS[case]
     assert SPACE.are_free(q[None])[0]
-    (rod, world, limits, _), radius = SPACE.arrays, PROBLEM.radius
+    (rod, world, limits, _, arms), radius = SPACE.arrays, PROBLEM.radius
     bodies = SpatialBodies.of(SpatialGrippers(body=pieces).bodies, radius).arrays(PROBLEM.rod.length, len(STATIONS))
-    assert not SpatialFreeSpace((rod, world, limits, bodies)).are_free(q[None])[0]
+    assert not SpatialFreeSpace((rod, world, limits, bodies, arms)).are_free(q[None])[0]
     loose = limits._replace(**{limit: -np.inf})
-    assert SpatialFreeSpace((rod, world, loose, bodies)).are_free(q[None])[0]
+    assert SpatialFreeSpace((rod, world, loose, bodies, arms)).are_free(q[None])[0]
 
 
 def test_gaps_of_hulls_are_those_of_many_points_on_them():

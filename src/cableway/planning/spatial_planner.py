@@ -221,6 +221,7 @@ class _Search:
             try:
                 plan = self._timed(rows, way)
             except PlanningError as error:
+                LOGGER.info("%s: no plan: %s", source, error)
                 self._note(Attempt(str(error)))
                 continue
             self.report("verification", 0.0)
