@@ -202,13 +202,13 @@ class Running:
         moved: Any = [(0.0, 0.0, *more)] * len(self.task.scene.obstacles)
         moved[index] = (float(by[0]), float(by[1]), *more)
         pushed = replace(self.perturbation, obstacles=tuple(moved), revealed=self.rows[-1].time)
-        room = replace(self, perturbation=pushed)._room_at(index)
+        room = replace(self, perturbation=pushed).room_at(index)
         if room < 0:
             raise InputError(f"cable or grippers have been there: it would overlap them by {quantity(-room)}")
         anew = "The obstacle is pushed: the run begins anew, up to here ..."
         return replace(self, perturbation=pushed, rows=(), kept=self.seen, sentence=anew)
 
-    def _room_at(self, index: int) -> float:
+    def room_at(self, index: int) -> float:
         """Least distance [m] of cable and grippers, so far, from where an obstacle truly is.
 
         Raises:
