@@ -21,7 +21,7 @@ from cableway.scene.files.loading import load_task
 from cableway.scene.spatial.obstacles import Sphere
 from cableway.scene.spatial.task import SpatialTask
 from cableway.tasks.space.generation import random_spatial_task
-from cableway.verification.arms import flanges_of, solids_of
+from cableway.verification.arms import TOOL, flanges_of, solids_of
 from cableway.verification.spatial_arms import spatial_arm_checks
 from cableway.verification.spatial_plan import verify_spatial_plan
 from cableway.workflow.spatial_run import follow_in_space
@@ -106,15 +106,17 @@ def test_the_judge_finds_what_is_wrong_with_arms(task: SpatialTask, plan: Plan):
     quick = plan.joints.copy()
     quick[1:, 0, 5] += 0.5
     assert "joint speed" in faults(replace(plan, joints=quick), task)
-    row, holder = plan.steps // 2, told["holders"][0]
-    links = solids_of(task.cell, holder, plan.joints[[row], 0], task) if task.cell else []
-    elbow = next(each for each in links if each.link == 3).ends[0].mean(axis=0)
+    assert task.cell is not None
+    links = solids_of(task.cell, told["holders"][0], plan.joints[[6], 0], task)
+    elbow, hand = (next(each for each in links if each.link == k).ends[0].mean(axis=0) for k in (3, TOOL))
     inside = Sphere(center=tuple(np.clip(elbow, 0.0, task.scene.size)), radius=0.04)
     crowded = replace(task, scene=replace(task.scene, obstacles=(*task.scene.obstacles, inside)))
     assert faults(plan, crowded) == {"arm clearance from the scene"}
     coiled = plan.shapes.copy()
-    coiled[:, 6] = links[-1].ends[0].mean(axis=0)
+    coiled[:, 6] = hand
     assert "arm clearance from the cable" in faults(replace(plan, shapes=coiled), task)
+    for arms, shapes in ((SpatialArms(crowded, 0.0), plan.shapes), (SpatialArms(task, 0.0), coiled)):
+        assert isinstance(arms.along(plan.poses, shapes, way_of(plan)), str), "the search sees the same"
     assert "arms" in {check.name for check in verify_spatial_plan(replace(plan, joints=None), task).failures()}
 
 
