@@ -84,6 +84,8 @@ def test_what_turns_out_to_stand_in_the_way_is_gone_round():
     (since,) = rollout.metadata["recovered"]
     still = rollout.poses[(rollout.times > since - 0.4) & (rollout.times < since)]
     assert np.abs(still - still[0]).max() < 1e-3
+    stopped, soon = (rollout.reference[int(np.searchsorted(rollout.times, since + by))] for by in (-0.05, 0.55))
+    assert np.abs(soon - stopped).max() > 1e-4, "what was learned stays, so nothing waits for it again"
     assert as_it_stood(BELOW, rollout).scene.obstacles[0] == Sphere(center=(0.4, 0.4, 0.36), radius=0.06)
     never = replace(RAISED, revealed=None)
     rollout, _, outcome, _ = follow_in_space(BELOW, straight(), controller="open-loop", perturbation=never)

@@ -112,6 +112,9 @@ def test_the_judge_finds_what_is_wrong_with_arms(task: SpatialTask, plan: Plan):
     inside = Sphere(center=tuple(np.clip(elbow, 0.0, task.scene.size)), radius=0.04)
     crowded = replace(task, scene=replace(task.scene, obstacles=(*task.scene.obstacles, inside)))
     assert faults(plan, crowded) == {"arm clearance from the scene"}
+    first, second = task.cell.arms
+    beside = replace(task.cell, arms=(first, replace(second, position=(-0.45, 0.1, 0.15))))
+    assert "arm clearance" in faults(plan, replace(task, cell=beside))
     coiled = plan.shapes.copy()
     coiled[:, 6] = hand
     assert "arm clearance from the cable" in faults(replace(plan, shapes=coiled), task)
