@@ -22,7 +22,7 @@ demo: env
 
 test: env
 	@echo "All tests: some ten minutes on two cores, a few more the first time, while code is compiled."
-	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile -rs
+	@$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder -rs
 
 check: test checks
 

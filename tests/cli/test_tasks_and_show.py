@@ -75,7 +75,7 @@ def test_random_tasks_are_written_listed_and_drawn(cableway: Command):
     ("arguments", "message"),
     [
         (["--random", "fog"], "unknown kind of random task 'fog'"),
-        (["--count", "2"], "--count, --width, --body and --picture need --random"),
+        (["--count", "2"], "--count, --width, --body, --cell and --picture need --random"),
         (["--random", "clutter", "--body", "2f-85"], "body is not for clutter; kinds in space: space-clutter,"),
         (["--random", "lift", "--body", "claw"], "grippers.body must be one of disc, 2f-85,"),
         (["--random", "clutter", "--count", "0"], "--count must be from 1 to 1000000, got 0"),

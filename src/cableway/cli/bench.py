@@ -39,7 +39,7 @@ class Bench(EpisodeOptions):
     """Names, separated by commas, or all. Suites that judge planners, as open loop succeeds in them too: paper,
     clutter, dense, corridors, mazes, sensing, unconstrained, blocked. Suites that judge controllers: plants,
     plants-rough, table, limp, faults, cell, eyes, paper-cell, lengths, lab-constrained, lab-unconstrained,
-    lab-drawn. In space, and not among all: space-clutter, space-dense, windows, yu, extruded, lift, with the
+    lab-drawn. In space, and not among all: space-clutter, space-dense, windows, yu, yu-cell, extruded, lift, with the
     methods cableway (rod-mpc), rod-jacobian and open-loop."""
 
     size: Annotated[str, tyro.conf.arg(metavar="{quick,standard,full}")] = "quick"
