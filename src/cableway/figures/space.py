@@ -270,7 +270,8 @@ def _framed(task: SpatialDraft) -> Float[np.ndarray, "k 3"]:
 def _arms(task: SpatialTask, plan: Plan) -> list[Mesh]:
     """The arms of a plan half way; none where it has no joints."""
     held = plan.metadata.get("arms")
-    if task.cell is None or plan.joints is None or not isinstance(held, dict):
+    known = isinstance(held, dict) and held.get("holders") in ([0, 1], [1, 0])
+    if task.cell is None or plan.joints is None or held is None or not known:
         return []
     joints, (left, right) = plan.joints[plan.steps // 2], held["holders"]
     links = SpatialArms(task).links(joints, (left, right))

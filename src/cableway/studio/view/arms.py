@@ -13,8 +13,10 @@ from cableway.records import Plan, Rollout
 from cableway.rendering.cell import Capsules, arm_capsules, body_surface, feet, shown_bodies
 from cableway.rendering.mesh import capsules
 from cableway.robot.cell_kinematics import CellKinematics
+from cableway.robot.spatial_arms import SpatialArms
 from cableway.scene.bodies import Body
 from cableway.scene.cell import Way
+from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import Draft, Task
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.look import mixed
@@ -54,9 +56,35 @@ class Arms:
     def draw(self, canvas: Canvas, name: str, joints: Float[np.ndarray, "2 6"]) -> None:
         """Draw them at joints [rad]."""
         both = arm_capsules(self._task, self._kinematics, joints)
-        canvas.solid(f"{name}/tubes", together([_links(tubes) for tubes, _ in both]), LINK, opacity=OPACITY)
+        canvas.solid(f"{name}/tubes", together([links_mesh(tubes) for tubes, _ in both]), LINK, opacity=OPACITY)
         for side, (_, others) in enumerate(both):
-            canvas.solid(f"{name}/arm{side}", _links(others), SIDES[side], opacity=OPACITY)
+            canvas.solid(f"{name}/arm{side}", links_mesh(others), SIDES[side], opacity=OPACITY)
+
+
+class SpaceArms:
+    """The same in space.
+
+    Args:
+        task: Its task.
+        holders: Which of the cell's arms hold the left and the right end.
+    """
+
+    def __init__(self, task: SpatialTask, holders: tuple[int, int]) -> None:
+        self._arms, self._holders = SpatialArms(task), holders
+
+    @classmethod
+    def of(cls, task: SpatialDraft, plan: Plan | None) -> SpaceArms | None:
+        """Those of a plan; None where it has none."""
+        held = None if plan is None or plan.joints is None else plan.metadata.get("arms")
+        if task.cell is None or not isinstance(held, dict) or held.get("holders") not in ([0, 1], [1, 0]):
+            return None
+        left, right = held["holders"]
+        return cls(task.checked(), (left, right))
+
+    def draw(self, canvas: Canvas, name: str, joints: Float[np.ndarray, "2 6"]) -> None:
+        """Draw them at joints [rad]."""
+        for side, links in enumerate(self._arms.links(joints, self._holders)):
+            canvas.solid(f"{name}/arm{side}", links_mesh(Capsules(*links)), SIDES[side], opacity=OPACITY)
 
 
 LINK = mixed(palette.OBSTACLE, 0.2)
@@ -101,7 +129,7 @@ def _bodies(bodies: tuple[Body, ...]) -> Mesh:
     return together([faceted(body_surface(body, np.zeros(3))) for body in bodies])
 
 
-def _links(links: Capsules) -> Mesh:
+def links_mesh(links: Capsules) -> Mesh:
     """Links of arms; as many have the same triangles."""
     first, faces = _link_faces(len(links.ends))
     return Mesh(capsules(*links, ROUND, RINGS).corners.reshape(-1, 3)[first], faces)

@@ -22,7 +22,7 @@ from cableway.studio.inspection import Inspection
 from cableway.studio.obstacles import with_obstacle
 from cableway.studio.session import Moment, Session
 from cableway.studio.view import look, space, table
-from cableway.studio.view.arms import Arms
+from cableway.studio.view.arms import Arms, SpaceArms
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.dragging import Drags
 from cableway.studio.view.events import in_order
@@ -70,7 +70,7 @@ class Page:
         self._curves: Curves | None = None
         self._chosen, self._row, self._playing = 0, 0, False
         self._where: tuple[Any, ...] = ()
-        self._arms: Arms | None = None
+        self._arms: Arms | SpaceArms | None = None
         self._ran: tuple[Any, Arms | None] = (None, None)
         self._aspect = 0.0
         self._build()
@@ -154,7 +154,7 @@ class Page:
         if plan is not self._plan:
             self._plan, self._curves = plan, None if plan is None else curves_of(draft, plan)
             self._row = 0 if plan is None else min(self._row, plan.steps)
-            self._arms = Arms.of(draft, plan) if isinstance(draft, Draft) else None
+            self._arms = Arms.of(draft, plan) if isinstance(draft, Draft) else SpaceArms.of(draft, plan)
         with self._client.atomic():
             if self._where != (where := _where(draft)):
                 self._where = where
@@ -202,7 +202,7 @@ class Page:
             self.hands = (
                 SpaceHands(self._session) if self._in_space else TableHands(self._session, lambda: self._selected)
             )
-        in_cell = isinstance(draft, Draft) and draft.cell is not None
+        in_cell = draft.cell is not None
         self._look_button.label = LOOK[self._in_space or in_cell]
         self._with_arms.visible = in_cell
         self._view.draw_table(self._canvas, draft)
@@ -359,4 +359,4 @@ class Page:
 
 def _where(draft: AnyDraft) -> tuple[Any, ...]:
     """What is drawn once for all of a task."""
-    return draft.scene.size, draft.cell.name if isinstance(draft, Draft) and draft.cell is not None else ""
+    return draft.scene.size, "" if draft.cell is None else draft.cell.name

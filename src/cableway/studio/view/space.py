@@ -26,7 +26,7 @@ from cableway.scene.task import SPLINE_PIECES, End
 from cableway.studio import spatial_obstacles as hands
 from cableway.studio.inspection import Inspection
 from cableway.studio.session import Moment
-from cableway.studio.view.arms import SIDES
+from cableway.studio.view.arms import SIDES, SpaceArms
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.look import framing, mixed
 from cableway.studio.view.meshes import Mesh, cord, creases, faceted, together, welded
@@ -180,12 +180,16 @@ def draw_plan(canvas: Canvas, draft: SpatialDraft, plan: Plan | None) -> None:
     canvas.sweep("/plan")
 
 
-def draw_moment(canvas: Canvas, draft: SpatialDraft, plan: Plan | None, row: int) -> None:
-    """The cable and its grippers in one row of a plan."""
+def draw_moment(
+    canvas: Canvas, draft: SpatialDraft, plan: Plan | None, row: int, *, arms: SpaceArms | None = None
+) -> None:
+    """The cable, its grippers and the arms in one row of a plan."""
     if plan is not None:
         row = min(row, plan.steps)
         line = polyline.spline(plan.shapes[row], SPLINE_PIECES)
         _draw_held(canvas, "/moment", draft, line, plan.poses[row])
+        if arms is not None and plan.joints is not None:
+            arms.draw(canvas, "/moment", plan.joints[row])
     canvas.sweep("/moment")
 
 
