@@ -228,7 +228,7 @@ def test_meshes_whose_corners_are_shared_are_the_surfaces_that_they_stand_for():
         ends, radii = rng.uniform(0.0, 1.0, (3, 2, 3)), rng.uniform(0.05, 0.1, 3)
         for made, surface in (
             (cord(line, 0.004), tube_in_space(line, 0.004, CORD)),
-            (arms._links(Capsules(ends, radii)), capsules(ends, radii, arms.ROUND, arms.RINGS)),
+            (arms.links_mesh(Capsules(ends, radii)), capsules(ends, radii, arms.ROUND, arms.RINGS)),
             (welded(capsules(ends[:1], radii[:1])), capsules(ends[:1], radii[:1])),
         ):
             np.testing.assert_allclose(made.vertices[made.faces], surface.corners, atol=1e-6)
