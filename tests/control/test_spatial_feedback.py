@@ -14,7 +14,6 @@ from cableway.control.spatial_following import BLIND_STEPS, kept_clear, within_l
 from cableway.control.spatial_mpc import SpatialMPC, SpatialMPCConfig
 from cableway.core.errors import InputError, PlanningError, SimulationError, UnknownNameError
 from cableway.estimation.spatial_filter import SpatialEstimatorConfig
-from cableway.figures.space import as_it_stood
 from cableway.geometry.groups import SE3
 from cableway.motion.spatial import SpatialProblem
 from cableway.records import Measurement, Observation, Plan
@@ -86,10 +85,13 @@ def test_what_turns_out_to_stand_in_the_way_is_gone_round():
     assert np.abs(still - still[0]).max() < 1e-3
     stopped, soon = (rollout.reference[int(np.searchsorted(rollout.times, since + by))] for by in (-0.05, 0.55))
     assert np.abs(soon - stopped).max() > 1e-4, "what was learned stays, so nothing waits for it again"
-    assert as_it_stood(BELOW, rollout).scene.obstacles[0] == Sphere(center=(0.4, 0.4, 0.36), radius=0.06)
+    assert BELOW.as_recorded(rollout.metadata).scene.obstacles[0] == Sphere(center=(0.4, 0.4, 0.36), radius=0.06)
+    assert verify_record(rollout, BELOW).as_dict() == verdict.as_dict(), "judged among the obstacles as they were"
     never = replace(RAISED, revealed=None)
     rollout, _, outcome, _ = follow_in_space(BELOW, straight(), controller="open-loop", perturbation=never)
     assert outcome == "contact", "nothing is known of it, and nothing stops"
+    assert rollout is not None
+    assert "cable clearance" in {check.name for check in verify_record(rollout, BELOW).failures()}
 
 
 def test_the_grippers_stand_where_nothing_leads_round():

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +17,27 @@ from cableway.core.errors import InputError, PlanningError, TaskError
 from cableway.geometry import rotations
 from cableway.planning.spatial_planner import plan_in_space
 from cableway.records import Plan, Verdict
-from cableway.robot.spatial_arms import SpatialArms, SpatialWay
+from cableway.robot.branches import SINGULAR
+from cableway.robot.spatial_arms import SpatialArms, SpatialWay, _arm_joints, _own_room
+from cableway.scene.arm_models import ARM_MODELS
 from cableway.scene.cell import CELLS, TOOLS
 from cableway.scene.files.loading import load_task
+from cableway.scene.own_arms import OwnArm
 from cableway.scene.spatial.obstacles import Sphere
 from cableway.scene.spatial.task import SpatialTask
+from cableway.studio.opening import opened
 from cableway.tasks.space.generation import random_spatial_task
 from cableway.verification.arms import TOOL, flanges_of, solids_of
 from cableway.verification.spatial_arms import spatial_arm_checks
 from cableway.verification.spatial_plan import verify_spatial_plan
+from cableway.workflow import solve_in_space
+from cableway.workflow.solve_in_space import SpatialOptions
 from cableway.workflow.spatial_run import follow_in_space
 
 pytest.importorskip("coal")
+
+Hold = tuple[int, float, int, int]
+"""Arm, roll, turn and branch."""
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +51,13 @@ def plan(task: SpatialTask) -> Plan:
 
 
 def way_of(plan: Plan) -> SpatialWay:
-    held = plan.metadata["arms"]
-    return SpatialWay(*(tuple(held[name]) for name in SpatialWay._fields))
+    way = SpatialWay.of_record(plan.metadata)
+    assert way is not None
+    return way
+
+
+def together(left: Hold, right: Hold) -> SpatialWay:
+    return SpatialWay(*zip(left, right, strict=True))  # pyright: ignore[reportArgumentType]
 
 
 def test_hands_are_where_grippers_are(task: SpatialTask):
@@ -80,6 +96,81 @@ def test_the_search_keeps_what_the_judge_measures(task: SpatialTask, plan: Plan)
     refused = SpatialArms(task, least + 0.004).along(plan.poses, stations, way_of(plan))
     assert isinstance(refused, str)  # the judge takes up to 4 mm off for what it does not look at
     assert re.fullmatch(r"the arms cannot follow beyond \d+\.\d s of \d+\.\d s", refused)
+
+
+def test_the_search_and_the_judge_agree_on_ways_of_holding(task: SpatialTask):
+    """At the start, in ways drawn among those in which both arms reach."""
+    arms, rng, found = SpatialArms(task, 0.01), np.random.default_rng(0), Counter()
+    poses, stations, shapes = (
+        np.repeat(each[None], 2, axis=0)
+        for each in (task.gripper_poses("start"), task.stations("start"), task.keypoints("start"))
+    )
+
+    def reaching(side: int) -> list[tuple[float, Hold]]:
+        """In which ways an arm reaches, and what it keeps alone."""
+        reached = []
+        for one in product((0, 1), 2 * np.pi * np.arange(24) / 24, (0,), range(8)):
+            other = (1 - one[0], *one[1:])
+            *held, around = arms.held(together(*((one, other) if side == 0 else (other, one))))
+            arm, joints = held[side], np.empty((1, 6))
+            if _arm_joints(poses[0, side], arm, joints[0]) >= SINGULAR:
+                ends = np.empty((1, len(arm.capsules.frame), 2, 3))
+                reached.append((_own_room(arm, joints, stations[0], bool(side), around, ends), one))
+        return reached
+
+    left, right = (reaching(side) for side in (0, 1))
+    pairs = [(one, other, min(a, b) >= 0.01) for (a, one), (b, other) in product(left, right) if one[0] != other[0]]
+    some = [*rng.permutation(len(pairs))[:25], *rng.permutation([k for k, pair in enumerate(pairs) if pair[2]])[:60]]
+    for index in some:
+        way = together(*pairs[index][:2])
+        joints = arms.joints(poses, way)
+        plan = Plan(shapes, poses, joints=joints, metadata={"arms": way.described()})
+        checks = {check.name: check for check in spatial_arm_checks(plan, task)}
+        assert checks["tool distance"].passed
+        clear = {name: check.value for name, check in checks.items() if name.startswith("arm clearance")}
+        if isinstance(arms.along(poses, stations, way), str):
+            assert min(clear.values()) < 0.0101 or not checks["joint position"].passed
+            others = [value for name, value in clear.items() if name != "arm clearance"]
+            apart = "itself" not in checks["arm clearance"].where
+            found["the arms alone" if min(others) > 0.0101 and apart else "something"] += 1
+        else:
+            assert all(check.passed for check in checks.values())
+            assert clear.pop("arm clearance") > 0.004  # folded elbows are left to limits of position
+            assert min(clear.values()) > 0.0099
+            found["kept"] += 1
+    assert min(found[each] for each in ("kept", "the arms alone", "something")) >= 2, found
+
+
+def test_slow_joints_are_given_the_time_that_they_need(task: SpatialTask):
+    assert task.cell is not None
+    model = ARM_MODELS["ur5e"]
+    d1, a2, a3, d4, d5, d6 = model.lengths
+    turn = np.pi / 2
+    slow = OwnArm(
+        name="slow", like="ur5e", capsules=model.capsules,
+        speed_limit=tuple(0.1 * speed for speed in model.speed_limit),
+        dh=((0, d1, turn), (a2, 0, 0), (a3, 0, 0), (0, d4, turn), (0, d5, -turn), (0, d6, 0)),
+    )  # fmt: skip
+    cell = replace(task.cell, arms=tuple(replace(arm, model=slow) for arm in task.cell.arms))
+    slower = plan_in_space(task.in_cell(cell))
+    assert slower.verdict is not None
+    assert slower.verdict.passed
+    (speed,) = (check for check in slower.verdict.checks if check.name == "joint speed")
+    assert 0.5 < speed.value <= 1.0, "the joints are what is slow"
+
+
+def test_where_grippers_have_a_body_the_hand_is_there():
+    held = random_spatial_task(1, "yu", body="2f-85", cell="dual-ur5e")
+    made = plan_in_space(held)
+    assert way_of(made).rolls == (0.0, 0.0)
+    assert faults(made, held) == set()
+    free = replace(held, grippers=replace(held.grippers, body=None))
+    other = plan_in_space(free)
+    assert way_of(other).rolls != (0.0, 0.0)
+    assert faults(other, free) == set()
+    assert "tool angle" in faults(other, held)
+    with pytest.raises(TaskError, match=r"grippers\.body must be left out, or be the cell's tool, 2f-85, got 'hand-e'"):
+        replace(held, grippers=replace(held.grippers, body="hand-e"))
 
 
 def faults(plan: Plan, task: SpatialTask) -> set[str]:
@@ -134,13 +225,22 @@ def test_arms_that_cannot_hold_the_ends_are_said(task: SpatialTask):
         replace(task, cell=CELLS["dual-ur5e-tilted"])
 
 
-def test_a_cell_in_space_is_written_read_drawn_and_not_simulated(task: SpatialTask, plan: Plan, tmp_path: Path):
+def test_a_cell_in_space_is_written_read_drawn_and_not_simulated(
+    task: SpatialTask, plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     task.save(tmp_path / "task.yaml")
     assert load_task(tmp_path / "task.yaml") == task
     plan.save(tmp_path / "plan.npz")
     assert main(["check", str(tmp_path / "task.yaml"), str(tmp_path / "plan.npz"), "--quiet"]) == 0
-    with pytest.raises(InputError, match="planned for and judged, but not simulated"):
-        follow_in_space(task, plan)
+    monkeypatch.setattr(solve_in_space, "find_plan", lambda *_, **__: pytest.fail("it is refused before planning"))
+    for led in (
+        lambda: follow_in_space(task, plan),
+        lambda: solve_in_space.solve_in_space(task, SpatialOptions(controller="rod-mpc")),
+    ):
+        with pytest.raises(InputError, match="planned for and judged, but not simulated"):
+            led()
+    assert task.cell is not None
+    assert opened(replace(task, cell=None), "dual-ur5e").draft.cell == task.cell
     shown = ["show", str(tmp_path / "task.yaml"), str(tmp_path / "plan.npz"), "--out", str(tmp_path / "out")]
     assert main([*shown, "--quiet"]) == 0
     assert (tmp_path / "out" / "plan.png").exists()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cableway.cli.planning import PlanOptions
@@ -43,5 +43,5 @@ class Plan(PlanOptions):
         if self.cell is not None:
             from cableway.scene.files.loading import load_cell
 
-            task = replace(task, cell=load_cell(self.cell))
+            task = task.in_cell(load_cell(self.cell))
         return leave_in_space(self, task, since)

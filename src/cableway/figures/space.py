@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -15,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from cableway.core.errors import InputError, Point, TaskError, printable
+from cableway.core.errors import Point, TaskError, printable
 from cableway.core.quantities import limit_text, size_text
 from cableway.figures import palette, style
 from cableway.figures.marks import LINE, Mark, draw_marks, sentence_lines, write_lines
@@ -26,8 +25,8 @@ from cableway.rendering.camera import Camera
 from cableway.rendering.mesh import Mesh, capsules
 from cableway.rendering.picture import Light, Picture, render
 from cableway.rendering.space import CABLE, DIRECTION, GRIPPER, OBSTACLE, TABLE, body_mesh, cable_mesh, scene_mesh
-from cableway.robot.spatial_arms import SpatialArms
-from cableway.scene.spatial.scene import recorded_displacements
+from cableway.robot.spatial_arms import SpatialArms, SpatialWay
+from cableway.scene.cell import Cell
 from cableway.scene.spatial.task import SpatialDraft, SpatialTask
 from cableway.scene.task import ENDS, End
 
@@ -65,40 +64,49 @@ class SpaceView:
         task: The task.
         width: Of the panel [inch].
         pixels: Width and height of its picture; as the panel's where None.
+        arms: Of the cell, drawn into every picture.
     """
 
-    def __init__(self, task: SpatialDraft, width: float = PANEL, pixels: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self,
+        task: SpatialDraft,
+        width: float = PANEL,
+        pixels: tuple[int, int] | None = None,
+        arms: Sequence[Mesh] = (),
+    ) -> None:
         self.task = task
         self.size = pixels or (round(FINE * width), round(FINE * width * TALL))
         scene = task.scene
-        self._camera = Camera.framing(_framed(task), np.array(DIRECTION), size=self.size, view=VIEW, margin=0.02)
+        shown = _corners(task)
+        if task.cell is not None and arms:
+            shown = np.concatenate([shown, _about_arms(task.cell, task)])
+        self._camera = Camera.framing(shown, np.array(DIRECTION), size=self.size, view=VIEW, margin=0.02)
         x, y, z = (LAMP * max(scene.size)).tolist()
         self._light = Light(position=(x, y, z), ambient=AMBIENT)
-        self._solid = scene_mesh(scene, pale(palette.OBSTACLE, 0.3), pale(palette.OBSTACLE_EDGE, 0.75))
+        solid = scene_mesh(scene, pale(palette.OBSTACLE, 0.3), pale(palette.OBSTACLE_EDGE, 0.75))
+        self._solid = Mesh.joined([solid, *arms])
 
     def picture(
         self,
         cables: Sequence[tuple[Float[np.ndarray, "s 3"], str]],
         held: Sequence[tuple[Float[np.ndarray, "2 7"], str]],
-        arms: Sequence[Mesh] = (),
     ) -> Picture:
-        """The scene with cables and gripper poses, each with its colour, and arms, as the camera sees it."""
+        """The scene with cables and gripper poses, each with its colour, as the camera sees it."""
         radius = self.task.cable.radius
         meshes = [cable_mesh(stations, radius, to_rgb(color)) for stations, color in cables]
         meshes += [
             body_mesh(body, poses[body.side], pale(color, 0.55)) for poses, color in held for body in self.task.bodies
         ]
-        return render(Mesh.joined([self._solid, *meshes, *arms]), self._camera, self._light, samples=3)
+        return render(Mesh.joined([self._solid, *meshes]), self._camera, self._light, samples=3)
 
     def draw(
         self,
         ax: Axes,
         cables: Sequence[tuple[Float[np.ndarray, "s 3"], str]],
         held: Sequence[tuple[Float[np.ndarray, "2 7"], str]],
-        arms: Sequence[Mesh] = (),
     ) -> None:
         """The same in a panel, what is hidden of cables dashed."""
-        radius, picture = self.task.cable.radius, self.picture(cables, held, arms)
+        radius, picture = self.task.cable.radius, self.picture(cables, held)
         width, height = self.size
         ax.imshow(picture.color, extent=(-0.5, width - 0.5, -0.5, height - 0.5), aspect="auto")
         for stations, color in cables:
@@ -134,7 +142,7 @@ class SpaceView:
 
     def _edges(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The edges of the workspace."""
-        corners = np.array(list(product(*((0.0, side) for side in self.task.scene.size))))
+        corners = _corners(self.task)
         return [(a, b) for a, b in combinations(corners, 2) if np.count_nonzero(a != b) == 1]
 
 
@@ -182,7 +190,8 @@ def spatial_plan_figure(task: SpatialTask, made: Plan | Attempt | None, failure:
         failure: Why there is no plan.
     """
     shapes = None if made is None else made.shapes
-    view, lines = SpaceView(task, WIDE), sentence_lines([failure] if failure else [], WIDE, "No plan: ")
+    view = SpaceView(task, WIDE, arms=_arms(task, made) if isinstance(made, Plan) else [])
+    lines = sentence_lines([failure] if failure else [], WIDE, "No plan: ")
     height = WIDE * TALL
     tall = 0.4 + height + 0.3 + (0.1 + LINE * len(lines) if lines else 0.0)
     figure = style.new_figure(WIDE + 0.2, tall)
@@ -192,8 +201,7 @@ def spatial_plan_figure(task: SpatialTask, made: Plan | Attempt | None, failure:
         rows = np.linspace(0, len(shapes) - 1, SHAPES + 2).round().astype(int)[1:-1]
         colors = [to_hex(style.TIME(row / (len(shapes) - 1))) for row in rows]
         cables += list(zip(smooth(shapes[rows]), colors, strict=True))
-    arms = _arms(task, made) if isinstance(made, Plan) else []
-    view.draw(ax, cables, [(task.gripper_poses(end), COLORS[end]) for end in ENDS], arms)
+    view.draw(ax, cables, [(task.gripper_poses(end), COLORS[end]) for end in ENDS])
     if shapes is not None:
         for keypoint in range(0, shapes.shape[1], (shapes.shape[1] - 1) // 2):
             ax.plot(*view.at(shapes[:, keypoint]).T, color=palette.INK, linewidth=0.6, alpha=0.6, zorder=5)
@@ -212,7 +220,7 @@ def spatial_rollout_figure(task: SpatialTask, rollout: Rollout, failure: str | N
         rollout: What happened.
         failure: Why it did not succeed.
     """
-    task, width = as_it_stood(task, rollout), WIDE + CURVES + 0.95
+    task, width = task.as_recorded(rollout.metadata), WIDE + CURVES + 0.95
     view, lines = SpaceView(task, WIDE), sentence_lines([failure] if failure else [], width, "Failed: ")
     below = 0.1 + LINE * len(lines) if lines else 0.0
     height, bottom = WIDE * TALL, 0.45 + below
@@ -245,36 +253,24 @@ def spatial_rollout_figure(task: SpatialTask, rollout: Rollout, failure: str | N
     return figure
 
 
-def as_it_stood(task: SpatialTask, rollout: Rollout) -> SpatialTask:
-    """The task with the obstacles where they were in a rollout.
-
-    Raises:
-        InputError: The rollout is of a task with other obstacles.
-    """
-    by = recorded_displacements(rollout.metadata)
-    if by and len(by) != len(task.scene.obstacles):
-        raise InputError(f"the rollout is of a task with {len(by)} obstacles, not {len(task.scene.obstacles)}")
-    return replace(task, scene=task.scene.changed(by))
+def _corners(task: SpatialDraft) -> Float[np.ndarray, "8 3"]:
+    """Those of the workspace."""
+    return np.array(list(product(*((0.0, side) for side in task.scene.size))))
 
 
-def _framed(task: SpatialDraft) -> Float[np.ndarray, "k 3"]:
-    """What a picture shows: the corners of the workspace, and where arms stand and how high they go."""
-    corners = np.array(list(product(*((0.0, side) for side in task.scene.size))))
-    if task.cell is None:
-        return corners
-    bases = np.array([arm.base(task.scene)[:3, 3] for arm in task.cell.arms])
+def _about_arms(cell: Cell, task: SpatialDraft) -> Float[np.ndarray, "k 3"]:
+    """Points between which arms are seen."""
+    bases = np.array([arm.base(task.scene)[:3, 3] for arm in cell.arms])
     about = np.array(list(product((-WIDE_ARM, WIDE_ARM), (-WIDE_ARM, WIDE_ARM), (0.0, TALL_ARM))))
-    return np.concatenate([corners, (bases[:, None] + about).reshape(-1, 3)])
+    return (bases[:, None] + about).reshape(-1, 3)
 
 
 def _arms(task: SpatialTask, plan: Plan) -> list[Mesh]:
     """The arms of a plan half way; none where it has no joints."""
-    held = plan.metadata.get("arms")
-    known = isinstance(held, dict) and held.get("holders") in ([0, 1], [1, 0])
-    if task.cell is None or plan.joints is None or held is None or not known:
+    way = SpatialWay.of_record(plan.metadata)
+    if task.cell is None or plan.joints is None or way is None:
         return []
-    joints, (left, right) = plan.joints[plan.steps // 2], held["holders"]
-    links = SpatialArms(task).links(joints, (left, right))
+    links = SpatialArms(task).links(plan.joints[plan.steps // 2], way.holders)
     return [
         capsules(ends, radius).painted(pale(color, 0.5), GRIPPER)
         for (ends, radius), color in zip(links, (palette.LEFT, palette.RIGHT), strict=True)

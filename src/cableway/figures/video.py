@@ -18,7 +18,7 @@ from cableway.figures.moving import MovingScene, captions, moving_handles
 from cableway.figures.perspective import CellView, way_of
 from cableway.figures.plan import draw_clearance
 from cableway.figures.rollout import draw_errors, stacked_errors
-from cableway.figures.space import SpaceView, as_it_stood
+from cableway.figures.space import SpaceView
 from cableway.records import INSERTION, Plan, Rollout
 from cableway.scene.files.loading import AnyTask
 from cableway.scene.spatial.task import SpatialTask
@@ -246,7 +246,7 @@ class _SpatialStage(_Stage):
     """The same in space."""
 
     def __init__(self, task: SpatialTask, rollout: Rollout) -> None:
-        super().__init__(as_it_stood(task, rollout), rollout, None)
+        super().__init__(task.as_recorded(rollout.metadata), rollout, None)
 
     def _said(self) -> list[str]:
         return ["", *map(str, self._rollout.status)]

@@ -30,7 +30,7 @@ from cableway.planning.spatial_optimization import optimize_in_space
 from cableway.planning.spatial_rrt import Sampler, Trees, about_path, about_shapes, anywhere, bursts
 from cableway.planning.trajectory_optimization import CLEARANCE_WEIGHTS, TrajectoryOptimizationConfig
 from cableway.records import Attempt, Plan, Verdict
-from cableway.robot.spatial_arms import SpatialArms, SpatialWay
+from cableway.robot.spatial_arms import FreeSpatialArms, SpatialArms, SpatialWay
 from cableway.rod.spatial_lag import spatial_lag
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
@@ -103,7 +103,7 @@ def plan_in_space(
     """Find a verified sequence of shapes and gripper poses from start to goal.
 
     Args:
-        task: The task.
+        task: The task; where it has a cell, the plan has the joints of its arms.
         seed: Same seed, same plan.
         config: How.
         progress: Called with the name of a stage and the share of it that is done.
@@ -111,7 +111,7 @@ def plan_in_space(
 
     Raises:
         PlanningError: No plan was found; `attempt` holds the one that came closest. The message says so where grippers
-            or cable cannot pass, and where the time ran out.
+            or cable cannot pass, where arms cannot hold both ends in one way, and where the time ran out.
         MissingExtraError: Coal, which the judge needs, is not installed.
     """
     search = _Search(task, config or SpatialPlannerConfig(), seed, progress or (lambda stage, share: None))
@@ -134,31 +134,31 @@ class _Search:
         self.task, self.config, self.seed, self.report = task, config, seed, progress
         self.problem = SpatialProblem.of(task)
         self.best: Attempt | None = None
-        self._arms: SpatialArms | None = None
+        self._arms = None if task.cell is None else SpatialArms(task, ARMS_KEPT)
         self._trees: dict[SpatialWay | None, Trees] = {}
         self._samplers: dict[Source, Sampler | None] = {}
 
     def _ways(self) -> list[SpatialWay | None]:
-        """How the arms may hold the cable, None for grippers alone.
+        """How the arms may hold the cable, None for grippers alone; each has trees from then on.
 
         Raises:
             PlanningError: They cannot.
         """
         if self.task.cell is None:
+            self._add_trees(None)
             return [None]
         found: list[SpatialWay] | str = ""
         for clearance in ARMS_CLEARANCES:
-            self._arms = SpatialArms(self.task, clearance)
-            if not isinstance(found := self._arms.ways(), str):
+            arms = SpatialArms(self.task, clearance)
+            if not isinstance(found := arms.ways(), str):
+                for way in found[:WAYS]:
+                    self._add_trees(way, arms.held(way))
                 return [*found[:WAYS]]
         raise PlanningError(f"there is no plan: {found}", Attempt(found), Outcome.INFEASIBLE)
 
-    def _trees_of(self, way: SpatialWay | None) -> Trees:
-        if way not in self._trees:
-            arms = None if self._arms is None or way is None else self._arms.held(way)
-            space = SpatialFreeSpace.of(self.problem, self.config.margins, arms)
-            self._trees[way] = Trees(self.problem, space, self.config.step)
-        return self._trees[way]
+    def _add_trees(self, way: SpatialWay | None, arms: FreeSpatialArms | None = None) -> None:
+        space = SpatialFreeSpace.of(self.problem, self.config.margins, arms)
+        self._trees[way] = Trees(self.problem, space, self.config.step)
 
     def run(self) -> Plan:
         """The first plan that verifies."""
@@ -175,7 +175,7 @@ class _Search:
             sampler = self._sampler(source)
             if sampler is None:
                 continue
-            path, used = self._trees_of(way).search(sampler, samples, (self.seed, SOURCES.index(source), burst))
+            path, used = self._trees[way].search(sampler, samples, (self.seed, SOURCES.index(source), burst))
             LOGGER.info("%s, %d of %d samples: %s", source, used, samples, "no path" if path is None else "a path")
             if path is not None and (found := self._made_of(path, source, way)) is not None:
                 return found
@@ -261,7 +261,7 @@ class _Search:
         plan = Plan(shapes, continuous_poses(poses), rows)
         if self._arms is None or way is None:
             return plan
-        joints = SpatialArms(self.task, ARMS_KEPT).along(plan.poses, stations, way)
+        joints = self._arms.along(plan.poses, stations, way)
         if isinstance(joints, str):
             raise PlanningError(joints)
         return replace(plan, joints=joints, metadata={"arms": way.described()})

@@ -11,7 +11,7 @@ workspace, over which arms come.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -62,6 +62,19 @@ class SpatialWay(NamedTuple):
     rolls: tuple[float, float]
     turns: tuple[int, int]
     branches: tuple[int, int]
+
+    @classmethod
+    def of_record(cls, metadata: Mapping[str, Any]) -> SpatialWay | None:
+        """That of a plan; None where it says of none, or of none that there is."""
+        held = metadata.get("arms")
+        given: list[Any] = [held.get(name) for name in cls._fields] if isinstance(held, dict) else []
+        if not given or not all(isinstance(pair, list) and len(pair) == ARMS for pair in given):
+            return None
+        holders, rolls, turns, branches = given
+        known = holders in ([0, 1], [1, 0]) and all(turn in (0, 1) for turn in turns)
+        if not known or not all(isinstance(roll, int | float) and math.isfinite(roll) for roll in rolls):
+            return None
+        return cls(*map(tuple, given)) if all(branch in range(BRANCHES) for branch in branches) else None
 
     def described(self) -> dict[str, list[Any]]:
         """What the metadata of a plan with such joints say of them, as `arms`."""
@@ -170,13 +183,9 @@ def _whole(capsules):
 
 
 @kernel
-def spatial_arms_keep(poses, stations, arms):
-    """Whether arms can hold grippers at poses (2, 7) and a cable along stations (s, 3) clear of everything; True,
-    without more code, where there are none."""
-    if arms is None:
-        return True
+def _keep(poses, stations, arms, joints):
+    """See `spatial_arms_keep`; writes the joints (2, 1, 6) of arms that reach their grippers."""
     left, right, around = arms
-    joints = np.empty((2, 1, 6))
     for side in range(2):
         arm = left if side == 0 else right
         if _arm_joints(poses[side], arm, joints[side, 0]) < SINGULAR:
@@ -194,14 +203,19 @@ def spatial_arms_keep(poses, stations, arms):
 
 
 @kernel
-def _rooms(poses, stations, arms, out):
-    """Write for each row the joints (t, 2, 6) of arms that hold grippers at poses (t, 2, 7); returns the rows held."""
-    left, right, _ = arms
+def spatial_arms_keep(poses, stations, arms):
+    """Whether arms can hold grippers at poses (2, 7) and a cable along stations (s, 3) clear of everything; True,
+    without more code, where there are none."""
+    if arms is None:
+        return True
+    return _keep(poses, stations, arms, np.empty((2, 1, 6)))
+
+
+@kernel
+def _rows_kept(poses, stations, arms, joints):
+    """How many rows of a motion arms keep, one after the other; writes their joints (t, 2, 1, 6)."""
     for t in range(len(poses)):
-        for side in range(2):
-            if _arm_joints(poses[t, side], left if side == 0 else right, out[t, side]) < SINGULAR:
-                return t
-        if not spatial_arms_keep(poses[t], stations[t], arms):
+        if not _keep(poses[t], stations[t], arms, joints[t]):
             return t
     return len(poses)
 
@@ -272,13 +286,13 @@ class SpatialArms:
             stations: Of the cable [m].
             way: How the arms hold it.
         """
-        joints = np.empty((len(poses), 2, 6))
-        rows = _rooms(np.ascontiguousarray(poses), np.ascontiguousarray(stations), self.held(way), joints)
+        found = np.empty((len(poses), 2, 1, 6))
+        rows = _rows_kept(np.ascontiguousarray(poses), np.ascontiguousarray(stations), self.held(way), found)
         if rows < len(poses):
             return (
                 f"the arms cannot follow beyond {CONTROL_STEP * rows:.1f} s of {CONTROL_STEP * (len(poses) - 1):.1f} s"
             )
-        joints = np.unwrap(joints, axis=0)
+        joints = np.unwrap(found[:, :, 0], axis=0)
         joints -= 2 * np.pi * np.round((joints.max(axis=0) + joints.min(axis=0)) / (4 * np.pi))
         for side, model in enumerate(self.cell.models[arm] for arm in way.holders):
             if (np.abs(joints[:, side]).max(axis=0) > np.array(model.position_limit) - TURN).any():

@@ -13,7 +13,6 @@ from cableway.core.quantities import quantity
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import AnyDraft, AnyTask, as_any_draft, load_cell, load_task
 from cableway.scene.spatial.task import SpatialTask
-from cableway.scene.task import Draft
 from cableway.workflow.reading import read_record
 
 TASK, PLAN = "task.yaml", "plan.npz"
@@ -52,8 +51,8 @@ def opened(source: Any, cell: str | None = None) -> Opened:
     """
     if cell is not None:
         found = opened(source)
-        if not isinstance(found.draft, Draft) or found.name:
-            raise InputError(f"a cell is for a task on the table, not for {source}")
+        if found.name:
+            raise InputError(f"a cell is for a task, not for {source}")
         return Opened(found.draft.in_cell(load_cell(cell)))
     if isinstance(source, Opened):
         return source

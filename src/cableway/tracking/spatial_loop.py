@@ -23,8 +23,8 @@ from cableway.control.spatial_following import SpatialFollower
 from cableway.core.errors import Cancelled, PlanningError, PlanningInterrupted, SimulationError, TaskError
 from cableway.core.provenance import versions
 from cableway.core.time_limit import checkpoint
-from cableway.motion.limits import Margins
-from cableway.motion.spatial import SpatialFreeSpace
+from cableway.geometry.spatial_convex import chain_distance
+from cableway.motion.spatial import SpatialProblem
 from cableway.outcome import Outcome
 from cableway.records import Measurement, Observation, Plan, Rollout
 from cableway.scene.spatial.task import SpatialTask
@@ -42,8 +42,8 @@ REST = 0.002
 PAUSE = 1.0
 """Time [s] that the grippers stand still before a new plan is followed."""
 
-ROOMY = Margins(clearance=0.002, stability=0.0)
-"""What the rest of a plan keeps where nothing stands in its way; controllers make more room themselves."""
+ROOM = 0.002
+"""Clearance [m] of the rest of a plan from which nothing stands in its way; controllers make more themselves."""
 
 Replan = Callable[[SpatialTask], Plan]
 """Plans a task that starts where the cable is. Raises `PlanningError` where there is no way."""
@@ -157,8 +157,8 @@ class _Run:
         self._state = state = self._controller.in_scene(self._state, task)
         assert state.plan.q is not None
         rest = state.plan.q[self._controller.row(state) :]
-        free = [SpatialFreeSpace.of(problem, ROOMY).are_free(rest) for problem in (before, state.problem)]
-        return self._go_round(task, rest[0]) if (free[0] & ~free[1]).any() else None
+        known, now = (_clearances(rest, problem) for problem in (before, state.problem))
+        return self._go_round(task, rest[0]) if (now < np.minimum(known, ROOM)).any() else None
 
     def _go_round(self, task: SpatialTask, here: Float[np.ndarray, "12"]) -> Ending | None:
         """Stand still, and follow a new plan from the shape that was to be had; how the run ended, if it did."""
@@ -174,6 +174,13 @@ class _Run:
         self._state = self._controller.resume(self._state, plan)
         self.recovered.append(self._seen.time)
         return None
+
+
+def _clearances(q: Float[np.ndarray, "t 12"], problem: SpatialProblem) -> Float[np.ndarray, "t"]:
+    """Of the cable and the hands from obstacles and walls [m]; of hulls no more than they are measured to."""
+    stations, poses = problem.rod.shapes(q)
+    cable = chain_distance(stations, problem.world)[0] - problem.radius
+    return np.minimum(cable, problem.bodies.gaps(poses, problem.world)[:, 0])
 
 
 def _over(measured: Sequence[Measurement], since: float, step: float) -> bool:

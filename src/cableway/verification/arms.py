@@ -89,10 +89,8 @@ def arm_checks(record: Plan | Rollout, task: Task, clearance: float = CLEARANCE)
         fault = arms.get("fault") if isinstance(arms, dict) else None
         why = str(fault or "the record has no joints of the cell's two arms")
         return [Check("arms", 0.0, "", 2.0, False, why)]
-    at, dense = dense_joints(record.joints, holders, task, cell)
+    at, dense, solids, step = moving_solids(record.joints, holders, task, cell)
     flanges = [flanges_of(cell, holders[side], dense[:, side], task) for side in range(2)]
-    solids = [solids_of(cell, holders[side], dense[:, side], task) for side in range(2)]
-    step = max(float(np.linalg.norm(np.diff(each.ends, axis=0), axis=2).max(initial=0.0)) for each in chain(*solids))
     return [
         *_tip_checks(flanges, turns, record, task, cell, at),
         *joint_checks(record.joints, holders, cell),
@@ -111,6 +109,17 @@ def how_held(record: Plan | Rollout) -> tuple[list[int], list[int]]:
     if holders not in ([0, 1], [1, 0]) or turns not in ([0, 0], [0, 1], [1, 0], [1, 1]):
         return [], []
     return [int(arm) for arm in holders], [int(turn) for turn in turns]
+
+
+def moving_solids(
+    joints: Float[np.ndarray, "t 2 6"], holders: list[int], task: Task | SpatialTask, cell: Cell
+) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s 2 6"], list[list[Solid]], float]:
+    """What is looked at of a motion: see `dense_joints`, the solids of both arms there, and how far one moves at most
+    between two looks [m]."""
+    at, dense = dense_joints(joints, holders, task, cell)
+    solids = [solids_of(cell, holders[side], dense[:, side], task) for side in range(2)]
+    step = max(float(np.linalg.norm(np.diff(each.ends, axis=0), axis=2).max(initial=0.0)) for each in chain(*solids))
+    return at, dense, solids, step
 
 
 def dense_joints(

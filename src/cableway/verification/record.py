@@ -25,7 +25,8 @@ def verify_record(
     """Judge a record as what it is.
 
     Args:
-        record: The record; of a rollout, the length of the plant's cable is what the record says.
+        record: The record; of a rollout, the length of the plant's cable, and in space where its obstacles were, are
+            what the record says.
         task: The task that it is for.
         limits: What a plan must keep.
 
@@ -41,7 +42,8 @@ def verify_record(
             return verify_plan(record, task)
         from cableway.verification.spatial_rollout import verify_spatial_rollout  # which most tasks do without
 
-        return verify_spatial_rollout(record, task, same_start=not record.metadata.get("another_start", False))
+        same_start = not record.metadata.get("another_start", False)
+        return verify_spatial_rollout(record, task.as_recorded(record.metadata), same_start=same_start)
     if isinstance(record, Plan):
         return (verify_insertion_plan if inserts else verify_plan)(record, task, limits)
     return (verify_insertion if inserts else verify_rollout)(record, task, length=plant_length(record, task))

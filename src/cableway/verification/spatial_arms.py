@@ -25,12 +25,11 @@ from cableway.verification.arms import (
     TOOL,
     Solid,
     closest_pair,
-    dense_joints,
     flanges_of,
     joint_checks,
     meeting_pairs,
     most,
-    solids_of,
+    moving_solids,
 )
 from cableway.verification.geometry import curve_through
 from cableway.verification.spatial_distance import BEYOND, between, capsule, nearest, placed, shape_of
@@ -68,9 +67,7 @@ def spatial_arm_checks(plan: Plan, task: SpatialTask) -> list[Check]:
     held = _how_held(plan)
     if plan.joints is None or plan.joints.shape[2] != 6 or held is None:
         return [Check("arms", 0.0, "", 2.0, False, "the plan has no joints of the cell's two arms")]
-    at, dense = dense_joints(plan.joints, held.holders, task, cell)
-    solids = [solids_of(cell, held.holders[side], dense[:, side], task) for side in range(2)]
-    step = max(float(np.linalg.norm(np.diff(each.ends, axis=0), axis=2).max(initial=0.0)) for each in chain(*solids))
+    at, dense, solids, step = moving_solids(plan.joints, held.holders, task, cell)
     left, right = ([each for each in arm if each.link == TOOL] for arm in solids)
     hands = [(one, other) for one in left for other in right]
     return [
@@ -103,15 +100,16 @@ def _tips(
     at: Float[np.ndarray, "s"],
     dense: Float[np.ndarray, "s 2 6"],
 ) -> list[Check]:
-    """How far hands are from the grippers' poses."""
+    """How far hands are from the grippers' poses, and from where the bodies of these have them, if they have any."""
     rows, off, askew = np.arange(len(plan.poses)), [], []
+    rolls = [0.0, 0.0] if task.bodies[2:] else held.rolls
     for side in range(2):
         flange = flanges_of(cell, held.holders[side], dense[:, side], task)
         tip = flange[:, :3, 3] + TOOLS[cell.tool].reach * flange[:, :3, 2]
         wanted = np.column_stack([np.interp(at, rows, column) for column in plan.poses[:, side, :3].T])
         off.append(np.linalg.norm(tip - wanted, axis=1))
         grippers = Slerp(rows, Rotation.from_quat(plan.poses[:, side, 3:], scalar_first=True))(at)
-        hand = Rotation.from_euler("x", held.rolls[side])
+        hand = Rotation.from_euler("x", rolls[side])
         mounted = Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0] if held.turns[side] == 0 else [1.0, -1.0, -1.0]))
         askew.append(((grippers * hand * mounted).inv() * Rotation.from_matrix(flange[:, :3, :3])).magnitude())
     return [

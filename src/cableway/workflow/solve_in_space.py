@@ -21,7 +21,7 @@ from cableway.verification.record import require_verified
 from cableway.workflow.compilation import COMPILING
 from cableway.workflow.events import Listener, Note, OnEvent, Progress
 from cableway.workflow.run import TIME_LIMIT
-from cableway.workflow.spatial_run import follow_in_space
+from cableway.workflow.spatial_run import follow_in_space, require_without_arms
 
 COMPILED = "planning in space"
 """The stage whose kernels a first plan compiles."""
@@ -87,10 +87,13 @@ def solve_in_space(
         All there is, also where no plan was found: the report says why.
 
     Raises:
-        InputError: The options give a plan that is none of the task, or a controller that is not known.
+        InputError: The options give a plan that is none of the task, a controller that is not known, or one for a task
+            with arms.
         MissingExtraError: Coal, which the judge needs, is not installed.
     """
     options, listener = options or SpatialOptions(), Listener(on_event)
+    if options.controller is not None:
+        require_without_arms(task)
     run = _planned(task, options, listener) if options.plan is None else _given(task, options.plan)
     if options.controller is None or run.plan is None:
         return run

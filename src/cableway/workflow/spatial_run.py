@@ -63,10 +63,7 @@ def follow_in_space(
     """
     if controller not in CONTROLLERS:
         raise UnknownNameError("controller in space", controller, CONTROLLERS)
-    if task.cell is not None:
-        raise InputError(
-            f"in space arms, as of {task.cell.name}, are planned for and judged, but not simulated: no run"
-        )
+    require_without_arms(task)
     perturbation, leading = perturbation or SpatialPerturbation(), CONTROLLERS[controller]()
     try:
         plant = perturbation.build(task, seed)
@@ -82,6 +79,18 @@ def follow_in_space(
     rollout, true = replace(rollout, metadata={**rollout.metadata, **made_by}), perturbation.true_task(task)
     verdict = verify_spatial_rollout(rollout, true, same_start=not perturbation.another_start)
     return rollout, verdict, *judge_in_space(true, rollout, verdict)
+
+
+def require_without_arms(task: SpatialTask) -> None:
+    """Require of a task that is to be run that it has no arms.
+
+    Raises:
+        InputError: It has a cell.
+    """
+    if task.cell is not None:
+        raise InputError(
+            f"in space arms, as of {task.cell.name}, are planned for and judged, but not simulated: no run"
+        )
 
 
 def _planned_anew(seed: int, task: SpatialTask) -> Plan:

@@ -9,15 +9,16 @@ numbers are found when they are read.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
 
 from cableway.core.brief import Shown
-from cableway.core.errors import TaskError
+from cableway.core.errors import InputError, TaskError
 from cableway.core.quantities import limit_text, size_text
 from cableway.rod.spatial import SpatialRod
 from cableway.scene import checks
@@ -26,7 +27,7 @@ from cableway.scene.checks import Quantity
 from cableway.scene.spatial import validity
 from cableway.scene.spatial.cable import SpatialCable
 from cableway.scene.spatial.grippers import SpatialBody, SpatialGrippers
-from cableway.scene.spatial.scene import SpatialScene
+from cableway.scene.spatial.scene import SpatialScene, recorded_displacements
 from cableway.scene.task import ENDS, NAME, End
 
 LOAD = Quantity("", -1000.0, 1000.0)
@@ -71,6 +72,11 @@ class SpatialDraft(Shown):
             )
         if self.cell is not None and self.cell.tilt:
             raise TaskError("must be 0 in space, where hands take hold from any side", ("cell", "tilt"))
+        if self.cell is not None and self.grippers.body not in (None, self.cell.tool):
+            problem = (
+                f"must be left out, or be the cell's tool, {self.cell.tool}, got {checks.shown(self.grippers.body)}"
+            )
+            raise TaskError(problem, ("grippers", "body"))
         for end in ENDS:
             if (value := getattr(self, end)) is not None:
                 row = np.array(checks.numbers(value, (end, "equilibrium"), EQUILIBRIUM))
@@ -114,6 +120,14 @@ class SpatialDraft(Shown):
             if (q := getattr(self, end)) is not None:
                 yield from validity.end_faults(end, q, self.scene, self.cable, self.grippers)
 
+    def in_cell(self, cell: Cell) -> Self:
+        """The same task with arms.
+
+        Raises:
+            TaskError: The cell's tools lean, or are not the body of the grippers.
+        """
+        return replace(self, cell=cell)
+
     def unchecked(self) -> SpatialDraft:
         """The same, whether or not a cable can do it."""
         return SpatialDraft(**{entry.name: getattr(self, entry.name) for entry in fields(SpatialDraft)})
@@ -144,6 +158,17 @@ class SpatialTask(SpatialDraft):
         faults = list(self.faults())
         if faults:
             raise faults[0].of(self.unchecked(), faults[1:])
+
+    def as_recorded(self, metadata: Mapping[str, Any]) -> SpatialTask:
+        """The task with its obstacles where the metadata of a rollout have them.
+
+        Raises:
+            InputError: The rollout is of a task with other obstacles.
+        """
+        by = recorded_displacements(metadata)
+        if by and len(by) != len(self.scene.obstacles):
+            raise InputError(f"the rollout is of a task with {len(by)} obstacles, not {len(self.scene.obstacles)}")
+        return replace(self, scene=self.scene.changed(by)) if by else self
 
     def _facts(self) -> Iterator[str]:
         obstacles = len(self.scene.obstacles)

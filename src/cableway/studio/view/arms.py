@@ -13,7 +13,7 @@ from cableway.records import Plan, Rollout
 from cableway.rendering.cell import Capsules, arm_capsules, body_surface, feet, shown_bodies
 from cableway.rendering.mesh import capsules
 from cableway.robot.cell_kinematics import CellKinematics
-from cableway.robot.spatial_arms import SpatialArms
+from cableway.robot.spatial_arms import SpatialArms, SpatialWay
 from cableway.scene.bodies import Body
 from cableway.scene.cell import Way
 from cableway.scene.spatial.task import SpatialDraft, SpatialTask
@@ -75,11 +75,10 @@ class SpaceArms:
     @classmethod
     def of(cls, task: SpatialDraft, plan: Plan | None) -> SpaceArms | None:
         """Those of a plan; None where it has none."""
-        held = None if plan is None or plan.joints is None else plan.metadata.get("arms")
-        if task.cell is None or not isinstance(held, dict) or held.get("holders") not in ([0, 1], [1, 0]):
+        if plan is None or plan.joints is None or task.cell is None:
             return None
-        left, right = held["holders"]
-        return cls(task.checked(), (left, right))
+        way = SpatialWay.of_record(plan.metadata)
+        return None if way is None else cls(task.checked(), way.holders)
 
     def draw(self, canvas: Canvas, name: str, joints: Float[np.ndarray, "2 6"]) -> None:
         """Draw them at joints [rad]."""
