@@ -94,6 +94,16 @@ def test_what_turns_out_to_stand_in_the_way_is_gone_round():
     assert "cable clearance" in {check.name for check in verify_record(rollout, BELOW).failures()}
 
 
+def test_what_stands_in_the_way_of_a_hand_alone_stops_it():
+    """The ball is to stand 15 mm beside the way of the cable's left end, where only the hand, 20 mm about it, would be."""
+    pose, ball = straight().poses[20, 0], BELOW.scene.obstacles[0]
+    by = pose[:3] - [0.0, 0.06 + 0.015, 0.0] - np.array(ball.center)
+    beside = replace(RAISED, obstacles=(tuple(by.tolist()),), revealed=0.3)
+    rollout = track_in_space(BELOW, beside.build(BELOW, 0), SpatialFeedback(), straight(), no_way)
+    assert (rollout.outcome, rollout.detail) == ("blocked way", "a wall stands there")
+    assert rollout.least_clearance > 0.03
+
+
 def test_the_grippers_stand_where_nothing_leads_round():
     plant, controller = RAISED.build(BELOW, 0), SpatialFeedback(SpatialFeedbackConfig(hold=0.5))
     rollout = track_in_space(BELOW, plant, controller, straight(), no_way)

@@ -1,6 +1,6 @@
 """Whatever is asked of it, the plant either does what it says or refuses in a sentence, and can always start again.
 
-`python -m pytest -s tests/simulation/test_abuse.py` says what became of the sequences.
+`python -m pytest -s tests/simulation/test_abuse.py` says what became of the thousand sequences.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cableway.scene.cable import Cable
 from cableway.scene.files.loading import load_task
 from cableway.simulation.plant import CableSimulator
 
-SEQUENCES = 500
+SEQUENCES = 1000
 LENGTH = 4
 """Actions in a sequence."""
 
@@ -121,7 +121,7 @@ def outcome(plant: CableSimulator, action: Any) -> str:
     return "done"
 
 
-def test_hundreds_of_abuses(plants, tmp_path, monkeypatch):
+def test_a_thousand_abuses(plants, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     gentle = np.tile([1e-4, -1e-4, 1e-3], (2, 1))
     fresh = {}

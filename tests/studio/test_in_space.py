@@ -231,6 +231,8 @@ def test_a_run_in_space_is_kept_as_files_that_repeat_it(tmp_path: Path, ran: Any
     found = opened(tmp_path / "rollout.npz")
     assert found.plan is not None
     np.testing.assert_array_equal(found.plan.shapes, Plan.load(tmp_path / "plan.npz").shapes)
+    with pytest.raises(InputError, match=r"a cell is for a task, not for .*rollout\.npz"):
+        opened(tmp_path / "rollout.npz", "dual-ur5e")
     other, idle = begun(tmp_path / "rollout.npz")
     assert idle.asked == []
     assert other.running is not None
