@@ -95,7 +95,7 @@ def test_what_turns_out_to_stand_in_the_way_is_gone_round():
 
 
 def test_what_stands_in_the_way_of_a_hand_alone_stops_it():
-    """The ball is to stand 15 mm beside the way of the cable's left end, where only the hand, 20 mm about it, would be."""
+    """A ball is to stand 15 mm beside the way of the left end, where only the hand, 20 mm about it, would be."""
     pose, ball = straight().poses[20, 0], BELOW.scene.obstacles[0]
     by = pose[:3] - [0.0, 0.06 + 0.015, 0.0] - np.array(ball.center)
     beside = replace(RAISED, obstacles=(tuple(by.tolist()),), revealed=0.3)

@@ -9,11 +9,16 @@ import pytest
 from spatial_problems import past_a_ball
 
 from cableway.geometry.spatial_convex import signed_distance
-from cableway.motion.spatial import SpatialBodies, SpatialProblem
+from cableway.motion.limits import Margins
+from cableway.motion.spatial import SpatialBodies, SpatialFreeSpace, SpatialProblem
 from cableway.motion.spatial_kernels import WORLD
 from cableway.planning.spatial_optimization import SpatialCost, optimize_in_space
+from cableway.planning.spatial_rrt import Trees, anywhere
 from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig
+from cableway.robot.free_arms import WANTED
+from cableway.robot.spatial_arms import CLEARANCES, SpatialArms, spatial_room_shortfall
 from cableway.scene.spatial.grippers import SpatialGrippers
+from cableway.tasks.space.generation import random_spatial_task
 
 CONFIG = TrajectoryOptimizationConfig(iterations=15)
 
@@ -35,16 +40,45 @@ def test_the_slope_of_the_cost_is_that_of_finite_differences(problem: SpatialPro
     cost = SpatialCost(problem, replace(CONFIG, span_wanted=0.6), 1.0, q)
     gradient = cost.linearise(q).gradient
     assert cost.linearise(q).cost == pytest.approx(cost.cost(q))
-    step = 1e-6
     for row in (1, 2, 3):
         for k in range(12):
-            found = []
-            for sign in (1, -1):
-                moved = q.copy()
-                moved[row] = rod.retract(q[row], sign * step * np.eye(12)[k] * rod.units)
-                found.append(cost.cost(moved))
-            slope = (found[0] - found[1]) / (2 * step)
-            assert slope == pytest.approx(gradient[row, k] * rod.units[k], rel=2e-3, abs=2e-2 * abs(gradient).max())
+            slope, unit = central_difference(cost, q, row, k), rod.units[k]
+            assert slope * unit == pytest.approx(gradient[row, k] * unit, rel=2e-3, abs=2e-2 * abs(gradient).max())
+
+
+def test_arms_push_rows_to_where_they_can_hold_the_grippers():
+    """Of a plan for grippers alone; the slope is that of finite differences there, too."""
+    task = random_spatial_task(1, "yu", cell="dual-ur5e")
+    problem, arms = SpatialProblem.of(task), SpatialArms(task)
+    ways = arms.ways()
+    assert not isinstance(ways, str)
+    path = Trees(problem, SpatialFreeSpace.of(problem, Margins()), 0.006).search(anywhere(problem), 2000, (0,))[0]
+    assert path is not None
+    q, held = path[np.linspace(0, len(path) - 1, 25).astype(int)], arms.held(ways[0])
+
+    def short(rows: np.ndarray) -> np.ndarray:
+        return spatial_room_shortfall(problem.rod, rows, held, WANTED, sloped=False)[0][1:-1, CLEARANCES]
+
+    before, after = short(q), short(optimize_in_space(q, problem, CONFIG, arms=held))
+    assert before.max() > 0.03  # in something by more than 1 cm
+    assert after.sum() < 0.2 * before.sum()
+    cost = SpatialCost(problem, CONFIG, 1.0, q, held)
+    gradient = cost.linearise(q).gradient
+    assert cost.linearise(q).cost == pytest.approx(cost.cost(q))
+    for row in np.flatnonzero(before.any(axis=1))[:6] + 1:
+        for k in range(12):
+            slope = central_difference(cost, q, row, k)
+            assert slope == pytest.approx(gradient[row, k], rel=2e-3, abs=2e-2 * abs(gradient).max())
+
+
+def central_difference(cost: SpatialCost, q: np.ndarray, row: int, k: int, step: float = 1e-6) -> float:
+    """Slope of a cost by a coordinate of a row."""
+    found = []
+    for sign in (1, -1):
+        moved = q.copy()
+        moved[row] = cost.rod.retract(q[row], sign * step * np.eye(12)[k] * cost.rod.units)
+        found.append(cost.cost(moved))
+    return (found[0] - found[1]) / (2 * step * cost.rod.units[k])
 
 
 def test_a_cable_that_goes_through_a_ball_is_led_round_it():

@@ -18,7 +18,7 @@ from cableway.geometry import rotations
 from cableway.planning.spatial_planner import plan_in_space
 from cableway.records import Plan, Verdict
 from cableway.robot.branches import SINGULAR
-from cableway.robot.spatial_arms import SpatialArms, SpatialWay, _arm_joints, _own_room
+from cableway.robot.spatial_arms import SpatialArms, SpatialWay, _arm_joints, _bends, _own_room
 from cableway.scene.arm_models import ARM_MODELS
 from cableway.scene.cell import CELLS, TOOLS
 from cableway.scene.files.loading import load_task
@@ -115,7 +115,7 @@ def test_the_search_and_the_judge_agree_on_ways_of_holding(task: SpatialTask):
             arm, joints = held[side], np.empty((1, 6))
             if _arm_joints(poses[0, side], arm, joints[0]) >= SINGULAR:
                 ends = np.empty((1, len(arm.capsules.frame), 2, 3))
-                reached.append((_own_room(arm, joints, stations[0], bool(side), around, ends), one))
+                reached.append((_own_room(arm, joints, stations[0], bool(side), around, 0.05, ends), one))
         return reached
 
     left, right = (reaching(side) for side in (0, 1))
@@ -157,6 +157,23 @@ def test_slow_joints_are_given_the_time_that_they_need(task: SpatialTask):
     assert slower.verdict.passed
     (speed,) = (check for check in slower.verdict.checks if check.name == "joint speed")
     assert 0.5 < speed.value <= 1.0, "the joints are what is slow"
+
+
+def test_where_rows_are_far_apart_a_tool_is_off_its_way_as_the_judge_has_it(task: SpatialTask, plan: Plan):
+    arms, way, stations = SpatialArms(task, 0.0), way_of(plan), task.rod.shapes(plan.q)[0]
+    for stride in (1, 3, 8, 14):
+        names = ("shapes", "poses", "q", "joints")
+        few = replace(plan, **{name: getattr(plan, name)[::stride] for name in names})
+        assert few.joints is not None
+        judged = {check.name: check.value for check in spatial_arm_checks(few, task)}
+        bends = np.empty((2, len(few.joints) - 1, 2))
+        for arm, joints, out in zip(arms.held(way)[:2], few.joints.swapaxes(0, 1), bends, strict=True):
+            _bends(arm, np.ascontiguousarray(joints), out)
+        off, turn = bends.max(axis=(0, 1))
+        assert off == pytest.approx(judged["tool distance"], rel=0.02)
+        assert turn == pytest.approx(judged["tool angle"], rel=0.15)
+        followed = arms.along(few.poses, stations[::stride], way)
+        assert isinstance(followed, str) == (stride > 3)
 
 
 def test_where_grippers_have_a_body_the_hand_is_there():

@@ -201,14 +201,20 @@ def _along(a, b, share, world, k, gradient):
 
 
 @kernel
-def _segment_distance(a, b, world, k, gradient):
-    """Least signed distance over a segment to solid k, by golden sections."""
+def _segment_distance(a, b, world, k, ceiling, gradient):
+    """Least signed distance over a segment to solid k, by golden sections; above a ceiling, something above it."""
     low, high = 0.0, 1.0
+    length = math.sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_left, at_right = _along(a, b, left, world, k, gradient), _along(a, b, right, world, k, gradient)
-    least = min(_along(a, b, 0.0, world, k, gradient), _along(a, b, 1.0, world, k, gradient))
+    least = min(at_left, at_right)
+    if least - left * length >= ceiling:
+        return least
+    least = min(least, min(_along(a, b, 0.0, world, k, gradient), _along(a, b, 1.0, world, k, gradient)))
     for _ in range(HALVINGS):
         least = min(least, min(at_left, at_right))
+        if least - (left - low) * length >= ceiling:
+            return least
         if at_left < at_right:
             high, right, at_right = right, left, at_left
             left = high - GOLDEN * (high - low)
@@ -238,7 +244,7 @@ def chain_distances(chains, world, ceiling):
                 low[k], high[k] = min(a[k], b[k]), max(a[k], b[k])
             for k in range(len(boxes)):
                 if box_gap(low, high, boxes[k]) < d[i]:
-                    away = _segment_distance(a, b, world, k, gradient)
+                    away = _segment_distance(a, b, world, k, d[i], gradient)
                     if away < d[i]:
                         d[i], index[i] = away, k
     return d, index

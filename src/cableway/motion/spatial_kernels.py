@@ -15,7 +15,7 @@ from cableway.core.compiled import inlined, kernel
 from cableway.geometry.pose_kernels import product, quaternion_of, turned, vector_of
 from cableway.geometry.spatial_convex_kernels import box_gap, nearest_solid, points_keep, self_distance
 from cableway.geometry.spatial_pair_kernels import ROOM, core_depth, core_gap, solid_core
-from cableway.robot.spatial_arms import spatial_arms_keep
+from cableway.robot.spatial_arms import spatial_arms_keep, spatial_arms_reach
 from cableway.rod.spatial_kernels import held_shape
 from cableway.rod.spatial_stability import has_margin
 
@@ -286,6 +286,8 @@ def is_free(q, space):
     squared = _squared(stations[0], stations[last])
     if not limits.least_span**2 <= squared <= limits.most_span**2:
         return False
+    if not spatial_arms_reach(poses, arms):
+        return False
     if sharpest_turn(stations, p[0]) > limits.sharpest_turn:
         return False
     if not points_keep(stations, world, limits.cable_distance):
@@ -298,7 +300,7 @@ def is_free(q, space):
         return False
     if self_distance(stations, limits.apart) < limits.self_distance:
         return False
-    return has_margin(q, p, stiff, limits.stability) and spatial_arms_keep(poses, stations, arms)
+    return spatial_arms_keep(poses, stations, arms) and has_margin(q, p, stiff, limits.stability)
 
 
 @kernel

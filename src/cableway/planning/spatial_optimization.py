@@ -1,7 +1,7 @@
 """Trajectory optimisation in space: the cost of `cableway.planning.trajectory_optimization`, for the twelve numbers.
 
 Smoothness is that of the keypoints and of one point beside each gripper, which tells how it is rolled. Besides the
-costs of the plane there are those of `cableway.motion.spatial_terms`.
+costs of the plane there are those of `cableway.motion.spatial_terms`. Arms push rows back as they do there.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from cableway.motion.banded_least_squares import (
     squared_differences,
 )
 from cableway.motion.spatial import SpatialProblem
-from cableway.motion.spatial_terms import SpatialTerms
+from cableway.motion.spatial_terms import Residuals, SpatialTerms
 from cableway.motion.terms import TENSION
 from cableway.planning.trajectory_optimization import (
+    ARMS_SCALE,
     CHANGE_SCALE,
     CLEARANCE_WEIGHTS,
     LOAD_SCALE,
@@ -31,6 +32,8 @@ from cableway.planning.trajectory_optimization import (
     STEP_SCALE,
     TrajectoryOptimizationConfig,
 )
+from cableway.robot.free_arms import WANTED
+from cableway.robot.spatial_arms import FreeSpatialArms, spatial_room_shortfall
 
 LEVER = 0.15
 """Distance of the point beside each gripper, in lengths of the cable."""
@@ -42,6 +45,7 @@ def optimize_in_space(
     config: TrajectoryOptimizationConfig,
     progress: Callable[[float], None] = lambda _: None,
     weights: tuple[float, ...] = CLEARANCE_WEIGHTS,
+    arms: FreeSpatialArms | None = None,
 ) -> Float[np.ndarray, "t 12"]:
     """The sequence moved to a local minimum of the cost; its first and last row stay.
 
@@ -51,6 +55,7 @@ def optimize_in_space(
         config: Weights and margins.
         progress: Called with the share that is done; it may raise to stop.
         weights: Stages of the clearance weight; the last one alone does for a sequence that is free.
+        arms: What holds the cable; None for grippers alone.
     """
     stages = len(weights)
     for stage, weight in enumerate(weights):
@@ -58,7 +63,7 @@ def optimize_in_space(
         def report(share: float, stage: int = stage) -> None:
             progress((stage + share) / stages)
 
-        cost = SpatialCost(problem, config, weight, q)
+        cost = SpatialCost(problem, config, weight, q, arms)
         q = levenberg_marquardt(q, cost, config.iterations, config.tolerance, report)
     return q
 
@@ -67,9 +72,15 @@ class SpatialCost:
     """The cost of the rows of `q`, of which the first and the last stay."""
 
     def __init__(
-        self, problem: SpatialProblem, config: TrajectoryOptimizationConfig, weight: float, q: Float[np.ndarray, "t 12"]
+        self,
+        problem: SpatialProblem,
+        config: TrajectoryOptimizationConfig,
+        weight: float,
+        q: Float[np.ndarray, "t 12"],
+        arms: FreeSpatialArms | None = None,
     ) -> None:
-        self.rod = problem.rod
+        self.rod, self._arms = problem.rod, arms
+        self._arms_scale = np.sqrt(weight) / ARMS_SCALE
         first, second = squared_differences(len(q), 1), squared_differences(len(q), 2)
         self._smooth = tuple(a / STEP_SCALE**2 + b / CHANGE_SCALE**2 for a, b in zip(first, second, strict=True))
         self._loads = tuple(band / LOAD_STEP_SCALE**2 for band in first)
@@ -85,7 +96,8 @@ class SpatialCost:
         loads = q[:, self.rod.loads] / self._units
         total = band_form(self._smooth, self._points(stations, poses).reshape(len(q), -1))
         total += band_form(self._loads, loads) + 0.5 * np.sum(loads**2) / LOAD_SCALE**2
-        total += sum(0.5 * np.sum(value**2) for value, _ in self._terms.residuals(q, stations, None, poses, None))
+        residuals = self._terms.residuals(q, stations, None, poses, None) + self._of_arms(q, sloped=False)
+        total += sum(0.5 * np.sum(value**2) for value, _ in residuals)
         return float(total)
 
     def linearise(self, q: Float[np.ndarray, "t 12"]) -> Normal:
@@ -108,11 +120,19 @@ class SpatialCost:
             blocks[k][:, places, places] += diagonal[:, None] / self._units**2
         cost = band_form(self._smooth, points) + band_form(self._loads, loads)
         cost += 0.5 * np.sum(loads**2) / LOAD_SCALE**2
-        for value, slopes in self._terms.residuals(q, stations, dstations, poses, dposes):
+        residuals = self._terms.residuals(q, stations, dstations, poses, dposes) + self._of_arms(q, sloped=True)
+        for value, slopes in residuals:
             cost += 0.5 * np.sum(value**2)
             gradient += np.einsum("tsi,ts->ti", slopes, value)
             blocks[0] += np.matmul(slopes.transpose(0, 2, 1), slopes)
         return Normal(float(cost), gradient, (blocks[0], blocks[1], blocks[2]))
+
+    def _of_arms(self, q: Float[np.ndarray, "t 12"], sloped: bool) -> Residuals:
+        """Weighted shortfalls (t, 7) of the room of the arms, with their slopes; none where there are no arms."""
+        if self._arms is None:
+            return []
+        short, slopes = spatial_room_shortfall(self.rod, q, self._arms, WANTED, sloped)
+        return [(self._arms_scale * short, self._arms_scale[:, None] * slopes)]
 
     def _points(self, stations: np.ndarray, poses: np.ndarray) -> Float[np.ndarray, "t k 3"]:
         """Keypoints and a point beside each gripper [m]."""

@@ -52,9 +52,13 @@ would crawl past a fold."""
 WAYS = 6
 """In which arms may hold the cable that are searched, in turns."""
 
-ARMS_CLEARANCES, ARMS_KEPT = (0.012, 0.008), 0.007
+ARMS_CLEARANCES, ARMS_KEPT = (0.010, 0.008), 0.007
 """Clearance [m] of links and hands in the search, the lesser one where start or goal leave no more; and in the rows of
 a plan, which are not quite those looked at."""
+
+ARMS_STEP = 2.0
+"""Times as far apart as without arms are shapes that a search looks at, each of which takes it several times as long:
+what it misses between them the rows of the plan show."""
 
 SPARE = 0.002
 """Clearance [m] beyond the margin that the way of a sliding cable keeps."""
@@ -158,7 +162,8 @@ class _Search:
 
     def _add_trees(self, way: SpatialWay | None, arms: FreeSpatialArms | None = None) -> None:
         space = SpatialFreeSpace.of(self.problem, self.config.margins, arms)
-        self._trees[way] = Trees(self.problem, space, self.config.step)
+        step = self.config.step * (1.0 if arms is None else ARMS_STEP)
+        self._trees[way] = Trees(self.problem, space, step)
 
     def run(self) -> Plan:
         """The first plan that verifies."""
@@ -213,10 +218,18 @@ class _Search:
     def _made_of(self, path: Float[np.ndarray, "r 12"], source: Source, way: SpatialWay | None) -> Plan | None:
         """The plan of a free path, made smooth; or as it is, where that does not verify."""
         rod, config = self.problem.rod, self.config
+        if self._arms is not None and way is not None:
+            joints = self._arms.unwound(self._arms.joints(rod.shapes(path)[1], way), way)
+            if isinstance(joints, str):
+                LOGGER.info("%s: no plan: %s", source, joints)
+                self._note(Attempt(joints))
+                return None
         self.report("optimisation", 0.0)
         q = rows_between(rod, path, evenly_moved(rod, path, config.row_step))
         report = lambda share: self.report("optimisation", share)  # noqa: E731
-        smooth = optimize_in_space(q, self.problem, config.optimization, report, weights=CLEARANCE_WEIGHTS[-1:])
+        smooth = optimize_in_space(
+            q, self.problem, config.optimization, report, CLEARANCE_WEIGHTS[-1:], self._trees[way].space.arrays[4]
+        )
         for rows in (smooth, path):
             try:
                 plan = self._timed(rows, way)

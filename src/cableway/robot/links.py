@@ -110,14 +110,34 @@ def arm_clearances(lengths, base, joints, capsules, world, placed):
 
 
 @kernel
+def _balls(ends, capsules, out):
+    """Write centres and radii (k, 4) of balls about capsules with ends (k, 2, 3) into `out`."""
+    for k in range(len(ends)):
+        squared = 0.0
+        for i in range(3):
+            out[k, i] = 0.5 * (ends[k, 0, i] + ends[k, 1, i])
+            squared += (ends[k, 1, i] - ends[k, 0, i]) ** 2
+        out[k, 3] = 0.5 * math.sqrt(squared) + capsules.radius[k]
+
+
+@kernel
 def arms_gaps(left, left_capsules, right, right_capsules):
     """Distance (t,) of two arms from the ends of their capsules (t, k, 2, 3); not that of one tool from the other."""
     out = np.empty(len(left))
+    balls, others = np.empty((left.shape[1], 4)), np.empty((right.shape[1], 4))
     for t in range(len(left)):
         least = np.inf
+        _balls(left[t], left_capsules, balls)
+        _balls(right[t], right_capsules, others)
         for i in range(len(left_capsules.frame)):
             for j in range(len(right_capsules.frame)):
                 if i < left_capsules.hand or j < right_capsules.hand:
+                    near = least + balls[i, 3] + others[j, 3]
+                    squared = 0.0
+                    for k in range(3):
+                        squared += (balls[i, k] - others[j, k]) ** 2
+                    if near > 0.0 and squared >= near * near:
+                        continue
                     gap = segment_gap(left[t, i, 0], left[t, i, 1], right[t, j, 0], right[t, j, 1])
                     least = min(least, gap - left_capsules.radius[i] - right_capsules.radius[j])
         out[t] = least
