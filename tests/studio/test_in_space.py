@@ -33,6 +33,8 @@ from cableway.studio.opening import opened
 from cableway.studio.replanner import Answer, _answer
 from cableway.studio.running import Running, Wanted
 from cableway.studio.session import Session
+from cableway.studio.watch import Watch
+from cableway.workflow.events import Finished, Planned, Progress, Stepped
 from cableway.workflow.solve_in_space import SpatialOptions, SpatialRun, solve_in_space
 
 pytest.importorskip("coal")
@@ -207,6 +209,19 @@ def test_a_page_plays_a_run_in_space_by_itself(ran: Any):
     plan = json.loads(re.findall(r"const film = (.*);", film_page(run.task, run.plan))[0])
     assert len(plan["times"]) == len(plan["clearance"]) == run.plan.steps + 1
     assert min(plan["clearance"]) == pytest.approx(run.report.min_clearance, abs=2e-3)
+
+
+def test_a_run_in_space_from_elsewhere_is_watched(ran: Any):
+    pytest.importorskip("viser")
+    run, rows, _ = ran
+    with Watch(run.task, SpatialOptions(controller="open-loop"), patience=0.0) as watch:
+        for event in (Progress("search", 0.0), Planned(replace(run, rollout=None)), *map(Stepped, rows[:3])):
+            watch(event)
+        assert watch.session.planning.plans == (run.plan,)
+        assert watch.session.running is not None
+        assert watch.session.running.seen == rows[:3]
+        watch(Finished(run))
+        assert watch.session.running.run is run
 
 
 def test_a_run_in_space_is_kept_as_files_that_repeat_it(tmp_path: Path, ran: Any):

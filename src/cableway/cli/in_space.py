@@ -42,6 +42,7 @@ def leave_in_space(
     plan: Path | None = None,
     perturbation: SpatialPerturbation | None = None,
     video: bool = False,
+    watch: bool = False,
 ) -> int:
     """Plan, run where there is a controller, leave the files in the folder, show the report; the exit status.
 
@@ -53,7 +54,9 @@ def leave_in_space(
         plan: File of a plan of the task, in place of a new one.
         perturbation: How the simulated cable differs; not at all where None.
         video: Whether a video is made of the run.
+        watch: Whether the run is shown on a page; the command then goes on until that is closed.
     """
+    from cableway.cli.planning import both
     from cableway.core.files import only_writer
     from cableway.figures.space import spatial_plan_figure, spatial_rollout_figure
     from cableway.scene.files.saving import save_task
@@ -66,6 +69,7 @@ def leave_in_space(
         time_limit=options.time_limit - (clock() - since),
         clock=lambda: math.inf if INTERRUPTS.came else clock(),
     )  # fmt: skip
+    page = options.watched(task, chosen, terminal) if watch else None
     with only_writer(folder), terminal.progress() as progress:
 
         def on_event(event: Event) -> None:
@@ -77,7 +81,7 @@ def leave_in_space(
                 case _:
                     pass
 
-        run = solve_in_space(task, chosen, on_event)
+        run = solve_in_space(task, chosen, on_event if page is None else both(on_event, page))
         report, rollout = run.report, run.rollout
         outputs.clear(folder)
         if run.plan is not None:
@@ -97,4 +101,7 @@ def leave_in_space(
             write_video(folder / outputs.VIDEO, task, rollout, progress=progress)
     outputs.announce(terminal, folder, report)
     terminal.result(report.as_dict(), pairs(report.rows()))
+    if page is not None:
+        page.linger()
+        page.close()
     return 0 if report.success else 1

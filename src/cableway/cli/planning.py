@@ -21,10 +21,12 @@ from cableway.workflow.registry import CONTROLLERS, DEFAULT_PLANNER, Planner, ma
 if TYPE_CHECKING:
     from cableway.figures.style import Figure
     from cableway.planning.moved_ends import MovedEnds
+    from cableway.scene.files.loading import AnyTask
     from cableway.scene.task import Task
     from cableway.studio.watch import Watch
     from cableway.workflow.events import Event, OnEvent
     from cableway.workflow.run import Run, SolveOptions
+    from cableway.workflow.solve_in_space import SpatialOptions
 
 CONTROLLER_NAMES = "{" + ",".join(CONTROLLERS) + ",package.module:Class}"
 PLANNER_NAMES = "{" + ",".join(PLANNERS) + "}"
@@ -112,7 +114,7 @@ class PlanOptions(PictureOptions, TaskOptions):
         return replace(planner, config=replace(planner.config, pivot=pivot))
 
     @staticmethod
-    def _opened(task: Task, options: SolveOptions, terminal: Terminal) -> Watch:
+    def watched(task: AnyTask, options: SolveOptions | SpatialOptions, terminal: Terminal) -> Watch:
         """The page that shows a run."""
         import webbrowser
 
@@ -141,10 +143,10 @@ class PlanOptions(PictureOptions, TaskOptions):
         terminal, folder = Terminal(self), self.folder(task.name)
         left = max(self.time_limit - (clock() - since), LEAST_TIME)
         chosen = SolveOptions(planner=self.chosen_planner(), seed=self.seed or 0, time_limit=left, **options)
-        page = self._opened(task, chosen, terminal) if watch else None
+        page = self.watched(task, chosen, terminal) if watch else None
         with only_writer(folder), terminal.progress() as progress:
             shown = _shown(terminal, progress, folder, self.draw, tracked=chosen.track)
-            run = solve(self.moved, chosen, shown if page is None else _both(shown, page))
+            run = solve(self.moved, chosen, shown if page is None else both(shown, page))
             INTERRUPTS.release()
             if video and run.rollout is not None:
                 from cableway.figures.video import write_video
@@ -158,8 +160,8 @@ class PlanOptions(PictureOptions, TaskOptions):
         return 0 if run.success else 1
 
 
-def _both(first: OnEvent, second: OnEvent) -> OnEvent:
-    """Tells both of each event; what the first returns counts."""
+def both(first: OnEvent, second: OnEvent) -> OnEvent:
+    """What tells both of each event; what the first returns counts."""
 
     def on_event(event: Event) -> Any:
         second(event)
@@ -175,6 +177,7 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path, draw: Draw, *
     interrupt cancels the run, so that what was tracked until then is kept.
     """
     from cableway.workflow.events import CANCEL, Finished, Note, Planned, Progress
+    from cableway.workflow.run import Run
 
     def on_event(event: Event) -> str | None:
         match event:
@@ -182,11 +185,11 @@ def _shown(terminal: Terminal, progress: OnProgress, folder: Path, draw: Draw, *
                 progress(stage, share)
             case Note(text):
                 terminal.note(text)
-            case Planned(run):
+            case Planned(Run() as run):
                 INTERRUPTS.hold()
                 INTERRUPTS.kept = partial(outputs.listed, folder)
                 write_plans(folder, run, draw, tracked=tracked)
-            case Finished(run):
+            case Finished(Run() as run):
                 _write_rollouts(folder, run, draw)
         return CANCEL if INTERRUPTS.came else None
 

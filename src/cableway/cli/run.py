@@ -136,7 +136,7 @@ class Run(PlanOptions):
         default = {field.name: field.default for field in fields(self)}
         chosen = {
             f"--{name.replace('_', '-')}": getattr(self, name) != default[name]
-            for name in ("model", "adapt", "camera", "watch", "deadline", "speed", "dry_run")
+            for name in ("model", "adapt", "camera", "deadline", "speed", "dry_run")
         }
         refuse(task, self.planar_options() | chosen | {"--cell": self.cell is not None})
         controller = self.controller or next(iter(CONTROLLERS))
@@ -147,7 +147,7 @@ class Run(PlanOptions):
         perturbation = None if self.plant is None else read_spatial_perturbation(Path(self.plant), task)
         return leave_in_space(
             self, task, since, controller=controller, plan=self.plan_file, perturbation=perturbation,
-            video=not self.no_video,
+            video=not self.no_video, watch=self.watch,
         )  # fmt: skip
 
     def _eyes(self) -> EyesConfig | None:

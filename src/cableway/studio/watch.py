@@ -1,4 +1,4 @@
-"""Watching a run from elsewhere, as of the command line or a robot: its events on a page."""
+"""Watching a run from elsewhere, as of the command line or a robot, on a table or in space: its events on a page."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import time
 from pathlib import Path
 from typing import Any, Self
 
-from cableway.scene.task import Task
+from cableway.scene.files.loading import AnyTask
+from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.studio.pace import Pace
 from cableway.studio.replanner import Answer
 from cableway.studio.running import Running
@@ -14,6 +15,7 @@ from cableway.studio.session import Session
 from cableway.studio.studio import Studio
 from cableway.workflow.events import Event, Finished, Planned, Progress, Stepped
 from cableway.workflow.run import SolveOptions
+from cableway.workflow.solve_in_space import SpatialOptions
 
 PATIENCE = 15.0
 """Time [s] for which a run waits, before anything moves, until somebody has opened the page."""
@@ -23,7 +25,7 @@ LOOK = 0.1
 
 
 class Watch:
-    """A page on which a run is watched; an `on_event` of `cableway.workflow.solve.solve`.
+    """A page on which a run is watched; an `on_event` of `cableway.workflow.solve.solve`, and of `solve_in_space`.
 
         with Watch(task, options) as watch:
             run = solve(task, options, watch)
@@ -45,11 +47,17 @@ class Watch:
     """
 
     def __init__(
-        self, task: Task, options: SolveOptions, host: str = "127.0.0.1", port: int = 0, patience: float = PATIENCE
+        self,
+        task: AnyTask,
+        options: SolveOptions | SpatialOptions,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        patience: float = PATIENCE,
     ) -> None:
         self._options, self._patience, self._pace = options, patience, Pace()
         self._answer: Any = None
-        self.session = Session(task, options, self._begun, watched=True)
+        shown = options if isinstance(options, SolveOptions) else None
+        self.session = Session(task, shown, self._begun, watched=True)
         self._studio = Studio(task, host, port, Path("runs/studio"), session=self.session)
         self.address = self._studio.address
 
@@ -66,15 +74,14 @@ class Watch:
                 self._answer(Answer(0, stage=stage))
             case Planned(run):
                 self._answer(Answer(0, run))
-                if run.plan is not None and self._options.track:
+                options = self._options
+                follows = options.track if isinstance(options, SolveOptions) else options.controller is not None
+                if run.plan is not None and follows:
                     self._wait()
-                    options = self._options
+                    plant = options.perturbation or SpatialPerturbation()
                     self.session.begin(
-                        Running(
-                            task=run.task, plan=run.plan, controller=options.controller,
-                            perturbation=options.perturbation,
-                        )
-                    )  # fmt: skip
+                        Running(task=run.task, plan=run.plan, controller=options.controller, perturbation=plant)
+                    )
             case Stepped(row):
                 self._pace.keep(row.time)
                 self._answer(Answer(0, row=row))

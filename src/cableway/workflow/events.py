@@ -16,6 +16,7 @@ from cableway.core.errors import Cancelled
 if TYPE_CHECKING:
     from cableway.tracking import Row
     from cableway.workflow.run import Run
+    from cableway.workflow.solve_in_space import SpatialRun
 
 CANCEL = "cancel"
 """Returned by a callback to stop the run."""
@@ -53,7 +54,7 @@ class Planned:
         run: So far: the plan and its report, or the closest attempt where no plan was found.
     """
 
-    run: Run
+    run: Run | SpatialRun
 
 
 @dataclass(frozen=True)
@@ -72,10 +73,10 @@ class Finished:
     """The run is over.
 
     Attributes:
-        run: What `solve` returns.
+        run: What `solve` or `solve_in_space` returns.
     """
 
-    run: Run
+    run: Run | SpatialRun
 
 
 Event = Progress | Note | Planned | Stepped | Finished

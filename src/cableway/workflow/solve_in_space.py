@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.tracking import Row
 from cableway.verification.record import require_verified
 from cableway.workflow.compilation import COMPILING
-from cableway.workflow.events import Listener, Note, OnEvent, Progress
+from cableway.workflow.events import Finished, Listener, Note, OnEvent, Planned, Progress
 from cableway.workflow.run import TIME_LIMIT
 from cableway.workflow.spatial_run import follow_in_space, require_without_arms
 
@@ -59,6 +59,7 @@ class SpatialRun:
         plan: What was found, or followed.
         attempt: What came closest to a plan, where none was found.
         rollout: What happened along the plan.
+        timings: Wall time [s] of each stage of planning.
     """
 
     task: SpatialTask
@@ -66,6 +67,7 @@ class SpatialRun:
     plan: Plan | None = None
     attempt: Attempt | None = None
     rollout: Rollout | None = None
+    timings: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def success(self) -> bool:
@@ -81,7 +83,7 @@ def solve_in_space(
     Args:
         task: The task.
         options: How; the defaults where None.
-        on_event: Called with progress, notes and rows, see `cableway.workflow.events`; it may stop the run.
+        on_event: Called with each event, see `cableway.workflow.events`; it may stop the run.
 
     Returns:
         All there is, also where no plan was found: the report says why.
@@ -95,10 +97,12 @@ def solve_in_space(
     if options.controller is not None:
         require_without_arms(task)
     run = _planned(task, options, listener) if options.plan is None else _given(task, options.plan)
-    if options.controller is None or run.plan is None:
-        return run
-    listener.emit(Progress("run", 0.0))
-    return _followed(run, options, listener)
+    listener.emit(Planned(run))
+    if options.controller is not None and run.plan is not None:
+        listener.emit(Progress("run", 0.0))
+        run = _followed(run, options, listener)
+    listener.emit(Finished(run))
+    return run
 
 
 def _planned(task: SpatialTask, options: SpatialOptions, listener: Listener) -> SpatialRun:
@@ -115,11 +119,12 @@ def _planned(task: SpatialTask, options: SpatialOptions, listener: Listener) -> 
         failure, outcome, attempt = str(error), Outcome(error.outcome), error.attempt
     except Cancelled as error:
         failure, outcome = str(error), Outcome.INTERRUPTED
+    timings = {"planning": clock() - begun}
     report = Report(
-        task=task.name, outcome=outcome, failure=failure, seed=options.seed, planning_time=clock() - begun,
+        task=task.name, outcome=outcome, failure=failure, seed=options.seed, planning_time=timings["planning"],
         **_figures(plan),
     )  # fmt: skip
-    return SpatialRun(task=task, report=report, plan=plan, attempt=attempt)
+    return SpatialRun(task=task, report=report, plan=plan, attempt=attempt, timings=timings)
 
 
 def _given(task: SpatialTask, given: Plan | Path) -> SpatialRun:
