@@ -134,6 +134,8 @@ def main() -> None:
     spatial_planner.verify_spatial_plan = clock.verify
     for seed in (1, 2, 3):  # each source of samples has kernels of its own
         solve(random_spatial_task(seed, "window"), clock, WARM_UP)
+    if any(kind.endswith("-cell") for kind in given.kinds):
+        solve(random_spatial_task(1, "yu", cell="dual-ur5e"), clock, 4 * WARM_UP)
     rows, every = [TITLES], []
     for kind in given.kinds:
         found = planned(kind, clock, given)
