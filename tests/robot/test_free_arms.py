@@ -87,8 +87,7 @@ def test_a_shape_is_free_only_where_the_arms_can_be(narrow: cw.Task):
 def test_a_search_that_sees_the_arms_plans_what_they_cannot_follow_otherwise(
     narrow: cw.Task, monkeypatch: pytest.MonkeyPatch
 ):
-    config = PlannerConfig(initial_trajectories=("corridor", "anywhere"))
-    plan = cw.plan(narrow, config=config)
+    plan = cw.plan(narrow, config=PlannerConfig(initial_trajectories=("corridor", "anywhere")))
     way = Way.of_record(plan.metadata)
     assert way is not None
     arms = free_arms(narrow.held(way), plan.poses[:0])
@@ -97,4 +96,4 @@ def test_a_search_that_sees_the_arms_plans_what_they_cannot_follow_otherwise(
     monkeypatch.setattr(Search, "_held", lambda *_: [])
     monkeypatch.setattr(candidates, "_in_its_way", lambda task: task)
     with pytest.raises(PlanningError, match="the arms come"):
-        cw.plan(narrow, config=config)
+        cw.plan(narrow, config=PlannerConfig(initial_trajectories=("corridor",)))
