@@ -213,6 +213,8 @@ def test_a_page_plays_a_run_in_space_by_itself(ran: Any):
 
 def test_a_run_in_space_from_elsewhere_is_watched(ran: Any):
     pytest.importorskip("viser")
+    from cableway.studio.view.run_panel import PUSH, RunPanel
+
     run, rows, _ = ran
     with Watch(run.task, SpatialOptions(controller="open-loop"), patience=0.0) as watch:
         for event in (Progress("search", 0.0), Planned(replace(run, rollout=None)), *map(Stepped, rows[:3])):
@@ -220,6 +222,10 @@ def test_a_run_in_space_from_elsewhere_is_watched(ran: Any):
         assert watch.session.planning.plans == (run.plan,)
         assert watch.session.running is not None
         assert watch.session.running.seen == rows[:3]
+        for watched in (True, False):  # stopped or pushed at is only a run of one's own
+            panel = RunPanel(watch._studio.server.viser.gui, *[print] * 5)
+            panel.show(watch.session.running, 2, True, in_space=True, watched=watched)
+            assert (panel.start.disabled, PUSH in panel.said.content) == (watched, not watched)
         watch(Finished(run))
         assert watch.session.running.run is run
 

@@ -228,7 +228,9 @@ class Page:
             self._ran = record, Arms.of(draft, record) if isinstance(draft, Draft) else None
         arms = {"arms": self._ran[1]} if self._ran[1] is not None and self._with_arms.value else {}
         self._view.draw_run(self._canvas, draft, rows[row] if rows else None, **arms)
-        self._run_panel.show(running, row, self._session.planning.status == "found", in_space=self._in_space)
+        session = self._session
+        can_run = session.planning.status == "found"
+        self._run_panel.show(running, row, can_run, in_space=self._in_space, watched=session.watched)
 
     def _as_it_stands(self) -> AnyDraft:
         """The draft with what was pushed, or is being pushed, in its place."""

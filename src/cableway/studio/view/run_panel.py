@@ -79,8 +79,10 @@ class RunPanel:
             delay=self._delay.value or None,
         )
 
-    def show(self, running: Running | None, row: int, can_run: bool, *, in_space: bool = False) -> None:
-        """Show how far a run is, and one row of it."""
+    def show(
+        self, running: Running | None, row: int, can_run: bool, *, in_space: bool = False, watched: bool = False
+    ) -> None:
+        """Show how far a run is, and one row of it; one that is only watched is neither stopped nor pushed at."""
         for field, options in ((self._controller, CHOICES[in_space][0]), (self._plant, CHOICES[in_space][1])):
             if tuple(field.options) != options:
                 field.options = options
@@ -88,10 +90,10 @@ class RunPanel:
         if running is None:
             set_changed(self.said, "content", look.hint(NO_RUN))
         else:
-            told = [running.sentence, *([PUSH] if live and rows and not running.kept else [])]
+            told = [running.sentence, *([PUSH] if live and rows and not (running.kept or watched) else [])]
             set_changed(self.said, "content", look.sentences(told, _color(running)))
         set_changed(self.start, "label", "Stop" if live else "Run")
-        set_changed(self.start, "disabled", not (live or can_run))
+        set_changed(self.start, "disabled", watched or not (live or can_run))
         for field in (self.step, self.now, self._key, *self._clear):
             set_changed(field, "visible", len(rows) > 1)
         made = running is not None and running.rollout is not None and len(rows) > 1
