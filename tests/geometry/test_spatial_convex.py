@@ -149,6 +149,10 @@ def test_a_chain_is_as_near_as_its_nearest_point(solid):
     assert (found <= expected + 1e-9).all()
     np.testing.assert_allclose(found, expected, atol=2e-3)
     assert (index == 0).all()
+    for ceiling in np.quantile(found, (0.0, 0.3, 0.7, 1.0)):
+        capped, which = chain_distance(chains, world, ceiling)
+        np.testing.assert_array_equal(capped, np.minimum(found, ceiling))
+        np.testing.assert_array_equal(which, np.where(found < ceiling, 0, -1))
 
 
 def test_self_distance_is_that_of_parts_far_along_the_line():

@@ -16,7 +16,8 @@ from cableway.planning.spatial_optimization import SpatialCost, optimize_in_spac
 from cableway.planning.spatial_rrt import Trees, anywhere
 from cableway.planning.trajectory_optimization import TrajectoryOptimizationConfig
 from cableway.robot.free_arms import WANTED
-from cableway.robot.spatial_arms import CLEARANCES, SpatialArms, spatial_room_shortfall
+from cableway.robot.free_spatial_arms import CLEARANCES, spatial_room_shortfall
+from cableway.robot.spatial_arms import SpatialArms
 from cableway.scene.spatial.grippers import SpatialGrippers
 from cableway.tasks.space.generation import random_spatial_task
 

@@ -18,7 +18,8 @@ from cableway.geometry import rotations
 from cableway.planning.spatial_planner import plan_in_space
 from cableway.records import Plan, Verdict
 from cableway.robot.branches import SINGULAR
-from cableway.robot.spatial_arms import SpatialArms, SpatialWay, _arm_joints, _bends, _own_room
+from cableway.robot.free_spatial_arms import arm_joints, bends, own_room
+from cableway.robot.spatial_arms import SpatialArms, SpatialWay
 from cableway.scene.arm_models import ARM_MODELS
 from cableway.scene.cell import CELLS, TOOLS
 from cableway.scene.files.loading import load_task
@@ -113,9 +114,9 @@ def test_the_search_and_the_judge_agree_on_ways_of_holding(task: SpatialTask):
             other = (1 - one[0], *one[1:])
             *held, around = arms.held(together(*((one, other) if side == 0 else (other, one))))
             arm, joints = held[side], np.empty((1, 6))
-            if _arm_joints(poses[0, side], arm, joints[0]) >= SINGULAR:
+            if arm_joints(poses[0, side], arm, joints[0]) >= SINGULAR:
                 ends = np.empty((1, len(arm.capsules.frame), 2, 3))
-                reached.append((_own_room(arm, joints, stations[0], bool(side), around, 0.05, ends), one))
+                reached.append((own_room(arm, joints, stations[0], bool(side), around, 0.05, ends), one))
         return reached
 
     left, right = (reaching(side) for side in (0, 1))
@@ -141,18 +142,22 @@ def test_the_search_and_the_judge_agree_on_ways_of_holding(task: SpatialTask):
     assert min(found[each] for each in ("kept", "the arms alone", "something")) >= 2, found
 
 
-def test_slow_joints_are_given_the_time_that_they_need(task: SpatialTask):
+def at_speed(share: float, task: SpatialTask) -> SpatialTask:
+    """The task between arms whose joints turn at a share of the speed of a UR5e's."""
     assert task.cell is not None
     model = ARM_MODELS["ur5e"]
     d1, a2, a3, d4, d5, d6 = model.lengths
     turn = np.pi / 2
-    slow = OwnArm(
-        name="slow", like="ur5e", capsules=model.capsules,
-        speed_limit=tuple(0.1 * speed for speed in model.speed_limit),
+    other = OwnArm(
+        name="other", like="ur5e", capsules=model.capsules,
+        speed_limit=tuple(share * speed for speed in model.speed_limit),
         dh=((0, d1, turn), (a2, 0, 0), (a3, 0, 0), (0, d4, turn), (0, d5, -turn), (0, d6, 0)),
     )  # fmt: skip
-    cell = replace(task.cell, arms=tuple(replace(arm, model=slow) for arm in task.cell.arms))
-    slower = plan_in_space(task.in_cell(cell))
+    return task.in_cell(replace(task.cell, arms=tuple(replace(arm, model=other) for arm in task.cell.arms)))
+
+
+def test_slow_joints_are_given_the_time_that_they_need(task: SpatialTask):
+    slower = plan_in_space(at_speed(0.1, task))
     assert slower.verdict is not None
     assert slower.verdict.passed
     (speed,) = (check for check in slower.verdict.checks if check.name == "joint speed")
@@ -166,12 +171,14 @@ def test_where_rows_are_far_apart_a_tool_is_off_its_way_as_the_judge_has_it(task
         few = replace(plan, **{name: getattr(plan, name)[::stride] for name in names})
         assert few.joints is not None
         judged = {check.name: check.value for check in spatial_arm_checks(few, task)}
-        bends = np.empty((2, len(few.joints) - 1, 2))
-        for arm, joints, out in zip(arms.held(way)[:2], few.joints.swapaxes(0, 1), bends, strict=True):
-            _bends(arm, np.ascontiguousarray(joints), out)
-        off, turn = bends.max(axis=(0, 1))
+        found = np.empty((2, len(few.joints) - 1, 2))
+        for arm, joints, out in zip(arms.held(way)[:2], few.joints.swapaxes(0, 1), found, strict=True):
+            bends(arm, np.ascontiguousarray(joints), out)
+        off, turn = found.max(axis=(0, 1))
         assert off == pytest.approx(judged["tool distance"], rel=0.02)
         assert turn == pytest.approx(judged["tool angle"], rel=0.15)
+        steps = SpatialArms(at_speed(10.0, task)).effort(few.joints, way)
+        assert steps.max() == pytest.approx(max(off / 0.8e-3, turn / 8e-3) ** 0.5, rel=1e-6)
         followed = arms.along(few.poses, stations[::stride], way)
         assert isinstance(followed, str) == (stride > 3)
 

@@ -22,7 +22,7 @@ from cableway.geometry.spatial_convex_kernels import self_distance
 from cableway.motion import spatial_kernels
 from cableway.motion.limits import Margins
 from cableway.motion.spatial_kernels import OTHER, WORLD
-from cableway.robot.spatial_arms import FreeSpatialArms
+from cableway.robot.free_spatial_arms import FreeSpatialArms
 from cableway.rod.spatial import SpatialRod
 from cableway.scene.grippers import Grippers
 from cableway.scene.spatial.grippers import SpatialBody
@@ -286,6 +286,11 @@ class SpatialFreeSpace:
             self_distance=min(2 * problem.radius + margins.self_distance, selves - 1e-9),
         )
         return cls((rod.arrays, problem.world.arrays, limits, arrays, arms))
+
+    @property
+    def arms(self) -> FreeSpatialArms | None:
+        """What holds the grippers, if anything does."""
+        return self.arrays[4]
 
     def are_free(self, q: Float[np.ndarray, "k 12"]) -> Bool[np.ndarray, "k"]:
         """Which configurations are free."""

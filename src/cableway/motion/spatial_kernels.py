@@ -2,7 +2,7 @@
 
 A `space` is (rod, world, limits, bodies, arms): parameters and stiffness of the rod (`cableway.rod.spatial_kernels`),
 the arrays of a `SpatialWorld`, `SpatialLimits`, the arrays of `SpatialBodies`, of which the last are those of its
-hulls, or None, and the arms of `cableway.robot.spatial_arms`, or None.
+hulls, or None, and the arms of `cableway.robot.free_spatial_arms`, or None.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cableway.core.compiled import inlined, kernel
 from cableway.geometry.pose_kernels import product, quaternion_of, turned, vector_of
 from cableway.geometry.spatial_convex_kernels import box_gap, nearest_solid, points_keep, self_distance
 from cableway.geometry.spatial_pair_kernels import ROOM, core_depth, core_gap, solid_core
-from cableway.robot.spatial_arms import spatial_arms_keep, spatial_arms_reach
+from cableway.robot.free_spatial_arms import spatial_arms_keep, spatial_arms_reach
 from cableway.rod.spatial_kernels import held_shape
 from cableway.rod.spatial_stability import has_margin
 

@@ -33,7 +33,7 @@ from cableway.planning.trajectory_optimization import (
     TrajectoryOptimizationConfig,
 )
 from cableway.robot.free_arms import WANTED
-from cableway.robot.spatial_arms import FreeSpatialArms, spatial_room_shortfall
+from cableway.robot.free_spatial_arms import FreeSpatialArms, spatial_room_shortfall
 
 LEVER = 0.15
 """Distance of the point beside each gripper, in lengths of the cable."""

@@ -30,7 +30,8 @@ from cableway.planning.spatial_optimization import optimize_in_space
 from cableway.planning.spatial_rrt import Sampler, Trees, about_path, about_shapes, anywhere, bursts
 from cableway.planning.trajectory_optimization import CLEARANCE_WEIGHTS, TrajectoryOptimizationConfig
 from cableway.records import Attempt, Plan, Verdict
-from cableway.robot.spatial_arms import FreeSpatialArms, SpatialArms, SpatialWay
+from cableway.robot.free_spatial_arms import FreeSpatialArms
+from cableway.robot.spatial_arms import SpatialArms, SpatialWay
 from cableway.rod.spatial_lag import spatial_lag
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.task import CONTROL_STEP
@@ -228,7 +229,7 @@ class _Search:
         q = rows_between(rod, path, evenly_moved(rod, path, config.row_step))
         report = lambda share: self.report("optimisation", share)  # noqa: E731
         smooth = optimize_in_space(
-            q, self.problem, config.optimization, report, CLEARANCE_WEIGHTS[-1:], self._trees[way].space.arrays[4]
+            q, self.problem, config.optimization, report, CLEARANCE_WEIGHTS[-1:], self._trees[way].space.arms
         )
         for rows in (smooth, path):
             try:
