@@ -15,10 +15,12 @@ import pytest
 from cableway.cli.entry import main
 from cableway.core.errors import InputError, PlanningError, TaskError
 from cableway.geometry import rotations
+from cableway.geometry.spatial_convex_kernels import chain_distances
 from cableway.planning.spatial_planner import plan_in_space
 from cableway.records import Plan, Verdict
 from cableway.robot.branches import SINGULAR
 from cableway.robot.free_spatial_arms import arm_joints, bends, own_room
+from cableway.robot.links import arm_clearances
 from cableway.robot.spatial_arms import SpatialArms, SpatialWay
 from cableway.scene.arm_models import ARM_MODELS
 from cableway.scene.cell import CELLS, TOOLS
@@ -140,6 +142,33 @@ def test_the_search_and_the_judge_agree_on_ways_of_holding(task: SpatialTask):
             assert min(clear.values()) > 0.0099
             found["kept"] += 1
     assert min(found[each] for each in ("kept", "the arms alone", "something")) >= 2, found
+
+
+def test_the_room_of_an_arm_is_what_points_all_along_it_have(task: SpatialTask):
+    """From a cable laid at random beside a link or the hand, from obstacles, table and itself."""
+    ways, rng, nearest = SpatialArms(task).ways(), np.random.default_rng(1), Counter()
+    assert not isinstance(ways, str)
+    arm, _, around = SpatialArms(task).held(ways[0])
+    around, capsules = around._replace(clearance=-np.inf), arm.capsules
+    shares, line = np.linspace(0, 1, 61)[:, None], np.linspace(-0.15, 0.15, 25)[:, None]
+    for trial in range(60):
+        joints, placed = rng.uniform(-2.5, 2.5, (1, 6)), np.empty((1, len(capsules.frame), 2, 3))
+        others = arm_clearances(arm.lengths, arm.base, joints, capsules, around.table, placed)[0]
+        along, beside = (each / np.linalg.norm(each) for each in rng.normal(size=(2, 3)))
+        stations = placed[0, trial % len(capsules.frame), 0] + rng.uniform(0.05, 0.25) * beside + line * along
+        room = own_room(arm, joints, stations, bool(trial % 2), around, 0.1, placed.copy())
+        cable = np.inf
+        for k, (start, end) in enumerate(placed[0]):
+            world = around.worlds[0 if capsules.frame[k] >= 2 else 1]
+            others = min(others, chain_distances(placed[:, k], world, np.inf)[0][0] - capsules.radius[k])
+            held = stations[::-1] if trial % 2 else stations
+            free = held[np.ceil(around.held / 0.3 * 24).astype(int) :] if k >= capsules.hand else held
+            dense = np.concatenate([free[:-1] + share * np.diff(free, axis=0) for share in shares[::3]])
+            apart = np.linalg.norm((start + shares * (end - start))[:, None] - dense, axis=2).min()
+            cable = min(cable, apart - capsules.radius[k] - around.radius)
+        nearest["cable" if cable < min(others, 0.1) else "others" if others < 0.1 else "nothing"] += 1
+        assert room == pytest.approx(min(cable, others, 0.1), abs=2e-3)
+    assert nearest["cable"] > 10
 
 
 def at_speed(share: float, task: SpatialTask) -> SpatialTask:
