@@ -15,7 +15,7 @@ import pytest
 from cableway.cli.entry import main
 from cableway.core.errors import InputError, PlanningError, TaskError
 from cableway.geometry import rotations
-from cableway.geometry.spatial_convex_kernels import chain_distances
+from cableway.geometry.spatial_convex import SpatialWorld, signed_distance
 from cableway.planning.spatial_planner import plan_in_space
 from cableway.records import Plan, Verdict
 from cableway.robot.branches import SINGULAR
@@ -84,6 +84,8 @@ def test_a_plan_between_arms_is_made_that_a_plan_for_grippers_alone_is_not(task:
     assert plan.verdict is not None
     assert plan.verdict.passed
     assert {"tool distance", "arm clearance from the cable"} <= {check.name for check in plan.verdict.checks}
+    made = min(check.value for check in spatial_arm_checks(plan, task) if check.name.startswith("arm clearance"))
+    assert made > 0.011, "the optimisation makes more room than the search"
     alone = plan_in_space(replace(task, cell=None))
     assert alone.joints is None
     arms, ways = SpatialArms(task, 0.0), SpatialArms(task).ways()
@@ -145,30 +147,35 @@ def test_the_search_and_the_judge_agree_on_ways_of_holding(task: SpatialTask):
 
 
 def test_the_room_of_an_arm_is_what_points_all_along_it_have(task: SpatialTask):
-    """From a cable laid at random beside a link or the hand, from obstacles, table and itself."""
+    """From a cable and a ball at random beside a link or the hand, from the table and itself."""
     ways, rng, nearest = SpatialArms(task).ways(), np.random.default_rng(1), Counter()
     assert not isinstance(ways, str)
     arm, _, around = SpatialArms(task).held(ways[0])
     around, capsules = around._replace(clearance=-np.inf), arm.capsules
     shares, line = np.linspace(0, 1, 61)[:, None], np.linspace(-0.15, 0.15, 25)[:, None]
-    for trial in range(60):
+    for trial in range(120):
         joints, placed = rng.uniform(-2.5, 2.5, (1, 6)), np.empty((1, len(capsules.frame), 2, 3))
         others = arm_clearances(arm.lengths, arm.base, joints, capsules, around.table, placed)[0]
         along, beside = (each / np.linalg.norm(each) for each in rng.normal(size=(2, 3)))
-        stations = placed[0, trial % len(capsules.frame), 0] + rng.uniform(0.05, 0.25) * beside + line * along
+        at = placed[0, trial % len(capsules.frame), 0]
+        stations = at + rng.uniform(0.05, 0.25) * beside + line * along
+        ball = Sphere(center=tuple(at - rng.uniform(0.1, 0.3) * beside), radius=0.05).solid
+        solid = SpatialWorld.of([ball], np.full(3, 200.0), np.full(3, -100.0))
+        around = around._replace(worlds=(solid.arrays, solid.arrays))
         room = own_room(arm, joints, stations, bool(trial % 2), around, 0.1, placed.copy())
-        cable = np.inf
+        cable = world = np.inf
         for k, (start, end) in enumerate(placed[0]):
-            world = around.worlds[0 if capsules.frame[k] >= 2 else 1]
-            others = min(others, chain_distances(placed[:, k], world, np.inf)[0][0] - capsules.radius[k])
+            away = signed_distance(start + shares * (end - start), solid)[0].min() - capsules.radius[k]
+            world = min(world, away)
             held = stations[::-1] if trial % 2 else stations
             free = held[np.ceil(around.held / 0.3 * 24).astype(int) :] if k >= capsules.hand else held
             dense = np.concatenate([free[:-1] + share * np.diff(free, axis=0) for share in shares[::3]])
             apart = np.linalg.norm((start + shares * (end - start))[:, None] - dense, axis=2).min()
             cable = min(cable, apart - capsules.radius[k] - around.radius)
-        nearest["cable" if cable < min(others, 0.1) else "others" if others < 0.1 else "nothing"] += 1
-        assert room == pytest.approx(min(cable, others, 0.1), abs=2e-3)
-    assert nearest["cable"] > 10
+        rooms = {"cable": cable, "ball": world, "others": others, "nothing": 0.1}
+        nearest[min(rooms, key=lambda name: rooms[name])] += rooms["ball"] > 0
+        assert room == pytest.approx(min(rooms.values()), abs=2e-3)
+    assert min(nearest["cable"], nearest["ball"]) > 5
 
 
 def at_speed(share: float, task: SpatialTask) -> SpatialTask:
