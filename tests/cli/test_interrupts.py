@@ -18,10 +18,12 @@ from typing import Any
 
 import pytest
 from commands import Command
+from spatial_problems import ball_task
 
 from cableway.cli import outputs
 from cableway.cli.interrupts import INTERRUPTS, Interrupted
 from cableway.records import Plan, Rollout
+from cableway.scene.files.saving import save_task
 from cableway.tasks.generation import random_task
 
 READY = 60.0
@@ -51,6 +53,12 @@ def planned(out: Path) -> bool:
     return (out / "plan.png").exists()
 
 
+def in_space(folder: Path, _: Path) -> Path:
+    pytest.importorskip("coal")
+    save_task(ball_task(), folder / "ball.yaml")
+    return folder / "ball.yaml"
+
+
 @pytest.mark.parametrize(
     ("number", "status", "sentence"),
     [
@@ -59,10 +67,11 @@ def planned(out: Path) -> bool:
         (signal.SIGKILL, -signal.SIGKILL, ""),
     ],
 )
+@pytest.mark.parametrize("task_file", [lambda _, moved: moved, in_space], ids=["on a table", "in space"])
 def test_a_run_that_is_interrupted_keeps_its_plan_and_what_was_tracked(
-    tmp_path: Path, moved_file: Path, number: int, status: int, sentence: str
+    tmp_path: Path, moved_file: Path, number: int, status: int, sentence: str, task_file: Callable[[Path, Path], Path]
 ):
-    ended, said = interrupted(tmp_path, ["run", str(moved_file)], number, planned)
+    ended, said = interrupted(tmp_path, ["run", str(task_file(tmp_path, moved_file))], number, planned)
     left = {path.name for path in (tmp_path / "o").iterdir()}
     kept = ", ".join(name for name in outputs.ALL if name in left)
     assert (ended, said) == (status, sentence.format(tmp_path / "o", kept))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,13 +58,17 @@ def leave_in_space(
         video: Whether a video is made of the run.
         watch: Whether the run is shown on a page; the command then goes on until that is closed.
     """
-    from cableway.cli.planning import both
+    from cableway.cli.planning import UNTRACKED, both
     from cableway.core.files import only_writer
     from cableway.figures.space import spatial_plan_figure, spatial_rollout_figure
+    from cableway.outcome import Outcome
     from cableway.scene.files.saving import save_task
-    from cableway.workflow.events import Event, Note, Progress
-    from cableway.workflow.solve_in_space import SpatialOptions, solve_in_space
+    from cableway.workflow.events import CANCEL, Event, Note, Planned, Progress
+    from cableway.workflow.solve_in_space import SpatialOptions, SpatialRun, solve_in_space
+    from cableway.workflow.spatial_run import require_without_arms
 
+    if controller is not None:
+        require_without_arms(task)
     terminal, folder = Terminal(options), options.folder(task.name)
     chosen = SpatialOptions(
         plan=plan, controller=controller, perturbation=perturbation, seed=options.seed or 0,
@@ -72,27 +78,37 @@ def leave_in_space(
     page = options.watched(task, chosen, terminal) if watch else None
     with only_writer(folder), terminal.progress() as progress:
 
-        def on_event(event: Event) -> None:
+        def on_event(event: Event) -> str | None:
             match event:
                 case Progress(stage, share):
                     progress(stage, share)
                 case Note(text):
                     terminal.note(text)
+                case Planned(SpatialRun() as run):
+                    INTERRUPTS.hold()
+                    INTERRUPTS.kept = partial(outputs.listed, folder)
+                    leave_plan(run)
                 case _:
                     pass
+            return CANCEL if INTERRUPTS.came else None
+
+        def leave_plan(run: SpatialRun) -> None:
+            outputs.clear(folder)
+            if run.plan is not None:
+                run.plan.save(folder / outputs.PLAN)
+            save_task(task, folder / outputs.TASK)
+            report, failure = run.report, None if run.plan is not None else run.report.failure
+            if controller is not None and run.plan is not None:
+                report = replace(report, outcome=Outcome.INTERRUPTED, failure=UNTRACKED)
+            outputs.write_report(folder, report)
+            options.draw(spatial_plan_figure(task, run.plan or run.attempt, failure), folder / outputs.PLAN_PICTURE)
 
         run = solve_in_space(task, chosen, on_event if page is None else both(on_event, page))
         report, rollout = run.report, run.rollout
-        outputs.clear(folder)
-        if run.plan is not None:
-            run.plan.save(folder / outputs.PLAN)
         if rollout is not None:
             rollout.save(folder / outputs.ROLLOUT)
-        save_task(task, folder / outputs.TASK)
         outputs.write_report(folder, report)
-        failure = report.failure if rollout is None else None
-        figure = spatial_plan_figure(task, run.plan or run.attempt, failure)
-        options.draw(figure, folder / outputs.PLAN_PICTURE)
+        INTERRUPTS.release()
         if rollout is not None:
             options.draw(spatial_rollout_figure(task, rollout, report.failure), folder / outputs.ROLLOUT_PICTURE)
         if rollout is not None and video:
