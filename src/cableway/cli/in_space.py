@@ -108,9 +108,9 @@ def leave_in_space(
         if rollout is not None:
             rollout.save(folder / outputs.ROLLOUT)
         outputs.write_report(folder, report)
-        INTERRUPTS.release()
         if rollout is not None:
             options.draw(spatial_rollout_figure(task, rollout, report.failure), folder / outputs.ROLLOUT_PICTURE)
+        INTERRUPTS.release()
         if rollout is not None and video:
             from cableway.figures.video import write_video
 
