@@ -72,6 +72,23 @@ def test_noise_does_not_bring_a_cable_near() -> None:
     assert told(PLAN.shapes[0] + rng.normal(0.0, 0.002, (500, 13, 2)), task) is None
 
 
+@pytest.mark.parametrize(("goal", "times"), [(0.005, 2), (0.01, 0)])
+def test_a_cable_that_lies_near_something_is_not_replanned_for_ever(goal: float, times: int) -> None:
+    """Its plan has more room than it has. Where it is near enough to its goal, it has arrived; where it is not, a new
+    plan is made as it is stopped, and one as it comes to rest."""
+    plant = QuasiStaticPlant(TASK, PLAN.q[0], UNIFORM)
+    shape = PLAN.shapes[0]
+    plant.task = beside(shape[6], outward(shape), NEAR / 2)
+    away = shape - 0.012 * BUMP * outward(shape)
+    staying = replace(
+        PLAN, shapes=np.repeat(away[None], 41, axis=0), poses=np.repeat(PLAN.poses[:1], 41, axis=0), q=None
+    )
+    recovery = Recovery(replan=lambda task, left: staying, start=1.0, deviation=1.0, beside=1.0, goal=goal)
+    stayed = track(plant, OpenLoop(), staying, recovery=recovery)
+    assert stayed.outcome is Outcome.SETTLED
+    assert len(stayed.metadata["recovered"]) == times
+
+
 def test_it_is_stopped_before_it_touches() -> None:
     """Another cable bends into a disc that the plan keeps clear of, while it is near its plan as a whole."""
     rod = TASK.cable.estimated(0.3, (0.6, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0)).rod

@@ -53,6 +53,10 @@ AHEAD = 2
 NEAR = 0.006
 """Clearance [m] so extrapolated from which a cable that is as much nearer than its plan is about to touch something."""
 
+NEARER = 0.001
+"""How much less clearance [m], the same, than where a new plan began means that the cable is about to touch something,
+where it is that near from the beginning. By nearness alone a cable that lies still would be replanned for ever."""
+
 ROWS_APART = 4
 """Rows of the plan from one that is looked at to the next."""
 
@@ -70,6 +74,7 @@ class Watch:
         self._off = 0
         self._checked: tuple[Plan, Scene, Float[np.ndarray, "t"]] | None = None
         self._recent: deque[float] = deque(maxlen=AHEAD + 1)
+        self._near = NEAR
         self.recovered: list[float] = []
         self._missed = math.inf
         self.friction = 0.0
@@ -126,7 +131,7 @@ class Watch:
             return False
         now, row = self._recent[-1], round(progress * plan.steps)
         planned = float(self._kept(task, plan)[max(0, row - AHEAD) : row + 1].min())
-        return 2 * now - self._recent[0] < NEAR and planned - now - swing(task) > NEAR
+        return 2 * now - self._recent[0] < self._near and planned - now - swing(task) > NEAR
 
     def is_off_goal(self, observation: Observation, plan: Plan, task: Task) -> bool:
         """Whether the cable came to rest away from where the plan ends, and nearer than the last time.
@@ -138,6 +143,10 @@ class Watch:
             return False
         self._missed = off
         return True
+
+    def _is_at(self, keypoints: Float[np.ndarray, "n 2"], shape: Float[np.ndarray, "n 2"]) -> bool:
+        """Whether a cable at rest is as near to a shape as it must be to its goal."""
+        return observed.root_mean_square(np.linalg.norm(keypoints - shape, axis=1)) < self._recovery.goal
 
     def is_blocked(self, task: Task, plan: Plan, progress: float) -> bool:
         """Whether what is left of a plan after a share of it leads into something."""
@@ -180,9 +189,9 @@ class Watch:
 
         Args:
             loop: The run.
-            contact: As the controller has it; None where the cable has only left its plan. Where nothing is seen to
-                hold it then, either, a plan is made from where it is. Of a cable that swings, or that friction holds,
-                that cannot be seen.
+            contact: As the controller has it; None where the cable has only left its plan. Where it then rests where
+                the plan ends, the run has settled; where nothing is seen to hold it, either, a plan is made from where
+                it is. Of a cable that swings, or that friction holds, that cannot be seen.
 
         Returns:
             How the run ended, if it did.
@@ -194,6 +203,9 @@ class Watch:
         seen = self._rested(loop, status, self._rest // 2)
         if isinstance(seen, Ending) and seen.outcome is not Outcome.NO_PLAN:
             return seen
+        if contact is None and not isinstance(seen, Ending) and self._is_at(seen, loop.plan.shapes[-1]):
+            LOGGER.info("at %.1f s: stopped where the plan ends", loop.time)
+            return Ending(Outcome.SETTLED)
         contacts = [] if hidden or isinstance(seen, Ending) else self._contacts(loop, seen, status)
         if isinstance(contacts, Ending):
             return contacts
@@ -307,6 +319,7 @@ class Watch:
             return Ending(failed, str(error))
         self._off = 0
         self._recent.clear()
+        self._near = min(NEAR, float(room.min()) - NEARER)
         self.recovered.append(loop.time)
         LOGGER.info("from %.1f s on: a new plan of %d steps", loop.time, loop.plan.steps)
         return None
