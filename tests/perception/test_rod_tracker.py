@@ -105,9 +105,11 @@ def test_what_is_no_cable_is_left_out_and_counted():
     shown = view(line)
     mask = shown.mask.copy()
     mask[440:446, 100:500] = True  # a stripe as wide as the cable
-    alone, beside = followed(shown), followed(replace(shown, mask=mask))
+    alone, beside = followed(shown), followed(replace(shown, mask=mask), frames=1)
     assert beside.unexplained > 0.3
     assert beside.explained, "all of the cable is seen, so that this is another one"
+    beside = followed(replace(shown, mask=mask))
+    assert beside.unexplained < 0.05, "it is known by now"
     np.testing.assert_allclose(beside.observation.keypoints, alone.observation.keypoints, atol=1e-9)
     hiding = np.zeros_like(mask)
     hiding[:430, 320:] = True
@@ -115,6 +117,41 @@ def test_what_is_no_cable_is_left_out_and_counted():
     assert hidden.hidden > 0.3
     assert not hidden.explained, "it may be the half of the cable that is not seen"
     assert followed(replace(shown, hiding=hiding)).explained
+
+
+def test_what_lay_there_while_the_cable_was_seen_is_no_part_of_it_once_that_is_hidden():
+    """But what comes then may be; and where nothing lies any more, the next that does is unknown again."""
+    _, line = true_cable()
+    shown, tracker = view(line), RodTracker(CABLE, 0.1)
+    stripes = [shown.mask.copy(), shown.mask.copy()]
+    stripes[0][440:446, 100:500] = stripes[1][460:466, 100:500] = True
+    hiding = np.zeros_like(shown.mask)
+    hiding[:430, 320:] = True
+
+    def told(*views: View) -> bool:
+        track = tracker.start(POSES, NOMINAL)
+        for k, each in enumerate(views):
+            track, seen = tracker.update(track, [each], POSES, 0.1 * k)
+        return seen.explained
+
+    first, other = (replace(shown, mask=mask) for mask in stripes)
+    half, half_other = (replace(each, hiding=hiding) for each in (first, other))
+    assert told(first, first, half)
+    assert not told(half)
+    assert not told(first, first, half_other)
+    assert not told(first, shown, half)
+
+
+def test_a_cable_that_is_curved_like_no_rod_at_its_gripper_is_known_where_all_of_it_is_seen():
+    """The rod leaves its gripper askew there; where some of the cable is hidden, it may be anywhere."""
+    _, line = true_cable()
+    turned = POSES + [[0.0, 0.0, 0.6], [0.0, 0.0, 0.0]]
+    shown, tracker = view(line), RodTracker(CABLE, 0.1, TrackerConfig(most_askew=2.0))
+    assert followed(shown, poses=turned, tracker=tracker).explained
+    hand = np.zeros_like(shown.mask)
+    hand[:, 300:360] = True
+    assert followed(replace(shown, hiding=hand), tracker=tracker).explained
+    assert not followed(replace(shown, hiding=hand), poses=turned, tracker=tracker).explained
 
 
 def test_points_on_the_rod_change_no_parameter():

@@ -84,8 +84,9 @@ class CurveFit:
         off: (b,) distances of all marks from their keypoints [m]; NaN for those of something else.
         strain: How improbable the rod is by what was known before: the distance of theta from that, in standard
             deviations, over the root of how many numbers it has.
-        askew: Largest number by which an end is off where its gripper would hold it, in standard deviations of the
+        astray: Largest number by which an end is off where its gripper would hold it, in standard deviations of the
             prior of that.
+        askew: The same of its turn.
     """
 
     stations: Float[np.ndarray, "s 2"]
@@ -95,6 +96,7 @@ class CurveFit:
     marks: Float[np.ndarray, "n 2"]
     off: Float[np.ndarray, "b"]
     strain: float
+    astray: float
     askew: float
 
     def places(self, at: Float[np.ndarray, "m"]) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
@@ -195,13 +197,14 @@ class CurveEstimator(RodEstimator):
         spread = _inverse_root(normal)
         deviations = (held.rates / self._spread[:, None]) @ spread
         strain = float(np.linalg.norm(root @ (held.theta - expected))) / math.sqrt(len(expected))
-        askew = float(np.abs(held.theta[GRASPS] / self._spread[GRASPS]).max())
+        off = np.abs(held.theta[GRASPS] / self._spread[GRASPS]).reshape(2, -1)
+        astray, askew = float(off[:, :-1].max()), float(off[:, -1].max())
         estimate = replace(
             estimate, theta=held.theta, covariance=deviations @ deviations.T, q=x[: self.rod.dof],
             updates=estimate.updates + 1,
         )  # fmt: skip
-        seen, off = self._marked(marks, blobs, held)
-        return estimate, CurveFit(held.stations, held.by_x @ spread, at, residuals, seen, off, strain, askew)
+        seen, beside = self._marked(marks, blobs, held)
+        return estimate, CurveFit(held.stations, held.by_x @ spread, at, residuals, seen, beside, strain, astray, askew)
 
     def _held_by(self, x: Float[np.ndarray, "m"], poses: Float[np.ndarray, "2 3"]) -> _Held:
         """See `curve_kernels.held`."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import KDTree
 
 from cableway.core.checks import Checked, NotNegative, Positive, Share
 from cableway.core.errors import InputError
@@ -41,6 +42,17 @@ seen: it hooks at a gripper to do so. That of cables in the first picture is bel
 LESS = 0.7
 """Share of how badly the rod explains a frame that another shape of it must stay below to take its place."""
 
+CELL = 0.004
+"""Side of the squares [m] in which it is remembered that something else was seen there."""
+
+CLEAR = 0.05
+"""Share of the rod that may be missing for what is seen beside it to be something else for certain: a rod that is
+elsewhere than the cable is not seen."""
+
+ASKEW_HIDDEN = 0.1
+"""Share of the rod that may be hidden, and of the points that may be something else's, for a rod that leaves its
+gripper askew to be where the cable is: it is seen from end to end, and is curved more there than a rod can be."""
+
 PARAMETERS = EstimatorConfig(grasp=0.003)
 """The prior of the rod. What was seen of it is remembered as long as by controllers: where the memory was a third of
 that, what arms hide for a few seconds was less sure, and off by more, though friction and lag change the shape."""
@@ -58,12 +70,14 @@ class TrackerConfig(Checked):
         mark: Standard deviation [m] of where a marker is seen.
         sure: Standard deviation of a keypoint [m] at which its confidence is one half.
         patience: Time [s] from one look for another shape to the next one, where the rod does not explain what is seen.
-        most_unexplained: Share of the points that are something else's, from which on the rod explains too little; no
-            more of them count than of the rod is not seen, for the rest of the cable is where it should be.
+        most_unexplained: Share of the points that may be something else's, from which on the rod explains too little;
+            no more of them count than of the rod is not seen, for the rest of the cable is where it should be, and none
+            of them where the same was seen while the cable was known to be elsewhere.
         most_missing: Share of the rod that should be seen and is not, the same.
         most_residual: Root mean square distance [m] of the points from the rod, the same.
         most_askew: How far an end of the rod is from where its gripper would hold it, in standard deviations of the
-            prior of that, the same.
+            prior of that, the same; and how far turned, unless nearly all that is seen is the rod, and nearly all of it
+            is seen.
         most_unsure: Standard deviation of a keypoint [m] from which on they cannot be relied on.
 
     Raises:
@@ -92,12 +106,14 @@ class Track:
         estimate: Of the rod.
         field: How far the cable lies beside it.
         poses: Of the grippers at the last frame [m, m, rad].
+        others: (k, 2) where something else lies that looks like the cable [m].
         looked: When the cable was last looked for anew [s].
     """
 
     estimate: RodEstimate
     field: DeviationField
     poses: Float[np.ndarray, "2 3"]
+    others: Float[np.ndarray, "k 2"]
     looked: float = -math.inf
 
 
@@ -125,7 +141,8 @@ class Sighting:
         observation: Keypoints, hidden ones included, with confidence; the grippers as measured.
         keypoints: (n, 2) of the rod [m], all of them: those of the observation, unless that is of markers.
         covariance: (n, 2, 2) of these [m^2].
-        unexplained: Share of the points seen that are not on the rod; 0 where none is seen.
+        unexplained: Share of the points seen, but for those of what is known to be something else, that are not on the
+            rod; 0 where none is seen.
         missing: Share of the rod in view, and hidden by nothing known, where no cable is seen.
         hidden: Share of the rod that no camera shows.
         residual: Root mean square distance [m] of the points on the rod from it; 0 where none is seen.
@@ -179,7 +196,7 @@ class RodTracker:
         field = DeviationField.unknown(self._cable.keypoints, self._config.beside, self._config.reach)
         rod = self._cable.rod
         q = rod.continued(q, poses)
-        return Track(self._estimator.start(q), field, SE2.continued(poses, rod.end_poses(q[None])[0]))
+        return Track(self._estimator.start(q), field, SE2.continued(poses, rod.end_poses(q[None])[0]), np.empty((0, 2)))
 
     def found(self, views: Sequence[View], poses: Float[np.ndarray, "2 3"]) -> Track:
         """Before the first frame, with the shape of the nominal cable that fits the pictures best.
@@ -227,7 +244,9 @@ class RodTracker:
             raise InputError(f"poses must be finite numbers, got {np.asarray(poses).tolist()}")
         poses = SE2.continued(poses, track.poses)
         speed = float(np.linalg.norm(SE2.position(poses) - SE2.position(track.poses), axis=1).max())
+        others = self._still_there(track.others, views)
         shown = self._seen_in(views, track)
+        shown = shown._replace(points=self._without(shown.points, others))
         estimate, fit = self._estimator.update_points(track.estimate, shown.points, poses, speed, shown.blobs)
         if fit is None:
             return self._lost(track, poses, time)
@@ -235,11 +254,14 @@ class RodTracker:
         seen = self._sighting(field, fit, views, poses, time)
         waited = time - track.looked
         likely = seen.explained and fit.strain <= STRAINED
+        if likely and seen.hidden <= self._config.most_unexplained and seen.missing <= CLEAR:
+            beside = shown.points[np.isnan(fit.residuals)]
+            others = np.unique(np.round(np.concatenate([others, beside]) / CELL), axis=0) * CELL
         if likely or not shown or 0 <= waited < self._config.patience:
-            return Track(estimate, field, poses, track.looked), seen
+            return Track(estimate, field, poses, others, track.looked), seen
         other, cost = self._anew(replace(track, poses=poses, looked=time), shown, views)
         if cost >= LESS * self._cost(fit, views):
-            return Track(estimate, field, poses, time), seen
+            return Track(estimate, field, poses, others, time), seen
         return self.update(other, views, poses, time)
 
     def _anew(self, track: Track, shown: Evidence, views: Sequence[View]) -> tuple[Track, float]:
@@ -262,6 +284,19 @@ class RodTracker:
         """What views show of the cable, after a track if there is one."""
         radius = self._cable.radius
         return Evidence(np.concatenate([np.empty((0, 2)), *(axis_points(view, radius) for view in views)]))
+
+    @staticmethod
+    def _without(points: Float[np.ndarray, "k 2"], others: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "l 2"]:
+        """The points [m] that are not where something else is known to lie."""
+        if not (len(points) and len(others)):
+            return points
+        return points[np.isinf(KDTree(others).query(points, distance_upper_bound=1.5 * CELL)[0])]
+
+    def _still_there(self, others: Float[np.ndarray, "k 2"], views: Sequence[View]) -> Float[np.ndarray, "m 2"]:
+        """Those places [m] of something else where it is still seen, or hidden."""
+        codes = np.array([seen_of(view, others, self._cable.radius) for view in views]).reshape(len(views), len(others))
+        gone = (codes == kernels.MISSING).any(axis=0) & ~(codes == kernels.SEEN).any(axis=0)
+        return others[~gone]
 
     def _looked_for(self) -> Float[np.ndarray, "m"]:
         """Places on the rod, in hinges, that should be seen in the mask of a view."""
@@ -297,16 +332,17 @@ class RodTracker:
         covariance += np.einsum("n,ni,nj->nij", np.diag(field.covariance) + config.pixel**2, normals, normals)
         variance = np.linalg.eigvalsh(covariance)[:, -1]
         keypoints = at + field.mean[:, None] * normals
-        beside = np.concatenate([fit.residuals, fit.off])
-        on = beside[np.isfinite(beside)]
-        unexplained = 1 - len(on) / len(beside) if len(beside) else 0.0
+        distances = np.concatenate([fit.residuals, fit.off])
+        on = distances[np.isfinite(distances)]
+        unexplained = 1 - len(on) / len(distances) if len(distances) else 0.0
         hidden, missing = self._claimed(views, fit)
         residual = float(np.sqrt(np.mean(on**2))) if len(on) else 0.0
         possible = (
             min(unexplained, hidden) <= config.most_unexplained  # what is seen here is nowhere else
             and missing <= config.most_missing
             and residual <= config.most_residual
-            and fit.askew <= config.most_askew
+            and fit.astray <= config.most_askew
+            and (fit.askew <= config.most_askew or max(hidden, unexplained) <= ASKEW_HIDDEN)
         )
         explained = len(on) > 0 and possible
         known = possible and math.sqrt(variance.max()) <= config.most_unsure
@@ -330,5 +366,5 @@ class RodTracker:
         n = self._cable.keypoints
         observation = Observation(time, np.full((n, 2), np.nan), poses, taken=time, confidence=np.zeros(n))
         nothing = (observation.keypoints, np.full((n, 2, 2), np.inf))
-        track = Track(track.estimate, track.field, poses, track.looked)
+        track = replace(track, poses=poses)
         return track, Sighting(observation, *nothing, 1.0, 1.0, 1.0, 0.0, explained=False, possible=False, known=False)
