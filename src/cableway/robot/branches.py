@@ -103,11 +103,24 @@ def arm_motion(
         cell: Its cell.
         made: Whether the grippers made this motion; if it kept clearance and limits is then left to the judge.
     """
-    found = _pairs(poses, PackedCell(task, cell, made))
+    found = _motions(poses, PackedCell(task, cell, made))
+    return found if isinstance(found, NoMotion) else found[0]
+
+
+def arm_motions(poses: Float[np.ndarray, "t 2 3"], task: Task, cell: Cell) -> list[ArmMotion]:
+    """The joints along gripper poses in all ways in which the arms can hold the cable, see `arm_motion`, that with most
+    room first.
+    """
+    found = _motions(poses, PackedCell(task, cell))
+    return [] if isinstance(found, NoMotion) else found
+
+
+def _motions(poses: Float[np.ndarray, "t 2 3"], packed: PackedCell) -> list[ArmMotion] | NoMotion:
+    found = _pairs(poses, packed)
     if isinstance(found, NoMotion):
         return found
-    best = max(found, key=lambda pair: (min(pair.clearance, ENOUGH), -pair.effort))
-    return ArmMotion(np.stack([best.left.joints, best.right.joints], axis=1), best.way, best.clearance)
+    best = sorted(found, key=lambda pair: (-min(pair.clearance, ENOUGH), pair.effort))
+    return [ArmMotion(np.stack([a.joints, b.joints], axis=1), _way(a, b), clearance) for a, b, clearance in best]
 
 
 def end_fault(task: Task, cell: Cell) -> NoMotion | None:
@@ -148,7 +161,7 @@ def _apart(poses: Float[np.ndarray, "2 2 3"], start: Collection[Way], goal: Coll
 def possible_ways(poses: Float[np.ndarray, "2 3"], packed: PackedCell) -> dict[Way, float] | NoMotion:
     """In which ways the arms can hold the grippers at poses [m, m, rad], with what clearance [m]; or why in none."""
     found = _pairs(poses[None], packed)
-    return found if isinstance(found, NoMotion) else {pair.way: pair.clearance for pair in found}
+    return found if isinstance(found, NoMotion) else {_way(pair.left, pair.right): pair.clearance for pair in found}
 
 
 class _Pair(NamedTuple):
@@ -162,9 +175,10 @@ class _Pair(NamedTuple):
     def effort(self) -> float:
         return max(self.left.effort, self.right.effort)
 
-    @property
-    def way(self) -> Way:
-        return Way(*zip(*((track.arm, track.turn, track.branch) for track in (self.left, self.right)), strict=True))
+
+def _way(left: Track, right: Track) -> Way:
+    """How arms hold the cable that take these tracks."""
+    return Way(*zip(*((track.arm, track.turn, track.branch) for track in (left, right)), strict=True))
 
 
 def _pairs(poses: Float[np.ndarray, "t 2 3"], packed: PackedCell) -> list[_Pair] | NoMotion:

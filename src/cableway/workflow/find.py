@@ -30,6 +30,7 @@ from cableway.scene.cable import FRICTION_RULES, QUASI_STATIC
 from cableway.scene.task import Task
 from cableway.verification import kind_of, require_verified
 from cableway.workflow.events import Listener, Note, Planned
+from cableway.workflow.in_sight import in_sight
 from cableway.workflow.registry import Planner, controller_entry
 from cableway.workflow.rehearsal import Rehearsed, rehearsed_plan
 from cableway.workflow.run import Run, SolveOptions
@@ -64,6 +65,8 @@ def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str
             if task.cell is None:
                 insertion_plan = _insertion(task, planner, timer)
             plans = _plans(task, options, planner, timer)
+            if options.eyes is not None and options.plan is None:
+                plans = [in_sight(plan, task, options.eyes.cameras, planner.limits) for plan in plans]
             if task.cell is not None:
                 insertion_plan = _insertion(task, planner, timer, plans[0])
     except OutOfTime:
@@ -85,7 +88,8 @@ def find(task: Task, options: SolveOptions, listener: Listener, notes: tuple[str
         notes = (*notes, f"The plan is that of {options.plan}.")
     verdict = plans[0].verdict if planner.find is find_plan else None  # a planner of the user's own is not believed
     report = summarize(
-        task, plans[0], insertion_plan=insertion_plan, notes=(*notes, *_rehearsed(plans[0]), *_without_hands(plans[0])),
+        task, plans[0], insertion_plan=insertion_plan,
+        notes=(*notes, *_rehearsed(plans[0]), *_in_sight(plans[0]), *_without_hands(plans[0])),
         plan_verdict=verdict, insertion_plan_verdict=insertion_plan and insertion_plan.verdict, **common,
     )  # fmt: skip
     return Run(
@@ -199,6 +203,15 @@ def _rehearsed(plan: Plan) -> tuple[str, ...]:
     if record["passed"]:
         return (f"Plan {record['plans']} of those rehearsed on the simulated cable: {went}.",)
     return (f"None of {record['plans']} plans passed rehearsal on the simulated cable; the best one: {went}.",)
+
+
+def _in_sight(plan: Plan) -> tuple[str, ...]:
+    """That the arms were led another way than with most room, for the reader of the report."""
+    record = plan.metadata.get("in_sight")
+    if record is None:
+        return ()
+    hidden, before = (f"{100 * record[name]:.0f}%" for name in ("hidden", "before"))
+    return (f"The arms hold the cable so that they hide {hidden} of it from the cameras; with most room, {before}.",)
 
 
 def _without_hands(plan: Plan) -> tuple[str, ...]:
