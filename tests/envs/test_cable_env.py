@@ -16,7 +16,11 @@ from cableway.benchmark.suites import frozen_episodes
 from cableway.core.errors import InputError, UnknownNameError
 from cableway.envs.cable import SETTLED, CableEnv
 from cableway.outcome import SUCCESS_ERROR
+from cableway.perception.placement import camera_at
+from cableway.perception.segmentation import cable_mask
+from cableway.perception.views import View, axis_points
 from cableway.tasks.generation import FIRST_SEED
+from cableway.tracking.photographer import ORANGE, EyesConfig
 
 ID = "cableway/Cable-v0"
 TASK = "single-obstacle-2"
@@ -38,7 +42,8 @@ def led() -> tuple[list[tuple[dict[str, Any], float, bool, bool, dict[str, Any]]
 
 
 def test_gymnasium_finds_nothing_wrong():
-    check_env(gymnasium.make(ID, task=TASK, render_mode="rgb_array").unwrapped)
+    images = EyesConfig(cameras=("front", "above"), picture=(64, 48))
+    check_env(gymnasium.make(ID, task=TASK, images=images, render_mode="rgb_array").unwrapped)
 
 
 def test_the_expert_leads_the_cable_to_its_goal(led: tuple[list[Any], CableEnv]):
@@ -70,13 +75,32 @@ def test_an_expert_that_is_not_followed_waits_for_the_cable():
     np.testing.assert_allclose(info["expert_action"], wanted, atol=1e-6)
 
 
+def test_pictures_show_the_cable_where_it_is():
+    env = CableEnv(TASK, images=EyesConfig(cameras=("left", "above"), picture=(320, 240)))
+    seen, _ = env.reset(seed=0)
+    camera = camera_at("above", env._task.scene.size, (320, 240))
+    for _ in range(2):
+        picture, truth = seen["images"][1], env._truth.keypoints
+        assert env.observation_space.contains(seen)
+        points = axis_points(View(camera, cable_mask(picture, ORANGE)), env._task.cable.radius)
+        assert len(points) > 30
+        assert np.linalg.norm(points[:, None] - env._truth.centreline, axis=2).min(axis=1).max() < 0.01
+        assert np.median(np.linalg.norm(points[:, None] - truth, axis=2).min(axis=0)) < 0.005
+        for _ in range(10):
+            seen, *_ = env.step(ASIDE)
+
+
 def test_a_seed_makes_an_episode():
-    env = CableEnv(kind="open-near", perturbations=("nominal", "hard", "noise-2"))
+    images = EyesConfig(cameras=("above",), picture=(64, 48), strangers=("cable",))
+    env = CableEnv(kind="open-near", perturbations=("nominal", "hard", "noise-2"), images=images)
     first, info = env.reset(seed=7)
     moved = env.step(ASIDE)
     again, same = env.reset(seed=7)
     assert same == info
     np.testing.assert_equal(again, first)
+    assert (first["images"] != moved[0]["images"]).any()
+    without = CableEnv(kind="open-near", perturbations=("nominal", "hard", "noise-2")).reset(seed=7)[0]
+    np.testing.assert_equal(without, {key: value for key, value in first.items() if key != "images"})
     np.testing.assert_equal(env.step(ASIDE)[0], moved[0])
     assert env.reset()[1]["task"] != info["task"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import gymnasium
@@ -21,9 +21,10 @@ from cableway.outcome import SUCCESS_ERROR, stacked_limit
 from cableway.records import Observation
 from cableway.scene.files.loading import TaskSource, as_task
 from cableway.scene.scene import Scene
-from cableway.scene.task import Task
+from cableway.scene.task import CONTROL_STEP, Task
 from cableway.simulation.perturbations.variants import named_perturbation, variant
 from cableway.tasks.generation import FIRST_SEED, KINDS, random_task
+from cableway.tracking.photographer import EyesConfig, Photographer, State
 from cableway.tracking.plant import Plant
 from cableway.workflow.registry import make_controller
 from cableway.workflow.run import SolveOptions
@@ -80,7 +81,8 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     An *observation* is a dict of arrays in the world frame of the task [m, rad], left before right:
     `keypoints` (n, 2), those not seen where they were seen last, and `seen` (n,), 1 for those that were;
     `grippers` (2, 3), as reported; `goal` (n, 2) and `goal_grippers` (2, 3); `clearance` (32, 32), of points spread
-    evenly over the workspace, first axis y, negative within obstacles; `workspace` (2,), its size.
+    evenly over the workspace, first axis y, negative within obstacles; `workspace` (2,), its size; and, where `images`
+    asks for them, `images` (cameras, height, width, 3), from 0 to 255, of how everything stands at that moment.
 
     An *action* (2, 3) is the motion (dx, dy, dtheta) of both grippers in shares of their limits, from -1 to 1. It is
     cut to what the grippers may do in a step, and where they would pull the cable taut.
@@ -98,6 +100,8 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         perturbations: Names of plants, as of the benchmark's episodes, of which each episode has one.
         expert: Name of a controller that is asked what it would do, along a plan made for each episode. It follows
             that plan by time: where it is not followed it waits, and leads back to where it waits.
+        images: Cameras, and what their pictures are like; none where None. Pictures show hands without arms. There is
+            neither a tracker nor a rate of pictures here, and none is late or lost: one comes with each observation.
         render_mode: "rgb_array" or None.
 
     Raises:
@@ -118,6 +122,7 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         kind: str = "clutter",
         perturbations: str | Sequence[str] = "nominal",
         expert: str | None = None,
+        images: EyesConfig | None = None,
         render_mode: str | None = None,
     ) -> None:
         if kind not in KINDS:
@@ -132,11 +137,13 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._controller = None if expert is None else make_controller(expert)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UnknownNameError("render_mode", render_mode, self.metadata["render_modes"])
-        self.render_mode = render_mode
+        self.render_mode, self._images = render_mode, images
         self._keypoints = n = (self._given or random_task(FIRST_SEED, kind)).cable.keypoints
         self.action_space = spaces.Box(-1.0, 1.0, (2, 3), np.float32)
+        shown = {} if images is None else {"images": _pictures(images)}
         self.observation_space = spaces.Dict(
             {
+                **shown,
                 "keypoints": _numbers(n, 2),
                 "seen": spaces.MultiBinary(n),
                 "grippers": _numbers(2, 3),
@@ -176,7 +183,7 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
                 raise InputError(f"the task {task.name} has {there}")
             try:
                 return self._begun(task, name)
-            except (PlanningError, SimulationError, TaskError):
+            except (InputError, PlanningError, SimulationError, TaskError):  # a drawn cable may be too short for a task
                 if given is not None or attempt == TRIES - 1:
                     raise
         raise AssertionError
@@ -192,8 +199,12 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             workspace=np.array(task.scene.size),
         )
         self._plant: Plant = perturbation.build(task, seed)
+        self._photographer = None
+        if self._images is not None:
+            config, there = replace(self._images, seed=seed), perturbation.known_task(task).scene
+            self._photographer, self._noise = Photographer(task, None, config, there), np.random.default_rng(seed)
         observation = self._plant.reset()
-        self._truth = self._plant.measure()
+        self._truth, self._steps = self._plant.measure(), 0
         self._commanded = np.array(observation.poses, float)
         self._known = np.array(task.start, float)
         self._first = max(self._distance(), 1e-3)
@@ -218,7 +229,7 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             raise InputError(f"an action must be (2, 3) finite numbers, got {action!r}")
         task = self._task
         motion = within_limits(shares * self._limits, self._commanded, task.grippers, task.cable.length)
-        before, failure = self._distance(), ""
+        before, failure, self._steps = self._distance(), "", self._steps + 1
         if self._expert is not None:
             self._expert.told(motion)
         try:
@@ -264,6 +275,9 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             self._scene = self._plant.task.scene
             self._lasting |= _bounded(clearance=_clearance(self._scene))
         lasting = {key: value.copy() for key, value in self._lasting.items()}
+        if self._photographer is not None:
+            state = State(self._steps * CONTROL_STEP, self._truth.centreline, self._truth.poses, None)
+            lasting["images"] = np.stack(self._photographer.pictures(state, self._noise))
         return lasting | _bounded(keypoints=self._known, grippers=self._reported) | {"seen": seen.astype(np.int8)}
 
     def _info(self, failure: str, success: bool = False) -> dict[str, Any]:
@@ -281,6 +295,11 @@ class CableEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
 def _numbers(*shape: int) -> spaces.Box:
     return spaces.Box(-FARTHEST, FARTHEST, shape, np.float32)
+
+
+def _pictures(images: EyesConfig) -> spaces.Box:
+    width, height = images.picture
+    return spaces.Box(0, 255, (len(images.cameras), height, width, 3), np.uint8)
 
 
 def _nothing(poses: Float[np.ndarray, "2 3"], keypoints: int) -> Observation:

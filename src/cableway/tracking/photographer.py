@@ -79,6 +79,7 @@ class EyesConfig(Checked):
             person's arm over it.
         depth: Whether they give depths, too, by which the controller knows what stands on the table: what the task has,
             and what appears there, and nothing else of the scene.
+        picture: Width and height of a picture [pixels].
         seed: Of noise, lost pictures and strangers.
 
     Raises:
@@ -100,6 +101,7 @@ class EyesConfig(Checked):
     alike: bool = False
     strangers: tuple[str, ...] = ()
     depth: bool = False
+    picture: tuple[int, int] = PICTURE
     seed: Annotated[int, Bounds(0)] = 0
 
     def __post_init__(self) -> None:
@@ -108,6 +110,8 @@ class EyesConfig(Checked):
             raise InputError(f"cameras must be one or more places, each once, got {list(self.cameras)}")
         for place in self.cameras:
             camera_at(place, (1.0, 1.0))
+        if len(self.picture) != 2 or not all(isinstance(side, int) and 8 <= side <= 4096 for side in self.picture):
+            raise InputError(f"picture must be width and height, from 8 to 4096 pixels, got {shown(self.picture)}")
         if self.dark is not None and not 0 <= self.dark[0] <= self.dark[1] < math.inf:
             raise InputError(f"dark must be a begin and an end in seconds, got {list(self.dark)}")
         if self.tint is not None and (len(self.tint) != 3 or not all(0 <= part <= 1 for part in self.tint)):
@@ -154,7 +158,7 @@ class Photographer:
         self._sensors = [DepthSensor().drawn(sensors) for _ in config.cameras]
         second = "cable" in config.strangers
         self._lying = [lying_cable(self._size, task.cable.radius, look.cable, config.seed)] if second else []
-        self.cameras = tuple(camera_at(place, self._size, PICTURE) for place in config.cameras)
+        self.cameras = tuple(camera_at(place, self._size, config.picture) for place in config.cameras)
         place = (self._size[0] / 2 + LAMP[0], self._size[1] / 2 + LAMP[1], LAMP[2])
         self._light = Light(position=place, ambient=config.ambient, shadows=SHADOWS if config.shadows else 0)
 
@@ -164,17 +168,19 @@ class Photographer:
         """Of each camera the picture, and what may hide the cable by what is known without seeing it: joints, or poses
         of hands.
         """
-        there = self._mesh(state, self._scene)
-        known = there if self._known is self._scene else self._mesh(state, self._known)
-        bare, seen = known.where(known.labels != Label.CABLE), Mesh.joined([there, *self._strangers(state.time)])
-        if self._is_dark(state.time):
-            pictures = [np.zeros((*PICTURE[::-1], 3), np.uint8) for _ in self.cameras]
-        else:
-            pictures = [self._exposed(seen, camera, rng) for camera in self.cameras]
+        known = self._mesh(state, self._known)
+        bare = known.where(known.labels != Label.CABLE)
         return [
             (picture, labels(bare, camera.pinhole) > Label.TABLE)
-            for picture, camera in zip(pictures, self.cameras, strict=True)
+            for picture, camera in zip(self.pictures(state, rng), self.cameras, strict=True)
         ]
+
+    def pictures(self, state: State, rng: np.random.Generator) -> list[UInt8[np.ndarray, "h w 3"]]:
+        """Of each camera the picture."""
+        if self._is_dark(state.time):
+            return [np.zeros((*self._config.picture[::-1], 3), np.uint8) for _ in self.cameras]
+        seen = Mesh.joined([self._mesh(state, self._scene), *self._strangers(state.time)])
+        return [self._exposed(seen, camera, rng) for camera in self.cameras]
 
     def depths(self, state: State, rng: np.random.Generator) -> DepthViews:
         """What the cameras show of depths, with the errors of `DepthSensor`, where cable, hands and arms are known."""

@@ -52,4 +52,4 @@ def _pictures(run: StoredRun, config: EyesConfig) -> Iterator[UInt8[np.ndarray, 
     photographer, rng = Photographer(run.task, None, config), np.random.default_rng(0)
     for k in range(rollout.steps):
         state = State(float(rollout.times[k]), rollout.centreline[k], rollout.poses[k], None)
-        yield photographer.shot(state, rng)[0][0]
+        yield photographer.pictures(state, rng)[0]
