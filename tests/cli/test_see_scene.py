@@ -101,3 +101,16 @@ def test_depths_of_a_folder_are_their_medians(taken: Path):
 def test_what_is_wrong_is_told(cableway: Command, taken: Path, arguments: tuple[str, ...], said: str):
     done = cableway("see", "wall.png", *options(*arguments))
     assert (done.status, said in done.err) == (2, True), done.err
+
+
+def test_a_recording_of_a_realsense_camera_becomes_a_task(cableway: Command, taken: Path):
+    record = pytest.importorskip("recorded_realsense").record
+    depth = np.where(np.isfinite(shown().depth), shown().depth, 0.0)
+    record(Path("table.db3"), [shown().color] * 3, [depth] * 3)
+    given = options("--depth", "table.db3", "--task", "task.yaml", "--out", "seen", "--hidden", "free")
+    done = cableway("see", "table.db3", *given)
+    assert done.status == 0, done.err
+    found = load_task(Path("seen/seen.yaml")).scene.obstacles
+    assert len(found) == 2
+    mine = next(each for each in found if to_shapely(each).intersects(to_shapely(POST)))
+    assert to_shapely(POST).difference(to_shapely(mine)).area < 0.02 * to_shapely(POST).area

@@ -89,4 +89,16 @@ def test_one_missing_package_is_named(monkeypatch: pytest.MonkeyPatch):
 
 def test_nothing_is_said_where_all_packages_are_there():
     require("tang2025", "this")
-    assert set(EXTRAS) == {"arms", "cell", "data", "gym", "import", "ray", "studio", "tang2025", "ur", "vision"}
+    assert set(EXTRAS) == {
+        "arms",
+        "cell",
+        "data",
+        "gym",
+        "import",
+        "ray",
+        "realsense",
+        "studio",
+        "tang2025",
+        "ur",
+        "vision",
+    }

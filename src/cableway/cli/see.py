@@ -35,8 +35,8 @@ class See(Options):
     seen.yaml, a task, and seen.png. Needs pip install 'cableway[vision]'."""
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="SOURCE")]
-    """A video file, a folder of pictures, or the number of a camera; with --depth, a picture; of several cameras,
-    separated by commas."""
+    """A video file, a folder of pictures, the number of a camera, realsense or realsense:SERIAL, or a recording of one
+    (.bag, .db3; extra realsense); with --depth, a picture, too; of several cameras, separated by commas."""
 
     calibration: Annotated[str, tyro.conf.arg(metavar="CAMERA.json")]
     """The camera, as `calibrate` writes it; of several cameras in the order of their sources, separated by commas."""
@@ -55,7 +55,8 @@ class See(Options):
 
     depth: Annotated[str | None, option(metavar="DEPTH.png")] = None
     """Find what stands on the table, by depths in the pixels of SOURCE: for each camera a picture of 16 bits in
-    millimetres, or a folder of such pictures of a table on which nothing moves; by default, the cable is found."""
+    millimetres, a folder of such pictures of a table on which nothing moves, or a RealSense camera or recording; by
+    default, the cable is found."""
 
     hidden: Annotated[str, tyro.conf.arg(metavar="{stands,free}")] = "stands"
     """With --depth: whether parts of the table that no camera saw are obstacles, or free."""

@@ -14,6 +14,7 @@ EXTRAS = {
     "gym": {"gymnasium": "Gymnasium"},
     "import": {"ezdxf": "ezdxf", "svgpathtools": "svgpathtools"},
     "ray": {"ray": "Ray"},
+    "realsense": {"pyrealsense2": "librealsense"},
     "studio": {"viser": "viser"},
     "tang2025": {"casadi": "CasADi", "equinox": "Equinox", "jax": "JAX", "optax": "Optax"},
     "ur": {"rtde_control": "ur-rtde"},

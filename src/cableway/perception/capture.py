@@ -1,10 +1,12 @@
-"""Pictures from a camera, a video file or a folder, and what was found drawn on them. OpenCV's."""
+"""Pictures from a camera, a video file or a folder, and what was found drawn on them. OpenCV's, or librealsense's."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Iterator
+from contextlib import closing
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +15,7 @@ from jaxtyping import Float, UInt8
 
 from cableway.core.errors import InputError
 from cableway.core.extras import require
+from cableway.perception import realsense
 from cableway.perception.depth import middle
 
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
@@ -20,6 +23,9 @@ IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 MILLIMETRE = 0.001
 """[m] of a number in a depth picture."""
+
+DEPTHS = 10
+"""Pictures of depths of a RealSense camera of which the median counts."""
 
 DOT, MARK = 4, (0, 120, 255)
 """Radius [pixels] and colour of a keypoint in a picture."""
@@ -33,11 +39,14 @@ class Frame(NamedTuple):
 
 
 def rate_of(source: str, otherwise: float) -> float:
-    """Pictures per second of a video file, as it says; `otherwise` for all else.
+    """Pictures per second of a video file or a RealSense camera, as it says; `otherwise` for all else.
 
     Raises:
-        MissingExtraError: OpenCV is not installed.
+        InputError: There is no such camera or recording.
+        MissingExtraError: OpenCV or librealsense is not installed.
     """
+    if realsense.is_realsense(source):
+        return realsense.rate_of(source)
     require("vision", "reading pictures")
     import cv2
 
@@ -53,13 +62,16 @@ def frames(source: str, rate: float = 30.0) -> Iterator[Frame]:
     """The pictures of a source.
 
     Args:
-        source: The number of a camera, a video file, or a folder of pictures.
+        source: The number of a camera, a video file, a folder of pictures, or one of `realsense.shots`.
         rate: Pictures per second of a folder or a video file.
 
     Raises:
         InputError: There is no such source, or nothing in it can be read.
-        MissingExtraError: OpenCV is not installed.
+        MissingExtraError: OpenCV or librealsense is not installed.
     """
+    if realsense.is_realsense(source):
+        yield from (Frame(shot.time, shot.image) for shot in realsense.shots(source))
+        return
     require("vision", "reading pictures")
     import cv2
 
@@ -97,12 +109,15 @@ def _files(folder: Path) -> list[Path]:
 
 
 def picture(file: Path) -> UInt8[np.ndarray, "h w 3"]:
-    """A picture (red, green, blue).
+    """A picture (red, green, blue): a file, or the first one of a RealSense camera or recording.
 
     Raises:
         InputError: It cannot be read.
-        MissingExtraError: OpenCV is not installed.
+        MissingExtraError: OpenCV or librealsense is not installed.
     """
+    if realsense.is_realsense(str(file)):
+        with closing(realsense.shots(str(file))) as shots:
+            return next(shots).image
     require("vision", "reading pictures")
     import cv2
 
@@ -116,12 +131,15 @@ def depth_picture(source: Path) -> Float[np.ndarray, "h w"]:
     """Depths [m], 0 where they are not known: whole millimetres in a picture of 16 bits.
 
     Args:
-        source: A picture; or a folder of pictures of what stands still, of each pixel's depths the median.
+        source: A picture; or a folder of pictures of what stands still, or a RealSense camera or recording of it, of
+            each pixel's depths the median.
 
     Raises:
         InputError: There is no picture, or one cannot be read, has not 16 bits or is not as large as the others.
-        MissingExtraError: OpenCV is not installed.
+        MissingExtraError: OpenCV or librealsense is not installed.
     """
+    if realsense.is_realsense(str(source)):
+        return _of_realsense(str(source))
     require("vision", "reading pictures")
     import cv2
 
@@ -134,6 +152,19 @@ def depth_picture(source: Path) -> Float[np.ndarray, "h w"]:
             raise InputError(f"{file}: depth pictures of one camera must be of one size")
         taken.append(image)
     return middle(np.stack(taken) * MILLIMETRE)
+
+
+def _of_realsense(source: str) -> Float[np.ndarray, "h w"]:
+    """The median of the first pictures of depths [m].
+
+    Raises:
+        InputError: A recording has none.
+    """
+    with closing(realsense.shots(source)) as shots:
+        taken = [shot.depth for shot in islice(shots, DEPTHS) if shot.depth is not None]
+    if not taken:
+        raise InputError(f"{source}: there are no depths in it")
+    return middle(np.stack(taken))
 
 
 def marked(image: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "n 2"]) -> UInt8[np.ndarray, "h w 3"]:
