@@ -23,3 +23,4 @@ def test_a_plan_plays_by_itself():
     np.testing.assert_allclose(film["ways"][1], plan.poses[:, 1, :2], atol=1e-4)
     ends = np.array([[line[0], line[-1]] for line in film["cables"]])
     np.testing.assert_allclose(ends, plan.shapes[:, [0, -1]], atol=1e-4)
+    assert film["port"] is None

@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from spatial_problems import ball_task
 
 from cableway.core.errors import InputError
 from cableway.figures import palette
+from cableway.geometry import se2
 from cableway.rendering.cell import Capsules
 from cableway.rendering.mesh import capsules
 from cableway.rendering.mesh import prism as upright
@@ -26,7 +28,7 @@ from cableway.scene.task import Draft
 from cableway.studio.inbox import Inbox
 from cableway.studio.opening import opened
 from cableway.studio.studio import Studio
-from cableway.studio.view import arms, look
+from cableway.studio.view import arms, look, table
 from cableway.studio.view.canvas import Canvas
 from cableway.studio.view.dragging import Drags
 from cableway.studio.view.events import in_order
@@ -271,6 +273,27 @@ def test_arms_and_hands_of_a_cell_are_where_its_kinematics_have_them():
         assert (*how["at"], how["angle"]) == pytest.approx(tuple(pose))
         assert mesh.vertices[:, 2].max() == pytest.approx(max(each.heights[1] for each in draft.grippers.pieces))
     assert len(arms.outlines(draft, poses)) % 2 == 0
+
+
+def test_a_port_is_on_top_of_the_obstacle_that_it_is_in():
+    """And as wide as its plug, which fits between its walls."""
+    draft = opened("insertion").draft
+    assert isinstance(draft, Draft)
+    assert draft.port is not None
+    assert draft.plug is not None
+    drawn: dict[str, Any] = {}
+    canvas: Any = SimpleNamespace(
+        solid=lambda name, mesh, color, **how: drawn.update({name: mesh.vertices}), lines=lambda *_: None,
+        sweep=lambda prefix: None,
+    )  # fmt: skip
+    table.draw_obstacles(canvas, draft, None)
+    top = max(vertices[:, 2].max() for name, vertices in drawn.items() if name.startswith("/obstacles"))
+    assert all(vertices[:, 2].max() > top for name, vertices in drawn.items() if name.startswith("/port"))
+    rear = draft.port.pose(draft.plug, draft.port.depth)
+    local = [(draft.plug.length, side * draft.plug.width / 2) for side in (-1, 1)]
+    tip = se2.transform(np.array(local), rear[:2], float(rear[2]))
+    inside = shapely.Polygon(drawn["/port/inside"][:4, :2]).convex_hull.buffer(1e-6)
+    assert all(inside.contains(shapely.Point(*corner)) for corner in tip)
 
 
 @pytest.mark.parametrize(

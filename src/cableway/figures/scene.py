@@ -50,8 +50,8 @@ def draw_scene(ax: Axes, task: Draft) -> None:
     draw_solids(ax, task.scene)
     walls = Rectangle((0, 0), width, height, fill=False, edgecolor=palette.INK, linewidth=1.4, zorder=8, clip_on=False)
     ax.add_patch(walls)
-    if task.port is not None:
-        _draw_port(ax, task)
+    if task.port_walls is not None:
+        _draw_port(ax, task.port_walls)
 
 
 def frame(ax: Axes, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> None:
@@ -82,14 +82,9 @@ def draw_solids(ax: Axes, scene: Scene, **options: Any) -> PathCollection:
     return _add_paths(ax, solids, **settings)
 
 
-def _draw_port(ax: Axes, task: Draft) -> None:
-    assert task.port is not None
-    width = task.plug.width if task.plug is not None else 2 * task.cable.radius
-    half = 0.5 * width + 0.001
-    local = np.array([[0.0, half], [task.port.depth, half], [task.port.depth, -half], [0.0, -half]])
-    outline = se2.transform(local, np.array(task.port.position), task.port.angle)
-    ax.fill(*outline.T, color="white", zorder=3, linewidth=0)
-    ax.plot(*outline.T, color=palette.INK, linewidth=1.6, zorder=3, solid_capstyle="butt")
+def _draw_port(ax: Axes, walls: Float[np.ndarray, "4 2"]) -> None:
+    ax.fill(*walls.T, color="white", zorder=3, linewidth=0)
+    ax.plot(*walls.T, color=palette.INK, linewidth=1.6, zorder=3, solid_capstyle="butt")
 
 
 def polygon_path(polygon: shapely.Polygon) -> Path:

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from cableway.core.brief import Shown
 from cableway.core.errors import InputError, TaskError
 from cableway.core.quantities import limit_text, size_text
+from cableway.geometry import se2
 from cableway.rod.inverse import fit_keypoints, stable_near
 from cableway.rod.planar import PlanarRod
 from cableway.scene import checks, validity
@@ -50,6 +51,9 @@ STABILITY_WEIGHT, TENSION_WEIGHT = 0.02, 0.001
 
 End = Literal["start", "goal"]
 ENDS: tuple[End, End] = ("start", "goal")
+
+PORT_ROOM = 0.001
+"""By how much [m] each wall of a port is drawn beside an aligned plug."""
 
 NAME = re.compile(r"\w[\w .+-]*")
 """A task's name; it becomes part of the names of folders."""
@@ -127,6 +131,17 @@ class Draft(Shown):
     def body_pairs(self) -> tuple[tuple[Body, Body], ...]:
         """Those of `bodies` that could touch each other first, the left gripper's before the right one's."""
         return body_pairs(self.bodies)
+
+    @property
+    def port_walls(self) -> Float[np.ndarray, "4 2"] | None:
+        """Corners [m] of the walls of the port, from the left of its mouth; None where there is none. They stand for
+        how wide and deep it is, and are no obstacles."""
+        if self.port is None:
+            return None
+        width = self.plug.width if self.plug is not None else 2 * self.cable.radius
+        half, depth = 0.5 * width + PORT_ROOM, self.port.depth
+        local = np.array([[0.0, half], [depth, half], [depth, -half], [0.0, -half]])
+        return se2.transform(local, np.array(self.port.position), self.port.angle)
 
     def gripper_poses(self, end: End) -> Float[np.ndarray, "2 3"]:
         """Gripper poses [m, m, rad] at start or goal: where stated, else as the keypoints have them."""

@@ -81,6 +81,7 @@ def _on_table(task: Task, record: Plan | Rollout) -> dict[str, Any]:
     return {
         "size": list(task.scene.size),
         "obstacles": [{"points": _points(each.vertices), "radius": each.rounding} for each in task.scene.obstacles],
+        "port": None if task.port_walls is None else _points(task.port_walls),
         "radius": task.cable.radius,
         "gripper": task.grippers.radius,
         "start": _points(polyline.spline(task.start, PIECES)),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import shapely
 from jaxtyping import Float
 
 from cableway.core.quantities import quantity
@@ -12,7 +14,7 @@ from cableway.figures import palette
 from cableway.geometry import polyline, se2
 from cableway.records import Plan
 from cableway.rendering.cell import feet, view_direction
-from cableway.scene.obstacles import Box, Disc, Obstacle
+from cableway.scene.obstacles import Box, Disc, Obstacle, to_shapely
 from cableway.scene.task import ENDS, SPLINE_PIECES, Draft
 from cableway.studio import obstacles as hands
 from cableway.studio.inspection import Inspection
@@ -34,6 +36,9 @@ ARM = 0.045
 
 SHAPES = 14
 """Most shapes of a plan drawn over time."""
+
+PORT_WALL = 0.002
+"""Thickness [m] of what stands for the walls of a port."""
 
 WAY = 0.002
 """Width [m] of the way of a gripper."""
@@ -94,7 +99,7 @@ def draw_grid(canvas: Canvas, width: float, height: float, beside: float) -> Non
 
 
 def draw_obstacles(canvas: Canvas, draft: Draft, selected: int | None) -> None:
-    """Obstacles, and the knobs of the selected one."""
+    """Obstacles, the knobs of the selected one, and the port."""
     sides: list[Float[np.ndarray, "k 2 3"]] = []
     colors: list[str] = []
     for index, obstacle in enumerate(draft.scene.obstacles):
@@ -108,10 +113,25 @@ def draw_obstacles(canvas: Canvas, draft: Draft, selected: int | None) -> None:
         colors += len(local) * [palette.BLUE if chosen else palette.OBSTACLE_EDGE]
         if chosen:
             _draw_knobs(canvas, obstacle, top)
+    if draft.port_walls is not None:
+        _draw_port(canvas, draft, draft.port_walls)
     if sides:
         canvas.lines("/edges", np.concatenate(sides), colors, 1.6)
-    for prefix in ("/obstacles", "/edges", "/knobs"):
+    for prefix in ("/obstacles", "/edges", "/knobs", "/port"):
         canvas.sweep(prefix)
+
+
+def _draw_port(canvas: Canvas, draft: Draft, walls: Float[np.ndarray, "4 2"]) -> None:
+    """Its walls, white between them, on top of the obstacle that it is in."""
+    area = shapely.Polygon(walls)
+    within = (each.height or FLAT for each in draft.scene.obstacles if to_shapely(each).intersects(area))
+    top = max(within, default=FLAT)
+    canvas.solid("/port/inside", prism(walls[::-1], 0.0, top + PORT_WALL / 2), "#ffffff")
+    for number, (start, end) in enumerate(pairwise(walls)):
+        ahead = PORT_WALL / 2 * (end - start) / np.linalg.norm(end - start)
+        aside = np.array([-ahead[1], ahead[0]])
+        corners = np.array([start - ahead - aside, end + ahead - aside, end + ahead + aside, start - ahead + aside])
+        canvas.solid(f"/port/{number}", prism(corners, 0.0, top + PORT_WALL), palette.INK)
 
 
 def _draw_knobs(canvas: Canvas, obstacle: Obstacle, top: float) -> None:
