@@ -14,8 +14,10 @@ KEPT = {
     "JAX_COMPILATION_CACHE_DIR": str(Path(__file__).parents[1] / ".pytest_cache" / "jax"),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.3",
     "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+    "XLA_FLAGS": "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true",
 }
-"""Settings under which what JAX compiles in one process of the tests is there in the others."""
+"""Settings under which what JAX compiles in one process of the tests is there in the others, and compiles sooner: what
+tests run for seconds is compiled for longer than it runs."""
 
 os.environ |= strict.JAX | KEPT
 strict.install()
