@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import socket
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from functools import partial
@@ -37,6 +38,10 @@ HEADERS = {"Content-Security-Policy": "frame-ancestors 'none'", "X-Content-Type-
 """No foreign page can lay this one under its own buttons."""
 
 
+LATE = "Queued a .* on a closed connection"
+"""viser's warning of what was drawn for a page that has gone meanwhile; it comes back with a page that is drawn anew."""
+
+
 class Server:
     """A running server of pages.
 
@@ -60,6 +65,7 @@ class Server:
         on_page: Callable[[viser.ClientHandle, str], Any],
         on_gone: Callable[[viser.ClientHandle, str], Any],
     ) -> None:
+        warnings.filterwarnings("ignore", LATE, UserWarning)
         self._socket = _listening(host, port)
         self._guard = _Guard(host, self._socket.getsockname()[1])
         with _serving(self._socket, self._guard) as served, redirect_stdout(StringIO()):
