@@ -39,7 +39,7 @@ HEADERS = {"Content-Security-Policy": "frame-ancestors 'none'", "X-Content-Type-
 
 
 LATE = "Queued a .* on a closed connection"
-"""viser's warning of what was drawn for a page that has gone meanwhile; it comes back with a page that is drawn anew."""
+"""viser's warning of what was drawn for a page that has gone meanwhile: one that comes back is drawn anew."""
 
 
 class Server:
