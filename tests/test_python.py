@@ -15,7 +15,7 @@ from recorded import moved_plan, perfect_rollout
 import cableway as cw
 from cableway.benchmark.methods import Method
 from cableway.core.brief import Brief
-from cableway.records import Attempt
+from cableway.records import Attempt, Measurement, Observation, Plan, Rollout
 
 NAME = "insertion"
 
@@ -99,6 +99,15 @@ def test_signatures_are_checked_where_code_is_handed_over(make: Callable[[], Any
     """Before anything is planned, in one sentence."""
     with pytest.raises(cw.InputError, match=rf"^{said}"):
         make()
+
+
+def test_records_compare_as_objects():
+    """Of arrays it could not be said whether they are equal."""
+    _, plan = moved_plan(rows=5)
+    assert plan == plan  # noqa: PLR0124
+    assert (plan, 1.0) != (replace(plan), 1.0)
+    assert len({plan, replace(plan)}) == 2
+    assert all(kind.__eq__ is object.__eq__ for kind in (Attempt, Measurement, Observation, Plan, Rollout))
 
 
 def test_records_show_themselves_on_one_line(task: cw.Task):

@@ -1,7 +1,8 @@
 """The records that pass from stage to stage, in pipeline order.
 
 Task -> Plan (+ Verdict) -> Rollout -> Report. Records hold arrays and scalars only. A record with `save` and `load`
-goes to an `.npz` file; nothing in such a file is ever executed.
+goes to an `.npz` file; nothing in such a file is ever executed. Two records are equal where they are the same one:
+arrays have no truth value.
 
 Units are metres, radians and seconds throughout; T is the number of plan steps, K of control steps, n of keypoints.
 """
@@ -46,7 +47,7 @@ class Passage:
         return float(np.linalg.norm(self.ends[1] - self.ends[0]))
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PaperStages(Brief):
     """What the planning chain of Tang et al. (`cableway.tang2025`) made on the way to a plan.
 
@@ -78,7 +79,7 @@ THEN_FAILED = "; then the plant failed"
 """How the last status of a rollout ends whose next step failed."""
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan(Shown, ArrayRecord):
     """A verified sequence of shapes with the gripper poses that make them; one row per control step.
 
@@ -163,7 +164,7 @@ class Plan(Shown, ArrayRecord):
             raise FileFormatError(f"{source}: {error}") from None
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Attempt(Brief):
     """A plan that did not verify, for pictures and reports only.
 
@@ -185,7 +186,7 @@ class Attempt(Brief):
 
 
 # ------------------------------------------------------------------------------------------------ control
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Observation(Brief):
     """What a controller sees at one control step.
 
@@ -205,7 +206,7 @@ class Observation(Brief):
     confidence: Float[np.ndarray, "n"] | None = None
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measurement(Brief):
     """What a plant that knows the truth reports after one control step; for the record, not for controllers.
 
@@ -226,7 +227,7 @@ class Measurement(Brief):
     joints: Float[np.ndarray, "2 j"] | None = None
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Rollout(Shown, ArrayRecord):
     """What happened: row 0 is the start, row k the state after k control steps.
 
