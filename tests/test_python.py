@@ -104,7 +104,7 @@ def test_signatures_are_checked_where_code_is_handed_over(make: Callable[[], Any
 def test_records_compare_as_objects():
     """Of arrays it could not be said whether they are equal."""
     _, plan = moved_plan(rows=5)
-    assert plan == plan  # noqa: PLR0124
+    assert plan == plan
     assert (plan, 1.0) != (replace(plan), 1.0)
     assert len({plan, replace(plan)}) == 2
     assert all(kind.__eq__ is object.__eq__ for kind in (Attempt, Measurement, Observation, Plan, Rollout))
