@@ -18,9 +18,11 @@ from cableway.rendering.picture import labels
 from cableway.scene.cell import Way
 from cableway.scene.task import Task
 from cableway.tasks.generation import random_task
-from cableway.tracking.photographer import LOOK
+from cableway.tracking.photographer import LOOK, EyesConfig
 from cableway.verification import VerificationLimits, verify_plan
 from cableway.workflow.in_sight import in_sight
+from cableway.workflow.run import SolveOptions
+from cableway.workflow.solve import solve
 
 LIMITS = VerificationLimits()
 
@@ -69,3 +71,16 @@ def test_a_plan_whose_cable_is_seen_as_well_stays_as_it_is(planned: tuple[Task, 
     held = task.held(Way.of_record(plan.metadata))
     assert in_sight(plan, held, ("left", "right"), LIMITS) is plan, "the arms hold the cable already"
     assert in_sight(replace(plan, joints=None, metadata={}), task, ("above",), LIMITS).metadata == {}
+
+
+def test_the_report_says_what_stays_hidden(planned: tuple[Task, Plan]) -> None:
+    """And a plan that the user gives is followed as it is."""
+    task, plan = planned
+    options = SolveOptions(eyes=EyesConfig(cameras=("left", "right")), seed=63, track=False, plan=plan)
+    given = solve(task, options).plan
+    assert given is not None
+    assert Way.of_record(given.metadata) == Way.of_record(plan.metadata)
+    run = solve(task, replace(options, plan=None))
+    assert any(note.startswith("The arms hold the cable so that they hide") for note in run.report.notes)
+    assert run.report.plan_verdict is not None
+    assert run.report.plan_verdict.passed
