@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cableway.cli.planning import PlanOptions
     from cableway.scene.spatial.task import SpatialTask
     from cableway.simulation.spatial_perturbation import SpatialPerturbation
+    from cableway.workflow.solve_in_space import SpatialRun
 
 
 def refuse(task: SpatialTask, chosen: dict[str, bool]) -> None:
@@ -58,11 +59,8 @@ def leave_in_space(
         video: Whether a video is made of the run.
         watch: Whether the run is shown on a page; the command then goes on until that is closed.
     """
-    from cableway.cli.planning import UNTRACKED, both
+    from cableway.cli.planning import both
     from cableway.core.files import only_writer
-    from cableway.figures.space import spatial_plan_figure, spatial_rollout_figure
-    from cableway.outcome import Outcome
-    from cableway.scene.files.saving import save_task
     from cableway.workflow.events import CANCEL, Event, Note, Planned, Progress
     from cableway.workflow.solve_in_space import SpatialOptions, SpatialRun, solve_in_space
     from cableway.workflow.spatial_run import require_without_arms
@@ -87,37 +85,52 @@ def leave_in_space(
                 case Planned(SpatialRun() as run):
                     INTERRUPTS.hold()
                     INTERRUPTS.kept = partial(outputs.listed, folder)
-                    leave_plan(run)
+                    _leave_plan(options, task, folder, run, tracked=controller is not None)
                 case _:
                     pass
             return CANCEL if INTERRUPTS.came else None
 
-        def leave_plan(run: SpatialRun) -> None:
-            outputs.clear(folder)
-            if run.plan is not None:
-                run.plan.save(folder / outputs.PLAN)
-            save_task(task, folder / outputs.TASK)
-            report, failure = run.report, None if run.plan is not None else run.report.failure
-            if controller is not None and run.plan is not None:
-                report = replace(report, outcome=Outcome.INTERRUPTED, failure=UNTRACKED)
-            outputs.write_report(folder, report)
-            options.draw(spatial_plan_figure(task, run.plan or run.attempt, failure), folder / outputs.PLAN_PICTURE)
-
         run = solve_in_space(task, chosen, on_event if page is None else both(on_event, page))
-        report, rollout = run.report, run.rollout
-        if rollout is not None:
-            rollout.save(folder / outputs.ROLLOUT)
-        outputs.write_report(folder, report)
-        if rollout is not None:
-            options.draw(spatial_rollout_figure(task, rollout, report.failure), folder / outputs.ROLLOUT_PICTURE)
+        _leave_rollout(options, task, folder, run)
         INTERRUPTS.release()
-        if rollout is not None and video:
+        if run.rollout is not None and video:
             from cableway.figures.video import write_video
 
-            write_video(folder / outputs.VIDEO, task, rollout, progress=progress)
+            write_video(folder / outputs.VIDEO, task, run.rollout, progress=progress)
+    report = run.report
     outputs.announce(terminal, folder, report)
     terminal.result(report.as_dict(), pairs(report.rows()))
     if page is not None:
         page.linger()
         page.close()
     return 0 if report.success else 1
+
+
+def _leave_plan(options: PlanOptions, task: SpatialTask, folder: Path, run: SpatialRun, *, tracked: bool) -> None:
+    """The files of a plan; `tracked`: that a run is to come, without which the report has it interrupted."""
+    from cableway.cli.planning import UNTRACKED
+    from cableway.figures.space import spatial_plan_figure
+    from cableway.outcome import Outcome
+    from cableway.scene.files.saving import save_task
+
+    outputs.clear(folder)
+    if run.plan is not None:
+        run.plan.save(folder / outputs.PLAN)
+    save_task(task, folder / outputs.TASK)
+    report, failure = run.report, None if run.plan is not None else run.report.failure
+    if tracked and run.plan is not None:
+        report = replace(report, outcome=Outcome.INTERRUPTED, failure=UNTRACKED)
+    outputs.write_report(folder, report)
+    options.draw(spatial_plan_figure(task, run.plan or run.attempt, failure), folder / outputs.PLAN_PICTURE)
+
+
+def _leave_rollout(options: PlanOptions, task: SpatialTask, folder: Path, run: SpatialRun) -> None:
+    """The files of a run that is over: the report, and what was tracked."""
+    from cableway.figures.space import spatial_rollout_figure
+
+    if run.rollout is not None:
+        run.rollout.save(folder / outputs.ROLLOUT)
+    outputs.write_report(folder, run.report)
+    if run.rollout is not None:
+        figure = spatial_rollout_figure(task, run.rollout, run.report.failure)
+        options.draw(figure, folder / outputs.ROLLOUT_PICTURE)

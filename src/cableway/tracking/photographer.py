@@ -168,18 +168,23 @@ class Photographer:
         """Of each camera the picture, and what may hide the cable by what is known without seeing it: joints, or poses
         of hands.
         """
-        known = self._mesh(state, self._known)
+        there = self._mesh(state, self._scene)
+        known = there if self._known is self._scene else self._mesh(state, self._known)
         bare = known.where(known.labels != Label.CABLE)
         return [
             (picture, labels(bare, camera.pinhole) > Label.TABLE)
-            for picture, camera in zip(self.pictures(state, rng), self.cameras, strict=True)
+            for picture, camera in zip(self._taken(there, state.time, rng), self.cameras, strict=True)
         ]
 
     def pictures(self, state: State, rng: np.random.Generator) -> list[UInt8[np.ndarray, "h w 3"]]:
         """Of each camera the picture."""
-        if self._is_dark(state.time):
+        return self._taken(self._mesh(state, self._scene), state.time, rng)
+
+    def _taken(self, there: Mesh, time: float, rng: np.random.Generator) -> list[UInt8[np.ndarray, "h w 3"]]:
+        """Of each camera the picture of what is there."""
+        if self._is_dark(time):
             return [np.zeros((*self._config.picture[::-1], 3), np.uint8) for _ in self.cameras]
-        seen = Mesh.joined([self._mesh(state, self._scene), *self._strangers(state.time)])
+        seen = Mesh.joined([there, *self._strangers(time)])
         return [self._exposed(seen, camera, rng) for camera in self.cameras]
 
     def depths(self, state: State, rng: np.random.Generator) -> DepthViews:

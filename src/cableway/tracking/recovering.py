@@ -24,7 +24,8 @@ class Recovery(Checked):
     make room by themselves for what reaches into it by no more than `room`. The grippers stop and stand still; a new
     plan is made from where the cable is, and the run goes on with it. So it is, too, where the cable does not lie at
     the start of the plan, or comes to rest away from its end; a nearly straight one may even bend to the other side.
-    Where that plan fails, the first one is followed, or the run ends.
+    Where that plan fails, the first one is followed, or the run ends. A cable that rests where its plan ends, to within
+    `goal`, has arrived, though it was stopped.
 
     Plans of a run under way are made for the cable as the controller has estimated it, where it does, and its goal is
     then what that cable can come nearest to the task's. With that cable the controller's way along the rest of a plan

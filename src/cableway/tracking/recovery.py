@@ -124,7 +124,8 @@ class Watch:
     def is_closing_in(self, observation: Observation, plan: Plan, progress: float, task: Task) -> bool:
         """Whether the cable, unlike its plan, is about to touch something, as the last frames show it in full.
 
-        Its clearance goes on as in the last `AHEAD` control steps, for as many.
+        Its clearance goes on as in the last `AHEAD` control steps, for as many; where a new plan began with little of
+        it, only if it becomes less than that.
         """
         self._recent.append(observed.clearance(observation, task))
         if len(self._recent) <= AHEAD or not np.isfinite(self._recent).all():
