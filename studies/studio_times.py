@@ -42,6 +42,12 @@ COUNT = """time => new Promise(counted => {
 })"""
 """Counts the pictures that a browser shows in a time [ms]."""
 
+SHOWN = """text => new Promise(shown => {
+  const look = () => document.body.textContent.includes(text) ? requestAnimationFrame(shown) : requestAnimationFrame(look);
+  look();
+})"""
+"""Until the page has been drawn with a text. Playwright's own waiting looks every half second once a while has passed."""
+
 
 def pixel(studio: Studio, page: Any, place: Any) -> tuple[float, float]:
     """Where a place on the table or in space [m] is seen."""
@@ -143,7 +149,7 @@ def planned(studio: Studio, page: Any, count: int) -> tuple[list[float], list[fl
         made.clear()
         since = time.perf_counter()
         page.mouse.up()
-        page.get_by_text("A verified plan").wait_for(timeout=PATIENCE)
+        page.evaluate(SHOWN, "A verified plan")
         took.append(time.perf_counter() - since)
         server.append(made[0] - since)
     forget()

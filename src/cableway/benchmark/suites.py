@@ -23,9 +23,9 @@ from cableway.scene.cable import Cable
 from cableway.scene.files.loading import cable_from_preset, catalogue_file, load_planar_task, task_names
 from cableway.scene.files.saving import task_text
 from cableway.scene.spatial.task import SpatialTask
-from cableway.scene.task import Task
+from cableway.scene.task import END_DECIMALS, Task
 from cableway.simulation.perturbations.variants import RENAMED
-from cableway.tasks.generation import END_DECIMALS, random_task
+from cableway.tasks.generation import random_task
 from cableway.tasks.scaling import scaled
 from cableway.tasks.space.generation import SPATIAL_KINDS, random_spatial_task
 
@@ -141,9 +141,9 @@ SUITES = {
               (20, 120, 520)),
         Suite("cell", 3, "obstacles of 5 and 10 cm, few to many, between two arms with 2F-85, usual and long fingers; "
               "milder cables in space on a table", "plant", (12, 120, 360)),
-        Suite("eyes", 3, "obstacles of 5 and 10 cm and the paper's tasks between two arms, the cable known by rendered "
+        Suite("eyes", 4, "obstacles of 5 and 10 cm and the paper's tasks between two arms, the cable known by rendered "
               "pictures alone; the cables of cell", "condition", (6, 56, 168), beside=("true-keypoints",)),
-        Suite("paper-cell", 2, "the catalogue with obstacles of 5 cm between two arms with 2F-85; the cables of cell",
+        Suite("paper-cell", 3, "the catalogue with obstacles of 5 cm between two arms with 2F-85; the cables of cell",
               "task", (2, 33, 33)),
         Suite("lengths", 1, "clutter; cables of 0.15 to 2 m, everything on the table scaled", "cable", (12, 96, 480)),
         Suite("unconstrained", 1, "no obstacles, near and far goals", "kind", (10, 100, 1000)),

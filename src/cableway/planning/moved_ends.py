@@ -26,7 +26,7 @@ from cableway.rod.inverse import fit_keypoints
 from cableway.scene import validity
 from cableway.scene.cell import Cell, Way
 from cableway.scene.files.loading import TaskSource, as_draft, as_task, load_cell
-from cableway.scene.task import ENDS, Draft, End, Task
+from cableway.scene.task import END_DECIMALS, ENDS, Draft, End, Task
 
 DISTANCES = (0.003, 0.006, 0.012, 0.024, 0.04, 0.06, 0.08, 0.1)
 """About how far [m] keypoints of the drawn shapes are moved, and the farthest that any is at last."""
@@ -240,5 +240,6 @@ def _is_wrong(draft: Draft, end: End) -> bool:
 def _task(draft: Draft, ends: list[_Held] | None = None) -> Task:
     rod, changes = draft.cable.rod, dict[str, Any]()
     for each in ends or ():
-        changes |= {each.end: rod.at_keypoints(rod.shapes(each.q[None])[0])[0], f"{each.end}_poses": None}
+        keypoints = rod.at_keypoints(rod.shapes(each.q[None])[0])[0]
+        changes |= {each.end: keypoints.round(END_DECIMALS), f"{each.end}_poses": None}
     return replace(draft, **changes).checked()

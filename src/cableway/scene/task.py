@@ -52,6 +52,9 @@ STABILITY_WEIGHT, TENSION_WEIGHT = 0.02, 0.001
 End = Literal["start", "goal"]
 ENDS: tuple[End, End] = ("start", "goal")
 
+END_DECIMALS = 6
+"""Decimals of ends that are computed, in metres and radians: tasks are the same on processors that round otherwise."""
+
 PORT_ROOM = 0.001
 """By how much [m] each wall of a port is drawn beside an aligned plug."""
 

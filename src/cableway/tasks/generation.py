@@ -17,7 +17,7 @@ from cableway.motion.sweeps import swept_shapes
 from cableway.robot.branches import NoMotion, arm_motion
 from cableway.scene.cell import CELLS
 from cableway.scene.scene import Scene
-from cableway.scene.task import Task
+from cableway.scene.task import END_DECIMALS, Task
 from cableway.tasks.blocked import blocked
 from cableway.tasks.clutter import clutter, dense, sizes
 from cableway.tasks.ends import s_shaped, straight, table
@@ -34,9 +34,6 @@ TRIES = 400
 
 FIRST_SEED = 1_000_000
 """Tasks to learn on have seeds from here on, so that none is a task of the benchmark's suites."""
-
-END_DECIMALS = 6
-"""Start and goal are given in micrometres."""
 
 LEAST_WAY = 0.4
 """Least mean distance between a keypoint's start and goal, in lengths of the cable."""

@@ -33,7 +33,7 @@ from cableway.scene.spatial.obstacles import Prism
 from cableway.scene.spatial.scene import SpatialScene
 from cableway.scene.spatial.task import SpatialTask
 from cableway.scene.spatial.validity import unbounded
-from cableway.scene.task import Task
+from cableway.scene.task import END_DECIMALS, Task
 from cableway.tasks.generation import KINDS, random_task
 from cableway.tasks.space.obstacles import YU_SCENES, Size, floating, ridge, standing, window, yu_scene
 
@@ -64,7 +64,6 @@ CEILING = 0.5
 TRIES, BATCH, BATCHES = 60, 512, 40
 """Scenes drawn for a seed; shapes drawn at once for an end, and how often."""
 
-END_DECIMALS = 6
 LINE_ROWS = 400
 """Shapes along the straight line between two ends: at most some 5 mm apart."""
 
