@@ -43,10 +43,10 @@ COUNT = """time => new Promise(counted => {
 """Counts the pictures that a browser shows in a time [ms]."""
 
 SHOWN = """text => new Promise(shown => {
-  const look = () => document.body.textContent.includes(text) ? requestAnimationFrame(shown) : requestAnimationFrame(look);
+  const look = () => requestAnimationFrame(document.body.textContent.includes(text) ? shown : look);
   look();
 })"""
-"""Until the page has been drawn with a text. Playwright's own waiting looks every half second once a while has passed."""
+"""Until the page has been drawn with a text. Playwright's own waiting looks only every half second after a while."""
 
 
 def pixel(studio: Studio, page: Any, place: Any) -> tuple[float, float]:

@@ -21,7 +21,6 @@ import numpy as np
 from cableway.benchmark.conditions import CONDITIONS
 from cableway.benchmark.suites import (
     SUITES,
-    frozen_episodes,
     is_in_space,
     make_spatial_task,
     make_task,
@@ -46,6 +45,9 @@ from cableway.tasks.space.generation import LENGTH, WINDOWS
 FOLDER = Path(__file__).parents[1] / "src/cableway/benchmark/frozen"
 FIRST, NEXT = 20000, 10000
 """Seed of the first random task, and from a task to the one in its place: nothing was ever chosen on these."""
+
+EYES_FIRST, EYES_PLANT = 40000, 1000
+"""Seeds of the first random task of the suite "eyes", and of its first plant."""
 
 LEAST_ROOM = 0.005
 """Least clearance [m] of start and goal; a plan must keep 4 mm."""
@@ -141,24 +143,29 @@ def line(suite: str, number: int, before: list[list[str]]) -> list[str]:
     if suite == "eyes":
         return seen_by_cameras(number)
     patterns, plants = PATTERNS.get(suite, (suite + "-{}",)), IN_TURN.get(suite, ("nominal",))
-    for seed in itertools.count(FIRST + number, NEXT):
-        try:
-            return described(patterns[number % len(patterns)].format(seed), plants[number % len(plants)], 0)
-        except (InputError, SimulationError) as error:
-            print(f"{suite}, {number}: another task, because {error}", flush=True)
-    raise AssertionError
+    return first_possible(patterns[number % len(patterns)], FIRST + number, plants[number % len(plants)], 0)
 
 
 def seen_by_cameras(number: int) -> list[str]:
-    """A line of the suite "eyes": two tasks of the suite "cell", then one of the catalogue, the conditions in turn."""
+    """A line of the suite "eyes": two random tasks, then one of the catalogue, the conditions in turn."""
     condition, third, drawn = tuple(CONDITIONS)[number % len(CONDITIONS)], number // 3, number % 3
-    if drawn < 2:
-        clutter = [each for each in frozen_episodes("cell") if each.task.startswith("cell-clutter-")]
-        task, plant, digest = (getattr(clutter[2 * third + drawn], name) for name in ("task", "plant", "digest"))
+    of_kind, seed = third if drawn == 2 else 2 * third + drawn, EYES_PLANT + number
+    plant = CELL_SUITE[of_kind % len(CELL_SUITE)]
+    if drawn == 2:
+        name, *others = described(IN_CELL[of_kind % len(IN_CELL)], plant, seed)
     else:
-        task, plant = IN_CELL[third % len(IN_CELL)], CELL_SUITE[third % len(CELL_SUITE)]
-        digest = checked(task, plant, 0)
-    return [f"{name_of(task, plant, number)}-{condition}", task, plant, str(number), digest, condition]
+        name, *others = first_possible("cell-clutter-{}", EYES_FIRST + of_kind, plant, seed)
+    return [f"{name}-{condition}", *others, condition]
+
+
+def first_possible(pattern: str, first: int, plant: str, seed: int) -> list[str]:
+    """The line of an episode whose task is the first that can be set up, of seeds `first`, `first` + `NEXT`, ..."""
+    for number in itertools.count(first, NEXT):
+        try:
+            return described(pattern.format(number), plant, seed)
+        except (InputError, SimulationError) as error:
+            print(f"{pattern.format(number)}, {plant}: another task, because {error}", flush=True)
+    raise AssertionError
 
 
 def name_of(task: str, plant: str, seed: int) -> str:

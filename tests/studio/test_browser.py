@@ -150,12 +150,16 @@ def test_an_obstacle_is_dragged_and_planned_for_and_the_plan_scrubbed(studio: St
     # A slow page is drawn coarsely, and the cable is two pixels wide: it is darker than the table, by how much is open.
     until(lambda: patch(page, cable).max(axis=1).min() < 215, page)
     page.get_by_role("tab", name="Run").click()
+    page.get_by_label("Cameras").first.click()
+    page.get_by_role("option", name="above").click()
     page.get_by_role("button", name="Run").click()
 
     def running() -> Any:
         return session.running
 
     until(lambda: running() is not None and len(running().seen) > 2, page)
+    assert running().eyes.cameras == ("above",)
+    page.get_by_text("What the cameras see").wait_for(timeout=1000 * PATIENCE)
     page.get_by_role("button", name="Stop").click()
     until(lambda: not running().live, page)
     assert running().run.rollout.steps >= 2

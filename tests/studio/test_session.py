@@ -13,7 +13,9 @@ import pytest
 from problems import free
 
 from cableway.core.errors import InputError
+from cableway.core.provenance import describe
 from cableway.geometry import polyline
+from cableway.perception.placement import camera_at
 from cableway.records import Plan, Rollout
 from cableway.scene.files.loading import as_draft, load_task
 from cableway.scene.obstacles import Disc
@@ -21,11 +23,13 @@ from cableway.simulation.perturbations.reading import read_perturbation
 from cableway.studio import ends, replanner
 from cableway.studio.obstacles import knobs, middle_of, new_obstacle, placed, pulled, turned, with_obstacle
 from cableway.studio.pace import Pace
+from cableway.studio.pictures import GREEN, SIZE, Pictures
 from cableway.studio.replanner import Answer
 from cableway.studio.running import Running, Wanted
 from cableway.studio.session import Session
 from cableway.studio.watch import Watch
 from cableway.tracking import Row
+from cableway.tracking.photographer import EyesConfig
 from cableway.workflow.events import CANCEL, Event, Finished, Planned, Progress, Stepped
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve import solve
@@ -277,6 +281,29 @@ def test_a_run_is_watched_and_kept_as_files(tmp_path: Path, found: Run, ran: tup
     assert replace(read_perturbation(tmp_path / "plant.yaml", found.task), notes=()) == wanted
     session.hold()
     assert session.running is None  # an edit ends it
+
+
+def test_a_run_by_cameras_is_seen_as_they_see_it(tmp_path: Path, found: Run, ran: tuple[Run, list[Event]]):
+    session, planner = begun(found.task)
+    planner.on_answer(Answer(1, found))
+    session.run(Wanted(cameras=("front", "above")))
+    assert planner.options[-1][0].eyes == EyesConfig(cameras=("front", "above"))
+    row = rows_of(ran[1])[3]
+    running = session.running
+    assert running is not None
+    picture = Pictures(running).of(row)
+    assert picture.shape == (2 * SIZE[1], SIZE[0], 3)
+    for each, place in zip(np.split(picture, 2), ("front", "above"), strict=True):
+        seen = camera_at(place, found.task.scene.size, SIZE).project(np.pad(row.observed, ((0, 0), (0, 1))))[0]
+        marks = np.argwhere((each == GREEN).all(axis=2))[:, ::-1]
+        assert np.linalg.norm(seen[:, None] - marks, axis=2).min(axis=1).max() < 2.0
+    assert ran[0].rollout is not None
+    record = {**ran[0].rollout.metadata, "eyes": {**describe(EyesConfig(cameras=("left",), blur=1.0)), "frames": 3}}
+    recorded = Running.of_rollout(found.task, found.plan, replace(ran[0].rollout, metadata=record), "rollout.npz")
+    assert recorded.eyes == EyesConfig(cameras=("left",), blur=1.0)
+    with pytest.raises(InputError, match=r"rollout\.npz: eyes: .*'nowhere'"):
+        record["eyes"]["cameras"] = ["nowhere"]
+        Running.of_rollout(found.task, found.plan, replace(ran[0].rollout, metadata=record), "rollout.npz")
 
 
 def test_a_plan_and_a_rollout_are_opened_with_their_task(tmp_path: Path, found: Run, ran: tuple[Run, list[Event]]):

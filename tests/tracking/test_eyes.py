@@ -153,6 +153,20 @@ def test_markers_are_painted_and_found_again():
     assert plant.record()["mean_error"] < 0.0006
 
 
+def test_pictures_show_what_stands_there_known_or_not():
+    x, y = TASK.start[6]
+    post = Disc(center=(float(x), float(y) - 0.05), radius=0.01, height=0.1)
+    there = TASK.in_scene(replace(TASK.scene, obstacles=(*TASK.scene.obstacles, post)))
+    hidden = {}
+    for name, known, actual in (("free", TASK, None), ("unknown", TASK, there.scene), ("known", there, there.scene)):
+        behind = QuasiStaticPlant(known, START, Cable().rod)
+        plant = SeenPlant(behind, EyesConfig(cameras=("front",), blur=0.0, noise=0.0), actual=actual)
+        plant.reset()
+        hidden[name] = plant.record()["hidden"]
+    assert hidden["free"] < 0.02
+    assert 0.04 < hidden["unknown"] == pytest.approx(hidden["known"], abs=0.02)
+
+
 def test_strangers_are_in_the_picture_and_nobody_is_told():
     plain, hiding = shot()
     for stranger in ("cable", "arm"):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
+from cableway.core.configuration import from_mapping
 from cableway.core.errors import InputError, Point, UnknownNameError
 from cableway.core.quantities import quantity
 from cableway.geometry.spatial_convex import chain_distance
@@ -22,12 +24,19 @@ from cableway.simulation.perturbations.variants import VARIANTS, named_perturbat
 from cableway.simulation.spatial_perturbation import SpatialPerturbation
 from cableway.studio.replanner import Answer
 from cableway.tracking import Row
+from cableway.tracking.photographer import EyesConfig
 from cableway.workflow.registry import DEFAULT_CONTROLLER
 from cableway.workflow.run import Run, SolveOptions
 from cableway.workflow.solve_in_space import SpatialOptions, SpatialRun
 
 PLANTS = tuple(name for name in VARIANTS if name != "drawn")
 """Names of the plants to choose from; that which draws from a preset's ranges asks for a preset."""
+
+CAMERAS = {
+    "none": (),
+    **{", ".join(places): places for places in (("front", "back"), ("left", "right"), ("above",), ("front",))},
+}
+"""Cameras to choose from, by what they are called."""
 
 SPATIAL_PLANTS = (PLANTS[0], "drawn")
 """The same in space: the task's cable, and one drawn by `SpatialPerturbation.drawn`."""
@@ -45,6 +54,7 @@ class Wanted:
         friction: Its coefficient on the table; None for the plant's.
         noise: Of keypoints [m]; None for the plant's.
         delay: Of keypoints [s]; None for the plant's.
+        cameras: By whose pictures alone the cable is known, on the table; none where the plant gives keypoints.
     """
 
     controller: str = DEFAULT_CONTROLLER
@@ -54,6 +64,11 @@ class Wanted:
     friction: float | None = None
     noise: float | None = None
     delay: float | None = None
+    cameras: tuple[str, ...] = ()
+
+    def eyes(self, task: AnyTask, seed: int) -> EyesConfig | None:
+        """The cameras, as those of `cableway run --camera` with that seed."""
+        return EyesConfig(cameras=self.cameras, seed=seed) if self.cameras and isinstance(task, Task) else None
 
     def perturbation(self, task: AnyTask, seed: int) -> Perturbation | SpatialPerturbation:
         """How the plant differs from the task.
@@ -111,6 +126,7 @@ class Running:
         plan: What is followed; None where that is not known.
         controller: What follows.
         perturbation: How the plant differs from the task.
+        eyes: The cameras by which the cable is known; None where there are none.
         rows: So far.
         sentence: What it is at, or how it ended.
         run: All there is of it, once it is over.
@@ -123,6 +139,7 @@ class Running:
     plan: Plan | None
     controller: Any = DEFAULT_CONTROLLER
     perturbation: Perturbation | SpatialPerturbation = field(default_factory=Perturbation)
+    eyes: EyesConfig | None = None
     rows: tuple[Row, ...] = ()
     sentence: str = "The run begins ..."
     run: Run | SpatialRun | None = None
@@ -140,9 +157,12 @@ class Running:
         )
         if isinstance(task, SpatialTask):
             where = SpatialPerturbation(obstacles=recorded_displacements(rollout.metadata))
-        rows = _rows(rollout)
+        rows, eyes = _rows(rollout), rollout.metadata.get("eyes")
         told = f"{name}: {rollout.outcome}{f' ({rollout.detail})' if rollout.detail else ''}."
-        return cls(task=task, plan=plan, perturbation=where, rows=rows, sentence=told, rollout=rollout, live=False)
+        return cls(
+            task=task, plan=plan, perturbation=where, eyes=eyes and _recorded(eyes, name), rows=rows, sentence=told,
+            rollout=rollout, live=False,
+        )  # fmt: skip
 
     @property
     def seen(self) -> tuple[Row, ...]:
@@ -167,7 +187,7 @@ class Running:
             )
         return replace(
             others, track=True, alternatives=1, plan=self.plan, controller=self.controller,
-            perturbation=self.perturbation,
+            perturbation=self.perturbation, eyes=self.eyes,
         )  # fmt: skip
 
     def heard(self, answer: Answer) -> Running:
@@ -224,6 +244,16 @@ class Running:
             return min(cable, float(bodies.gaps(poses, alone.world)[:, 0].min()))
         cable = float(alone.clearance(lines, task.cable.radius).min())
         return min(cable, float(alone.signed_distance(poses[..., :2]).min()) - task.grippers.radius)
+
+
+def _recorded(eyes: Mapping[str, Any], name: str) -> EyesConfig:
+    """The cameras of a rollout in the file of that name.
+
+    Raises:
+        InputError: They are none that this version has.
+    """
+    known = {each.name for each in fields(EyesConfig)}
+    return from_mapping(EyesConfig, {key: value for key, value in eyes.items() if key in known}, f"{name}: eyes")
 
 
 def _rows(rollout: Rollout) -> tuple[Row, ...]:

@@ -284,8 +284,11 @@ class Session:
             if self.planning.status != "found":
                 raise InputError("there is no plan to run yet")
             task, plan = self.draft.checked(), self.planning.plans[place]
-            perturbation = wanted.perturbation(task, self.options.seed)
-            self.begin(Running(task=task, plan=plan, controller=wanted.controller, perturbation=perturbation))
+            seed = self.options.seed
+            perturbation, eyes = wanted.perturbation(task, seed), wanted.eyes(task, seed)
+            self.begin(
+                Running(task=task, plan=plan, controller=wanted.controller, perturbation=perturbation, eyes=eyes)
+            )
 
     def push(self, index: int, by: Point) -> None:
         """Push an obstacle by (dx, dy) [m] while it is run, see `Running.pushed`.

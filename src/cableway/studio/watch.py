@@ -79,8 +79,11 @@ class Watch:
                 if run.plan is not None and follows:
                     self._wait()
                     plant = options.perturbation or SpatialPerturbation()
+                    eyes = options.eyes if isinstance(options, SolveOptions) else None
                     self.session.begin(
-                        Running(task=run.task, plan=run.plan, controller=options.controller, perturbation=plant)
+                        Running(
+                            task=run.task, plan=run.plan, controller=options.controller, perturbation=plant, eyes=eyes
+                        )
                     )
             case Stepped(row):
                 self._pace.keep(row.time)

@@ -59,7 +59,7 @@ class SeenPlant:
         config: The cameras.
         way: How the arms of a cell hold the cable, where it measures joints.
         planned: With depths, the task as the planner knew it; by default, the plant's.
-        actual: With depths, what stands on the table; by default, what the plant's task has.
+        actual: What stands on the table; by default, what is known to.
     """
 
     def __init__(
@@ -72,7 +72,9 @@ class SeenPlant:
     ) -> None:
         self._plant, self._config = plant, config
         self._planned = planned if config.depth and planned is not None else plant.task
-        self._photographer = Photographer(self._planned, way, config, actual if config.depth else None)
+        self._known_scene = self._planned.scene
+        actual = None if actual == self._known_scene else actual
+        self._photographer = Photographer(self._planned, way, config, actual)
         marked = config.tracker == "markers"
         r, g, b = (255 * part for part in (MARKER if marked else LOOK.cable))
         self._color = CableColor(color=(r, g, b))
@@ -198,9 +200,11 @@ class SeenPlant:
             lookout.look(now, self._photographer.depths(self._at(now), self._of_depths))
         if lookout.learn(now):
             self._seen_task = self._planned.in_scene(lookout.scene)
-            self._photographer.know(lookout.scene)
 
     def _look(self, state: State) -> Sighting:
+        if (scene := self.task.scene) != self._known_scene:
+            self._known_scene = scene
+            self._photographer.know(scene)
         shot = self._photographer.shot(state, self._rng)
         begun = clock.process_time()
         views = [

@@ -6,6 +6,7 @@ The world's z points up and the table is at z = 0. Each record gives the `Solid`
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -196,12 +197,17 @@ def unit(value: object, count: int, where: tuple[str, ...]) -> tuple[float, ...]
     Raises:
         TaskError: It is not; a length that is `UNIT` off is made 1.
     """
-    numbers = np.array(checks.numbers(value, where, (Quantity("", -1.0 - UNIT, 1.0 + UNIT),) * count))
-    size = float(np.linalg.norm(numbers))
+    numbers = checks.numbers(value, where, (Quantity("", -1.0 - UNIT, 1.0 + UNIT),) * count)
+    size = length(numbers)
     if abs(size - 1) > UNIT:
         raise TaskError(f"must have length 1, got {size:.4g}", where)
     exact = abs(size - 1) < 4e-16  # as it is written by cableway itself
-    return tuple((numbers if exact else numbers / size).tolist())
+    return numbers if exact else tuple(number / size for number in numbers)
+
+
+def length(numbers: Iterable[float]) -> float:
+    """The length of a vector, to the last digit the same on every processor; NumPy's is not."""
+    return math.sqrt(math.fsum(number * number for number in numbers))
 
 
 def corners(points: object, where: tuple[str, ...]) -> Float[np.ndarray, "k 3"]:

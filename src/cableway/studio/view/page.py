@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import operator
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,8 @@ from cableway.studio.film import film_page, film_video
 from cableway.studio.inbox import Inbox
 from cableway.studio.inspection import Inspection
 from cableway.studio.obstacles import with_obstacle
+from cableway.studio.pictures import Pictures
+from cableway.studio.running import Running
 from cableway.studio.session import Moment, Session
 from cableway.studio.view import look, space, table
 from cableway.studio.view.arms import Arms, SpaceArms
@@ -29,6 +33,10 @@ from cableway.studio.view.events import in_order
 from cableway.studio.view.hands import SpaceHands, TableHands, gripper, parts
 from cableway.studio.view.panel import WIDTH, PlanPanel, TaskPanel
 from cableway.studio.view.run_panel import RunPanel
+from cableway.tracking import Row
+
+PICTURE = 0.5
+"""Time [s] between two pictures of the cameras of a run that goes on."""
 
 TELL = 0.25
 """Time [s] between two changes of the numbers in the panel while something is dragged."""
@@ -72,6 +80,8 @@ class Page:
         self._where: tuple[Any, ...] = ()
         self._arms: Arms | SpaceArms | None = None
         self._ran: tuple[Any, Arms | None] = (None, None)
+        self._pictured: tuple[tuple[Any, ...], Pictures | None] = ((None,), None)
+        self._pictured_at = 0.0
         self._aspect = 0.0
         self._build()
         client.camera.on_update(lambda _: self._do(self._fit, key="fit"))
@@ -228,9 +238,24 @@ class Page:
             self._ran = record, Arms.of(draft, record) if isinstance(draft, Draft) else None
         arms = {"arms": self._ran[1]} if self._ran[1] is not None and self._with_arms.value else {}
         self._view.draw_run(self._canvas, draft, rows[row] if rows else None, **arms)
+        self._show_pictures(running, rows, row)
         session = self._session
         can_run = session.planning.status == "found"
         self._run_panel.show(running, row, can_run, in_space=self._in_space, watched=session.watched)
+
+    def _show_pictures(self, running: Running | None, rows: Sequence[Row], row: int) -> None:
+        """What the cameras of a run see, if it has any; while it goes on now and then."""
+        if running is None or running.eyes is None or not rows:
+            self._run_panel.show_picture(None)
+            return
+        what = running.task, running.plan, running.perturbation, running.eyes
+        if not all(map(operator.is_, what, self._pictured[0])):
+            self._pictured, self._pictured_at = (what, Pictures(running)), 0.0
+        now, pictures = time.monotonic(), self._pictured[1]
+        assert pictures is not None
+        if not running.live or now - self._pictured_at >= PICTURE:
+            self._pictured_at = now
+            self._run_panel.show_picture(pictures.of(rows[row]))
 
     def _as_it_stands(self) -> AnyDraft:
         """The draft with what was pushed, or is being pushed, in its place."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import viser
+from jaxtyping import UInt8
 
 from cableway.core.quantities import quantity
 from cableway.figures import palette
-from cableway.studio.running import PLANTS, SPATIAL_PLANTS, Running, Wanted
+from cableway.studio.running import CAMERAS, PLANTS, SPATIAL_PLANTS, Running, Wanted
 from cableway.studio.view import look
 from cableway.studio.view.events import in_order
 from cableway.studio.view.panel import LOUD, Do, plot, set_changed
@@ -19,6 +20,8 @@ PUSH = "Drag an obstacle while it runs to push it into the way, once."
 
 CHOICES = {False: (tuple(CONTROLLERS), PLANTS), True: (tuple(SPATIAL_CONTROLLERS), SPATIAL_PLANTS)}
 """Controllers and plants on the table and in space."""
+
+NO_PICTURE = np.zeros((8, 8, 3), np.uint8)
 
 COLORS = {True: palette.BLUE, False: palette.MUTED}
 """Of what is said while a run goes on, and afterwards."""
@@ -46,6 +49,8 @@ class RunPanel:
         self._friction = gui.add_slider("Friction", 0.0, 1.0, 0.05, 0.0, hint=of_plant)
         self._noise = gui.add_slider("Noise [mm]", 0.0, 5.0, 0.5, 0.0, hint=of_plant)
         self._delay = gui.add_slider("Delay [s]", 0.0, 0.3, 0.1, 0.0, hint=of_plant)
+        by = "Pictures by which alone the controller knows the cable; with none, the plant tells it where keypoints are"
+        self._cameras = gui.add_dropdown("Cameras", tuple(CAMERAS), hint=by)
         self.start = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, color=LOUD)
         self.start.on_click(in_order(lambda _: do(begin)))
         self.step = gui.add_slider("Step of the run", 0, 1, 1, 0, visible=False)
@@ -57,6 +62,7 @@ class RunPanel:
             ("as it is seen", palette.GREEN),
         )
         self._key = gui.add_html(look.legend("Shown", seen))
+        self._picture = gui.add_image(NO_PICTURE, label="What the cameras see", format="jpeg", visible=False)
         self._clear = plot(gui, "Clearance [mm]", (("cable", palette.INK), ("grippers", palette.RIGHT)))
         self._export = gui.add_button(
             "Download a page that plays the run", visible=False, color=look.rgb(palette.MUTED)
@@ -77,6 +83,7 @@ class RunPanel:
             friction=self._friction.value or None,
             noise=self._noise.value / 1000 or None,
             delay=self._delay.value or None,
+            cameras=CAMERAS[self._cameras.value],
         )
 
     def show(
@@ -86,6 +93,7 @@ class RunPanel:
         for field, options in ((self._controller, CHOICES[in_space][0]), (self._plant, CHOICES[in_space][1])):
             if tuple(field.options) != options:
                 field.options = options
+        set_changed(self._cameras, "visible", not in_space)
         live, rows = running is not None and running.live, () if running is None else running.seen
         if running is None:
             set_changed(self.said, "content", look.hint(NO_RUN))
@@ -109,6 +117,12 @@ class RunPanel:
             clear = np.array([(each.measured.clearance, each.measured.gripper_clearance) for each in rows])
             self._clear[1].data = (np.array([each.time for each in rows]), *(1000 * clear.T))
         set_changed(self.now, "content", look.hint(_told(running, row)))
+
+    def show_picture(self, picture: UInt8[np.ndarray, "h w 3"] | None) -> None:
+        """Show what cameras see; nothing where there are none."""
+        set_changed(self._picture, "visible", picture is not None)
+        if picture is not None:
+            self._picture.image = picture
 
 
 def _told(running: Running | None, row: int) -> str:

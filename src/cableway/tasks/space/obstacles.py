@@ -14,7 +14,7 @@ from cableway.core.errors import FileFormatError
 from cableway.core.reading import read_json
 from cableway.geometry import rotations
 from cableway.scene.obstacles import Disc
-from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, SpatialObstacle, Sphere
+from cableway.scene.spatial.obstacles import ConvexMesh, Cuboid, Cylinder, Prism, SpatialObstacle, Sphere, length
 from cableway.scene.spatial.scene import SpatialScene
 
 DECIMALS = 4
@@ -33,7 +33,7 @@ def rounded(values: Float[np.ndarray, "k"], decimals: int = DECIMALS) -> Any:
 
 def _turned(rng: np.random.Generator) -> Any:
     vector = rng.normal(size=4)
-    return tuple((vector / np.linalg.norm(vector)).tolist())
+    return tuple((vector / length(vector)).tolist())
 
 
 def floating(rng: np.random.Generator, size: Size) -> SpatialObstacle:
