@@ -301,8 +301,8 @@ def test_a_run_by_cameras_is_seen_as_they_see_it(tmp_path: Path, found: Run, ran
     record = {**ran[0].rollout.metadata, "eyes": {**describe(EyesConfig(cameras=("left",), blur=1.0)), "frames": 3}}
     recorded = Running.of_rollout(found.task, found.plan, replace(ran[0].rollout, metadata=record), "rollout.npz")
     assert recorded.eyes == EyesConfig(cameras=("left",), blur=1.0)
+    record["eyes"]["cameras"] = ["nowhere"]
     with pytest.raises(InputError, match=r"rollout\.npz: eyes: .*'nowhere'"):
-        record["eyes"]["cameras"] = ["nowhere"]
         Running.of_rollout(found.task, found.plan, replace(ran[0].rollout, metadata=record), "rollout.npz")
 
 
