@@ -3,7 +3,8 @@
     .venv/bin/python studies/studio_hour.py [MINUTES] [SEED] [TASK]
 
 Drives Chromium by Playwright: 60 minutes, seed 0 and `multi-obstacle-1` by default. Says what went wrong in the
-server's log and in the browser's console, and the memory of the server, its planner and the page, first and last.
+server's log and in the browser's console, and the memory of the server, its planner and the page at first, after each
+quarter of the time, and at last.
 """
 
 from __future__ import annotations
@@ -107,9 +108,10 @@ def memory() -> dict[str, float]:
     return found
 
 
-def play(page: Any, rng: random.Random, seconds: float) -> tuple[Counter[str], dict[str, float]]:
-    """Do things for a time; how often each was done, and the memory once all was loaded."""
-    begin, done, first = time.monotonic(), Counter[str](), {}
+def play(page: Any, rng: random.Random, seconds: float) -> tuple[Counter[str], list[dict[str, float]]]:
+    """Do things for a time; how often each was done, and the memory once all was loaded and after each quarter."""
+    begin, done, sizes = time.monotonic(), Counter[str](), []
+    due = [min(BEGUN, seconds / 8), *(seconds * quarter / 4 for quarter in range(1, 4))]
     while (passed := time.monotonic() - begin) < seconds:
         (deed,) = rng.choices(list(DEEDS), list(DEEDS.values()))
         try:
@@ -118,9 +120,9 @@ def play(page: Any, rng: random.Random, seconds: float) -> tuple[Counter[str], d
         except Error:  # what was to be clicked has gone meanwhile
             done["missed"] += 1
         page.wait_for_timeout(rng.uniform(0, 300))
-        if not first and passed > min(BEGUN, seconds / 3):
-            first = memory()
-    return done, first
+        if len(sizes) < len(due) and passed > due[len(sizes)]:
+            sizes.append(memory())
+    return done, [*sizes, memory()]
 
 
 def main(minutes: float, seed: int, task: str) -> int:
@@ -141,13 +143,12 @@ def main(minutes: float, seed: int, task: str) -> int:
         page.on("console", lambda said: hear(said.text) if said.type == "error" else None)
         page.goto(studio.address)
         page.get_by_text("A verified plan").wait_for(timeout=120_000)
-        done, first = play(page, random.Random(seed), 60 * minutes)
-        last = memory()
+        done, sizes = play(page, random.Random(seed), 60 * minutes)
         browser.close()
         studio.stop()
     deeds = ", ".join(f"{count} x {name}" for name, count in done.most_common())
     print(f"{task}, {minutes:g} minutes, seed {seed}: {deeds}")
-    print("memory [MB]: " + ", ".join(f"{kind} {first[kind]:.0f} -> {last[kind]:.0f}" for kind in last))
+    print("memory [MB]: " + ", ".join(f"{kind} {' '.join(f'{each[kind]:.0f}' for each in sizes)}" for kind in sizes[0]))
     for name, said in (("server", wrong.said), ("browser", console)):
         print(f"errors in the {name}: {len(said)}")
         for text, count in Counter(said).most_common(5):
